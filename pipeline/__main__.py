@@ -1,0 +1,129 @@
+"""``python -m pipeline [key=value ...]``: composes the configuration, validates it, plans and runs.
+
+The command line flows in; an exit code flows out: 0 done, 1 a stage failed, 2 the command or configuration is wrong,
+3 paused for a person, 130 and 143 stopped by a signal.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+    os.environ[_variable] = "1"
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+import re
+import sys
+from pathlib import Path
+
+import hydra
+from hydra._internal.utils import get_args_parser
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from rich.console import Console
+
+from pipeline.config import Study, read_settings, validate
+from pipeline.errors import ConfigError, PipelineError, suggest
+from pipeline.runner import Runner
+from pipeline.stage import Stage, load_stages, order_stages
+
+CONFIG_FOLDER = Path(__file__).resolve().parent.parent / "conf"
+
+
+def main() -> int:
+    """Run the command line; return the exit code."""
+    debugging = "HYDRA_FULL_ERROR" in os.environ
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    errors = _console(stderr=True)
+    codes: list[int] = []
+    faults: list[PipelineError] = []
+
+    @hydra.main(version_base="1.3", config_path=str(CONFIG_FOLDER), config_name="config")
+    def task(composed: DictConfig) -> None:
+        try:
+            codes.append(run_study(composed, sys.argv[1:], errors))
+        except PipelineError as error:
+            faults.append(error)
+
+    try:
+        task()
+        for fault in faults:
+            raise fault
+    except (HydraException, OmegaConfBaseException, PipelineError) as error:
+        if debugging:
+            raise
+        errors.print(explain(error), soft_wrap=True, highlight=False, markup=False)
+        return 2
+    return max(codes, default=0)
+
+
+def run_study(composed: DictConfig, arguments: list[str], errors: Console) -> int:
+    """Validate, then plan or run; return the exit code."""
+    study, stages = read_study(composed)
+    runner = Runner(study, stages, arguments, _console(), errors)
+    if study.settings.plan:
+        runner.show_plan()
+        return 0
+    return runner.run()
+
+
+def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
+    """Validate a composed configuration against the stages that its workflow names."""
+    values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    if not isinstance(values, dict):
+        raise ConfigError("expected a configuration with keys")
+    plain = {str(key): value for key, value in values.items()}
+    settings = read_settings(plain)
+    stages = order_stages(load_stages(settings.workflow.package, settings.workflow.stages))
+    return validate(plain, settings, stages), stages
+
+
+def explain(error: Exception) -> str:
+    """Return one line for an error of composition, with the nearest name where one was mistyped."""
+    text = str(error)
+    unknown = re.search(r"Could not override '([^']+)'", text)
+    if unknown:
+        path = unknown.group(1).removeprefix("+").split("@")[0]
+        return f"unknown key '{path}': {suggest(path.split('.')[-1], _known_keys(path))}"
+    option = re.search(r"Could not find '([^']+)'[\s\S]*Available options in '[^']+':\s*([\s\S]*?)(?:\n\S|\Z)", text)
+    if option:
+        group, _, name = option.group(1).rpartition("/")
+        return f"unknown {group} '{name}': {suggest(name, option.group(2).split())}"
+    group_override = re.search(r"Could not override '?([\w/]+)'?\.?\s*No match", text)
+    if group_override:
+        return f"unknown group '{group_override.group(1)}': {suggest(group_override.group(1), _known_keys(''))}"
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return "; ".join(lines[:2])
+
+
+def _known_keys(path: str) -> list[str]:
+    """Return the keys beside the one at `path`, in the configuration that the rest of the command line composes."""
+    parser = get_args_parser()
+    options = parser.parse_args(sys.argv[1:])
+    kept = [each for each in options.overrides if each.lstrip("+~").split("=")[0] != path]
+    if options.config_dir:
+        kept.append(f"hydra.searchpath=[file://{Path(options.config_dir).resolve()}]")
+    GlobalHydra.instance().clear()
+    try:
+        with hydra.initialize_config_dir(str(CONFIG_FOLDER), version_base="1.3"):
+            node: object = hydra.compose("config", overrides=kept)
+    except HydraException:
+        return []
+    for part in path.split(".")[:-1]:
+        if not isinstance(node, DictConfig) or part not in node:
+            return []
+        node = node[part]
+    groups = [each.name for each in CONFIG_FOLDER.iterdir() if each.is_dir() and each.name != "hydra"]
+    keys = [str(key) for key in node] if isinstance(node, DictConfig) else []
+    return keys if "." in path else [*keys, *groups]
+
+
+def _console(stderr: bool = False) -> Console:
+    stream = sys.stderr if stderr else sys.stdout
+    return Console(stderr=stderr, width=None if stream.isatty() else 160)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,220 @@
+"""Strict validation of the composed configuration.
+
+The plain mapping that Hydra composed flows in, with the stages of the workflow. Out flows a `Study`: the pipeline's own
+settings, and for each stage exactly the sections it declares. Every key must be declared by someone; models have no
+defaults of their own, so a value stands in YAML or nowhere.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from pipeline.errors import ConfigError, suggest
+from pipeline.files import hash_json
+from pipeline.stage import Stage
+
+
+class Section(BaseModel):
+    """A group of config keys: all required, none unknown, finite numbers, types as written."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class Target(BaseModel):
+    """A section that names the class it configures under ``_target_``; its other keys are that class's parameters."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True)
+
+    target: str = Field(alias="_target_")
+
+
+class Workflow(Section):
+    """Which stages, from which package, and which tables a person wants to see first."""
+
+    name: str
+    package: str
+    stages: list[str]
+    headline: list[str]
+
+
+class Settings(Section):
+    """The keys that the pipeline itself reads; none of them changes what a stage computes."""
+
+    workflow: Workflow
+    stages: list[str] | None
+    plan: bool
+    outputs: str
+
+
+@dataclass(frozen=True)
+class Study:
+    """A validated configuration.
+
+    Parameters
+    ----------
+    settings : Settings
+        What the pipeline reads.
+    values : dict
+        The whole resolved configuration as plain values.
+    """
+
+    settings: Settings
+    values: dict[str, Any]
+
+    @property
+    def identity(self) -> str:
+        """Hash of everything that says what this study computes: all but ``plan`` and ``outputs``."""
+        return hash_json({key: value for key, value in self.values.items() if key not in ("plan", "outputs")})
+
+    def slice(self, stage: Stage) -> dict[str, Any]:
+        """Return the sections that a stage declares, as plain values."""
+        return {name: self.values[name] for name in stage.config.model_fields}
+
+    def config(self, stage: Stage) -> BaseModel:
+        """Return a stage's configuration as its own model."""
+        return stage.config.model_validate(self.slice(stage))
+
+    def target(self, stage: Stage) -> str | None:
+        """Return the name of the section through which a stage asks for an outside object, or None."""
+        names = [name for name, field in stage.config.model_fields.items() if field.annotation is Target]
+        return names[0] if names else None
+
+    def build(self, section: str) -> Any:
+        """Return the object that a ``_target_`` section describes."""
+        return build_target(self.values[section], section)
+
+
+def read_settings(values: Mapping[str, Any]) -> Settings:
+    """Validate the pipeline's own keys.
+
+    Raises
+    ------
+    ConfigError
+        Naming the key, what was expected and what was found.
+    """
+    own = {name: values[name] for name in Settings.model_fields if name in values}
+    return typing.cast(Settings, _validate(Settings, own, ()))
+
+
+def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]) -> Study:
+    """Validate a whole configuration against everything that its stages declare.
+
+    Parameters
+    ----------
+    values : dict
+        The resolved configuration as plain values.
+    settings : Settings
+        From `read_settings`.
+    stages : sequence of Stage
+        All stages of the workflow.
+
+    Raises
+    ------
+    ConfigError
+        For the first key that is unknown, missing or wrong; the nearest known name is offered.
+    """
+    declared = set(Settings.model_fields).union(*(each.config.model_fields for each in stages))
+    for name in values:
+        if name not in declared:
+            raise ConfigError(f"unknown key '{name}': {suggest(str(name), declared)}")
+    study = Study(settings, values)
+    checked = set()
+    for each in stages:
+        missing = [name for name in each.config.model_fields if name not in values]
+        if missing:
+            raise ConfigError(f"missing key '{missing[0]}', which stage {each.name} reads; set {missing[0]}=...")
+        _validate(each.config, study.slice(each), ())
+        section = study.target(each)
+        if section and section not in checked:
+            study.build(section)
+            checked.add(section)
+    unknown = [name for name in settings.stages or [] if name not in {each.name for each in stages}]
+    if unknown:
+        known = [each.name for each in stages]
+        raise ConfigError(
+            f"stages: no stage '{unknown[0]}' in workflow {settings.workflow.name}; {suggest(unknown[0], known)}"
+        )
+    return study
+
+
+def find_target(path: str) -> type:
+    """Import the class that a ``_target_`` names.
+
+    Raises
+    ------
+    ConfigError
+        When the module or the class does not exist.
+    """
+    module_name, _, class_name = path.rpartition(".")
+    try:
+        module = importlib.import_module(module_name)
+    except (ImportError, ValueError) as error:
+        raise ConfigError(f"_target_ {path}: cannot import {module_name or path} ({error})") from None
+    found = getattr(module, class_name, None)
+    if not isinstance(found, type):
+        names = [name for name, value in vars(module).items() if isinstance(value, type)]
+        raise ConfigError(f"_target_ {path}: {module_name} has no class {class_name}; {suggest(class_name, names)}")
+    return found
+
+
+def build_target(section: Mapping[str, Any], path: str) -> Any:
+    """Build the object that a ``_target_`` section describes, validating every key on the way.
+
+    Raises
+    ------
+    ConfigError
+        When the class refuses a key or value.
+    """
+    if not isinstance(section, Mapping) or not isinstance(section.get("_target_"), str):
+        raise ConfigError(f"{path}: expected a section with a _target_ (a class), got {section!r}")
+    found = find_target(section["_target_"])
+    keys = {name: value for name, value in section.items() if name != "_target_"}
+    return _validate(found, keys, (path,))
+
+
+def _validate(model: type, values: Any, prefix: tuple[str, ...]) -> Any:
+    try:
+        return TypeAdapter(model).validate_python(values)
+    except ValidationError as error:
+        raise ConfigError(_describe(model, error, prefix)) from None
+
+
+def _describe(model: type, error: ValidationError, prefix: tuple[str, ...]) -> str:
+    problems = sorted(
+        error.errors(), key=lambda each: each["type"] not in ("extra_forbidden", "unexpected_keyword_argument")
+    )
+    first = problems[0]
+    location = [part for part in first["loc"] if part != "__root__"]
+    path = ".".join(str(part) for part in (*prefix, *location))
+    if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        text = f"unknown key '{path}': {suggest(str(location[-1]), _known_names(model, location[:-1]))}"
+    elif first["type"] in ("missing", "missing_argument"):
+        text = f"missing key '{path}': set it in conf/ or as {path}=..."
+    elif first["type"] == "value_error":
+        text = f"{path}: {first['ctx']['error']}" if "ctx" in first else f"{path}: {first['msg']}"
+    else:
+        text = f"{path}: {first['msg'][:1].lower()}{first['msg'][1:]}, got {first['input']!r}"
+    return text if len(problems) == 1 else f"{text} (and {len(problems) - 1} more)"
+
+
+def _known_names(model: Any, location: Sequence[str | int]) -> list[str]:
+    for part in location:
+        fields = _fields(model)
+        model = fields[str(part)] if part in fields else next(iter(typing.get_args(model)[-1:]), None)
+    return list(_fields(model))
+
+
+def _fields(annotation: Any) -> dict[str, Any]:
+    for each in (annotation, *typing.get_args(annotation)):
+        if isinstance(each, type) and issubclass(each, BaseModel):
+            return {name: field.annotation for name, field in each.model_fields.items()}
+        if isinstance(each, type) and dataclasses.is_dataclass(each):
+            return typing.get_type_hints(each)
+    return {}

@@ -1,0 +1,52 @@
+"""The mistakes a person can make or meet, each a message for one terminal line.
+
+A message says what was expected, what was found, and what to do or type next. Anything else that is raised is a fault
+of the code: the runner puts its traceback into the run's log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class PipelineError(Exception):
+    """A problem that its message explains completely; the terminal shows no traceback for it."""
+
+
+class ConfigError(PipelineError):
+    """The composed configuration is not one that this workflow can run."""
+
+
+class TableError(PipelineError):
+    """A table does not keep its contract, or its file cannot be read or written."""
+
+
+class WiringError(PipelineError):
+    """The stages of a workflow do not fit together."""
+
+
+class Paused(PipelineError):
+    """A stage waits for something that a person does outside; the same command continues."""
+
+
+def suggest(name: str, known: Iterable[str]) -> str:
+    """Return a phrase that offers the nearest of the known names, or lists them all.
+
+    Parameters
+    ----------
+    name : str
+        What was typed.
+    known : iterable of str
+        What would have been right.
+
+    Returns
+    -------
+    str
+        ``"did you mean 'x'?"`` or ``"choose from: a, b"``.
+    """
+    names = sorted(set(known))
+    nearest = get_close_matches(name, names, n=1, cutoff=0.5)
+    if nearest:
+        return f"did you mean '{nearest[0]}'?"
+    return f"choose from: {', '.join(names)}" if names else "nothing can be set here"

@@ -1,0 +1,238 @@
+"""Order, freshness, and the reason for each.
+
+A study, its stages and the ledgers of earlier runs flow in; out flows one `Step` per stage: fresh, with the run that
+holds its tables, or to run, with the reason. Freshness is content: the stage's config slice, the bytes of its inputs and
+of its code, and the versions of its libraries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.config import Study, find_target
+from pipeline.errors import ConfigError
+from pipeline.files import hash_json
+from pipeline.ledger import Ledger
+from pipeline.sources import hash_sources, library_versions
+from pipeline.stage import Stage
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is to be done about one stage.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    action : str
+        ``fresh``, ``kept`` (fresh but for its code: measured on real hardware), ``run``, or ``wait`` (an input will be
+        remade; whether it must run depends on how that comes out).
+    reason : str
+        For a person.
+    source : Ledger or None
+        The run that holds the fresh tables.
+    """
+
+    stage: Stage
+    action: str
+    reason: str
+    source: Ledger | None = None
+
+
+@dataclass(frozen=True)
+class Ingredients:
+    """All that a stage's result depends on.
+
+    Parameters
+    ----------
+    config : dict
+        The stage's slice of the configuration.
+    inputs : dict of str to str
+        Content hash of each table it reads.
+    code, libraries : dict of str to str
+        From `pipeline.sources`.
+    measured : bool
+        Whether the stage asks for real hardware: then a change of code or libraries makes nothing stale.
+    """
+
+    config: dict[str, Any]
+    inputs: dict[str, str]
+    code: dict[str, str]
+    libraries: dict[str, str]
+    measured: bool
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of what counts."""
+        counted = {"config": self.config, "inputs": self.inputs}
+        if not self.measured:
+            counted.update(code=self.code, libraries=self.libraries)
+        return hash_json(counted)
+
+    def changes(self, record: Mapping[str, Any]) -> list[str]:
+        """Say how these ingredients differ from those of an earlier record, most telling first."""
+        told = []
+        differences = _config_differences(record["config"], self.config)
+        if differences:
+            told.append(f"config changed ({_some(differences)})")
+        told.extend(f"input {name} changed" for name in self.inputs if record["inputs"].get(name) != self.inputs[name])
+        told.extend(self.code_changes(record))
+        return told
+
+    def code_changes(self, record: Mapping[str, Any]) -> list[str]:
+        """Say how code and libraries differ from those of an earlier record."""
+        told = []
+        files = [name for name in {**record["code"], **self.code} if record["code"].get(name) != self.code.get(name)]
+        if files:
+            told.append(f"code changed ({_some(sorted(files))})")
+        versions = [
+            f"{name} {record['libraries'].get(name, 'absent')} -> {self.libraries.get(name, 'absent')}"
+            for name in {**record["libraries"], **self.libraries}
+            if record["libraries"].get(name) != self.libraries.get(name)
+        ]
+        if versions:
+            told.append(f"library changed ({_some(sorted(versions))})")
+        return told
+
+
+def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
+    """Return the ingredients of a stage, given the content hashes of its inputs."""
+    package = study.settings.workflow.package
+    modules = [stage.module]
+    section = study.target(stage)
+    measured = False
+    if section:
+        target = find_target(study.values[section]["_target_"])
+        modules.append(target.__module__)
+        measured = bool(getattr(study.build(section), "real", False))
+    return Ingredients(
+        study.slice(stage), inputs, hash_sources(package, modules), library_versions(package, modules), measured
+    )
+
+
+def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> Step:
+    """Say whether a stage is fresh, and where, or why it must run.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    ingredients : Ingredients
+        Of the present study.
+    ledgers : sequence of Ledger
+        Runs to look in, the most welcome first.
+    """
+    fingerprint = ingredients.fingerprint
+    damage = None
+    newest = None
+    for ledger in ledgers:
+        record = ledger.finished(stage.name)
+        if record is None:
+            continue
+        newest = newest or record
+        if record["fingerprint"] != fingerprint:
+            continue
+        damaged = ledger.damage(record)
+        if damaged is None:
+            changed = ingredients.code_changes(record)
+            if changed:
+                return Step(stage, "kept", f"measured in {record['origin']}; since then {changed[0]}", ledger)
+            return Step(stage, "fresh", f"made in {record['origin']}", ledger)
+        damage = damage or damaged
+    if damage:
+        return Step(stage, "run", damage)
+    if newest is None:
+        return Step(stage, "run", "no run has it yet")
+    return Step(stage, "run", "; ".join(ingredients.changes(newest)[:2]) or "no run has this combination yet")
+
+
+def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) -> list[Step]:
+    """Plan all stages of a workflow, or those asked for by name with what they need.
+
+    Parameters
+    ----------
+    study : Study
+        The validated configuration.
+    stages : sequence of Stage
+        In the order of the data.
+    ledgers : sequence of Ledger
+        Earlier runs, newest first.
+
+    Raises
+    ------
+    ConfigError
+        When stages are asked for by name and a table they read is not fresh.
+    """
+    asked = study.settings.stages
+    needed = {each.name for each in stages} if asked is None else _with_upstream(stages, asked)
+    steps: list[Step] = []
+    hashes: dict[str, str | None] = {}
+    for each in stages:
+        if each.name not in needed:
+            continue
+        step = _plan_one(study, each, ledgers, hashes)
+        if asked is not None and each.name in asked:
+            step = Step(each, "run", "asked for by name")
+        elif asked is not None and step.action in ("run", "wait"):
+            raise ConfigError(
+                f"stages={_bracket(asked)}: {each.name} is needed first and is not fresh ({step.reason}); "
+                f"type stages={_bracket([each.name, *asked])}, or leave stages= out"
+            )
+        steps.append(step)
+        for table in each.writes:
+            known = step.source.records[each.name]["tables"][table.name]["sha256"] if step.source else None
+            hashes[table.name] = known
+    return steps
+
+
+def _plan_one(study: Study, stage: Stage, ledgers: Sequence[Ledger], hashes: Mapping[str, str | None]) -> Step:
+    inputs = {name: digest for name in stage.reads if (digest := hashes[name])}
+    ingredients = gather(study, stage, inputs)
+    waiting = [name for name in stage.reads if hashes[name] is None]
+    if not waiting:
+        return decide(stage, ingredients, ledgers)
+    newest = next((record for each in ledgers if (record := each.finished(stage.name))), None)
+    if newest is None:
+        return Step(stage, "run", "no run has it yet")
+    own = ingredients.changes(newest)
+    if own:
+        return Step(stage, "run", "; ".join(own[:2]))
+    return Step(stage, "wait", f"fresh if {' and '.join(waiting)} come out unchanged")
+
+
+def _with_upstream(stages: Sequence[Stage], asked: Sequence[str]) -> set[str]:
+    writer = {table.name: each for each in stages for table in each.writes}
+    needed: set[str] = set()
+    waiting = [each for each in stages if each.name in asked]
+    while waiting:
+        each = waiting.pop()
+        needed.add(each.name)
+        if each.name in asked or each.reads:
+            waiting.extend(writer[name] for name in each.reads if writer[name].name not in needed)
+    return needed
+
+
+def _config_differences(old: Any, new: Any, path: str = "") -> list[str]:
+    if isinstance(old, dict) and isinstance(new, dict):
+        return [
+            difference
+            for key in {**new, **old}
+            for difference in _config_differences(old.get(key), new.get(key), f"{path}.{key}" if path else str(key))
+        ]
+    return [] if old == new else [f"{path} {_short(old)} -> {_short(new)}"]
+
+
+def _short(value: Any) -> str:
+    text = "absent" if value is None else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _some(items: Sequence[str]) -> str:
+    return ", ".join(items[:2]) + (f" and {len(items) - 2} more" if len(items) > 2 else "")
+
+
+def _bracket(names: Sequence[str]) -> str:
+    return f"[{','.join(names)}]"

@@ -1,0 +1,150 @@
+"""report.html and the terminal's final tables: what a run found, readable by someone who was not there.
+
+A run's ledger, tables and figures flow in; one self-contained page flows out, with no request to any other place.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Sequence
+from importlib.resources import files as package_files
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import pandas as pd
+import rich.table
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from pipeline.config import Study
+from pipeline.files import write_text
+from pipeline.ledger import Ledger
+from pipeline.stage import Stage
+from pipeline.table import Table, read_frame
+
+ROWS_SHOWN_WHOLE = 60
+ROWS_OF_A_LONG_TABLE = 6
+
+
+def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path:
+    """Write report.html into a run's folder.
+
+    Parameters
+    ----------
+    ledger : Ledger
+        Of the run.
+    study : Study
+        Its configuration.
+    stages : sequence of Stage
+        All stages of the workflow; those that the run lacks are left out.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    done = [each for each in stages if ledger.finished(each.name)]
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(package_files("pipeline").joinpath("report.html.j2").read_text(encoding="utf-8"))
+    page = template.render(
+        run=ledger.name,
+        facts=ledger.facts,
+        workflow=study.settings.workflow.name,
+        headline=[_table(ledger, table, whole=True) for table in headline_tables(study, done)],
+        stages=[_stage(ledger, each) for each in done],
+        config=OmegaConf.to_yaml(OmegaConf.create(study.values)),
+    )
+    path = ledger.folder / "report.html"
+    write_text(path, page)
+    return path
+
+
+def headline_tables(study: Study, stages: Sequence[Stage]) -> list[Table]:
+    """Return the contracts of the tables that the workflow wants seen first, as far as the stages write them."""
+    by_name = {table.name: table for each in stages for table in each.writes}
+    return [by_name[name] for name in study.settings.workflow.headline if name in by_name]
+
+
+def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], console: Console) -> None:
+    """Print the headline tables of a run."""
+    done = [each for each in stages if ledger.finished(each.name)]
+    for table in headline_tables(study, done):
+        print_frame(table.title, read_frame(ledger.folder / "tables" / f"{table.name}.parquet"), console)
+
+
+def print_frame(title: str, frame: pd.DataFrame, console: Console, limit: int = ROWS_SHOWN_WHOLE) -> None:
+    """Print a frame as a terminal table, its first rows where it is long."""
+    shown = rich.table.Table(
+        title=title, title_justify="left", title_style="bold", header_style="bold", box=rich.box.SIMPLE_HEAD
+    )
+    for name in frame.columns:
+        numeric = pd.api.types.is_numeric_dtype(frame[name])
+        shown.add_column(str(name), justify="right" if numeric else "left", overflow="fold")
+    for row in frame.head(limit).itertuples(index=False):
+        shown.add_row(*(format_value(value) for value in row))
+    console.print(shown, markup=False)
+    if len(frame) > limit:
+        console.print(f"  first {limit} of {len(frame)} rows", highlight=False)
+
+
+def format_value(value: Any) -> str:
+    """Return a table cell's text: four significant digits for a float, a dash for a missing value."""
+    if value is None or value is pd.NA or (isinstance(value, float) and value != value):
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value)
+
+
+def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
+    record = ledger.records[stage.name]
+    figures = [
+        {
+            "name": Path(file).stem,
+            "caption": facts["caption"],
+            "data": _encode(ledger.folder / file),
+            "pdf": f"{file[:-4]}.pdf",
+        }
+        for file, facts in record["files"].items()
+        if facts["kind"] == "figure" and file.endswith(".png")
+    ]
+    documents = [
+        {
+            "name": Path(file).stem,
+            "text": json.dumps(json.loads((ledger.folder / file).read_text()), indent=1, ensure_ascii=False),
+        }
+        for file, facts in record["files"].items()
+        if facts["kind"] == "document"
+    ]
+    return {
+        "name": stage.name,
+        "summary": stage.summary,
+        "record": record,
+        "reused": record["origin"] != ledger.name,
+        "figures": figures,
+        "documents": documents,
+        "tables": [_table(ledger, table) for table in stage.writes],
+    }
+
+
+def _table(ledger: Ledger, table: Table, whole: bool = False) -> dict[str, Any]:
+    frame = read_frame(ledger.folder / "tables" / f"{table.name}.parquet")
+    short = whole or len(frame) <= ROWS_SHOWN_WHOLE
+    shown = frame if short else frame.head(ROWS_OF_A_LONG_TABLE)
+    return {
+        "name": table.name,
+        "title": table.title,
+        "rows": len(frame),
+        "short": short,
+        "columns": table.describe(),
+        "numeric": [bool(pd.api.types.is_numeric_dtype(frame[name])) for name in frame.columns],
+        "cells": [[format_value(value) for value in row] for row in shown.itertuples(index=False)],
+    }
+
+
+def _encode(path: Path) -> str:
+    return base64.b64encode(path.read_bytes()).decode()

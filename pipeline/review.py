@@ -1,0 +1,108 @@
+"""Looks at runs from the terminal: ``python -m pipeline.review list | show RUN | show RUN TABLE``.
+
+The folder of runs flows in, text flows out; nothing is changed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import pandas as pd
+from rich.console import Console
+
+from pipeline.errors import ConfigError, PipelineError, suggest
+from pipeline.ledger import Ledger
+from pipeline.report import print_frame
+from pipeline.runs import find_run, is_running, list_ledgers, runs_folder
+from pipeline.table import read_frame
+
+ROWS_SHOWN = 20
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.review", description="Look at runs and their tables.")
+    parser.add_argument("--outputs", default="outputs", metavar="PATH", help="the outputs folder (default: outputs)")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="list | show")
+    commands.add_parser("list", help="all runs, newest first")
+    show = commands.add_parser("show", help="a run's stages, or the first rows of one of its tables")
+    show.add_argument("run", metavar="RUN", help="its name, the beginning of its name, or latest")
+    show.add_argument("table", metavar="TABLE", nargs="?", help="one of its tables")
+    show.add_argument(
+        "--rows", type=int, default=ROWS_SHOWN, metavar="N", help=f"rows to print (default: {ROWS_SHOWN})"
+    )
+    options = parser.parse_args(arguments)
+    piped = not sys.stdout.isatty()
+    console = Console(width=200 if piped else None, soft_wrap=piped)
+    try:
+        if options.command == "list":
+            list_runs(options.outputs, console)
+        elif options.table is None:
+            show_run(find_run(options.outputs, options.run), console)
+        else:
+            show_table(find_run(options.outputs, options.run), options.table, options.rows, console)
+    except PipelineError as error:
+        Console(stderr=True).print(str(error), soft_wrap=True, highlight=False, markup=False)
+        return 2
+    return 0
+
+
+def list_runs(outputs: str, console: Console) -> None:
+    """Print one line per run."""
+    ledgers = list_ledgers(outputs)
+    if not ledgers:
+        console.print(f"no runs in {runs_folder(outputs)}; make one with: python -m pipeline", highlight=False)
+        return
+    rows = [
+        {
+            "run": each.name,
+            "status": live_status(each),
+            "stages": f"{sum(each.finished(name) is not None for name in each.records)} done",
+            "command": each.facts["command"],
+        }
+        for each in ledgers
+    ]
+    print_frame(f"Runs in {runs_folder(outputs)}", pd.DataFrame(rows), console, limit=len(rows))
+
+
+def show_run(ledger: Ledger, console: Console) -> None:
+    """Print how a run went and which tables it holds."""
+    console.print(f"{ledger.folder}  {live_status(ledger)}", highlight=False)
+    console.print(f"command: {ledger.facts['command']}", soft_wrap=True, highlight=False, markup=False)
+    error = ledger.facts["error"]
+    if error:
+        console.print(f"{error['stage']}: {error['message']}", soft_wrap=True, highlight=False, markup=False)
+    rows = [
+        {
+            "stage": name,
+            "status": record["status"],
+            "seconds": f"{record['seconds']:.1f}" if "seconds" in record else "-",
+            "made in": "here" if record["origin"] == ledger.name else record["origin"],
+            "why": record["reason"],
+            "tables": ", ".join(f"{table} ({facts['rows']})" for table, facts in record["tables"].items()),
+        }
+        for name, record in ledger.records.items()
+    ]
+    print_frame("Stages, with their tables and rows", pd.DataFrame(rows), console)
+    console.print(f"a table: python -m pipeline.review show {ledger.name} TABLE", highlight=False)
+
+
+def show_table(ledger: Ledger, name: str, rows: int, console: Console) -> None:
+    """Print the first rows of one table of a run."""
+    known = [table for record in ledger.records.values() for table in record["tables"]]
+    if name not in known:
+        raise ConfigError(f"run {ledger.name} has no table '{name}'; {suggest(name, known)}")
+    path = ledger.folder / "tables" / f"{name}.parquet"
+    print_frame(str(path), read_frame(path), console, limit=rows)
+
+
+def live_status(ledger: Ledger) -> str:
+    """Return a run's status, telling a run whose process died from one that runs."""
+    if ledger.status == "running" and not is_running(ledger):
+        return "killed"
+    return ledger.status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,311 @@
+"""Walks the plan: claims a folder, runs what is not fresh, links what is, and says how to go on.
+
+A study and its stages flow in; out flows a run's folder whose ledger says ``done``, or where and why it stopped. The
+ledger is written last at every step, so whatever a killed process leaves behind is found again or ignored.
+"""
+
+from __future__ import annotations
+
+import logging
+import shutil
+import signal
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pandas as pd
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from pipeline.config import Study
+from pipeline.context import Context, Record
+from pipeline.errors import Paused, PipelineError
+from pipeline.files import link, write_text
+from pipeline.ledger import Ledger, command_line, files_of, now
+from pipeline.plan import Ingredients, Step, decide, gather, make_plan
+from pipeline.report import print_headline, write_report
+from pipeline.runs import Claim, claim, list_ledgers
+from pipeline.stage import Stage
+from pipeline.table import measure_file
+
+log = logging.getLogger("pamid")
+
+
+class Terminated(BaseException):
+    """SIGTERM arrived."""
+
+
+@dataclass
+class Runner:
+    """One run of a workflow.
+
+    Parameters
+    ----------
+    study : Study
+        The validated configuration.
+    stages : sequence of Stage
+        All of the workflow, in the order of the data.
+    arguments : list of str
+        Overrides as typed, for the command that resumes.
+    console, errors : Console
+        Standard output and standard error.
+    """
+
+    study: Study
+    stages: Sequence[Stage]
+    arguments: list[str]
+    console: Console
+    errors: Console
+
+    @property
+    def outputs(self) -> str:
+        """The outputs folder."""
+        return self.study.settings.outputs
+
+    def show_plan(self) -> None:
+        """Print what would run and why; write nothing."""
+        steps = make_plan(self.study, self.stages, list_ledgers(self.outputs))
+        self._print_steps(steps)
+        if all(step.action in ("fresh", "kept") for step in steps):
+            self._say("everything is fresh: nothing would run")
+        else:
+            arguments = [each for each in self.arguments if not each.startswith("plan=")]
+            self._say(f"to run it: {command_line(arguments)}")
+
+    def run(self) -> int:
+        """Run the workflow.
+
+        Returns
+        -------
+        int
+            Exit code: 0 done, 1 a stage failed, 3 paused for a person, 130 Ctrl-C, 143 SIGTERM.
+
+        Raises
+        ------
+        PipelineError
+            When the run cannot begin.
+        """
+        steps = make_plan(self.study, self.stages, list_ledgers(self.outputs))
+        finished = self._finished_run(steps)
+        if finished:
+            self._print_steps(steps)
+            self._finish(finished, "everything is fresh: nothing to run")
+            return 0
+        held = claim(self.outputs, self.study.identity, self.arguments)
+        with held.lock, _log_file(held.ledger.folder), _sigterm():
+            try:
+                return self._run_claimed(held, [step.stage for step in steps])
+            except OSError as error:
+                return self._refuse(held.ledger, error)
+
+    def _run_claimed(self, held: Claim, stages: Sequence[Stage]) -> int:
+        ledger = held.ledger
+        ledger.save()
+        write_text(ledger.folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(self.study.values)))
+        self._say(f"{'resuming' if held.resumed else 'run'} {ledger.folder}")
+        log.info("%s: %s", "resumed" if held.resumed else "begun", command_line(self.arguments))
+        stage = stages[0]
+        try:
+            for stage in stages:
+                self._do(stage, ledger)
+            write_report(ledger, self.study, self.stages)
+        except Paused as pause:
+            return self._stop(ledger, stage, "paused", 3, str(pause), "when that is done")
+        except KeyboardInterrupt:
+            return self._stop(ledger, stage, "interrupted", 130, "stopped by Ctrl-C", "to continue")
+        except Terminated:
+            return self._stop(ledger, stage, "interrupted", 143, "stopped by SIGTERM", "to continue")
+        except PipelineError as error:
+            return self._stop(ledger, stage, "failed", 1, str(error), "when that is mended")
+        except Exception as error:
+            log.exception("%s failed", stage.name)
+            message = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
+            return self._stop(
+                ledger, stage, "failed", 1, f"{message} (traceback: {ledger.folder / 'log.txt'})", "when that is mended"
+            )
+        ledger.end("done")
+        self._finish(ledger, "done")
+        return 0
+
+    def _do(self, stage: Stage, ledger: Ledger) -> None:
+        inputs = {
+            table.name: ledger.records[each.name]["tables"][table.name]["sha256"]
+            for each in self.stages
+            for table in each.writes
+            if table.name in stage.reads
+        }
+        ingredients = gather(self.study, stage, inputs)
+        asked = self.study.settings.stages or []
+        others = [each for each in list_ledgers(self.outputs) if each.name != ledger.name]
+        step = decide(stage, ingredients, [ledger] if stage.name in asked else [ledger, *others])
+        if stage.name in asked and step.source is None:
+            step = Step(stage, "run", "asked for by name")
+        if step.source is None:
+            self._run_stage(stage, ledger, ingredients, step.reason)
+            return
+        if step.source.name != ledger.name:
+            _adopt(stage, step.source, ledger)
+        self._print_step(step)
+        log.info("%s: %s, %s", stage.name, step.action, step.reason)
+
+    def _run_stage(self, stage: Stage, ledger: Ledger, ingredients: Ingredients, reason: str) -> None:
+        record: dict[str, Any] = {
+            "status": "running",
+            "fingerprint": ingredients.fingerprint,
+            "origin": ledger.name,
+            "reason": reason,
+            "started": now(),
+            "config": ingredients.config,
+            "inputs": ingredients.inputs,
+            "code": ingredients.code,
+            "libraries": ingredients.libraries,
+            "tables": {},
+            "files": {},
+        }
+        ledger.records[stage.name] = record
+        ledger.save()
+        log.info("%s: run, %s", stage.name, reason)
+        start = time.monotonic()
+        context = self._context(stage, ledger, ingredients)
+        frames = {
+            table.name: table.read(ledger.folder / "tables" / f"{table.name}.parquet")
+            for each in self.stages
+            for table in each.writes
+            if table.name in stage.reads
+        }
+        with self._status(f"{stage.name}  {stage.summary}"):
+            results = _as_mapping(stage, stage.function(cfg=self.study.config(stage), ctx=context, **frames))
+        for table in stage.writes:
+            path = ledger.folder / "tables" / f"{table.name}.parquet"
+            table.write(results[table.name], path)
+            record["tables"][table.name] = measure_file(path)
+        seconds = time.monotonic() - start
+        record.update(status="done", files=context.files, ended=now(), seconds=round(seconds, 3))
+        ledger.save()
+        shutil.rmtree(context.record.folder, ignore_errors=True)
+        log.info("%s: done in %.1f s", stage.name, seconds)
+        self._print_step(Step(stage, "ran", f"{seconds:.1f} s  [dim]({reason})[/dim]"))
+
+    def _context(self, stage: Stage, ledger: Ledger, ingredients: Ingredients) -> Context:
+        values = ingredients.config
+        own = values.get(stage.name)
+        seed = own["seed"] if isinstance(own, dict) and "seed" in own else values.get("seed")
+        parts = ledger.folder / "parts" / f"{stage.name}-{ingredients.fingerprint[:16]}"
+        record = Record(parts, {table.name: table for table in stage.writes})
+        section = self.study.target(stage)
+        rig = self.study.build(section) if section else None
+        return Context(stage.name, ledger.folder, seed, record, self.console, rig)
+
+    def _finished_run(self, steps: Sequence[Step]) -> Ledger | None:
+        if not all(step.action in ("fresh", "kept") for step in steps):
+            return None
+        newest = next(
+            (each for each in list_ledgers(self.outputs) if each.facts["identity"] == self.study.identity), None
+        )
+        if newest is None or newest.status != "done":
+            return None
+        here = [
+            decide(step.stage, gather(self.study, step.stage, newest.records[step.stage.name]["inputs"]), [newest])
+            for step in steps
+        ]
+        return newest if all(each.source for each in here) else None
+
+    def _finish(self, ledger: Ledger, word: str) -> None:
+        print_headline(ledger, self.study, self.stages, self.console)
+        if not (ledger.folder / "report.html").exists():
+            write_report(ledger, self.study, self.stages)
+        self._say(f"{word}: {ledger.folder}")
+        self._say(f"report: {ledger.folder / 'report.html'}")
+
+    def _stop(self, ledger: Ledger, stage: Stage, status: str, code: int, message: str, when: str) -> int:
+        record = ledger.records.get(stage.name)
+        if record and record["status"] == "running":
+            record["status"] = status
+        log.error("%s %s: %s", stage.name, status, message)
+        ledger.end(status, {"stage": stage.name, "message": message})
+        self._complain(f"{stage.name} {status}: {message}; {when}, type: {command_line(self.arguments)}")
+        return code
+
+    def _refuse(self, ledger: Ledger, error: OSError) -> int:
+        problem = f"{error.strerror or error}"
+        self._complain(
+            f"cannot write to {ledger.folder}: {problem}; what was finished is kept; "
+            f"make room, then type: {command_line(self.arguments)}"
+        )
+        return 1
+
+    def _print_steps(self, steps: Sequence[Step]) -> None:
+        for step in steps:
+            self._print_step(step)
+
+    def _print_step(self, step: Step) -> None:
+        width = max(len(each.name) for each in self.stages)
+        colour = {"fresh": "green", "kept": "green", "ran": "cyan", "run": "cyan", "wait": "yellow"}[step.action]
+        self.console.print(
+            f"  {step.stage.name:<{width}}  [{colour}]{step.action:<5}[/]  {step.reason}",
+            soft_wrap=True,
+            highlight=False,
+        )
+
+    def _say(self, text: str) -> None:
+        self.console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+    def _complain(self, text: str) -> None:
+        self.errors.print(text, soft_wrap=True, highlight=False, markup=False)
+
+    @contextmanager
+    def _status(self, text: str) -> Iterator[None]:
+        if self.console.is_terminal:
+            self.console.print(f"  [dim]{text}[/dim]", highlight=False, overflow="ellipsis", no_wrap=True)
+        yield
+
+
+def _as_mapping(stage: Stage, returned: Any) -> dict[str, pd.DataFrame]:
+    if isinstance(returned, dict):
+        return dict(returned)
+    frames = (returned,) if isinstance(returned, pd.DataFrame) else returned
+    return dict(zip((table.name for table in stage.writes), frames, strict=True))
+
+
+def _adopt(stage: Stage, source: Ledger, ledger: Ledger) -> None:
+    record = source.records[stage.name]
+    for file in files_of(record):
+        link(source.folder / file, ledger.folder / file)
+    ledger.records[stage.name] = record
+    ledger.save()
+
+
+@contextmanager
+def _log_file(folder: Path) -> Iterator[None]:
+    handler = logging.FileHandler(folder / "log.txt", encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    log.setLevel(logging.DEBUG)
+    log.propagate = False
+    log.addHandler(handler)
+    logging.captureWarnings(True)
+    logging.getLogger("py.warnings").addHandler(handler)
+    warnings.simplefilter("default")
+    try:
+        yield
+    finally:
+        logging.captureWarnings(False)
+        logging.getLogger("py.warnings").removeHandler(handler)
+        log.removeHandler(handler)
+        handler.close()
+
+
+@contextmanager
+def _sigterm() -> Iterator[None]:
+    def terminate(number: int, frame: FrameType | None) -> None:
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,150 @@
+"""A stage: a function plus the tables it reads and writes; its signature is the wiring.
+
+A decorated function flows in. Out flows a `Stage` that knows the config sections it reads (the fields of the model that
+annotates ``cfg``), the tables it reads (its other parameters) and the tables it writes (the decorator's arguments).
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+import typing
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from typing import Any
+
+from pydantic import BaseModel
+
+from pipeline.errors import ConfigError, WiringError, suggest
+from pipeline.table import Table
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of a workflow.
+
+    Parameters
+    ----------
+    name : str
+        Name of the function, of its file and of its config group.
+    function : callable
+        Called with ``cfg``, the tables it reads, and ``ctx``, by name.
+    config : type of BaseModel
+        Its fields are the top-level config sections that the stage reads, and nothing else of the config reaches it.
+    reads : tuple of str
+        Names of tables.
+    writes : tuple of Table
+        In the order in which the function returns them.
+    """
+
+    name: str
+    function: Callable[..., Any]
+    config: type[BaseModel]
+    reads: tuple[str, ...]
+    writes: tuple[Table, ...]
+
+    @property
+    def module(self) -> str:
+        """Dotted name of the module that defines the stage."""
+        return self.function.__module__
+
+    @property
+    def summary(self) -> str:
+        """First line of the function's docstring."""
+        return (inspect.getdoc(self.function) or self.name).splitlines()[0]
+
+
+def stage(*writes: Table) -> Callable[[Callable[..., Any]], Stage]:
+    """Make a function a stage that writes the given tables.
+
+    Raises
+    ------
+    WiringError
+        When the function has no ``cfg`` annotated with a pydantic model or no ``ctx``.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Stage:
+        name = function.__name__
+        parameters = list(inspect.signature(function).parameters)
+        hints = typing.get_type_hints(function)
+        config = hints.get("cfg")
+        if not (isinstance(config, type) and issubclass(config, BaseModel)) or "ctx" not in parameters:
+            raise WiringError(
+                f"stage {name}: expected parameters cfg (annotated with a pydantic model) and ctx, got {parameters}"
+            )
+        reads = tuple(each for each in parameters if each not in ("cfg", "ctx"))
+        return Stage(name, function, config, reads, writes)
+
+    return decorate
+
+
+def load_stages(package: str, names: Sequence[str]) -> list[Stage]:
+    """Import the named stages of a package.
+
+    Parameters
+    ----------
+    package : str
+        Dotted name of the package whose files are stages.
+    names : sequence of str
+        One file, and one function in it, for each.
+
+    Raises
+    ------
+    ConfigError
+        When the package has no such stage; the nearest name is offered.
+    """
+    try:
+        folder = importlib.import_module(package)
+    except ModuleNotFoundError:
+        raise ConfigError(f"workflow.package: no Python package '{package}'") from None
+    known = [each.name for each in pkgutil.iter_modules(folder.__path__) if not each.ispkg]
+    stages = []
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"workflow.stages: no stage '{name}' in {package}; {suggest(name, known)}")
+        found = getattr(importlib.import_module(f"{package}.{name}"), name, None)
+        if not isinstance(found, Stage):
+            raise WiringError(f"{package}/{name}.py: expected a stage function named {name}")
+        stages.append(found)
+    return stages
+
+
+def order_stages(stages: Sequence[Stage]) -> list[Stage]:
+    """Return the stages so that each comes after those whose tables it reads.
+
+    Raises
+    ------
+    WiringError
+        When a table has no writer or two, or the stages wait for each other.
+    """
+    writer: dict[str, Stage] = {}
+    for each in stages:
+        for table in each.writes:
+            if table.name in writer:
+                raise WiringError(f"table {table.name} is written by {writer[table.name].name} and by {each.name}")
+            writer[table.name] = each
+    position = {each.name: index for index, each in enumerate(stages)}
+    sorter: TopologicalSorter[str] = TopologicalSorter()
+    for each in stages:
+        for name in each.reads:
+            if name not in writer:
+                raise WiringError(
+                    f"stage {each.name} reads table {name}, which no stage of this workflow writes; "
+                    f"{suggest(name, writer)} Add its stage to workflow.stages"
+                )
+        sorter.add(each.name, *{writer[name].name for name in each.reads})
+    by_name = {each.name: each for each in stages}
+    try:
+        sorter.prepare()
+    except CycleError as error:
+        raise WiringError(f"stages wait for each other: {' -> '.join(error.args[1])}") from None
+    ordered: list[Stage] = []
+    ready: list[str] = []
+    while sorter.is_active():
+        ready = sorted([*ready, *sorter.get_ready()], key=position.__getitem__)
+        name = ready.pop(0)
+        ordered.append(by_name[name])
+        sorter.done(name)
+    return ordered

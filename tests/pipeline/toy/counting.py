@@ -1,0 +1,31 @@
+"""Counts: writes `numbers`."""
+
+import pandas as pd
+
+from pipeline.config import Section
+from pipeline.stage import stage
+from pipeline.table import Table, column
+
+NUMBERS = Table(
+    "numbers",
+    "A number",
+    {"number": column(int, "the number", low=0), "draw": column(float, "random", low=0, high=1)},
+    key=("number",),
+)
+
+
+class Counting(Section):
+    count: int
+    offset: int
+
+
+class Config(Section):
+    counting: Counting
+    seed: int
+
+
+@stage(NUMBERS)
+def counting(cfg: Config, ctx) -> pd.DataFrame:
+    """Count from an offset."""
+    numbers = range(cfg.counting.count)
+    return pd.DataFrame({"number": numbers, "draw": [ctx.generator(n).random() for n in numbers]})
