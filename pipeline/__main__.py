@@ -21,7 +21,7 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from rich.console import Console
 
 from pipeline.config import Study, read_settings, validate
@@ -38,13 +38,13 @@ def main() -> int:
     os.environ["HYDRA_FULL_ERROR"] = "1"
     errors = _console(stderr=True)
     codes: list[int] = []
-    faults: list[PipelineError] = []
+    faults: list[PipelineError | OmegaConfBaseException] = []
 
     @hydra.main(version_base="1.3", config_path=str(CONFIG_FOLDER), config_name="config")
     def task(composed: DictConfig) -> None:
         try:
             codes.append(run_study(composed, sys.argv[1:], errors))
-        except PipelineError as error:
+        except (PipelineError, OmegaConfBaseException) as error:
             faults.append(error)
 
     try:
@@ -83,6 +83,8 @@ def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
 def explain(error: Exception) -> str:
     """Return one line for an error of composition, with the nearest name where one was mistyped."""
     text = str(error)
+    if isinstance(error, MissingMandatoryValue):
+        return f"missing value: set it as {error.full_key}=..."
     unknown = re.search(r"Could not override '([^']+)'", text)
     if unknown:
         path = unknown.group(1).removeprefix("+").split("@")[0]

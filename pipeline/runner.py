@@ -128,6 +128,7 @@ class Runner:
             return self._stop(
                 ledger, stage, "failed", 1, f"{message} (traceback: {ledger.folder / 'log.txt'})", "when that is mended"
             )
+        shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
         ledger.end("done")
         self._finish(ledger, "done")
         return 0
@@ -187,7 +188,6 @@ class Runner:
         seconds = time.monotonic() - start
         record.update(status="done", files=context.files, ended=now(), seconds=round(seconds, 3))
         ledger.save()
-        shutil.rmtree(context.record.folder, ignore_errors=True)
         log.info("%s: done in %.1f s", stage.name, seconds)
         self._print_step(Step(stage, "ran", f"{seconds:.1f} s  [dim]({reason})[/dim]"))
 

@@ -1,4 +1,4 @@
-"""Adds up: reads `numbers`' count through `doubles`, writes `total`, a figure and a document."""
+"""Adds up: reads `doubles` and `halves`, writes `total`, a figure and a document."""
 
 import pandas as pd
 
@@ -6,9 +6,7 @@ from pipeline.config import Section
 from pipeline.stage import stage
 from pipeline.table import Table, column
 
-TOTAL = Table(
-    "total", "The sum of all", {"total": column(float, "sum of the doubles"), "count": column(int, "how many")}
-)
+TOTAL = Table("total", "The sum of all", {"total": column(float, "of the doubles"), "count": column(int, "how many")})
 
 
 class Config(Section):

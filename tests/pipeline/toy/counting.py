@@ -9,14 +9,14 @@ from pipeline.table import Table, column
 NUMBERS = Table(
     "numbers",
     "A number",
-    {"number": column(int, "the number", low=0), "draw": column(float, "random", low=0, high=1)},
+    {"number": column(int, "the number", low=0), "draw": column(float, "random", low=0, high=1, unit="m")},
     key=("number",),
 )
 
 
 class Counting(Section):
     count: int
-    offset: int
+    label: str
 
 
 class Config(Section):
@@ -26,6 +26,6 @@ class Config(Section):
 
 @stage(NUMBERS)
 def counting(cfg: Config, ctx) -> pd.DataFrame:
-    """Count from an offset."""
+    """Count from zero, with a draw for each number."""
     numbers = range(cfg.counting.count)
     return pd.DataFrame({"number": numbers, "draw": [ctx.generator(n).random() for n in numbers]})

@@ -1,0 +1,381 @@
+"""Algorithm 1: identify, choose the trajectory that tells most, execute it, take its best samples, identify again.
+
+In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings` and the rig. Out,
+one part per trial: `trials` (what was chosen and why), `active_recordings` (what was measured), `models` (the MAP after each
+trial; trial 0 is the initial data's) and `points` (the samples each model stands on). Every arm starts from the same
+initial data; controls differ from the design in how they choose trajectories and in nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.config import Section, Target
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.gp import Choice, Design, Interaction
+from stages.gp import Hyperprior as Prior
+from stages.rig import MEASUREMENT_COLUMNS, Rig, tidy, tracked_trial
+from stages.signals import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+CONSTANT_MEAN = "constant_mean"
+
+WHERE = {
+    "participant": column(str, "who tracked"),
+    "experiment": column(int, "experiment of this participant", low=1),
+    "arm": column(str, "how trajectories were chosen"),
+    "trial": column(int, "trial of this experiment and arm; 0 = initial data alone", low=0),
+}
+TRIALS = Table(
+    "trials",
+    "A trial of the interaction design: what was chosen",
+    {
+        **WHERE,
+        "trajectory": column(int, "movement of the bank that was chosen", low=0),
+        "utility": column(
+            float, "its utility, summed over muscles and samples (nats, or standard units)", nullable=True
+        ),
+        "runner_up": column(float, "utility of the best trajectory that was not chosen", nullable=True),
+        "available": column(int, "trajectories that could be chosen", low=1),
+    },
+    key=tuple(WHERE),
+)
+ACTIVE_RECORDINGS = Table(
+    "active_recordings",
+    "A sample of a muscle in a designed trial",
+    {**WHERE, **MEASUREMENT_COLUMNS},
+    key=(*WHERE, "muscle", "time_s"),
+)
+MODELS = Table(
+    "models",
+    "One hyperparameter of a muscle's model after a trial, at the maximum of its posterior",
+    {
+        **WHERE,
+        "muscle": column(str, "muscle"),
+        "hyperparameter": column(str, "as in hyperprior"),
+        "value": column(float, "maximum a posteriori (log of standard units)"),
+        "sd": column(float, "standard deviation of the Laplace approximation", low=0),
+        "log_posterior": column(float, "of the whole vector (nats)"),
+        "repair": column(str, "what was done about an indefinite Hessian or a failed factorisation; empty = nothing"),
+    },
+    key=(*WHERE, "muscle", "hyperparameter"),
+)
+POINTS = Table(
+    "points",
+    "A sample that a muscle's model stands on, from the trial in which it was taken",
+    {
+        **WHERE,
+        "muscle": column(str, "muscle"),
+        "pick": column(int, "order of picking within the trial", low=0),
+        **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", *MODEL_INPUTS, MODEL_OUTPUT)},
+    },
+    key=(*WHERE, "muscle", "pick"),
+)
+
+
+class ActiveLoop(Section):
+    """Config group ``active_loop``."""
+
+    utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]
+    controls: list[Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]] | None
+    subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance"]
+    trials: int
+    initial_points: int
+    points_per_trial: int
+    reduce: Literal["sum", "max"]
+    reuse_trajectories: bool
+    starts: int
+    memory_mb: float
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    active_loop: ActiveLoop
+    rig: Target
+    seed: int
+
+
+@stage(TRIALS, ACTIVE_RECORDINGS, MODELS, POINTS)
+def active_loop(
+    cfg: Config,
+    candidates: pd.DataFrame,
+    references: pd.DataFrame,
+    initial_trials: pd.DataFrame,
+    hyperprior: pd.DataFrame,
+    scaling: pd.DataFrame,
+    hardware_recordings: pd.DataFrame,
+    ctx: Context,
+) -> dict[str, pd.DataFrame]:
+    """Choose, execute and learn from one interaction after another, for every experiment and arm."""
+    muscles = MuscleSet.read(candidates, hyperprior, scaling)
+    arms = choose_arms(cfg.active_loop, ctx.rig.real)
+    experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
+    with ctx.rig as rig, ctx.progress("trials", experiments.ngroups * len(arms) * cfg.active_loop.trials) as advance:
+        for (participant, experiment), initial in experiments:
+            executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
+            for arm in arms:
+                loop = Loop(cfg, ctx, rig, muscles, references, str(participant), int(experiment), arm)
+                loop.run(executed, [int(each) for each in initial["trajectory"]], advance)
+    tables = ctx.record.collect()
+    first = tables["trials"].iloc[0]
+    chosen = tables["trials"].query("participant == @first.participant and experiment == @first.experiment")
+    chosen = chosen[chosen["arm"] == arms[0]]
+    caption = (
+        f"References and pressure commands chosen for {first.participant}, experiment {first.experiment}, "
+        f"by {arms[0]}; early trials dark, late ones bright."
+    )
+    ctx.figure("selected_interactions", draw_selected(chosen, references, rig), caption)
+    return tables
+
+
+def choose_arms(section: ActiveLoop, real: bool) -> list[str]:
+    """Return the design's utility, then the controls; on a real rig nobody executes controls that were not asked for."""
+    controls = section.controls
+    if controls is None:
+        controls = [] if real else ["variance", "random"]
+    return [section.utility, *(each for each in controls if each != section.utility)]
+
+
+@dataclass(frozen=True)
+class MuscleSet:
+    """What the loop knows of every muscle before it begins, in the order of the hyperprior table."""
+
+    names: list[str]
+    hyperparameters: list[str]
+    trajectories: list[int]
+    scalings: list[Scaling]
+    priors: list[Prior]
+    candidates: list[Array]
+
+    @classmethod
+    def read(cls, candidates: pd.DataFrame, hyperprior: pd.DataFrame, scaling: pd.DataFrame) -> MuscleSet:
+        """Gather the tables by muscle."""
+        names = list(hyperprior["muscle"].unique())
+        trajectories = [int(each) for each in candidates["trajectory"].unique()]
+        scalings, priors, inputs = [], [], []
+        for name in names:
+            rows = hyperprior[hyperprior["muscle"] == name]
+            priors.append(Prior(rows["mean"].to_numpy(), rows["variance"].to_numpy()))
+            scalings.append(Scaling.of_muscle(scaling, name))
+            samples = scalings[-1].inputs_of(candidates[candidates["muscle"] == name])
+            inputs.append(samples.reshape(len(trajectories), -1, len(MODEL_INPUTS)))
+        hyperparameters = list(hyperprior.loc[hyperprior["muscle"] == names[0], "hyperparameter"])
+        return cls(names, hyperparameters, trajectories, scalings, priors, inputs)
+
+    @property
+    def mean(self) -> str:
+        """``constant`` if Table 1 has a row for the models' constant mean, else ``zero``."""
+        return "constant" if CONSTANT_MEAN in self.hyperparameters else "zero"
+
+    def standardise(self, samples: pd.DataFrame) -> tuple[list[Array], list[Array]]:
+        """Return each muscle's inputs (N, 3) and outputs (N,) from rows with a muscle column."""
+        inputs, outputs = [], []
+        for name, constants in zip(self.names, self.scalings, strict=True):
+            rows = samples[samples["muscle"] == name]
+            inputs.append(constants.inputs_of(rows))
+            outputs.append(constants.output_of(rows))
+        return inputs, outputs
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One experiment's trials in one arm."""
+
+    cfg: Config
+    ctx: Context
+    rig: Rig
+    muscles: MuscleSet
+    references: pd.DataFrame
+    participant: str
+    experiment: int
+    arm: str
+
+    def run(self, executed: pd.DataFrame, initial: list[int], advance: Callable[[str], None]) -> None:
+        """Run all trials, each from what the earlier ones left on disk."""
+        landed: list[dict[str, pd.DataFrame]] = []
+        for trial in range(1, self.cfg.active_loop.trials + 1):
+            key = (self.participant, self.experiment, self.arm, f"{trial:02d}")
+            part = self.ctx.record.part(key, lambda trial=trial: self.run_trial(trial, landed, executed, initial))
+            landed.append(part)
+            advance(f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}")
+
+    def run_trial(
+        self, trial: int, landed: Sequence[dict[str, pd.DataFrame]], executed: pd.DataFrame, initial: list[int]
+    ) -> dict[str, pd.DataFrame]:
+        """Choose a trajectory, execute it, learn from it."""
+        models, points = [], []
+        if landed:
+            interaction = self.continue_from(landed, initial)
+        else:
+            start = spread_evenly(executed, self.cfg.active_loop.initial_points, self.muscles.names)
+            interaction = self.begin(start, initial)
+            points.append(self.label(start, 0))
+            models.append(self.describe_models(interaction, 0))
+        choice = interaction.ask(self.ctx.generator("random", self.participant, self.experiment, trial))
+        samples = self.execute(choice.trajectory, trial)
+        told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(samples), self.starts(trial))
+        points.append(self.label(take(samples, picks, self.muscles.names), trial))
+        models.append(self.describe_models(told, trial))
+        return {
+            TRIALS.name: self.describe_choice(interaction, choice, trial),
+            ACTIVE_RECORDINGS.name: self.label(samples, trial),
+            MODELS.name: pd.concat(models, ignore_index=True),
+            POINTS.name: pd.concat(points, ignore_index=True)[list(POINTS.columns)],
+        }
+
+    def begin(self, start: pd.DataFrame, initial: list[int]) -> Interaction:
+        """Identify the models from the initial points."""
+        inputs, outputs = self.muscles.standardise(start)
+        return Interaction.begin(
+            self.design(),
+            self.muscles.candidates,
+            self.muscles.priors,
+            inputs,
+            outputs,
+            self.indices(initial),
+            self.starts(0),
+        )
+
+    def continue_from(self, landed: Sequence[dict[str, pd.DataFrame]], initial: list[int]) -> Interaction:
+        """Rebuild the state from what the trials so far left on disk, and from nothing else."""
+        inputs, outputs = self.muscles.standardise(pd.concat([part["points"] for part in landed], ignore_index=True))
+        models = landed[-1]["models"]
+        latest = models[models["trial"] == models["trial"].max()]
+        thetas = [latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in self.muscles.names]
+        used = [*initial, *(int(part["trials"]["trajectory"].iloc[0]) for part in landed)]
+        return Interaction(
+            self.design(),
+            tuple(self.muscles.candidates),
+            tuple(self.muscles.priors),
+            tuple(inputs),
+            tuple(outputs),
+            tuple(thetas),
+            frozenset(self.indices(used)),
+        )
+
+    def design(self) -> Design:
+        """Return the arm's way of choosing."""
+        section = self.cfg.active_loop
+        return Design(
+            utility=self.arm,
+            subsample_utility=section.subsample_utility,
+            reduce=section.reduce,
+            points_per_trial=section.points_per_trial,
+            reuse_trajectories=section.reuse_trajectories,
+            mean=self.muscles.mean,
+            starts=section.starts,
+            memory_mb=section.memory_mb,
+        )
+
+    def starts(self, trial: int) -> list[np.random.Generator]:
+        """Return a generator for each muscle's MAP search; arms share them."""
+        return [
+            self.ctx.generator("starts", self.participant, self.experiment, trial, name) for name in self.muscles.names
+        ]
+
+    def indices(self, trajectories: Sequence[int]) -> list[int]:
+        """Return positions in the bank."""
+        return [self.muscles.trajectories.index(each) for each in trajectories]
+
+    def execute(self, index: int, trial: int) -> pd.DataFrame:
+        """Execute a trajectory of the bank; arms share the person's and the sensors' noise at equal trial number."""
+        samples = self.references[self.references["trajectory"] == self.muscles.trajectories[index]]
+        label = f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}"
+        generator = self.ctx.generator("rig", self.participant, self.experiment, trial)
+        recording = self.rig.execute(tracked_trial(samples, self.rig, self.participant, label), generator)
+        return pd.DataFrame(tidy(recording, self.rig))
+
+    def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
+        """Put participant, experiment, arm and trial before a frame's columns."""
+        return pd.DataFrame({**self.where(trial), **{name: frame[name] for name in frame}})
+
+    def where(self, trial: int) -> dict[str, Any]:
+        """Return the columns that say which trial this is."""
+        return {"participant": self.participant, "experiment": self.experiment, "arm": self.arm, "trial": trial}
+
+    def describe_choice(self, interaction: Interaction, choice: Choice, trial: int) -> pd.DataFrame:
+        """Return the row of `trials`."""
+        best = runner_up = np.nan
+        if choice.scores is not None:
+            ranked = np.sort(choice.scores[np.isfinite(choice.scores)])[::-1]
+            best, runner_up = ranked[0], ranked[1] if ranked.size > 1 else np.nan
+        row = {
+            "trajectory": self.muscles.trajectories[choice.trajectory],
+            "utility": float(best),
+            "runner_up": float(runner_up),
+            "available": interaction.available.size,
+        }
+        return pd.DataFrame({**self.where(trial), **row}, index=[0])
+
+    def describe_models(self, interaction: Interaction, trial: int) -> pd.DataFrame:
+        """Return the rows of `models`."""
+        frames = []
+        for name, model in zip(self.muscles.names, interaction.models, strict=True):
+            row = {
+                "muscle": name,
+                "hyperparameter": self.muscles.hyperparameters,
+                "value": model.theta,
+                "sd": np.sqrt(np.diag(model.laplace.covariance)),
+                "log_posterior": model.log_posterior,
+                "repair": model.repair,
+            }
+            frames.append(pd.DataFrame({**self.where(trial), **row}))
+        return pd.concat(frames, ignore_index=True)
+
+
+def spread_evenly(executed: pd.DataFrame, count: int, muscles: Sequence[str]) -> pd.DataFrame:
+    """Return `count` samples of each muscle, evenly spread over the executed trials."""
+    frames = []
+    for name in muscles:
+        rows = executed[executed["muscle"] == name]
+        at = ((np.arange(count) + 0.5) * len(rows) / count).astype(int)
+        frames.append(rows.iloc[at].assign(pick=range(count)))
+    return pd.concat(frames, ignore_index=True)[["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]]
+
+
+def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequence[str]) -> pd.DataFrame:
+    """Return the picked samples of each muscle, in the order of picking."""
+    frames = [
+        samples[samples["muscle"] == name].iloc[at].assign(pick=range(len(at)))
+        for name, at in zip(muscles, picks, strict=True)
+    ]
+    return pd.concat(frames, ignore_index=True)[["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]]
+
+
+def draw_selected(chosen: pd.DataFrame, references: pd.DataFrame, rig: Rig) -> Figure:
+    """Draw the chosen references of each joint and the pressure commands of its muscles, in the order of choice."""
+    from matplotlib import colormaps
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.6 * len(rig.joints), 6.4), layout="constrained")
+    rows = 1 + max(list(rig.muscle_joints).count(joint) for joint in rig.joints)
+    axes = figure.subplots(rows, len(rig.joints), sharex=True, squeeze=False)
+    colours = colormaps["viridis"](np.linspace(0.0, 0.92, len(chosen)))
+    for column_index, joint in enumerate(rig.joints):
+        names = [name for name, its in zip(rig.muscles, rig.muscle_joints, strict=True) if its == joint]
+        for colour, row in zip(colours, chosen.itertuples(), strict=True):
+            samples = references[references["trajectory"] == row.trajectory]
+            first = samples[samples["muscle"] == names[0]]
+            axes[0, column_index].plot(first["time_s"], first["joint_angle_rad"], color=colour, label=f"{row.trial}")
+            for line, name in enumerate(names, start=1):
+                its = samples[samples["muscle"] == name]
+                axes[line, column_index].plot(its["time_s"], its["pressure_command_kpa"], color=colour)
+        axes[0, column_index].set(title=joint, ylabel="reference angle (rad)")
+        for line, name in enumerate(names, start=1):
+            axes[line, column_index].set(ylabel=f"{name} pressure\ncommand (kPa)")
+        axes[-1, column_index].set(xlabel="time (s)")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), title="trial", loc="outside right center", frameon=False)
+    return figure

@@ -1,0 +1,98 @@
+"""Records an experimenter's natural movements under varied pressures: the bank that interactions are chosen from.
+
+In: the rig. Out: `bank`, with force, which only the evaluation may read.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.config import Section, Target
+from pipeline.context import Context
+from pipeline.errors import ConfigError
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.rig import MEASUREMENT_COLUMNS, Rig, Trial, tidy
+from stages.signals import pressure_profiles
+
+BANK = Table(
+    "bank",
+    "A sample of a muscle in a movement of the bank",
+    {"trajectory": column(int, "movement of the bank", low=0), **MEASUREMENT_COLUMNS},
+    key=("trajectory", "muscle", "time_s"),
+)
+
+
+class Range(Section):
+    """Lowest and highest value."""
+
+    low: float
+    high: float
+
+
+class Pressure(Section):
+    """How the robot's pressure commands vary while the experimenter moves."""
+
+    range_kpa: dict[str, Range]
+    hold_s: Range
+    transition_s: Range
+    step_share: float
+
+
+class Bank(Section):
+    """Config group ``bank``."""
+
+    seed: int
+    trajectories: int
+    pressure: Pressure
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    bank: Bank
+    rig: Target
+
+
+@stage(BANK)
+def bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
+    """Record an experimenter's natural movements under varied pressures, with force."""
+    with ctx.rig as rig, ctx.progress("movements", cfg.bank.trajectories) as advance:
+        for trajectory in range(cfg.bank.trajectories):
+            ctx.record.part((trajectory,), lambda trajectory=trajectory: record_movement(cfg, ctx, rig, trajectory))
+            advance(f"movement {trajectory}")
+    return ctx.record.collect()
+
+
+def record_movement(cfg: Config, ctx: Context, rig: Rig, trajectory: int) -> dict[str, pd.DataFrame]:
+    """Record one free movement."""
+    generator = ctx.generator(trajectory)
+    trial = Trial("free", "experimenter", draw_pressures(cfg.bank.pressure, rig, generator), label=f"bank {trajectory}")
+    recording = rig.execute(trial, generator)
+    return {BANK.name: pd.DataFrame({"trajectory": trajectory, **tidy(recording, rig)})}
+
+
+def draw_pressures(pressure: Pressure, rig: Rig, generator: np.random.Generator) -> NDArray[np.float64]:
+    """Draw each muscle's pressure command (T, M), kPa.
+
+    Raises
+    ------
+    ConfigError
+        When a muscle of the rig has no range.
+    """
+    missing = [name for name in rig.muscles if name not in pressure.range_kpa]
+    if missing:
+        raise ConfigError(f"bank.pressure.range_kpa: expected a range for every muscle, none for {', '.join(missing)}")
+    ranges = [pressure.range_kpa[name] for name in rig.muscles]
+    return pressure_profiles(
+        generator,
+        [each.low for each in ranges],
+        [each.high for each in ranges],
+        rig.samples,
+        rig.sampling_rate_hz,
+        hold_s=(pressure.hold_s.low, pressure.hold_s.high),
+        transition_s=(pressure.transition_s.low, pressure.transition_s.high),
+        step_share=pressure.step_share,
+    )

@@ -1,0 +1,212 @@
+"""Algorithm 1 as a value: ask which trajectory tells most, tell what was recorded, get the next value.
+
+The bank's inputs, hyperpriors and an initial dataset flow in; each `Interaction.tell` returns a new `Interaction` with the
+picked samples appended and the muscles' models identified again. Nothing here executes a trial, so the same code serves a
+loop that drives a rig and an operator who does it by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.gp.hyperprior import Hyperprior
+from stages.gp.marginal import MarginalGP
+from stages.gp.bank import trajectory_utility
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Design:
+    """The choices that method and paper leave open.
+
+    Parameters
+    ----------
+    utility : str
+        What a trajectory is chosen by; a name in `UTILITIES`, or ``random``.
+    subsample_utility : str
+        What a recording's samples are picked by.
+    reduce : str
+        ``sum`` or ``max`` over a trajectory's samples.
+    points_per_trial : int
+        Samples that each muscle's model takes from a trial.
+    reuse_trajectories : bool
+        Whether an executed trajectory may be chosen again.
+    mean : str
+        ``zero`` or ``constant``.
+    starts : int
+        Starts of each MAP search beside the warm one.
+    memory_mb : float
+        Bound on the working memory of a bank's scores (MB).
+    """
+
+    utility: str
+    subsample_utility: str
+    reduce: str
+    points_per_trial: int
+    reuse_trajectories: bool
+    mean: str
+    starts: int
+    memory_mb: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What `Interaction.ask` answers.
+
+    Parameters
+    ----------
+    trajectory : int
+        Index into the bank.
+    scores : (R,) float array or None
+        Utility of each trajectory (nats for the information utilities); minus infinity where excluded. None when the
+        choice was random.
+    """
+
+    trajectory: int
+    scores: Array | None
+
+
+@dataclass(frozen=True)
+class Interaction:
+    """What is known before a trial.
+
+    Parameters
+    ----------
+    design : Design
+        How to choose.
+    candidates : tuple over M muscles of (R, T, D) float arrays
+        Inputs of every trajectory of the bank, standardised.
+    priors : tuple over M muscles of Hyperprior
+        Table 1.
+    inputs, outputs : tuples over M muscles of (N, D) and (N,) float arrays
+        The data so far, standardised.
+    thetas : tuple over M muscles of (P,) float arrays
+        The MAP of each muscle's hyperparameters, given the data.
+    used : frozenset of int
+        Trajectories executed so far.
+    """
+
+    design: Design
+    candidates: tuple[Array, ...]
+    priors: tuple[Hyperprior, ...]
+    inputs: tuple[Array, ...]
+    outputs: tuple[Array, ...]
+    thetas: tuple[Array, ...]
+    used: frozenset[int]
+
+    @classmethod
+    def begin(
+        cls,
+        design: Design,
+        candidates: Sequence[Array],
+        priors: Sequence[Hyperprior],
+        inputs: Sequence[Array],
+        outputs: Sequence[Array],
+        used: Sequence[int],
+        generators: Sequence[np.random.Generator],
+    ) -> Interaction:
+        """Identify every muscle's model from the initial data; one generator for each muscle's starts."""
+        thetas = tuple(
+            fit(x, y, prior, mean=design.mean, generator=each, starts=design.starts).theta
+            for x, y, prior, each in zip(inputs, outputs, priors, generators, strict=True)
+        )
+        return cls(design, tuple(candidates), tuple(priors), tuple(inputs), tuple(outputs), thetas, frozenset(used))
+
+    @cached_property
+    def models(self) -> tuple[MarginalGP, ...]:
+        """The muscles' models at their recorded MAP."""
+        return tuple(
+            condition(x, y, theta, prior, mean=self.design.mean)
+            for x, y, theta, prior in zip(self.inputs, self.outputs, self.thetas, self.priors, strict=True)
+        )
+
+    @property
+    def available(self) -> NDArray[np.intp]:
+        """Trajectories that may be chosen."""
+        count = len(self.candidates[0])
+        used = [] if self.design.reuse_trajectories else sorted(self.used)
+        return np.setdiff1d(np.arange(count), used)
+
+    def ask(self, generator: np.random.Generator) -> Choice:
+        """Choose the next trajectory.
+
+        Parameters
+        ----------
+        generator : Generator
+            Drawn from by the ``random`` control alone.
+
+        Raises
+        ------
+        ValueError
+            When no trajectory is left.
+        """
+        available = self.available
+        if not available.size:
+            raise ValueError(
+                f"expected a trajectory that was not executed yet, but all {len(self.used)} of the bank were; "
+                "record a larger bank or allow reuse"
+            )
+        if self.design.utility == "random":
+            return Choice(int(generator.choice(available)), None)
+        scores = trajectory_utility(
+            self.models,
+            self.candidates,
+            self.design.utility,
+            reduce=self.design.reduce,
+            memory_mb=self.design.memory_mb,
+        )
+        excluded = np.setdiff1d(np.arange(len(scores)), available)
+        scores[excluded] = -np.inf
+        return Choice(int(np.argmax(scores)), scores)
+
+    def tell(
+        self,
+        trajectory: int,
+        inputs: Sequence[Array],
+        outputs: Sequence[Array],
+        generators: Sequence[np.random.Generator],
+    ) -> tuple[Interaction, tuple[NDArray[np.intp], ...]]:
+        """Take a trial's most informative samples and identify every model again.
+
+        Parameters
+        ----------
+        trajectory : int
+            What was executed.
+        inputs, outputs : sequences over M muscles of (T, D) and (T,) float arrays
+            What was recorded, standardised.
+        generators : sequence of Generator
+            For the starts of each muscle's search.
+
+        Returns
+        -------
+        Interaction
+            With the picked samples appended.
+        tuple over M muscles of (K,) int arrays
+            Indices of the picked samples in the recording, in the order of picking.
+        """
+        picks = tuple(
+            subsample(model, x, y, self.design.points_per_trial, self.design.subsample_utility)
+            for model, x, y in zip(self.models, inputs, outputs, strict=True)
+        )
+        grown_inputs = tuple(np.vstack([old, x[at]]) for old, x, at in zip(self.inputs, inputs, picks, strict=True))
+        grown_outputs = tuple(
+            np.concatenate([old, y[at]]) for old, y, at in zip(self.outputs, outputs, picks, strict=True)
+        )
+        thetas = tuple(
+            fit(
+                x, y, prior, mean=self.design.mean, generator=each, starts=self.design.starts, warm_starts=(theta,)
+            ).theta
+            for x, y, prior, theta, each in zip(
+                grown_inputs, grown_outputs, self.priors, self.thetas, generators, strict=True
+            )
+        )
+        told = replace(
+            self, inputs=grown_inputs, outputs=grown_outputs, thetas=thetas, used=self.used | {trajectory}
+        )
+        return told, picks

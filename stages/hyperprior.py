@@ -1,0 +1,131 @@
+"""Table 1: the Gaussian hyperpriors of every muscle's model, and the constants that standardise its data.
+
+In: `candidates`, for the range of the inputs (they have no force). Out: `hyperprior` and `scaling`. The force scale comes
+from the data sheet.
+"""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.errors import ConfigError, suggest
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.plant import Exoskeleton, Muscle
+from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
+
+UNITS = dict(zip((*MODEL_INPUTS, MODEL_OUTPUT), ("kPa", "1", "1/s", "N"), strict=True))
+
+HYPERPRIOR = Table(
+    "hyperprior",
+    "Gaussian hyperprior of one hyperparameter of one muscle (Table 1)",
+    {
+        "muscle": column(str, "muscle"),
+        "hyperparameter": column(str, "in the order of the model's parameter vector"),
+        "mean": column(float, "mean of the hyperparameter"),
+        "variance": column(float, "variance of the hyperparameter", low=0),
+        "unit": column(str, "unit of mean and of the root of the variance"),
+        "source": column(str, "where the values come from"),
+    },
+    key=("muscle", "hyperparameter"),
+)
+SCALING = Table(
+    "scaling",
+    "Constants that standardise one quantity of one muscle, fixed before any force is measured",
+    {
+        "muscle": column(str, "muscle"),
+        "quantity": column(str, "column of a recording", among=list(UNITS)),
+        "centre": column(float, "subtracted first"),
+        "scale": column(float, "divided by then", low=0),
+        "unit": column(str, "unit of centre and scale"),
+        "source": column(str, "where the values come from"),
+    },
+    key=("muscle", "quantity"),
+)
+
+
+class Row(Section):
+    """One hyperparameter's prior."""
+
+    mean: float
+    variance: float
+    source: str
+
+
+class DataSheet(Section):
+    """What the maker promises of a muscle type."""
+
+    rated_force_n: float
+    rated_pressure_kpa: float
+    max_contraction: float
+    source: str
+
+
+class Hyperprior(Section):
+    """Config group ``hyperprior``: the same rows for all muscles, those that differ, and the force scale's source."""
+
+    rows: dict[str, Row]
+    muscles: dict[str, dict[str, Row]]
+    data_sheet: dict[str, DataSheet]
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    hyperprior: Hyperprior
+    exoskeleton: Exoskeleton
+
+
+@stage(HYPERPRIOR, SCALING)
+def hyperprior(cfg: Config, candidates: pd.DataFrame, ctx: Context) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Set out Table 1 and the scaling of every muscle's data."""
+    priors, scalings = [], []
+    for muscle in cfg.exoskeleton.muscles:
+        rows = {**cfg.hyperprior.rows, **cfg.hyperprior.muscles.get(muscle.name, {})}
+        priors += [
+            (muscle.name, name, row.mean, row.variance, "log of standard units", row.source)
+            for name, row in rows.items()
+        ]
+        sheet = find_data_sheet(cfg.hyperprior, muscle)
+        scalings += scale_muscle(muscle, sheet, candidates[candidates["muscle"] == muscle.name])
+    return (
+        pd.DataFrame(priors, columns=list(HYPERPRIOR.columns)),
+        pd.DataFrame(scalings, columns=list(SCALING.columns)),
+    )
+
+
+def find_data_sheet(section: Hyperprior, muscle: Muscle) -> DataSheet:
+    """Return the data sheet of a muscle's type.
+
+    Raises
+    ------
+    ConfigError
+        When the config has none.
+    """
+    if muscle.type not in section.data_sheet:
+        raise ConfigError(
+            f"hyperprior.data_sheet has no type '{muscle.type}' ({muscle.name}); {suggest(muscle.type, section.data_sheet)}"
+        )
+    return section.data_sheet[muscle.type]
+
+
+def scale_muscle(
+    muscle: Muscle, sheet: DataSheet, candidates: pd.DataFrame
+) -> list[tuple[str, str, float, float, str, str]]:
+    """Return the rows of `scaling`: inputs by the bank's mean and SD, force by the data sheet over the bank's range.
+
+    The data sheet's force is taken as proportional to pressure and falling linearly to zero at the largest contraction.
+    The centre is that force at the bank's mean state, the scale a quarter of it at the strongest state of the bank.
+    """
+    rows = []
+    for name in MODEL_INPUTS:
+        values = candidates[name]
+        rows.append((muscle.name, name, values.mean(), values.std(ddof=0), UNITS[name], "mean and SD over the bank"))
+    pressure, contraction = candidates["pressure_kpa"], candidates["contraction"]
+    per_kpa = sheet.rated_force_n / sheet.rated_pressure_kpa
+    centre = per_kpa * pressure.mean() * (1 - contraction.mean() / sheet.max_contraction)
+    strongest = per_kpa * pressure.max() * (1 - contraction.min() / sheet.max_contraction)
+    rows.append((muscle.name, MODEL_OUTPUT, centre, strongest / 4, UNITS[MODEL_OUTPUT], sheet.source))
+    return rows

@@ -1,0 +1,44 @@
+"""From recorded samples back to a trial that replays them.
+
+A movement's long table flows in; the `Trial` that displays its joint angles and plays its pressure commands flows out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from stages.rig.contract import Rig, Trial
+
+
+def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str) -> Trial:
+    """Return the trial in which a participant tracks a recorded movement under its recorded pressures.
+
+    Parameters
+    ----------
+    samples : DataFrame
+        Rows of one movement with columns time_s, muscle, pressure_command_kpa and joint_angle_rad (of the muscle's
+        joint).
+    rig : Rig
+        Gives the order of muscles and joints, and which muscle moves which joint.
+    participant : str
+        Who tracks.
+    label : str
+        Names the trial for an operator.
+
+    Raises
+    ------
+    ValueError
+        When a muscle of the rig is not in the samples.
+    """
+    missing = [name for name in rig.muscles if name not in set(samples["muscle"])]
+    if missing:
+        raise ValueError(
+            f"expected samples of every muscle of the rig ({', '.join(rig.muscles)}), got none of {missing}"
+        )
+    command = samples.pivot(index="time_s", columns="muscle", values="pressure_command_kpa")[list(rig.muscles)]
+    angle = samples.pivot(index="time_s", columns="muscle", values="joint_angle_rad")[list(rig.muscles)]
+    first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
+    return Trial(
+        "tracked", participant, command.to_numpy(), np.ascontiguousarray(angle.to_numpy()[:, first_muscle]), label
+    )

@@ -1,0 +1,51 @@
+"""Standardisation of a muscle's inputs and output with constants that are fixed before any force is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MODEL_INPUTS = ("pressure_kpa", "contraction", "contraction_velocity_per_s")
+MODEL_OUTPUT = "force_n"
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Centres and scales of one muscle.
+
+    Parameters
+    ----------
+    input_centre, input_scale : (D,) float arrays
+        Of pressure (kPa), contraction (1) and contraction velocity (1/s).
+    force_centre_n, force_scale_n : float
+        Of the force (N).
+    """
+
+    input_centre: Array
+    input_scale: Array
+    force_centre_n: float
+    force_scale_n: float
+
+    @classmethod
+    def of_muscle(cls, rows: pd.DataFrame, muscle: str) -> Scaling:
+        """Read one muscle's constants from rows with columns muscle, quantity, centre and scale."""
+        constants = rows[rows["muscle"] == muscle].set_index("quantity")[["centre", "scale"]]
+        inputs, output = constants.loc[list(MODEL_INPUTS)].to_numpy(), constants.loc[MODEL_OUTPUT].to_numpy()
+        return cls(inputs[:, 0].copy(), inputs[:, 1].copy(), float(output[0]), float(output[1]))
+
+    def inputs_of(self, samples: pd.DataFrame) -> Array:
+        """Return the (N, D) standardised inputs of a muscle's samples."""
+        return (samples[list(MODEL_INPUTS)].to_numpy() - self.input_centre) / self.input_scale
+
+    def output_of(self, samples: pd.DataFrame) -> Array:
+        """Return the (N,) standardised force of a muscle's samples."""
+        return (samples[MODEL_OUTPUT].to_numpy() - self.force_centre_n) / self.force_scale_n
+
+    def restore_force(self, standardised: Array) -> Array:
+        """Return forces in N."""
+        return standardised * self.force_scale_n + self.force_centre_n

@@ -1,0 +1,87 @@
+"""Thins the bank to what the interaction design may see, and draws the initial trials of each experiment.
+
+In: `bank`. Out: `candidates` (thinned, without force), `references` (what a trial replays) and `initial_trials`.
+"""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.plant import Participant
+from stages.rig import MEASUREMENT_COLUMNS
+from stages.signals import MODEL_INPUTS
+
+REPLAYED = ("pressure_command_kpa", "joint_angle_rad")
+
+TRAJECTORY = column(int, "movement of the bank", low=0)
+
+CANDIDATES = Table(
+    "candidates",
+    "A sample of a bank movement as the models' input, without force",
+    {
+        "trajectory": TRAJECTORY,
+        **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", "muscle", *MODEL_INPUTS)},
+    },
+    key=("trajectory", "muscle", "time_s"),
+)
+REFERENCES = Table(
+    "references",
+    "A sample of what a trial displays to the person (joint angle) and plays on the robot (pressure command)",
+    {
+        "trajectory": TRAJECTORY,
+        **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", "muscle", *REPLAYED)},
+    },
+    key=("trajectory", "muscle", "time_s"),
+)
+INITIAL_TRIALS = Table(
+    "initial_trials",
+    "A trial that gives an experiment its initial data, the same for every arm",
+    {
+        "participant": column(str, "who tracks"),
+        "experiment": column(int, "experiment of this participant", low=1),
+        "position": column(int, "order of execution", low=1),
+        "trajectory": TRAJECTORY,
+    },
+    key=("participant", "experiment", "position"),
+)
+
+
+class Subsampling(Section):
+    """Config group ``subsampling``."""
+
+    every: int
+    experiments: int
+    initial_trials: int
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    subsampling: Subsampling
+    participants: dict[str, Participant]
+    seed: int
+
+
+@stage(CANDIDATES, REFERENCES, INITIAL_TRIALS)
+def subsampling(cfg: Config, bank: pd.DataFrame, ctx: Context) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """Thin the bank to candidates without force and draw each experiment's initial trials."""
+    rank = bank.groupby(["trajectory", "muscle"], sort=False).cumcount()
+    candidates = bank.loc[rank % cfg.subsampling.every == 0, list(CANDIDATES.columns)]
+    references = bank[list(REFERENCES.columns)]
+    return candidates, references, draw_initial_trials(cfg, bank["trajectory"].unique(), ctx)
+
+
+def draw_initial_trials(cfg: Config, trajectories: pd.api.extensions.ExtensionArray, ctx: Context) -> pd.DataFrame:
+    """Draw distinct trajectories for each participant and experiment."""
+    count = cfg.subsampling.initial_trials
+    rows = []
+    for participant in cfg.participants:
+        for experiment in range(1, cfg.subsampling.experiments + 1):
+            generator = ctx.generator(participant, experiment)
+            drawn = generator.choice(trajectories, size=count, replace=False)
+            rows += [(participant, experiment, position, int(each)) for position, each in enumerate(drawn, start=1)]
+    return pd.DataFrame(rows, columns=list(INITIAL_TRIALS.columns))

@@ -1,0 +1,66 @@
+"""Fixtures shared by all tests."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture
+def generator():
+    """A seeded generator."""
+    return np.random.default_rng(20260701)
+
+
+class Command:
+    """`python -m pipeline` as a person types it, with its outputs in a folder of the test."""
+
+    def __init__(self, outputs: Path, *fixed: str):
+        self.outputs = outputs
+        self.fixed = fixed
+        self.environment = {**os.environ, "COLUMNS": "200"}
+
+    @property
+    def runs(self) -> list[Path]:
+        """The run folders, oldest first."""
+        folder = self.outputs / "runs"
+        return sorted(folder.iterdir()) if folder.is_dir() else []
+
+    def line(self, *arguments: str) -> list[str]:
+        return [sys.executable, "-m", "pipeline", *self.fixed, f"outputs={self.outputs}", *arguments]
+
+    def start(self, *arguments: str) -> subprocess.Popen:
+        return subprocess.Popen(
+            self.line(*arguments),
+            cwd=ROOT,
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def __call__(self, *arguments: str) -> subprocess.CompletedProcess:
+        return subprocess.run(
+            self.line(*arguments), cwd=ROOT, env=self.environment, capture_output=True, text=True, timeout=300
+        )
+
+    def review(self, *arguments: str) -> subprocess.CompletedProcess:
+        line = [sys.executable, "-m", "pipeline.review", "--outputs", str(self.outputs), *arguments]
+        return subprocess.run(line, cwd=ROOT, env=self.environment, capture_output=True, text=True, timeout=60)
+
+
+@pytest.fixture
+def pamid(tmp_path):
+    """The command with the project's own configuration."""
+    return Command(tmp_path / "outputs")
+
+
+@pytest.fixture
+def toy(tmp_path):
+    """The command with the toy workflow."""
+    return Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=toy")

@@ -1,0 +1,41 @@
+"""What is refused, with which words, and that nothing is written then."""
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["typo=1"], "unknown key 'typo'"),
+        (["+typo=1"], "unknown key 'typo'"),
+        (["plam=true"], "did you mean 'plan'?"),
+        (["+plam=true"], "did you mean 'plan'?"),
+        (["doubling.pauses=1"], "unknown key 'doubling.pauses': did you mean 'pause_s'?"),
+        (["+doubling.pauses=1"], "unknown key 'doubling.pauses': did you mean 'pause_s'?"),
+        (["+workflow.stage=[adding]"], "unknown key 'workflow.stage': did you mean 'stages'?"),
+        (["workflow=toi"], "unknown workflow 'toi': did you mean 'toy'?"),
+        (["counting=fewer"], "unknown counting 'fewer': did you mean 'few'?"),
+        (["counting.count=abc"], "counting.count: input should be a valid integer, got 'abc'"),
+        (["counting.count=2.5"], "counting.count: input should be a valid integer, got 2.5"),
+        (["counting.count=???"], "missing value: set it as counting.count=..."),
+        (["~doubling.digits"], "missing key 'doubling.digits'"),
+        (["doubling.pause_s=nan"], "doubling.pause_s: input should be a finite number, got nan"),
+        (["stages=[addin]"], "no stage 'addin' in workflow toy; did you mean 'adding'?"),
+        (["workflow.stages=[countin]"], "no stage 'countin' in tests.pipeline.toy; did you mean 'counting'?"),
+        (["workflow.stages=[adding,counting]"], "stage adding reads table doubles, which no stage"),
+        (["workflow.package=nowhere"], "no Python package 'nowhere'"),
+    ],
+)
+def test_refuses_before_anything_is_written(toy, arguments, told):
+    result = toy(*arguments)
+    assert result.returncode == 2
+    assert told in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not toy.outputs.exists()
+
+
+def test_refuses_unknown_keys_inside_a_target(pamid):
+    result = pamid("+rig.experimentor=1", "plan=true")
+    assert result.returncode == 2
+    assert "unknown key 'rig.experimentor': did you mean 'experimenter'?" in result.stderr
+    assert not pamid.outputs.exists()

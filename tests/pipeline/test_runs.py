@@ -1,0 +1,219 @@
+"""Plan, freshness, resume and reuse, with real processes that are really killed."""
+
+import json
+import shutil
+import signal
+import time
+
+import pytest
+
+
+def tables_of(run):
+    return {path.name: path.read_bytes() for path in sorted((run / "tables").glob("*.parquet"))}
+
+
+def ledger_of(run):
+    return json.loads((run / "run.json").read_text())
+
+
+def wait_for_parts(process, toy, count):
+    for _ in range(600):
+        parts = [part for run in toy.runs for part in run.glob("parts/doubling-*/[0-9]*")]
+        if len(parts) >= count:
+            return
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    raise TimeoutError("the loop did not begin")
+
+
+def test_plan_says_why_and_writes_nothing(toy):
+    result = toy("plan=true")
+    assert result.returncode == 0
+    order = [line.split()[0] for line in result.stdout.splitlines() if "no run has it yet" in line]
+    assert order == ["counting", "doubling", "adding"]
+    assert not toy.outputs.exists()
+
+
+def test_run_leaves_tables_figures_ledger_and_report(toy):
+    result = toy()
+    assert result.returncode == 0, result.stderr
+    (run,) = toy.runs
+    assert set(tables_of(run)) == {"numbers.parquet", "doubles.parquet", "halves.parquet", "total.parquet"}
+    assert (run / "figures" / "doubles.png").stat().st_size > 1000
+    assert json.loads((run / "documents" / "note.json").read_text())["largest"] > 0
+    ledger = ledger_of(run)
+    assert ledger["status"] == "done"
+    assert (
+        ledger["stages"]["doubling"]["inputs"]["numbers"] == ledger["stages"]["counting"]["tables"]["numbers"]["sha256"]
+    )
+    page = (run / "report.html").read_text()
+    assert "data:image/png;base64," in page
+    assert "Each number&#39;s double." in page
+    assert "http" not in page
+    assert "The sum of all" in result.stdout
+    assert str(run / "report.html") in result.stdout
+    assert not (run / "parts").exists()
+
+
+def test_same_command_again_finds_everything_fresh(toy):
+    toy()
+    again = toy()
+    assert again.returncode == 0
+    assert "everything is fresh: nothing to run" in again.stdout
+    assert len(toy.runs) == 1
+
+
+def test_same_seed_same_bytes(toy, tmp_path):
+    toy()
+    first = tables_of(toy.runs[0])
+    shutil.rmtree(toy.outputs)
+    toy()
+    assert tables_of(toy.runs[0]) == first
+    toy("seed=1")
+    assert tables_of(toy.runs[1])["numbers.parquet"] != first["numbers.parquet"]
+
+
+def test_changed_key_reruns_just_the_stages_that_read_it(toy):
+    toy()
+    plan = toy("plan=true", "doubling.digits=2").stdout
+    assert "config changed (doubling.digits 16 -> 2)" in plan
+    assert "counting  fresh" in plan
+    assert "adding    wait   fresh if doubles and halves come out unchanged" in plan
+    toy("doubling.digits=2")
+    stages = ledger_of(toy.runs[1])["stages"]
+    assert stages["counting"]["origin"] == toy.runs[0].name
+    assert stages["doubling"]["origin"] == stages["adding"]["origin"] == toy.runs[1].name
+    assert (toy.runs[1] / "tables/numbers.parquet").stat().st_ino == (
+        toy.runs[0] / "tables/numbers.parquet"
+    ).stat().st_ino
+
+
+def test_equal_content_cuts_off_downstream(toy):
+    toy()
+    result = toy("counting.label=other")
+    assert result.returncode == 0
+    stages = ledger_of(toy.runs[1])["stages"]
+    assert stages["counting"]["origin"] == toy.runs[1].name
+    assert stages["doubling"]["origin"] == stages["adding"]["origin"] == toy.runs[0].name
+
+
+def test_changed_code_reruns_the_stage_and_says_which_file(toy, tmp_path):
+    package = tmp_path / "copied_toy"
+    shutil.copytree("tests/pipeline/toy", package, ignore=shutil.ignore_patterns("__pycache__"))
+    toy.environment["PYTHONPATH"] = str(tmp_path)
+    toy.fixed += ("workflow.package=copied_toy",)
+    assert toy().returncode == 0
+    (package / "adding.py").write_text((package / "adding.py").read_text().replace(".sum()]", ".sum() + 1]"))
+    plan = toy("plan=true").stdout
+    assert "adding    run    code changed (copied_toy/adding.py)" in plan
+    assert "doubling  fresh" in plan
+    assert toy().returncode == 0
+    assert len(toy.runs) == 2
+
+
+def test_single_stage_runs_again_on_the_tables_of_another_run(toy):
+    toy()
+    result = toy("stages=[adding]")
+    assert result.returncode == 0, result.stderr
+    assert "adding    ran" in result.stdout
+    assert "asked for by name" in result.stdout
+    stages = ledger_of(toy.runs[1])["stages"]
+    assert stages["adding"]["origin"] == toy.runs[1].name
+    assert stages["doubling"]["origin"] == toy.runs[0].name
+
+
+def test_single_stage_refuses_stale_inputs_and_says_what_to_type(toy):
+    result = toy("stages=[adding]")
+    assert result.returncode == 2
+    assert (
+        "counting is needed first and is not fresh (no run has it yet); type stages=[counting,adding]" in result.stderr
+    )
+    assert not toy.outputs.exists()
+
+
+def test_killed_run_continues_at_the_next_part_with_identical_tables(toy):
+    toy()
+    reference = tables_of(toy.runs[0])
+    shutil.rmtree(toy.outputs)
+    process = toy.start("doubling.pause_s=0.4")
+    wait_for_parts(process, toy, 2)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    (run,) = toy.runs
+    landed = {path.name: path.stat().st_mtime_ns for path in run.glob("parts/doubling-*/*")}
+    assert "killed" in toy.review("list").stdout
+    result = toy("doubling.pause_s=0.4")
+    assert result.returncode == 0, result.stderr
+    assert f"resuming {run}" in result.stdout
+    assert toy.runs == [run]
+    assert len(landed) >= 2
+    log = (run / "log.txt").read_text()
+    assert log.count("counting: done") == 1
+    assert tables_of(run) == reference
+
+
+@pytest.mark.parametrize(("number", "code", "word"), [(signal.SIGINT, 130, "Ctrl-C"), (signal.SIGTERM, 143, "SIGTERM")])
+def test_signals_end_with_one_line_and_the_command_that_continues(toy, number, code, word):
+    process = toy.start("doubling.pause_s=0.4")
+    wait_for_parts(process, toy, 1)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == code
+    assert len(errors.strip().splitlines()) == 1
+    assert f"stopped by {word}; to continue, type: python -m pipeline --config-dir" in errors
+    assert errors.strip().endswith("doubling.pause_s=0.4")
+    assert ledger_of(toy.runs[0])["status"] == "interrupted"
+    assert toy("doubling.pause_s=0.4").returncode == 0
+    assert len(toy.runs) == 1
+
+
+def test_failing_stage_ends_with_one_line_and_a_traceback_in_the_log(toy):
+    result = toy("doubling.fail_at=3")
+    assert result.returncode == 1
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert "doubling failed: ArithmeticError: cannot double 3" in result.stderr
+    assert result.stderr.strip().endswith("doubling.fail_at=3")
+    (run,) = toy.runs
+    log = (run / "log.txt").read_text()
+    assert "Traceback" in log
+    assert "ArithmeticError: cannot double 3" in log
+    assert ledger_of(run)["status"] == "failed"
+
+
+def test_damaged_table_is_remade_not_reused(toy):
+    toy()
+    path = toy.runs[0] / "tables/doubles.parquet"
+    path.write_bytes(path.read_bytes()[:-40])
+    plan = toy("plan=true").stdout
+    assert f"tables/doubles.parquet of run {toy.runs[0].name} is damaged" in plan
+    assert toy().returncode == 0
+    stages = ledger_of(toy.runs[1])["stages"]
+    assert stages["doubling"]["origin"] == toy.runs[1].name
+
+
+def test_a_running_run_is_left_alone(toy):
+    process = toy.start("doubling.pause_s=0.3")
+    wait_for_parts(process, toy, 1)
+    result = toy("doubling.pause_s=0.3")
+    assert result.returncode == 0
+    process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert len(toy.runs) == 2
+    assert tables_of(toy.runs[0]) == tables_of(toy.runs[1])
+
+
+def test_review_lists_shows_and_helps(toy):
+    assert "no runs in" in toy.review("list").stdout
+    toy()
+    name = toy.runs[0].name
+    assert name in toy.review("list").stdout
+    assert "doubles (6)" in toy.review("show", "latest").stdout
+    shown = toy.review("show", name[:10], "numbers", "--rows", "2").stdout
+    assert "draw" in shown
+    assert "first 2 of 6 rows" in shown
+    wrong = toy.review("show", name, "nmbers")
+    assert wrong.returncode == 2
+    assert "did you mean 'numbers'?" in wrong.stderr
+    missing = toy.review("show", "2001")
+    assert missing.returncode == 2
+    assert "no run '2001'" in missing.stderr

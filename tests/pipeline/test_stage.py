@@ -1,0 +1,63 @@
+"""Wiring by signature."""
+
+import pytest
+from pydantic import BaseModel
+
+from pipeline.errors import WiringError
+from pipeline.stage import order_stages, stage
+from pipeline.table import Table, column
+
+
+def table(name):
+    return Table(name, name, {"value": column(int, "value")})
+
+
+class Config(BaseModel):
+    pass
+
+
+@stage(table("a"))
+def first(cfg: Config, ctx):
+    """Write a."""
+
+
+@stage(table("b"))
+def second(cfg: Config, a, ctx):
+    """Read a, write b."""
+
+
+@stage(table("c"))
+def third(cfg: Config, a, b, ctx):
+    """Read a and b, write c."""
+
+
+@stage(table("a"))
+def rival(cfg: Config, ctx):
+    """Write a too."""
+
+
+@stage(table("a"))
+def circular(cfg: Config, b, ctx):
+    """Write a from b."""
+
+
+def test_signature_is_the_wiring():
+    assert third.reads == ("a", "b")
+    assert [each.name for each in order_stages([third, second, first])] == ["first", "second", "third"]
+
+
+def test_refuses_two_writers_no_writer_and_cycles():
+    with pytest.raises(WiringError, match="table a is written by first and by rival"):
+        order_stages([first, rival])
+    with pytest.raises(WiringError, match="stage third reads table b, which no stage"):
+        order_stages([first, third])
+    with pytest.raises(WiringError, match="stages wait for each other"):
+        order_stages([circular, second])
+
+
+def test_refuses_a_function_without_configuration():
+    with pytest.raises(WiringError, match="expected parameters cfg"):
+
+        @stage(table("d"))
+        def bare(ctx):
+            """Lack cfg."""
