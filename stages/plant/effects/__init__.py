@@ -1,0 +1,1 @@
+"""Named effects, one file each; a plant lists those it has."""

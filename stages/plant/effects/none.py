@@ -1,0 +1,16 @@
+"""No effect at all, so that its absence is a choice like any other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from stages.plant.effect import ChainEffect, State
+from stages.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the signal as it is."""
+    return signal
+
+
+EFFECT = ChainEffect(name="none", site="muscle", signal="force_n", parameters=(), source="nothing", apply=apply)

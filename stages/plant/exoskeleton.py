@@ -1,0 +1,112 @@
+"""The machine's rows: which joints there are and which muscles move them.
+
+Rows of the configuration flow in; nothing else in the code knows how many joints or muscles there are.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Literal, Self
+
+from pydantic import Field, PositiveFloat, model_validator
+
+from stages.plant.declaration import Declared, nearest
+
+
+class Joint(Declared):
+    """One joint of machine and limb together."""
+
+    name: str = Field(description="name of the joint")
+    lower_rad: float = Field(description="lower end stop, rad")
+    upper_rad: float = Field(description="upper end stop, rad")
+    inertia_kg_m2: PositiveFloat = Field(description="inertia of limb and link about the joint, kg m^2")
+    gravity_torque_nm: float = Field(ge=0.0, description="gravity torque of the horizontal limb, N m")
+    gravity_zero_rad: float = Field(description="angle at which the limb hangs, rad")
+    viscous_nm_s_per_rad: float = Field(ge=0.0, description="passive damping of limb and bearing, N m s/rad")
+    stop_nm_per_rad: PositiveFloat = Field(description="stiffness of the end stops, N m/rad")
+    stop_nm_s_per_rad: float = Field(ge=0.0, description="damping of the end stops, N m s/rad")
+    strength_nm: PositiveFloat = Field(description="largest voluntary torque of a person here, N m")
+
+    @model_validator(mode="after")
+    def _order_limits(self) -> Self:
+        if self.lower_rad >= self.upper_rad:
+            raise ValueError(
+                f"joint {self.name}: expected lower_rad < upper_rad, got {self.lower_rad} and {self.upper_rad}"
+            )
+        return self
+
+
+class Muscle(Declared):
+    """One pneumatic muscle with its place on a joint."""
+
+    name: str = Field(description="name of the muscle")
+    joint: str = Field(description="joint that it moves")
+    role: Literal["agonist", "antagonist"] = Field(description="agonists raise the angle")
+    type: str = Field(description="type, by which constants and limits are looked up")
+    rest_length_m: PositiveFloat = Field(description="length without pressure and load, m")
+    nominal_diameter_m: PositiveFloat = Field(description="inner diameter without pressure, m")
+    moment_arm_m: PositiveFloat = Field(description="radius of the cable's pulley at the joint, m")
+    contraction_at_angle_0: float = Field(gt=-0.1, lt=0.4, description="contraction at angle 0, ratio of rest length")
+    sign: Literal[-1, 1] = Field(description="1 when it shortens as the angle grows")
+    max_pressure_kpa: PositiveFloat = Field(description="largest permitted pressure, kPa gauge")
+
+    @property
+    def contraction_per_rad(self) -> float:
+        """Change of contraction with joint angle, 1/rad."""
+        return self.sign * self.moment_arm_m / self.rest_length_m
+
+    @property
+    def torque_arm_m(self) -> float:
+        """Joint torque per tension, signed, m."""
+        return self.sign * self.moment_arm_m
+
+
+class VelocityFilter(Declared):
+    """The filter behind every recorded velocity."""
+
+    window_s: PositiveFloat = Field(description="length of the window, s")
+    order: int = Field(ge=1, description="degree of the fitted polynomial")
+
+
+class Exoskeleton(Declared):
+    """Joints, muscles, and how they are sampled."""
+
+    sampling_rate_hz: PositiveFloat
+    trial_s: PositiveFloat
+    load_cell_site: Literal["muscle_tip", "joint_end"]
+    velocity_filter: VelocityFilter
+    joints: list[Joint] = Field(min_length=1)
+    muscles: list[Muscle] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _match_rows(self) -> Self:
+        for kind, names in (("joint", self.joint_names), ("muscle", self.muscle_names)):
+            twice = [name for name, count in Counter(names).items() if count > 1]
+            if twice:
+                raise ValueError(f"{kind} '{twice[0]}' is listed twice; give each {kind} its own name")
+        for muscle in self.muscles:
+            if muscle.joint not in self.joint_names:
+                raise ValueError(
+                    f"muscle {muscle.name}: no joint '{muscle.joint}'; {nearest(muscle.joint, self.joint_names)}"
+                )
+        return self
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the joints, in order."""
+        return [joint.name for joint in self.joints]
+
+    @property
+    def muscle_names(self) -> list[str]:
+        """Names of the muscles, in order."""
+        return [muscle.name for muscle in self.muscles]
+
+    @property
+    def joint_of_muscle(self) -> list[int]:
+        """Index of each muscle's joint."""
+        return [self.joint_names.index(muscle.joint) for muscle in self.muscles]
+
+    @property
+    def samples(self) -> int:
+        """Samples of one trial."""
+        return round(self.trial_s * self.sampling_rate_hz)

@@ -1,0 +1,96 @@
+"""The static law of a pneumatic muscle, with linear damping, and the constants it takes.
+
+Pressure, contraction and its velocity flow in; tension comes out. The law is linear in pressure and quadratic in
+contraction, beside a part that does not depend on pressure.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from stages.signals.trajectories import Array
+
+
+class MuscleConstants(NamedTuple):
+    """Constants of K muscles, (K,) arrays, as compiled code takes them."""
+
+    area_n_per_kpa: Array
+    braid_a: Array
+    braid_b: Array
+    contraction_factor: Array
+    passive_linear_n: Array
+    passive_quadratic_n: Array
+    damping_n_s: Array
+    valve_tau_s: Array
+    contraction_at_angle_0: Array
+    contraction_per_rad: Array
+    torque_arm_m: Array
+    full_force_n: Array
+
+
+def braid_coefficients(angle_deg: float) -> tuple[float, float]:
+    """Return a = 3 / tan^2 and b = 1 / sin^2 of the braid angle (Chou and Hannaford 1996)."""
+    angle = np.deg2rad(angle_deg)
+    return float(3.0 / np.tan(angle) ** 2), float(1.0 / np.sin(angle) ** 2)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def pull(pressure, contraction, velocity, area, a, b, factor, linear, quadratic, damping):
+    """Return the tension of one muscle, N; never negative.
+
+    Notes
+    -----
+    Chou and Hannaford, Measurement and modeling of McKibben pneumatic artificial muscles, IEEE Trans. Robot. Autom. 12
+    (1996): F = P pi r^2 (a (1 - C)^2 - b). The factor on C accounts for tapering ends (Tondu and Lopez, IEEE Control
+    Syst. Mag. 20, 2000); the part without pressure is the rubber tube's.
+    """
+    shape = 1.0 - factor * contraction
+    active = pressure * area * (a * shape * shape - b)
+    passive = contraction * (linear + quadratic * contraction) + damping * velocity
+    return max(active - passive, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _pull_columns(pressure, contraction, velocity, muscles):
+    tension = np.empty_like(pressure)
+    for k in range(pressure.shape[0]):
+        for m in range(pressure.shape[1]):
+            tension[k, m] = pull(
+                pressure[k, m],
+                contraction[k, m],
+                velocity[k, m],
+                muscles.area_n_per_kpa[m],
+                muscles.braid_a[m],
+                muscles.braid_b[m],
+                muscles.contraction_factor[m],
+                muscles.passive_linear_n[m],
+                muscles.passive_quadratic_n[m],
+                muscles.damping_n_s[m],
+            )
+    return tension
+
+
+def compute_tension(pressure_kpa: Array, contraction: Array, velocity_per_s: Array, muscles: MuscleConstants) -> Array:
+    """Return the tension of each muscle by the static law with linear damping.
+
+    Parameters
+    ----------
+    pressure_kpa : (T, K) ndarray
+        Pressure in the muscle, kPa gauge.
+    contraction : (T, K) ndarray
+        Ratio of rest length, positive when shorter.
+    velocity_per_s : (T, K) ndarray
+        Its rate, 1/s.
+    muscles : MuscleConstants
+        Constants of the K columns.
+
+    Returns
+    -------
+    (T, K) ndarray
+        Tension, N; a slack muscle pulls with zero.
+    """
+    arrays = (np.ascontiguousarray(each, dtype=float) for each in (pressure_kpa, contraction, velocity_per_s))
+    return _pull_columns(*arrays, muscles)

@@ -1,0 +1,102 @@
+"""A person who moves in the machine: what they intend, and how stiffly and shakily they follow it.
+
+A reference and a generator flow in; the intended movement and the torque that pushes beside it come out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field, PositiveFloat
+
+from stages.plant.declaration import Declared
+from stages.plant.exoskeleton import Exoskeleton
+from stages.signals.noise import band_noise
+from stages.signals.trajectories import Array
+
+
+class Participant(Declared):
+    """One person, in numbers that hold for any set of joints."""
+
+    delay_s: float = Field(ge=0.0, description="from what is shown to what is intended, s")
+    gain: PositiveFloat = Field(description="intended over shown excursion from mid-range, 1")
+    noise_rad: float = Field(ge=0.0, description="standard deviation of the intention's wander, rad")
+    noise_hz: PositiveFloat = Field(description="highest frequency of the wander, Hz")
+    tremor_rad_per_s2: float = Field(ge=0.0, description="standard deviation of tremor, angular acceleration, rad/s^2")
+    tremor_low_hz: PositiveFloat = Field(description="lowest frequency of tremor, Hz")
+    tremor_high_hz: PositiveFloat = Field(description="highest frequency of tremor, Hz")
+    strength: PositiveFloat = Field(description="strength, multiples of the joint's strength_nm, 1")
+    stiffness_per_rad: PositiveFloat = Field(description="stiffness over the joint's strength_nm, 1/rad")
+    damping_ratio: PositiveFloat = Field(description="damping over critical damping of the joint's inertia, 1")
+    compensation_s: PositiveFloat = Field(description="time constant by which a held load is compensated, s")
+
+
+class Person(NamedTuple):
+    """Constants of a person at each joint, (J,) arrays, as the integrator takes them; zeros for nobody."""
+
+    stiffness_nm_per_rad: Array
+    damping_nm_s_per_rad: Array
+    compensation_per_s: Array
+    strength_nm: Array
+
+
+class Intention(NamedTuple):
+    """What a person does over time, (T, J) arrays."""
+
+    angle_rad: Array
+    velocity_rad_per_s: Array
+    push_nm: Array
+
+
+def embody(participant: Participant, exoskeleton: Exoskeleton) -> Person:
+    """Return a participant's constants at each joint."""
+    inertia = np.array([joint.inertia_kg_m2 for joint in exoskeleton.joints])
+    strength = np.array([joint.strength_nm for joint in exoskeleton.joints])
+    stiffness = participant.stiffness_per_rad * strength
+    damping = 2.0 * participant.damping_ratio * np.sqrt(stiffness * inertia)
+    compensation = np.full(inertia.shape, 1.0 / participant.compensation_s)
+    return Person(stiffness, damping, compensation, participant.strength * strength)
+
+
+def nobody(exoskeleton: Exoskeleton) -> Person:
+    """Return the constants of a limb that does nothing."""
+    zeros = np.zeros(len(exoskeleton.joints))
+    return Person(zeros, zeros.copy(), zeros.copy(), zeros.copy())
+
+
+def intend(
+    participant: Participant, exoskeleton: Exoskeleton, reference_rad: Array, generator: np.random.Generator
+) -> Intention:
+    """Return what a person intends when shown a reference.
+
+    The reference is delayed (its start is held), scaled about the middle of the joint's range, and wanders.
+
+    Parameters
+    ----------
+    participant : Participant
+        Who moves.
+    exoskeleton : Exoskeleton
+        The machine.
+    reference_rad : (T, J) ndarray
+        Joint angles shown, rad.
+    generator : numpy.random.Generator
+        The only source of randomness.
+    """
+    rate = exoskeleton.sampling_rate_hz
+    samples, joints = reference_rad.shape
+    middle = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in exoskeleton.joints])
+    inertia = np.array([joint.inertia_kg_m2 for joint in exoskeleton.joints])
+    time_s = np.arange(samples) / rate
+    delayed = np.stack([np.interp(time_s - participant.delay_s, time_s, column) for column in reference_rad.T], axis=1)
+    wander = band_noise(generator, samples, joints, rate, 0.0, participant.noise_hz)
+    tremor = band_noise(generator, samples, joints, rate, participant.tremor_low_hz, participant.tremor_high_hz)
+    angle = middle + participant.gain * (delayed - middle) + participant.noise_rad * wander
+    push = participant.tremor_rad_per_s2 * inertia * tremor
+    return Intention(angle, np.gradient(angle, 1.0 / rate, axis=0), push)
+
+
+def rest(exoskeleton: Exoskeleton, samples: int) -> Intention:
+    """Return the intention of nobody: none."""
+    zeros = np.zeros((samples, len(exoskeleton.joints)))
+    return Intention(zeros, zeros.copy(), zeros.copy())

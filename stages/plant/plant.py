@@ -1,0 +1,172 @@
+"""The plant's configuration: nominal constants of muscles and sensors, and a list of named effects.
+
+A section of YAML flows in; checked values come out. A muscle's constants stand under its type, or under its own name
+where it differs from its type.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Self
+
+import numpy as np
+from pydantic import Field, PositiveFloat, model_serializer, model_validator
+
+from stages.plant.declaration import Declared, nearest
+from stages.plant.effect import Effect, Parameter, find_effect
+from stages.plant.exoskeleton import Exoskeleton, Muscle
+from stages.plant.muscle import MuscleConstants, braid_coefficients
+
+
+class MuscleModel(Declared):
+    """Nominal constants of a muscle with its valve and sensors."""
+
+    valve_tau_s: float = Field(ge=0.0, description="time constant of valve and hose, s")
+    braid_angle_deg: float = Field(gt=5.0, lt=54.0, description="braid angle at rest, degrees")
+    contraction_factor: PositiveFloat = Field(description="factor on contraction for tapering ends, 1")
+    passive_linear_n: float = Field(ge=0.0, description="rubber's push per contraction, N")
+    passive_quadratic_n: float = Field(description="rubber's push per squared contraction, N")
+    damping_n_s: float = Field(ge=0.0, description="tension lost per contraction velocity, N s")
+    pressure_noise_kpa: float = Field(ge=0.0, description="standard deviation of the pressure sensor, kPa")
+    force_noise_n: float = Field(ge=0.0, description="standard deviation of the load cell, N")
+
+
+class Encoder(Declared):
+    """Joint angle sensor."""
+
+    noise_rad: float = Field(ge=0.0, description="standard deviation before rounding, rad")
+    resolution_rad: float = Field(ge=0.0, description="one count, rad; 0 for none")
+
+
+class AppliedEffect(Declared):
+    """One entry of the plant's list: an effect by name, where it is, and its parameters, written flat in YAML."""
+
+    name: str
+    muscles: list[str] | None
+    joints: list[str] | None
+    parameters: dict[str, float]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, entry: Any) -> Any:
+        if not isinstance(entry, Mapping) or "parameters" in entry:
+            return entry
+        if "name" not in entry:
+            raise ValueError("an effect needs a name")
+        effect = find_effect(str(entry["name"]))
+        place, other = ("joints", "muscles") if effect.site == "joint" else ("muscles", "joints")
+        if place not in entry:
+            raise ValueError(f"effect {effect.name}: missing key '{place}' (a list of names, or null for all)")
+        if entry.get(other) is not None:
+            raise ValueError(f"effect {effect.name} acts at the {effect.site}: choose {place}, not {other}")
+        numbers = {key: value for key, value in entry.items() if key not in ("name", "muscles", "joints")}
+        return {"name": effect.name, place: entry[place], other: None, "parameters": check_parameters(effect, numbers)}
+
+    @model_serializer
+    def _write(self) -> dict[str, Any]:
+        place = "joints" if self.effect.site == "joint" else "muscles"
+        return {"name": self.name, place: getattr(self, place), **self.parameters}
+
+    @property
+    def effect(self) -> Effect:
+        """The effect itself."""
+        return find_effect(self.name)
+
+
+def check_parameters(effect: Effect, values: Mapping[str, Any]) -> dict[str, float]:
+    """Return an effect's parameters as floats, in declared order.
+
+    Raises
+    ------
+    ValueError
+        For one that is unknown, missing, no number or out of bounds.
+    """
+    declared = {parameter.name: parameter for parameter in effect.parameters}
+    for name in values:
+        if name not in declared:
+            raise ValueError(f"effect {effect.name} has no parameter '{name}': {nearest(str(name), declared)}")
+    for name, parameter in declared.items():
+        if name not in values:
+            raise ValueError(
+                f"effect {effect.name}: missing parameter '{name}' ({parameter.description}, {parameter.unit})"
+            )
+    return {name: _check_bounds(effect.name, parameter, values[name]) for name, parameter in declared.items()}
+
+
+def _check_bounds(effect: str, parameter: Parameter, value: Any) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not parameter.low <= value <= parameter.high:
+        raise ValueError(
+            f"effect {effect}, {parameter.name}: expected a number from {parameter.low} to {parameter.high} "
+            f"{parameter.unit}, got {value!r}"
+        )
+    return float(value)
+
+
+class Plant(Declared):
+    """Everything the simulation needs to know beside the exoskeleton's rows."""
+
+    muscles: dict[str, MuscleModel]
+    encoder: Encoder
+    integration_step_s: PositiveFloat
+    relaxation_passes: int = Field(ge=1)
+    effects: list[AppliedEffect]
+
+    def check_against(self, exoskeleton: Exoskeleton) -> Self:
+        """Return the plant if it fits the machine.
+
+        Raises
+        ------
+        ValueError
+            When a muscle has no constants, or an effect names a muscle or joint that does not exist.
+        """
+        for muscle in exoskeleton.muscles:
+            self.model_of(muscle)
+        for entry in self.effects:
+            for kind, chosen, known in (
+                ("muscle", entry.muscles, exoskeleton.muscle_names),
+                ("joint", entry.joints, exoskeleton.joint_names),
+            ):
+                for name in chosen or []:
+                    if name not in known:
+                        raise ValueError(f"effect {entry.name}: no {kind} '{name}'; {nearest(name, known)}")
+        return self
+
+    def model_of(self, muscle: Muscle) -> MuscleModel:
+        """Return a muscle's constants: its own, else its type's.
+
+        Raises
+        ------
+        ValueError
+            When there are neither.
+        """
+        for key in (muscle.name, muscle.type):
+            if key in self.muscles:
+                return self.muscles[key]
+        hint = nearest(muscle.type, self.muscles)
+        raise ValueError(f"plant has no constants for muscle {muscle.name} or its type {muscle.type}; {hint}")
+
+
+def collect_constants(exoskeleton: Exoskeleton, plant: Plant) -> MuscleConstants:
+    """Return the constants of all muscles as arrays, in the exoskeleton's order."""
+    rows = [_constants_of(muscle, plant.model_of(muscle)) for muscle in exoskeleton.muscles]
+    return MuscleConstants(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
+
+
+def _constants_of(muscle: Muscle, model: MuscleModel) -> tuple[float, ...]:
+    area = 1000.0 * np.pi * (0.5 * muscle.nominal_diameter_m) ** 2
+    a, b = braid_coefficients(model.braid_angle_deg)
+    return (
+        area,
+        a,
+        b,
+        model.contraction_factor,
+        model.passive_linear_n,
+        model.passive_quadratic_n,
+        model.damping_n_s,
+        model.valve_tau_s,
+        muscle.contraction_at_angle_0,
+        muscle.contraction_per_rad,
+        muscle.torque_arm_m,
+        area * muscle.max_pressure_kpa * (a - b),
+    )

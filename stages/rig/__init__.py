@@ -1,0 +1,9 @@
+"""Rigs: what executes a trial and returns a recording, simulated or real, under one contract.
+
+The rigs themselves are named by configuration and imported from there.
+"""
+
+from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, Rig, RigError, Trial, tidy
+from stages.rig.reference import tracked_trial
+
+__all__ = ["MEASUREMENT_COLUMNS", "Recording", "Rig", "RigError", "Trial", "tidy", "tracked_trial"]

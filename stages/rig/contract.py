@@ -1,0 +1,287 @@
+"""What every rig is: it takes a trial and returns what was applied and measured.
+
+A `Trial` flows in, a `Recording` flows out; `tidy` turns it into the columns that tables of measurements share.
+Simulated and real rigs are siblings: shapes are known before connecting, trials run inside ``with rig:``, and the rig
+lets go of its actuators whatever happens.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from types import TracebackType
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+import pandera.pandas as pa
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class RigError(RuntimeError):
+    """A rig was asked for what it cannot do now; the message says what to do instead."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One trial to execute.
+
+    Parameters
+    ----------
+    kind : str
+        ``free`` (the experimenter moves as they like), ``tracked`` (a participant follows the reference) or ``passive``
+        (nobody moves).
+    participant : str
+        Who is in the machine; ``nobody`` in a passive trial.
+    pressure_command_kpa : (T, M) ndarray
+        Commanded pressures, kPa gauge, each held until the next sample.
+    reference_rad : (T, J) ndarray or None
+        Joint angles to follow, rad; only in a tracked trial.
+    label : str
+        Names the trial for an operator.
+    """
+
+    kind: Literal["free", "tracked", "passive"]
+    participant: str
+    pressure_command_kpa: Array
+    reference_rad: Array | None = None
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("free", "tracked", "passive"):
+            raise ValueError(f"trial kind: expected free, tracked or passive, got '{self.kind}'")
+        if (self.kind == "tracked") != (self.reference_rad is not None):
+            raise ValueError(f"a {self.kind} trial takes {'a' if self.kind == 'tracked' else 'no'} reference_rad")
+        command = _as_matrix("pressure_command_kpa", self.pressure_command_kpa)
+        object.__setattr__(self, "pressure_command_kpa", command)
+        if self.reference_rad is not None:
+            reference = _as_matrix("reference_rad", self.reference_rad)
+            object.__setattr__(self, "reference_rad", reference)
+            if len(reference) != len(command):
+                raise ValueError(f"reference_rad has {len(reference)} samples, pressure_command_kpa {len(command)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What was applied and measured in one trial, T samples of M muscles and J joints.
+
+    Parameters
+    ----------
+    time_s : (T,) ndarray
+        From the trial's start.
+    pressure_command_kpa : (T, M) ndarray
+        As applied, after limits, kPa gauge.
+    pressure_kpa, contraction, contraction_velocity_per_s, force_n : (T, M) ndarray
+        Sensors; contraction and its velocity follow from the encoders and the nominal geometry.
+    joint_angle_rad, joint_velocity_rad_per_s : (T, J) ndarray
+        Encoders, and their filtered derivative.
+    """
+
+    time_s: Array
+    pressure_command_kpa: Array
+    pressure_kpa: Array
+    contraction: Array
+    contraction_velocity_per_s: Array
+    force_n: Array
+    joint_angle_rad: Array
+    joint_velocity_rad_per_s: Array
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            shape = getattr(self, field.name).shape
+            like = self.joint_angle_rad if field.name.startswith("joint") else self.pressure_command_kpa
+            expected = self.time_s.shape if field.name == "time_s" else (len(self.time_s), like.shape[-1])
+            if shape != expected:
+                raise ValueError(f"recording: expected {field.name} of shape {expected}, got {shape}")
+
+
+class Rig(ABC):
+    """Executes trials. A subclass says what it has, how it connects, runs one trial and lets go."""
+
+    real: ClassVar[bool]
+
+    @property
+    @abstractmethod
+    def muscles(self) -> Sequence[str]:
+        """Names of the muscles, in the order of the recordings' columns."""
+
+    @property
+    @abstractmethod
+    def joints(self) -> Sequence[str]:
+        """Names of the joints, in the order of the recordings' columns."""
+
+    @property
+    @abstractmethod
+    def muscle_joints(self) -> Sequence[str]:
+        """Name of the joint that each muscle moves."""
+
+    @property
+    @abstractmethod
+    def sampling_rate_hz(self) -> float:
+        """Samples per second."""
+
+    @property
+    @abstractmethod
+    def samples(self) -> int:
+        """Samples of one trial."""
+
+    @property
+    @abstractmethod
+    def people(self) -> Sequence[str]:
+        """Who may be in the machine."""
+
+    @property
+    @abstractmethod
+    def connected(self) -> bool:
+        """Whether trials can be executed now."""
+
+    @abstractmethod
+    def connect(self) -> None:
+        """Take hold of the hardware."""
+
+    @abstractmethod
+    def release(self) -> None:
+        """Let go of every actuator, each being tried, then raise the first error met; harmless when not connected."""
+
+    @abstractmethod
+    def run(self, trial: Trial, generator: np.random.Generator) -> Recording:
+        """Execute a checked trial while connected; `execute` is what callers use."""
+
+    def execute(self, trial: Trial, generator: np.random.Generator) -> Recording:
+        """Execute one trial.
+
+        Parameters
+        ----------
+        trial : Trial
+            Of this rig's shape.
+        generator : numpy.random.Generator
+            The only source of randomness.
+
+        Raises
+        ------
+        RigError
+            When the rig is not connected.
+        ValueError
+            When the trial does not fit the rig. After any exception the actuators are released.
+        """
+        if not self.connected:
+            raise RigError(f"{type(self).__name__} is not connected; write: with rig: rig.execute(trial, generator)")
+        try:
+            check_trial(trial, self)
+            return self.run(trial, generator)
+        except BaseException as error:
+            _release_after(self, error)
+            raise
+
+    def __enter__(self) -> Self:
+        try:
+            self.connect()
+        except BaseException as error:
+            _release_after(self, error)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.release()
+        else:
+            _release_after(self, error)
+
+
+def check_trial(trial: Trial, rig: Rig) -> None:
+    """Check that a trial fits a rig.
+
+    Raises
+    ------
+    ValueError
+        Saying what the rig has and what the trial asked for.
+    """
+    expected = (rig.samples, len(rig.muscles))
+    if trial.pressure_command_kpa.shape != expected:
+        raise ValueError(
+            f"pressure_command_kpa: this rig takes {expected[0]} samples of {expected[1]} muscles, "
+            f"got shape {trial.pressure_command_kpa.shape}"
+        )
+    if trial.reference_rad is not None and trial.reference_rad.shape != (rig.samples, len(rig.joints)):
+        raise ValueError(
+            f"reference_rad: this rig takes {rig.samples} samples of {len(rig.joints)} joints, "
+            f"got shape {trial.reference_rad.shape}"
+        )
+    if (trial.kind == "passive") != (trial.participant == "nobody"):
+        raise ValueError(
+            f"participant '{trial.participant}' in a {trial.kind} trial: 'nobody' goes with passive, and only there"
+        )
+    if trial.kind != "passive" and trial.participant not in rig.people:
+        raise ValueError(f"no participant '{trial.participant}'; this rig knows {', '.join(sorted(rig.people))}")
+
+
+def tidy(recording: Recording, rig: Rig) -> dict[str, NDArray[Any]]:
+    """Return a recording as long columns, one row per muscle and time: all of the first muscle, then the next.
+
+    Parameters
+    ----------
+    recording : Recording
+        From `rig`.
+    rig : Rig
+        Names the muscles and their joints.
+
+    Returns
+    -------
+    dict of str to (M T,) ndarray
+        The columns of `MEASUREMENT_COLUMNS`, in order; joint columns are those of the muscle's joint.
+    """
+    joint = [list(rig.joints).index(name) for name in rig.muscle_joints]
+    samples = len(recording.time_s)
+    columns: dict[str, NDArray[Any]] = {
+        "time_s": np.tile(recording.time_s, len(joint)),
+        "muscle": np.repeat(np.array(rig.muscles, dtype=object), samples),
+    }
+    for name in ("pressure_command_kpa", "pressure_kpa", "contraction", "contraction_velocity_per_s", "force_n"):
+        columns[name] = getattr(recording, name).T.ravel()
+    for name in ("joint_angle_rad", "joint_velocity_rad_per_s"):
+        columns[name] = getattr(recording, name)[:, joint].T.ravel()
+    return columns
+
+
+def _measurement(
+    dtype: type, unit: str, description: str, low: float | None = None, high: float | None = None
+) -> pa.Column:
+    checks = [] if low is None else [pa.Check.ge(low), pa.Check.le(high)]
+    return pa.Column(dtype, checks, nullable=False, description=description, metadata={"unit": unit})
+
+
+MEASUREMENT_COLUMNS: dict[str, pa.Column] = {
+    "time_s": _measurement(float, "s", "time from the trial's start", 0.0, 3600.0),
+    "muscle": _measurement(str, "1", "name of the muscle"),
+    "pressure_command_kpa": _measurement(
+        float, "kPa", "commanded gauge pressure as applied, held until the next sample", 0.0, 1000.0
+    ),
+    "pressure_kpa": _measurement(float, "kPa", "gauge pressure at the valve", -50.0, 1100.0),
+    "contraction": _measurement(float, "1", "contraction by encoder and geometry, ratio of rest length", -0.2, 0.5),
+    "contraction_velocity_per_s": _measurement(float, "1/s", "filtered derivative of contraction", -20.0, 20.0),
+    "force_n": _measurement(float, "N", "tension at the load cell", 0.0, 10000.0),
+    "joint_angle_rad": _measurement(float, "rad", "angle of the muscle's joint", -6.3, 6.3),
+    "joint_velocity_rad_per_s": _measurement(float, "rad/s", "filtered derivative of the joint's angle", -100.0, 100.0),
+}
+"""What every table of measurements holds of each sample; a table adds its own keys, such as the trial."""
+
+
+def _as_matrix(name: str, values: Array) -> Array:
+    matrix = np.ascontiguousarray(values, dtype=float)
+    if matrix.ndim != 2 or matrix.shape[0] < 2:
+        raise ValueError(f"{name}: expected a matrix of samples by columns, got shape {np.shape(values)}")
+    if not np.isfinite(matrix).all():
+        row = int(np.argmin(np.isfinite(matrix).all(axis=1)))
+        raise ValueError(f"{name}: expected finite numbers, got {matrix[row]} at sample {row}")
+    return matrix
+
+
+def _release_after(rig: Rig, error: BaseException) -> None:
+    try:
+        rig.release()
+    except Exception as second:
+        error.add_note(f"then releasing the rig failed too: {second}")

@@ -1,0 +1,66 @@
+"""What sensors make of a motion: noise, counts, and velocities that are filtered derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.plant.exoskeleton import Exoskeleton
+from stages.plant.interaction import Motion
+from stages.plant.plant import Encoder, Plant
+from stages.rig.contract import Recording
+from stages.signals.filtering import differentiate
+from stages.signals.trajectories import Array
+
+
+def record(
+    motion: Motion, command_kpa: Array, exoskeleton: Exoskeleton, plant: Plant, generator: np.random.Generator
+) -> Recording:
+    """Return the recording of a motion.
+
+    Parameters
+    ----------
+    motion : Motion
+        What happened.
+    command_kpa : (T, M) ndarray
+        What was applied, kPa gauge.
+    exoskeleton : Exoskeleton
+        Geometry, load-cell site and velocity filter.
+    plant : Plant
+        Sensor constants.
+    generator : numpy.random.Generator
+        The only source of randomness.
+    """
+    models = [plant.model_of(muscle) for muscle in exoskeleton.muscles]
+    pressure = motion.pressure_kpa + _white(
+        generator, motion.pressure_kpa, [each.pressure_noise_kpa for each in models]
+    )
+    pulled = motion.force_n if exoskeleton.load_cell_site == "muscle_tip" else motion.tension_n
+    force = np.maximum(pulled + _white(generator, pulled, [each.force_noise_n for each in models]), 0.0)
+    angle = read_encoder(motion.joint_angle_rad, plant.encoder, generator)
+    rate, window = exoskeleton.sampling_rate_hz, exoskeleton.velocity_filter
+    velocity = differentiate(angle, rate, window.window_s, window.order)
+    at_zero = np.array([muscle.contraction_at_angle_0 for muscle in exoskeleton.muscles])
+    per_rad = np.array([muscle.contraction_per_rad for muscle in exoskeleton.muscles])
+    joint = exoskeleton.joint_of_muscle
+    return Recording(
+        time_s=np.arange(len(angle)) / rate,
+        pressure_command_kpa=command_kpa,
+        pressure_kpa=pressure,
+        contraction=at_zero + per_rad * angle[:, joint],
+        contraction_velocity_per_s=per_rad * velocity[:, joint],
+        force_n=force,
+        joint_angle_rad=angle,
+        joint_velocity_rad_per_s=velocity,
+    )
+
+
+def read_encoder(angle_rad: Array, encoder: Encoder, generator: np.random.Generator) -> Array:
+    """Return what an encoder shows of true angles: noise, then whole counts."""
+    shown = angle_rad + encoder.noise_rad * generator.standard_normal(angle_rad.shape)
+    if encoder.resolution_rad == 0.0:
+        return shown
+    return np.round(shown / encoder.resolution_rad) * encoder.resolution_rad
+
+
+def _white(generator: np.random.Generator, like: Array, deviations: list[float]) -> Array:
+    return generator.standard_normal(like.shape) * np.array(deviations)

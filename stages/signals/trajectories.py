@@ -1,0 +1,94 @@
+"""Smooth movements from posture to posture.
+
+Via points flow in, or are drawn from a generator; a trajectory sampled at a fixed rate comes out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def minimum_jerk(share: ArrayLike) -> Array:
+    """Return the share of the way covered at a share of the time, with no velocity or acceleration at either end.
+
+    Parameters
+    ----------
+    share : array_like
+        Elapsed share of the movement's duration; values outside [0, 1] are held at its ends.
+
+    Returns
+    -------
+    ndarray of the same shape
+        Between 0 and 1.
+
+    Notes
+    -----
+    Flash and Hogan, The coordination of arm movements, J. Neurosci. 5 (1985): the polynomial 10 s^3 - 15 s^4 + 6 s^5.
+    """
+    s = np.clip(np.asarray(share, dtype=float), 0.0, 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+
+def connect_points(points: Array, start_s: Array, duration_s: Array, time_s: Array) -> Array:
+    """Return the trajectory that leaves each point at its time and reaches the next one with minimum jerk.
+
+    Parameters
+    ----------
+    points : (N + 1, J) ndarray
+        Postures, in any unit.
+    start_s, duration_s : (N,) ndarray
+        When each movement begins and how long it lasts; movements do not overlap. A duration of zero is a step.
+    time_s : (T,) ndarray
+        Where to sample.
+
+    Returns
+    -------
+    (T, J) ndarray
+        In the unit of `points`.
+    """
+    elapsed = time_s[:, None] - start_s
+    steps = duration_s <= 0.0
+    share = np.where(steps, elapsed >= 0.0, minimum_jerk(elapsed / np.where(steps, 1.0, duration_s)))
+    return points[0] + share @ np.diff(points, axis=0)
+
+
+def reach_postures(
+    generator: np.random.Generator,
+    low: ArrayLike,
+    high: ArrayLike,
+    samples: int,
+    sampling_rate_hz: float,
+    move_s: tuple[float, float],
+    rest_s: tuple[float, float],
+) -> Array:
+    """Draw a natural movement: reaches between random postures, with rests.
+
+    Parameters
+    ----------
+    generator : numpy.random.Generator
+        The only source of randomness.
+    low, high : (J,) array_like
+        Range of each joint's postures, rad.
+    samples : int
+        Length of the trajectory.
+    sampling_rate_hz : float
+        Samples per second.
+    move_s, rest_s : tuple of float
+        Shortest and longest duration of a reach and of a rest, s.
+
+    Returns
+    -------
+    (samples, J) ndarray
+        Joint angles, rad; all joints start and stop a reach together.
+    """
+    length_s = samples / sampling_rate_hz
+    count = int(np.ceil(length_s / max(move_s[0] + rest_s[0], 1.0 / sampling_rate_hz)))
+    rests = generator.uniform(*rest_s, size=count)
+    moves = generator.uniform(*move_s, size=count)
+    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    points = generator.uniform(low, high, size=(count + 1, low.size))
+    start_s = np.cumsum(rests + moves) - moves
+    return connect_points(points, start_s, moves, np.arange(samples) / sampling_rate_hz)
