@@ -10,13 +10,14 @@ import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 from stages.plant.declaration import nearest
 from stages.plant.muscle import MuscleConstants
 from stages.signals.trajectories import Array
 
-Site = Literal["command", "valve", "pressure", "muscle", "transmission", "joint", "sensor"]
+Site = Literal["command", "valve", "pressure", "muscle", "transmission", "joint"]
 Signal = Literal["pressure_command_kpa", "pressure_kpa", "acting_pressure_kpa", "contraction", "force_n", "tension_n"]
 
 
@@ -95,10 +96,11 @@ class JointEffect:
 Effect = ChainEffect | JointEffect
 
 
-def list_effects() -> list[str]:
+@cache
+def list_effects() -> tuple[str, ...]:
     """Return the names of all effects: the modules of ``stages.plant.effects``."""
     package = importlib.import_module("stages.plant.effects")
-    return sorted(module.name for module in pkgutil.iter_modules(package.__path__))
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
 
 
 def find_effect(name: str) -> Effect:
@@ -112,4 +114,5 @@ def find_effect(name: str) -> Effect:
     known = list_effects()
     if name not in known:
         raise ValueError(f"unknown effect '{name}': {nearest(name, known)}")
-    return importlib.import_module(f"stages.plant.effects.{name}").EFFECT
+    effect: Effect = importlib.import_module(f"stages.plant.effects.{name}").EFFECT
+    return effect

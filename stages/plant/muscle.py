@@ -37,8 +37,19 @@ def braid_coefficients(angle_deg: float) -> tuple[float, float]:
     return float(3.0 / np.tan(angle) ** 2), float(1.0 / np.sin(angle) ** 2)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
-def pull(pressure, contraction, velocity, area, a, b, factor, linear, quadratic, damping):
+@njit(cache=True, error_model="numpy")
+def pull(
+    pressure: float,
+    contraction: float,
+    velocity: float,
+    area: float,
+    a: float,
+    b: float,
+    factor: float,
+    linear: float,
+    quadratic: float,
+    damping: float,
+) -> float:
     """Return the tension of one muscle, N; never negative.
 
     Notes
@@ -54,7 +65,7 @@ def pull(pressure, contraction, velocity, area, a, b, factor, linear, quadratic,
 
 
 @njit(cache=True, error_model="numpy")
-def _pull_columns(pressure, contraction, velocity, muscles):
+def _pull_columns(pressure: Array, contraction: Array, velocity: Array, muscles: MuscleConstants) -> Array:
     tension = np.empty_like(pressure)
     for k in range(pressure.shape[0]):
         for m in range(pressure.shape[1]):
@@ -92,5 +103,8 @@ def compute_tension(pressure_kpa: Array, contraction: Array, velocity_per_s: Arr
     (T, K) ndarray
         Tension, N; a slack muscle pulls with zero.
     """
-    arrays = (np.ascontiguousarray(each, dtype=float) for each in (pressure_kpa, contraction, velocity_per_s))
-    return _pull_columns(*arrays, muscles)
+    pressure, contraction, velocity = (
+        np.ascontiguousarray(each, dtype=float) for each in (pressure_kpa, contraction, velocity_per_s)
+    )
+    tension: Array = _pull_columns(pressure, contraction, velocity, muscles)
+    return tension

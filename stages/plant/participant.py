@@ -5,13 +5,14 @@ A reference and a generator flow in; the intended movement and the torque that p
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field, PositiveFloat
 
 from stages.plant.declaration import Declared
-from stages.plant.exoskeleton import Exoskeleton
+from stages.plant.exoskeleton import Exoskeleton, Joint
 from stages.signals.noise import band_noise
 from stages.signals.trajectories import Array
 
@@ -33,12 +34,12 @@ class Participant(Declared):
 
 
 class Person(NamedTuple):
-    """Constants of a person at each joint, (J,) arrays, as the integrator takes them; zeros for nobody."""
+    """Constants of a person at one joint, as the integrator takes them; zeros for nobody."""
 
-    stiffness_nm_per_rad: Array
-    damping_nm_s_per_rad: Array
-    compensation_per_s: Array
-    strength_nm: Array
+    stiffness_nm_per_rad: float
+    damping_nm_s_per_rad: float
+    compensation_per_s: float
+    strength_nm: float
 
 
 class Intention(NamedTuple):
@@ -49,20 +50,20 @@ class Intention(NamedTuple):
     push_nm: Array
 
 
-def embody(participant: Participant, exoskeleton: Exoskeleton) -> Person:
+def embody(participant: Participant, exoskeleton: Exoskeleton) -> list[Person]:
     """Return a participant's constants at each joint."""
-    inertia = np.array([joint.inertia_kg_m2 for joint in exoskeleton.joints])
-    strength = np.array([joint.strength_nm for joint in exoskeleton.joints])
-    stiffness = participant.stiffness_per_rad * strength
-    damping = 2.0 * participant.damping_ratio * np.sqrt(stiffness * inertia)
-    compensation = np.full(inertia.shape, 1.0 / participant.compensation_s)
-    return Person(stiffness, damping, compensation, participant.strength * strength)
+    return [_embody_at(participant, joint) for joint in exoskeleton.joints]
 
 
-def nobody(exoskeleton: Exoskeleton) -> Person:
+def _embody_at(participant: Participant, joint: Joint) -> Person:
+    stiffness = participant.stiffness_per_rad * joint.strength_nm
+    damping = 2.0 * participant.damping_ratio * math.sqrt(stiffness * joint.inertia_kg_m2)
+    return Person(stiffness, damping, 1.0 / participant.compensation_s, participant.strength * joint.strength_nm)
+
+
+def nobody(exoskeleton: Exoskeleton) -> list[Person]:
     """Return the constants of a limb that does nothing."""
-    zeros = np.zeros(len(exoskeleton.joints))
-    return Person(zeros, zeros.copy(), zeros.copy(), zeros.copy())
+    return [Person(0.0, 0.0, 0.0, 0.0) for _ in exoskeleton.joints]
 
 
 def intend(

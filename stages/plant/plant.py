@@ -49,14 +49,14 @@ class AppliedEffect(Declared):
     @model_validator(mode="before")
     @classmethod
     def _read(cls, entry: Any) -> Any:
-        if not isinstance(entry, Mapping) or "parameters" in entry:
+        if not isinstance(entry, Mapping):
             return entry
         if "name" not in entry:
             raise ValueError("an effect needs a name")
         effect = find_effect(str(entry["name"]))
         place, other = ("joints", "muscles") if effect.site == "joint" else ("muscles", "joints")
         if place not in entry:
-            raise ValueError(f"effect {effect.name}: missing key '{place}' (a list of names, or null for all)")
+            raise ValueError(f"effect {effect.name}: missing key '{place}' (a list of {place}, or null for all)")
         if entry.get(other) is not None:
             raise ValueError(f"effect {effect.name} acts at the {effect.site}: choose {place}, not {other}")
         numbers = {key: value for key, value in entry.items() if key not in ("name", "muscles", "joints")}
@@ -118,7 +118,8 @@ class Plant(Declared):
         Raises
         ------
         ValueError
-            When a muscle has no constants, or an effect names a muscle or joint that does not exist.
+            When a muscle has no constants, an effect names a muscle or joint that does not exist, or a joint has the same
+        effect twice.
         """
         for muscle in exoskeleton.muscles:
             self.model_of(muscle)
@@ -130,7 +131,16 @@ class Plant(Declared):
                 for name in chosen or []:
                     if name not in known:
                         raise ValueError(f"effect {entry.name}: no {kind} '{name}'; {nearest(name, known)}")
+        self._check_joint_effects(exoskeleton)
         return self
+
+    def _check_joint_effects(self, exoskeleton: Exoskeleton) -> None:
+        seen = set()
+        for entry in self.effects:
+            for joint in (entry.joints or exoskeleton.joint_names) if entry.effect.site == "joint" else []:
+                if (entry.name, joint) in seen:
+                    raise ValueError(f"effect {entry.name} is listed twice for joint {joint}; list it once")
+                seen.add((entry.name, joint))
 
     def model_of(self, muscle: Muscle) -> MuscleModel:
         """Return a muscle's constants: its own, else its type's.

@@ -9,7 +9,7 @@ from stages.signals.trajectories import Array
 
 
 @njit(cache=True, error_model="numpy")
-def _lag_columns(signal, rise_decay, fall_decay):
+def _lag_columns(signal: Array, rise_decay: Array, fall_decay: Array) -> Array:
     lagged = np.empty_like(signal)
     lagged[0] = signal[0]
     for k in range(signal.shape[0] - 1):
@@ -37,5 +37,6 @@ def respond(command_kpa: Array, rise_tau_s: Array, fall_tau_s: Array, step_s: fl
     (T, K) ndarray
         Pressure, kPa gauge.
     """
-    decays = [np.exp(-step_s / np.maximum(tau, 1e-9)) for tau in (rise_tau_s, fall_tau_s)]
-    return _lag_columns(np.ascontiguousarray(command_kpa, dtype=float), *decays)
+    rise, fall = (np.exp(-step_s / np.maximum(tau, 1e-9)) for tau in (rise_tau_s, fall_tau_s))
+    pressure: Array = _lag_columns(np.ascontiguousarray(command_kpa, dtype=float), rise, fall)
+    return pressure

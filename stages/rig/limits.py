@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
+from numba import njit
 from pydantic import Field, PositiveFloat, model_validator
 
 from stages.plant.declaration import Declared, nearest
@@ -75,8 +76,15 @@ def apply_limits(command_kpa: Array, limits: Limits, muscles: Sequence[Muscle], 
     rows = [limits[muscle.type] for muscle in muscles]
     applied = np.clip(command_kpa, [row.low_kpa for row in rows], [row.high_kpa for row in rows])
     step = np.array([row.slew_kpa_per_s for row in rows]) / sampling_rate_hz
-    if (np.abs(np.diff(applied, axis=0)) <= step).all():
-        return applied
-    for k in range(1, len(applied)):
-        applied[k] = np.clip(applied[k], applied[k - 1] - step, applied[k - 1] + step)
+    limited: Array = _limit_slew(applied, step)
+    return limited
+
+
+@njit(cache=True)
+def _limit_slew(wanted: Array, step: Array) -> Array:
+    applied = wanted.copy()
+    for k in range(1, applied.shape[0]):
+        for m in range(applied.shape[1]):
+            before = applied[k - 1, m]
+            applied[k, m] = min(max(applied[k, m], before - step[m]), before + step[m])
     return applied

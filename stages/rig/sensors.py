@@ -59,8 +59,10 @@ def read_encoder(angle_rad: Array, encoder: Encoder, generator: np.random.Genera
     shown = angle_rad + encoder.noise_rad * generator.standard_normal(angle_rad.shape)
     if encoder.resolution_rad == 0.0:
         return shown
-    return np.round(shown / encoder.resolution_rad) * encoder.resolution_rad
+    counts: Array = np.round(shown / encoder.resolution_rad)
+    return counts * encoder.resolution_rad
 
 
 def _white(generator: np.random.Generator, like: Array, deviations: list[float]) -> Array:
-    return generator.standard_normal(like.shape) * np.array(deviations)
+    noise: Array = generator.standard_normal(like.shape) * np.array(deviations)
+    return noise

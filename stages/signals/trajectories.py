@@ -29,7 +29,8 @@ def minimum_jerk(share: ArrayLike) -> Array:
     Flash and Hogan, The coordination of arm movements, J. Neurosci. 5 (1985): the polynomial 10 s^3 - 15 s^4 + 6 s^5.
     """
     s = np.clip(np.asarray(share, dtype=float), 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    covered: Array = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return covered
 
 
 def connect_points(points: Array, start_s: Array, duration_s: Array, time_s: Array) -> Array:
@@ -52,7 +53,8 @@ def connect_points(points: Array, start_s: Array, duration_s: Array, time_s: Arr
     elapsed = time_s[:, None] - start_s
     steps = duration_s <= 0.0
     share = np.where(steps, elapsed >= 0.0, minimum_jerk(elapsed / np.where(steps, 1.0, duration_s)))
-    return points[0] + share @ np.diff(points, axis=0)
+    trajectory: Array = points[0] + share @ np.diff(points, axis=0)
+    return trajectory
 
 
 def reach_postures(

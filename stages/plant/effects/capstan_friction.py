@@ -1,0 +1,38 @@
+"""Friction of a Bowden cable: tension falls along the sheath in the direction in which the cable slides.
+
+While the muscle shortens the joint feels less than the muscle pulls, and more while it lengthens. A load cell at the
+muscle's tip does not see it; the motion of the joint does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from stages.plant.effect import ChainEffect, Parameter, State
+from stages.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N."""
+    slide = np.tanh(state.velocity_per_s / parameters["sliding_per_s"])
+    return signal * np.exp(-parameters["friction_times_wrap"] * slide)
+
+
+EFFECT = ChainEffect(
+    name="capstan_friction",
+    site="transmission",
+    signal="tension_n",
+    parameters=(
+        Parameter(
+            "friction_times_wrap", "1", 0.0, 1.0, 0.12, 0.08, "friction coefficient times the sheath's total bend"
+        ),
+        Parameter("sliding_per_s", "1/s", 0.001, 0.1, 0.01, 0.01, "contraction velocity at which the cable slides"),
+    ),
+    source=(
+        "Kaneko, Yamashita, Tanie, Basic considerations on transmission characteristics for tendon drive robots, "
+        "Int. Conf. Advanced Robotics (1991): the capstan equation along a sheath"
+    ),
+    apply=apply,
+)

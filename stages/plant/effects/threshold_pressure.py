@@ -1,0 +1,29 @@
+"""A pressure that the rubber tube takes before it presses on the braid, missing from the force at any higher one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from stages.plant.effect import ChainEffect, Parameter, State
+from stages.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the pressure that acts on the braid, kPa."""
+    threshold = parameters["threshold_kpa"]
+    return signal - np.minimum(np.maximum(signal, 0.0), threshold)
+
+
+EFFECT = ChainEffect(
+    name="threshold_pressure",
+    site="pressure",
+    signal="acting_pressure_kpa",
+    parameters=(Parameter("threshold_kpa", "kPa", 0.0, 100.0, 10.0, 10.0, "pressure that expands the tube alone"),),
+    source=(
+        "Klute, Hannaford, Accounting for elastic energy storage in McKibben artificial muscle actuators, J. Dyn. "
+        "Syst. Meas. Control 122 (2000): the bladder takes part of the pressure"
+    ),
+    apply=apply,
+)

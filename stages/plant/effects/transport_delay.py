@@ -1,0 +1,30 @@
+"""A dead time between the command and the valve: bus, driver and hose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from stages.plant.effect import ChainEffect, Parameter, State
+from stages.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the command, kPa, later; a delay within a sample is the mean of the command over the sample."""
+    samples = parameters["delay_s"] / state.step_s
+    whole = int(samples)
+    share = samples - whole
+    padded = np.concatenate([np.repeat(signal[:1], whole + 1, axis=0), signal])
+    length = len(signal)
+    return np.ascontiguousarray((1.0 - share) * padded[1 : length + 1] + share * padded[:length])
+
+
+EFFECT = ChainEffect(
+    name="transport_delay",
+    site="command",
+    signal="pressure_command_kpa",
+    parameters=(Parameter("delay_s", "s", 0.0, 0.2, 0.01, 0.01, "from command to valve"),),
+    source="Astrom, Hagglund, PID controllers: theory, design and tuning (1995), chapter 2: first order with dead time",
+    apply=apply,
+)

@@ -1,0 +1,35 @@
+"""A valve that vents more slowly than it fills, or the other way round.
+
+The time constant is multiplied by 1 + asymmetry while pressure falls and divided by it while pressure rises. The
+signature is a pressure error whose sign goes with the direction of change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.valve import respond
+from stages.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the pressure, kPa, with the difference that unequal time constants make to the same command."""
+    tau, factor = state.muscles.valve_tau_s, 1.0 + parameters["asymmetry"]
+    unequal = respond(state.command_kpa, tau / factor, tau * factor, state.step_s)
+    return signal + (unequal - respond(state.command_kpa, tau, tau, state.step_s))
+
+
+EFFECT = ChainEffect(
+    name="valve_asymmetry",
+    site="valve",
+    signal="pressure_kpa",
+    parameters=(
+        Parameter("asymmetry", "1", -0.6, 1.5, 0.2, 0.3, "venting's time constant over the nominal one, less 1"),
+    ),
+    source=(
+        "Tassa, Wu, Movellan, Todorov, Modeling and identification of pneumatic actuators, IEEE ICMA (2013): filling "
+        "and venting flows differ"
+    ),
+    apply=apply,
+)
