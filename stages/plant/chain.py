@@ -81,7 +81,7 @@ class Chain:
             Tension at the muscle's tip and at the joint's end, N.
         """
         pressure, muscles = self._flatten(pressure_kpa)
-        contraction, velocity = contraction.reshape(pressure.shape), velocity_per_s.reshape(pressure.shape)
+        contraction, velocity = self._flatten(contraction)[0], self._flatten(velocity_per_s)[0]
         state = State(self.step_s, muscles, pressure, pressure, contraction, velocity)
         acting = self._apply("acting_pressure_kpa", pressure, state)
         stretched = self._apply("contraction", contraction, state)
@@ -94,8 +94,7 @@ class Chain:
     def pull_nominally(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
         """Return the tension, N, that the static law alone gives; shapes as in `pull`."""
         pressure, muscles = self._flatten(pressure_kpa)
-        shape = pressure.shape
-        tension = compute_tension(pressure, contraction.reshape(shape), velocity_per_s.reshape(shape), muscles)
+        tension = compute_tension(pressure, self._flatten(contraction)[0], self._flatten(velocity_per_s)[0], muscles)
         return tension.reshape(pressure_kpa.shape)
 
     def _apply(self, signal: str, values: Array, state: State) -> Array:

@@ -118,8 +118,8 @@ class Plant(Declared):
         Raises
         ------
         ValueError
-            When a muscle has no constants, an effect names a muscle or joint that does not exist, or a joint has the same
-        effect twice.
+            When a muscle has no constants, an effect names a muscle or joint that does not exist, or a joint has one
+            effect twice.
         """
         for muscle in exoskeleton.muscles:
             self.model_of(muscle)

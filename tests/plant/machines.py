@@ -1,0 +1,50 @@
+"""Machines for tests: the configured one, and others with other joints, muscles and rates."""
+
+import functools
+from pathlib import Path
+
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from pydantic import TypeAdapter
+
+from stages.plant.exoskeleton import Exoskeleton
+from stages.plant.plant import Plant
+from stages.rig.sim import SimulatedRig
+
+CONF = Path(__file__).resolve().parents[2] / "conf"
+
+
+@functools.cache
+def configured(plant: str = "nominal") -> SimulatedRig:
+    """The rig that `rig=sim` and `plant=...` describe, built as the pipeline builds it."""
+    chosen = ["+exoskeleton=upper_limb", f"+plant={plant}", "+participant=both", "+rig=sim"]
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        values = OmegaConf.to_container(compose(overrides=chosen), resolve=True)
+    section = {name: value for name, value in values["rig"].items() if name != "_target_"}
+    return TypeAdapter(SimulatedRig).validate_python(section)
+
+
+def with_effects(plant: Plant, *effects: dict) -> Plant:
+    """The same constants with other effects."""
+    return Plant.model_validate(plant.model_dump() | {"effects": list(effects)})
+
+
+def other_machine(muscles_of_joint: list[int], rate: float, trial_s: float) -> Exoskeleton:
+    """A machine with that many muscles on each joint, agonists and antagonists in turn."""
+    base = configured().exoskeleton.model_dump()
+    joints, muscles = [], []
+    for j, count in enumerate(muscles_of_joint):
+        joints.append(base["joints"][j % 2] | {"name": f"joint{j}"})
+        for m in range(count):
+            row = base["muscles"][2 * (j % 2) + m % 2]
+            muscles.append(row | {"name": f"muscle{j}{m}", "joint": f"joint{j}"})
+    changed = {"joints": joints, "muscles": muscles, "sampling_rate_hz": rate, "trial_s": trial_s}
+    return Exoskeleton.model_validate(base | changed)
+
+
+def other_rig(exoskeleton: Exoskeleton, plant: str = "nominal") -> SimulatedRig:
+    """The configured people and limits around another machine; effects on named muscles are dropped."""
+    values = configured(plant).model_dump()
+    kept = [effect for effect in values["plant"]["effects"] if not effect.get("muscles")]
+    values["plant"]["effects"] = kept
+    return SimulatedRig.model_validate(values | {"exoskeleton": exoskeleton.model_dump()})

@@ -1,0 +1,217 @@
+import importlib
+
+import numpy as np
+import pytest
+
+from stages.plant.chain import Chain
+from stages.plant.effect import ChainEffect, JointEffect, find_effect, list_effects
+from tests.plant.machines import CONF, configured, with_effects
+
+EFFECTS = [name for name in list_effects() if name != "none"]
+CHAIN = [name for name in EFFECTS if isinstance(find_effect(name), ChainEffect)]
+AT_REST_ONE = 0.08
+
+
+def entry(name, magnitude=None, place=None):
+    """A list entry of an effect at its prior mean, or with another magnitude."""
+    effect = find_effect(name)
+    values = {parameter.name: parameter.prior_mean for parameter in effect.parameters}
+    if magnitude is not None:
+        values[effect.parameters[0].name] = magnitude
+    return {"name": name, "joints" if isinstance(effect, JointEffect) else "muscles": place, **values}
+
+
+def chain_with(*effects):
+    rig = configured()
+    return Chain(rig.exoskeleton, with_effects(rig.plant, *effects))
+
+
+def rub(cycles=3, amplitude=0.05, hertz=0.5, samples=6000, rate=250.0):
+    """A slow sine of contraction for four muscles at constant pressure."""
+    time = np.arange(samples) / rate
+    phase = 2 * np.pi * hertz * time
+    contraction = np.repeat((AT_REST_ONE + amplitude * np.sin(phase))[:, None], 4, axis=1)
+    velocity = np.repeat((amplitude * 2 * np.pi * hertz * np.cos(phase))[:, None], 4, axis=1)
+    pressure = np.full((samples, 4), 1.0) * [150.0, 400.0, 150.0, 400.0]
+    return pressure, contraction, velocity
+
+
+def work_of_last_cycle(force, contraction, period):
+    """Work done on the outside, N: positive would be energy from nothing."""
+    f, c = force[-period - 1 :, 0], contraction[-period - 1 :, 0]
+    return float(np.sum(0.5 * (f[1:] + f[:-1]) * np.diff(c)))
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_declares_itself(name):
+    effect = find_effect(name)
+    module = importlib.import_module(f"stages.plant.effects.{name}")
+    assert effect.name == name
+    assert effect.site in ("command", "valve", "pressure", "muscle", "transmission", "joint")
+    assert len(module.__doc__) > 60
+    assert "(" in effect.source
+    assert any(year.isdigit() for year in effect.source.replace("(", " ").replace(")", " ").split())
+    for parameter in effect.parameters:
+        assert parameter.low <= parameter.prior_mean <= parameter.high
+        assert 0 < parameter.prior_sd <= parameter.high - parameter.low
+        assert parameter.unit == "1" or parameter.name.endswith(tuple("_" + u for u in ("n", "kpa", "s", "nm"))), (
+            parameter
+        )
+        assert parameter.description
+    assert effect.parameters[0].low <= 0.0
+
+
+@pytest.mark.parametrize("name", CHAIN)
+def test_zero_magnitude_is_the_textbook(name, generator):
+    command = generator.uniform(20, 300, (400, 4)).cumsum(axis=0) % 300
+    contraction = 0.1 + 0.05 * np.sin(np.arange(400)[:, None] / 30 + np.arange(4))
+    velocity = np.gradient(contraction, 0.004, axis=0)
+    plain, zero = chain_with(), chain_with(entry(name, 0.0))
+    assert np.array_equal(zero.pressurise(command), plain.pressurise(command))
+    for one, other in zip(
+        zero.pull(command, contraction, velocity), plain.pull(command, contraction, velocity), strict=True
+    ):
+        assert np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", CHAIN)
+def test_an_effect_changes_its_own_muscles_only(name, generator):
+    command = generator.uniform(20, 300, (400, 4))
+    contraction = 0.1 + 0.05 * np.sin(np.arange(400)[:, None] / 30 + np.arange(4))
+    velocity = np.gradient(contraction, 0.004, axis=0)
+    outcomes = []
+    for chain in (chain_with(), chain_with(entry(name, place=["pam2", "pam4"]))):
+        pressure = chain.pressurise(command)
+        outcomes.append(np.stack([pressure, *chain.pull(pressure, contraction, velocity)]))
+    differs = (outcomes[0] != outcomes[1]).any(axis=(0, 1))
+    assert differs.tolist() == [False, True, False, True]
+
+
+@pytest.mark.parametrize("name", CHAIN)
+def test_trials_side_by_side_are_trials_one_by_one(name, generator):
+    chain = chain_with(entry(name, place=["pam1", "pam4"]))
+    command = generator.uniform(20, 300, (300, 5, 4))
+    contraction = 0.1 + 0.02 * np.sin(np.arange(300)[:, None, None] / 30 + generator.uniform(0, 6, (5, 4)))
+    velocity = np.gradient(contraction, 0.004, axis=0)
+    together = chain.pull(chain.pressurise(command), contraction, velocity)[1]
+    for n in range(5):
+        alone = chain.pull(chain.pressurise(command[:, n]), contraction[:, n], velocity[:, n])[1]
+        assert np.array_equal(together[:, n], alone)
+
+
+@pytest.mark.parametrize("name", ["hysteresis", "creep", "capstan_friction"])
+def test_loops_dissipate(name):
+    pressure, contraction, velocity = rub()
+    still = np.zeros_like(velocity)
+    textbook = chain_with().pull(pressure, contraction, still)[1]
+    tension = chain_with(entry(name)).pull(pressure, contraction, velocity)[1]
+    damped = chain_with().pull(pressure, contraction, velocity)[1]
+    assert work_of_last_cycle(textbook, contraction, 500) == pytest.approx(0.0, abs=1e-6)
+    assert work_of_last_cycle(tension, contraction, 500) < 1.2 * work_of_last_cycle(damped, contraction, 500) < 0.0
+
+
+def test_hysteresis_does_not_depend_on_speed_and_grows_with_pressure():
+    chain, plain = chain_with(entry("hysteresis")), chain_with()
+
+    def loop(hertz, factor):
+        pressure, contraction, velocity = rub(hertz=hertz)
+        args = (factor * pressure, contraction, np.zeros_like(velocity))
+        period = round(250 / hertz)
+        return work_of_last_cycle(chain.pull(*args)[0] - plain.pull(*args)[0], contraction, period)
+
+    assert loop(1.0, 1.0) == pytest.approx(loop(0.5, 1.0), rel=0.01)
+    assert loop(0.5, 2.0) == pytest.approx(2 * loop(0.5, 1.0), rel=1e-9)
+
+
+def test_hysteresis_saturates_at_its_share():
+    way = np.repeat(np.linspace(0.0, 0.1, 500)[:, None], 4, axis=1)
+    pressure = np.full((500, 4), 200.0)
+    lost = (
+        chain_with().pull(pressure, way, 0 * way)[0]
+        - chain_with(entry("hysteresis", 0.05)).pull(pressure, way, 0 * way)[0]
+    )
+    assert lost[-1, 0] == pytest.approx(0.05 * 200 / 600 * 6000, rel=0.01)
+    assert (np.diff(lost[:, 0]) >= -1e-9).all()
+
+
+def test_creep_fades_as_its_time_constant_says():
+    contraction = np.where(np.arange(2000)[:, None] < 500, 0.06, 0.08) * np.ones(4)
+    pressure = np.full((2000, 4), 300.0)
+    args = (pressure, contraction, np.zeros_like(pressure))
+    creep = entry("creep", 0.2) | {"tau_s": 0.8}
+    lost = (chain_with().pull(*args)[0] - chain_with(creep).pull(*args)[0])[500:, 0]
+    since = np.arange(1500) * 0.004
+    assert lost == pytest.approx(0.2 * 6000 * 0.02 * np.exp(-since / 0.8), rel=0.01, abs=1e-6)
+
+
+def test_cable_friction_is_the_capstan_equation():
+    pressure, contraction, velocity = rub()
+    friction = entry("capstan_friction", 0.2) | {"sliding_per_s": 0.001}
+    force, tension = chain_with(friction).pull(pressure, contraction, velocity)
+    sliding = np.abs(velocity[:, 0]) > 0.02
+    ratio = (tension / force)[sliding, 0]
+    assert ratio == pytest.approx(np.exp(-0.2 * np.sign(velocity[sliding, 0])), rel=1e-6)
+    assert np.array_equal(force, chain_with().pull(pressure, contraction, velocity)[0])
+
+
+def test_threshold_pressure_is_missing_from_the_force():
+    pressure = np.linspace(-1.0, 300.0, 200)[:, None] * np.ones(4)
+    contraction = np.full((200, 4), 0.05)
+    shifted = chain_with().pull(np.maximum(pressure - 30.0, np.minimum(pressure, 0.0)), contraction, 0 * contraction)[0]
+    assert chain_with(entry("threshold_pressure", 30.0)).pull(pressure, contraction, 0 * contraction)[
+        0
+    ] == pytest.approx(shifted)
+
+
+@pytest.mark.parametrize("asymmetry", [-0.3, 0.5])
+def test_asymmetry_is_two_time_constants(asymmetry):
+    up = np.where(np.arange(300)[:, None] < 10, 100.0, 200.0) * np.ones(4)
+    chain = chain_with(entry("valve_asymmetry", asymmetry))
+    tau = configured().plant.muscles["MAS-40"].valve_tau_s
+    since = np.arange(290) * 0.004
+    rising = chain.pressurise(up)[10:, 0]
+    falling = chain.pressurise(300.0 - up)[10:, 0]
+    assert rising == pytest.approx(200 - 100 * np.exp(-since * (1 + asymmetry) / tau), rel=1e-9)
+    assert falling == pytest.approx(100 + 100 * np.exp(-since / (1 + asymmetry) / tau), rel=1e-9)
+
+
+@pytest.mark.parametrize("delay", [0.004, 0.010])
+def test_delay_moves_a_ramp(delay):
+    ramp = np.arange(300.0)[:, None] * np.ones(4)
+    late = chain_with(entry("transport_delay", delay)).pressurise(ramp)
+    gap = (chain_with().pressurise(ramp) - late)[-1]
+    assert gap == pytest.approx(delay / 0.004, rel=1e-9)
+
+
+def test_no_effect_is_an_effect(generator):
+    pressure, contraction, velocity = rub()
+    none = {"name": "none", "muscles": None}
+    assert np.array_equal(
+        chain_with(none).pull(pressure, contraction, velocity), chain_with().pull(pressure, contraction, velocity)
+    )
+
+
+def test_tension_never_turns_into_push():
+    pressure, contraction, velocity = rub(amplitude=0.15)
+    everything = [entry(name, find_effect(name).parameters[0].high) for name in CHAIN]
+    force, tension = chain_with(*everything).pull(0.2 * pressure, contraction, velocity)
+    assert force.min() == 0.0
+    assert tension.min() == 0.0
+
+
+def test_the_rich_plant_has_effects_at_every_site_of_the_chain():
+    used = {each.name for each in configured("rich").plant.effects}
+    assert used >= {
+        "hysteresis",
+        "capstan_friction",
+        "valve_asymmetry",
+        "threshold_pressure",
+        "coulomb_friction",
+        "creep",
+    }
+    assert configured("nominal").plant.effects == []
+
+
+def test_every_effect_is_in_the_documentation():
+    page = (CONF.parent / "docs" / "plant.md").read_text()
+    assert [name for name in list_effects() if f"`{name}`" not in page] == []

@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from stages.plant.valve import respond
+
+STEP = 0.004
+
+
+def solve_valve(command, rise, fall):
+    """Pressure at the sampling instants, sample by sample with an adaptive solver."""
+    pressure = [command[0]]
+    for held in command[:-1]:
+
+        def flow(_, p, held=held):
+            return (held - p) / (rise if held > p[0] else fall)
+
+        pressure.append(solve_ivp(flow, (0, STEP), [pressure[-1]], rtol=1e-10, atol=1e-10).y[0, -1])
+    return np.array(pressure)
+
+
+@pytest.mark.parametrize(("rise", "fall"), [(0.04, 0.04), (0.03, 0.06)])
+def test_a_held_command_is_answered_exactly(generator, rise, fall):
+    command = np.repeat(generator.uniform(50, 500, 12), 10)
+    pressure = respond(command[:, None], np.array([rise]), np.array([fall]), STEP)[:, 0]
+    assert pressure == pytest.approx(solve_valve(command, rise, fall), rel=1e-7)
+
+
+def test_a_step_follows_its_closed_form_one_sample_later():
+    command = np.where(np.arange(100)[:, None] < 20, 100.0, 300.0)
+    pressure = respond(command, np.array([0.04]), np.array([0.04]), STEP)[:, 0]
+    since = np.maximum(np.arange(100) - 20, 0) * STEP
+    assert pressure == pytest.approx(300.0 - 200.0 * np.exp(-since / 0.04))
+    assert pressure[20] == 100.0 < pressure[21]
+
+
+def test_without_lag_pressure_is_the_previous_command(generator):
+    command = generator.uniform(0, 100, (50, 2))
+    pressure = respond(command, np.zeros(2), np.zeros(2), STEP)
+    assert pressure[1:] == pytest.approx(command[:-1])

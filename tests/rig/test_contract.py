@@ -1,0 +1,181 @@
+import re
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+import pandera.pandas as pa
+import pytest
+
+from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, Rig, RigError, Trial, tidy
+
+
+class Bench(Rig):
+    """A rig of three muscles on two joints that notes what is done to it."""
+
+    real: ClassVar[bool] = False
+    muscles: ClassVar = ["a", "b", "c"]
+    joints: ClassVar = ["one", "two"]
+    muscle_joints: ClassVar = ["one", "two", "one"]
+    sampling_rate_hz: ClassVar = 50.0
+    samples: ClassVar = 4
+    people: ClassVar = ["ann"]
+
+    def __init__(self, fault=None, fault_on_release=None, fault_on_connect=None):
+        self.fault, self.fault_on_release, self.fault_on_connect = fault, fault_on_release, fault_on_connect
+        self.held = False
+        self.log = []
+
+    @property
+    def connected(self):
+        return self.held
+
+    def connect(self):
+        self.log.append("connect")
+        if self.fault_on_connect:
+            raise self.fault_on_connect
+        self.held = True
+
+    def release(self):
+        self.log.append("release")
+        self.held = False
+        if self.fault_on_release:
+            raise self.fault_on_release
+
+    def run(self, trial, generator):
+        if self.fault:
+            raise self.fault
+        per_muscle = np.arange(12.0).reshape(4, 3)
+        per_joint = np.arange(8.0).reshape(4, 2) / 10
+        return Recording(
+            np.arange(4) / 50, per_muscle, per_muscle + 0.5, *([per_muscle / 100] * 2), per_muscle, *([per_joint] * 2)
+        )
+
+
+def trial(kind="free", participant="ann", samples=4, muscles=3, **more):
+    return Trial(kind, participant, np.zeros((samples, muscles)), **more)
+
+
+def test_a_trial_outside_the_block_is_refused_with_the_remedy(generator):
+    with pytest.raises(RigError, match=r"Bench is not connected; write: with rig: rig.execute\(trial, generator\)"):
+        Bench().execute(trial(), generator)
+
+
+def test_shapes_are_known_before_connecting():
+    bench = Bench()
+    assert (bench.samples, len(bench.muscles), len(bench.joints), bench.real) == (4, 3, 2, False)
+    assert bench.log == []
+
+
+def test_the_block_connects_and_releases(generator):
+    bench = Bench()
+    with bench as rig:
+        assert rig.execute(trial(), generator).force_n.shape == (4, 3)
+        assert bench.log == ["connect"]
+    assert bench.log == ["connect", "release"]
+
+
+@pytest.mark.parametrize("fault", [ValueError("sensor"), KeyboardInterrupt(), SystemExit(3)])
+def test_any_exception_in_a_trial_releases(generator, fault):
+    bench = Bench(fault)
+    bench.connect()
+    with pytest.raises(type(fault)):
+        bench.execute(trial(), generator)
+    assert bench.log == ["connect", "release"]
+    assert not bench.connected
+
+
+def test_an_exception_between_trials_releases():
+    bench = Bench()
+    with pytest.raises(ZeroDivisionError), bench:
+        _ = 1 / 0
+    assert bench.log == ["connect", "release"]
+
+
+def test_a_failed_connection_releases():
+    bench = Bench(fault_on_connect=OSError("no route"))
+    with pytest.raises(OSError, match="no route"), bench:
+        pass
+    assert bench.log == ["connect", "release"]
+
+
+def test_the_first_error_is_raised_and_the_second_noted(generator):
+    bench = Bench(ValueError("sensor"), OSError("valve stuck"))
+    with pytest.raises(ValueError, match="sensor") as caught, bench:
+        bench.execute(trial(), generator)
+    assert "valve stuck" in caught.value.__notes__[0]
+
+
+def test_an_error_on_release_alone_is_raised():
+    with pytest.raises(OSError, match="valve stuck"), Bench(fault_on_release=OSError("valve stuck")):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: trial(kind="idle"), "expected free, tracked or passive, got 'idle'"),
+        (lambda: trial(kind="tracked"), "a tracked trial takes a reference_rad"),
+        (lambda: trial(reference_rad=np.zeros((4, 2))), "a free trial takes no reference_rad"),
+        (lambda: trial(kind="tracked", reference_rad=np.zeros((5, 2))), "reference_rad has 5 samples"),
+        (lambda: Trial("free", "ann", np.zeros(4)), "expected a matrix of samples by columns, got shape (4,)"),
+        (lambda: Trial("free", "ann", np.array([[0.0], [np.nan]])), "expected finite numbers, got [nan] at sample 1"),
+    ],
+)
+def test_an_ill_formed_trial_is_refused(make, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (trial(samples=5), "this rig takes 4 samples of 3 muscles, got shape (5, 3)"),
+        (trial(muscles=2), "this rig takes 4 samples of 3 muscles, got shape (4, 2)"),
+        (trial(kind="tracked", reference_rad=np.zeros((4, 3))), "4 samples of 2 joints, got shape (4, 3)"),
+        (trial(participant="bob"), "no participant 'bob'; this rig knows ann"),
+        (trial(participant="nobody"), "'nobody' goes with passive, and only there"),
+        (trial(kind="passive"), "'nobody' goes with passive, and only there"),
+    ],
+)
+def test_a_trial_that_does_not_fit_is_refused(generator, given, message):
+    with pytest.raises(ValueError, match=re.escape(message)), Bench() as bench:
+        bench.execute(given, generator)
+
+
+def test_a_recording_of_unequal_shapes_is_refused():
+    square = np.zeros((4, 3))
+    with pytest.raises(ValueError, match=r"expected force_n of shape \(4, 3\), got \(4, 2\)"):
+        Recording(np.zeros(4), square, square, square, square, np.zeros((4, 2)), np.zeros((4, 1)), np.zeros((4, 1)))
+
+
+def test_tidy_is_long_muscle_by_muscle_with_the_muscles_joint(generator):
+    with Bench() as bench:
+        recording = bench.execute(trial(), generator)
+    frame = pd.DataFrame(tidy(recording, bench))
+    assert list(frame.columns) == list(MEASUREMENT_COLUMNS)
+    assert frame["muscle"].tolist() == ["a"] * 4 + ["b"] * 4 + ["c"] * 4
+    assert frame["time_s"].tolist() == [0.0, 0.02, 0.04, 0.06] * 3
+    for column, name in enumerate("abc"):
+        rows = frame[frame["muscle"] == name]
+        assert rows["pressure_kpa"].to_numpy() == pytest.approx(recording.pressure_kpa[:, column])
+        joint = ["one", "two"].index(bench.muscle_joints[column])
+        assert rows["joint_angle_rad"].to_numpy() == pytest.approx(recording.joint_angle_rad[:, joint])
+
+
+def test_the_columns_check_types_and_ranges(generator):
+    with Bench() as bench:
+        frame = pd.DataFrame(tidy(bench.execute(trial(), generator), bench))
+    schema = pa.DataFrameSchema(MEASUREMENT_COLUMNS, strict=True, ordered=True)
+    schema.validate(frame)
+    for column, wrong in (("force_n", -1.0), ("pressure_kpa", 2000.0), ("contraction", np.nan)):
+        broken = frame.copy()
+        broken.loc[3, column] = wrong
+        with pytest.raises(pa.errors.SchemaError, match=column):
+            schema.validate(broken)
+
+
+def test_every_column_says_its_unit_and_what_it_is():
+    for name, column in MEASUREMENT_COLUMNS.items():
+        assert column.description
+        unit = column.metadata["unit"].lower().replace("/", "_per_").replace("1_per_", "per_")
+        assert unit == "1" or name.endswith(unit)

@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+
+from stages.rig.limits import PressureLimit, apply_limits, check_limits
+from tests.plant.machines import configured
+
+LIMITS = {
+    "MAS-40": PressureLimit(low_kpa=10.0, high_kpa=250.0, slew_kpa_per_s=1000.0),
+    "MAS-10": PressureLimit(low_kpa=0.0, high_kpa=700.0, slew_kpa_per_s=4000.0),
+}
+MUSCLES = configured().exoskeleton.muscles
+
+
+def test_a_command_within_limits_is_applied_as_it_is():
+    command = np.linspace([20.0, 50.0, 20.0, 50.0], [200.0, 600.0, 150.0, 600.0], 1000)
+    assert np.array_equal(apply_limits(command, LIMITS, MUSCLES, 250.0), command)
+
+
+def test_range_and_slew_are_kept(generator):
+    command = generator.uniform(-200.0, 900.0, (500, 4))
+    applied = apply_limits(command, LIMITS, MUSCLES, 250.0)
+    assert (applied >= [10.0, 0.0, 10.0, 0.0]).all()
+    assert (applied <= [250.0, 700.0, 250.0, 700.0]).all()
+    assert (np.abs(np.diff(applied, axis=0)) <= np.array([4.0, 16.0, 4.0, 16.0]) + 1e-9).all()
+
+
+def test_a_step_becomes_the_steepest_ramp_that_arrives():
+    command = np.where(np.arange(60)[:, None] < 5, 100.0, 150.0) * np.ones(4)
+    applied = apply_limits(command, LIMITS, MUSCLES, 250.0)
+    ramp = np.minimum(100.0 + 4.0 * np.maximum(np.arange(60) - 4, 0), 150.0)
+    assert applied[:, 0] == pytest.approx(ramp)
+    assert applied[-1].tolist() == [150.0] * 4
+
+
+def test_limits_must_exist_and_keep_to_the_data_sheet():
+    with pytest.raises(ValueError, match="limits: none for type MAS-10 of muscle pam2"):
+        check_limits({"MAS-40": LIMITS["MAS-40"]}, MUSCLES)
+    high = LIMITS | {"MAS-40": PressureLimit(low_kpa=0.0, high_kpa=601.0, slew_kpa_per_s=1.0)}
+    with pytest.raises(ValueError, match=r"MAS-40 may be commanded 601.0 kPa, but muscle pam1 is permitted 600.0 kPa"):
+        check_limits(high, MUSCLES)
+    with pytest.raises(ValueError, match="expected low_kpa < high_kpa"):
+        PressureLimit(low_kpa=5.0, high_kpa=5.0, slew_kpa_per_s=1.0)

@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+
+from stages.signals.pressures import pressure_profiles
+
+TIMES = {"hold_s": (0.3, 1.0), "transition_s": (0.2, 0.6)}
+
+
+def test_profiles_stay_in_range_and_fill_it(generator):
+    drawn = [
+        pressure_profiles(generator, [20, 50], [200, 600], 1000, 250.0, step_share=0.3, **TIMES) for _ in range(50)
+    ]
+    profiles = np.concatenate(drawn)
+    assert profiles.shape == (50000, 2)
+    assert (profiles >= [20, 50]).all()
+    assert (profiles <= [200, 600]).all()
+    assert (profiles.min(axis=0) < [30, 75]).all()
+    assert (profiles.max(axis=0) > [190, 575]).all()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_share_of_steps_is_kept(generator, share):
+    profile = pressure_profiles(generator, 100, 700, 250 * 400, 250.0, step_share=share, **TIMES)[:, 0]
+    steps = (np.abs(np.diff(profile)) > 20.0).sum()
+    moving = np.abs(np.diff(profile)) > 0.0
+    changes = (np.diff(moving.astype(int)) == 1).sum() + moving[0]
+    assert steps / changes == pytest.approx(share, abs=0.08)
+
+
+def test_ramps_are_smooth(generator):
+    profile = pressure_profiles(generator, 0, 100, 2000, 250.0, step_share=0.0, **TIMES)
+    assert np.abs(np.diff(profile, axis=0)).max() * 250 <= 1.875 * 100 / 0.2 * 1.001
+
+
+def test_muscles_have_schedules_of_their_own(generator):
+    profiles = pressure_profiles(generator, [0, 0], [100, 100], 2000, 250.0, step_share=0.0, **TIMES)
+    still = np.diff(profiles, axis=0) == 0.0
+    assert (still[:, 0] != still[:, 1]).mean() > 0.1
+
+
+def test_same_generator_state_same_bytes():
+    one, two = (
+        pressure_profiles(np.random.default_rng(5), [0], [9], 400, 100.0, step_share=0.4, **TIMES) for _ in range(2)
+    )
+    assert one.tobytes() == two.tobytes()
+
+
+def test_an_empty_range_is_refused(generator):
+    with pytest.raises(ValueError, match=r"expected low <= high for each muscle"):
+        pressure_profiles(generator, [5], [4], 100, 100.0, step_share=0.0, **TIMES)
+    with pytest.raises(ValueError, match=r"step_share: expected a share between 0 and 1, got 1.5"):
+        pressure_profiles(generator, [4], [5], 100, 100.0, step_share=1.5, **TIMES)
