@@ -26,6 +26,7 @@ from rich.console import Console
 
 from pipeline.config import Study, read_settings, validate
 from pipeline.errors import ConfigError, PipelineError, suggest
+from pipeline.ledger import command_line
 from pipeline.runner import Runner
 from pipeline.stage import Stage, load_stages, order_stages
 
@@ -56,6 +57,13 @@ def main() -> int:
             raise
         errors.print(explain(error), soft_wrap=True, highlight=False, markup=False)
         return 2
+    except Exception as error:
+        if debugging:
+            raise
+        line = f"{type(error).__name__}: {error}".splitlines()[0]
+        command = f"HYDRA_FULL_ERROR=1 {command_line(sys.argv[1:])}"
+        errors.print(f"{line}; for the traceback, type: {command}", soft_wrap=True, highlight=False, markup=False)
+        return 1
     return max(codes, default=0)
 
 

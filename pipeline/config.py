@@ -36,12 +36,13 @@ class Target(BaseModel):
 
 
 class Workflow(Section):
-    """Which stages, from which package, and which tables a person wants to see first."""
+    """Which stages, from which package, which tables a person wants to see first, and which sections others quote."""
 
     name: str
     package: str
     stages: list[str]
     headline: list[str]
+    quoted: list[str]
 
 
 class Settings(Section):
@@ -120,7 +121,8 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
     ConfigError
         For the first key that is unknown, missing or wrong; the nearest known name is offered.
     """
-    declared = set(Settings.model_fields).union(*(each.config.model_fields for each in stages))
+    declared = {*Settings.model_fields, *settings.workflow.quoted}
+    declared.update(name for each in stages for name in each.config.model_fields)
     for name in values:
         if name not in declared:
             raise ConfigError(f"unknown key '{name}': {suggest(str(name), declared)}")

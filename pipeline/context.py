@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from pipeline.errors import Paused, TableError, WiringError
+from pipeline.errors import TableError, WiringError
 from pipeline.files import TEMPORARY_SUFFIX, hash_file, write_atomically, write_json
 from pipeline.table import Table
 
@@ -173,16 +173,6 @@ class Context:
         path = self.folder / "documents" / f"{name}.json"
         write_json(path, mapping)
         self._note(path, kind="document")
-
-    def pause(self, message: str) -> None:
-        """End the run here until a person has done something; the same command continues.
-
-        Raises
-        ------
-        Paused
-            Always.
-        """
-        raise Paused(message)
 
     def _note(self, path: Path, **facts: str) -> None:
         name = path.relative_to(self.folder).as_posix()

@@ -26,10 +26,6 @@ class WiringError(PipelineError):
     """The stages of a workflow do not fit together."""
 
 
-class Paused(PipelineError):
-    """A stage waits for something that a person does outside; the same command continues."""
-
-
 def suggest(name: str, known: Iterable[str]) -> str:
     """Return a phrase that offers the nearest of the known names, or lists them all.
 

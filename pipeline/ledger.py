@@ -10,6 +10,7 @@ import json
 import os
 import platform
 import shlex
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -120,8 +121,18 @@ def files_of(record: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def command_line(arguments: list[str]) -> str:
-    """Return the command that starts a run with these overrides."""
-    return shlex.join(["python", "-m", "pipeline", *arguments])
+    """Return the command that starts a run with these arguments, with the Python that runs now."""
+    return shlex.join([python_name(), "-m", "pipeline", *arguments])
+
+
+def python_name() -> str:
+    """Return the shortest name under which the running Python can be typed."""
+    for name in ("python", "python3"):
+        found = shutil.which(name)
+        if found and Path(found).absolute() == Path(sys.executable).absolute():
+            return name
+    executable = Path(sys.executable).absolute()
+    return str(executable.relative_to(Path.cwd()) if executable.is_relative_to(Path.cwd()) else executable)
 
 
 def now() -> str:

@@ -1,8 +1,8 @@
 """Order, freshness, and the reason for each.
 
 A study, its stages and the ledgers of earlier runs flow in; out flows one `Step` per stage: fresh, with the run that
-holds its tables, or to run, with the reason. Freshness is content: the stage's config slice, the bytes of its inputs and
-of its code, and the versions of its libraries.
+holds its tables, or to run, with the reason. Freshness is content: the stage's config slice, the bytes of its inputs
+and of its code, and the versions of its libraries.
 """
 
 from __future__ import annotations

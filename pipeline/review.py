@@ -12,7 +12,7 @@ import pandas as pd
 from rich.console import Console
 
 from pipeline.errors import ConfigError, PipelineError, suggest
-from pipeline.ledger import Ledger
+from pipeline.ledger import Ledger, command_line, python_name
 from pipeline.report import print_frame
 from pipeline.runs import find_run, is_running, list_ledgers, runs_folder
 from pipeline.table import read_frame
@@ -52,7 +52,7 @@ def list_runs(outputs: str, console: Console) -> None:
     """Print one line per run."""
     ledgers = list_ledgers(outputs)
     if not ledgers:
-        console.print(f"no runs in {runs_folder(outputs)}; make one with: python -m pipeline", highlight=False)
+        console.print(f"no runs in {runs_folder(outputs)}; make one with: {command_line([])}", highlight=False)
         return
     rows = [
         {
@@ -85,7 +85,7 @@ def show_run(ledger: Ledger, console: Console) -> None:
         for name, record in ledger.records.items()
     ]
     print_frame("Stages, with their tables and rows", pd.DataFrame(rows), console)
-    console.print(f"a table: python -m pipeline.review show {ledger.name} TABLE", highlight=False)
+    console.print(f"a table: {python_name()} -m pipeline.review show {ledger.name} TABLE", highlight=False)
 
 
 def show_table(ledger: Ledger, name: str, rows: int, console: Console) -> None:

@@ -24,8 +24,8 @@ from rich.console import Console
 
 from pipeline.config import Study
 from pipeline.context import Context, Record
-from pipeline.errors import Paused, PipelineError
-from pipeline.files import link, write_text
+from pipeline.errors import PipelineError
+from pipeline.files import link, write_json, write_text
 from pipeline.ledger import Ledger, command_line, files_of, now
 from pipeline.plan import Ingredients, Step, decide, gather, make_plan
 from pipeline.report import print_headline, write_report
@@ -114,8 +114,6 @@ class Runner:
             for stage in stages:
                 self._do(stage, ledger)
             write_report(ledger, self.study, self.stages)
-        except Paused as pause:
-            return self._stop(ledger, stage, "paused", 3, str(pause), "when that is done")
         except KeyboardInterrupt:
             return self._stop(ledger, stage, "interrupted", 130, "stopped by Ctrl-C", "to continue")
         except Terminated:
@@ -123,6 +121,11 @@ class Runner:
         except PipelineError as error:
             return self._stop(ledger, stage, "failed", 1, str(error), "when that is mended")
         except Exception as error:
+            asks = getattr(error, "asks", None)
+            if asks is not None:
+                write_json(ledger.folder / "documents" / "asks.json", asks)
+                message = f"{error} (what to execute: {ledger.folder / 'documents' / 'asks.json'})"
+                return self._stop(ledger, stage, "paused", 3, message, "when that is done")
             log.exception("%s failed", stage.name)
             message = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
             return self._stop(

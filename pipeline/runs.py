@@ -15,7 +15,7 @@ from filelock import FileLock, Timeout
 
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.files import clear_temporaries
-from pipeline.ledger import Ledger
+from pipeline.ledger import Ledger, command_line
 
 LOCK_NAME = ".lock"
 
@@ -61,7 +61,7 @@ def find_run(outputs: str | Path, name: str) -> Ledger:
     """
     ledgers = list_ledgers(outputs)
     if not ledgers:
-        raise ConfigError(f"no runs in {runs_folder(outputs)}; make one with: python -m pipeline")
+        raise ConfigError(f"no runs in {runs_folder(outputs)}; make one with: {command_line([])}")
     if name == "latest":
         return ledgers[0]
     exact = [each for each in ledgers if each.name == name]

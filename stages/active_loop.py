@@ -1,15 +1,16 @@
 """Algorithm 1: identify, choose the trajectory that tells most, execute it, take its best samples, identify again.
 
-In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings` and the rig. Out,
-one part per trial: `trials` (what was chosen and why), `active_recordings` (what was measured), `models` (the MAP after each
-trial; trial 0 is the initial data's) and `points` (the samples each model stands on). Every arm starts from the same
-initial data; controls differ from the design in how they choose trajectories and in nothing else.
+In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings` and the rig.
+Out, one part per trial: `trials` (what was chosen and why), `active_recordings` (what was measured), `models` (the MAP
+after each trial; trial 0 is the initial data's) and `points` (the samples each model stands on). Every arm starts from
+the same initial data; controls differ from the design in how they choose trajectories and in nothing else.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -127,7 +128,7 @@ def active_loop(
         for (participant, experiment), initial in experiments:
             executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
             for arm in arms:
-                loop = Loop(cfg, ctx, rig, muscles, references, str(participant), int(experiment), arm)
+                loop = Loop(cfg, ctx, rig, muscles, references, str(participant), int(str(experiment)), arm)
                 loop.run(executed, [int(each) for each in initial["trajectory"]], advance)
     tables = ctx.record.collect()
     first = tables["trials"].iloc[0]
@@ -142,7 +143,7 @@ def active_loop(
 
 
 def choose_arms(section: ActiveLoop, real: bool) -> list[str]:
-    """Return the design's utility, then the controls; on a real rig nobody executes controls that were not asked for."""
+    """Return the design's utility, then the controls; a real rig executes only controls that were asked for."""
     controls = section.controls
     if controls is None:
         controls = [] if real else ["variance", "random"]
@@ -208,7 +209,7 @@ class Loop:
         landed: list[dict[str, pd.DataFrame]] = []
         for trial in range(1, self.cfg.active_loop.trials + 1):
             key = (self.participant, self.experiment, self.arm, f"{trial:02d}")
-            part = self.ctx.record.part(key, lambda trial=trial: self.run_trial(trial, landed, executed, initial))
+            part = self.ctx.record.part(key, partial(self.run_trial, trial, landed, executed, initial))
             landed.append(part)
             advance(f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}")
 
@@ -300,7 +301,7 @@ class Loop:
 
     def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""
-        return pd.DataFrame({**self.where(trial), **{name: frame[name] for name in frame}})
+        return frame.assign(**self.where(trial))[[*WHERE, *(name for name in frame if name not in WHERE)]]
 
     def where(self, trial: int) -> dict[str, Any]:
         """Return the columns that say which trial this is."""

@@ -5,6 +5,8 @@ In: the rig. Out: `bank`, with force, which only the evaluation may read.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -61,7 +63,7 @@ def bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record an experimenter's natural movements under varied pressures, with force."""
     with ctx.rig as rig, ctx.progress("movements", cfg.bank.trajectories) as advance:
         for trajectory in range(cfg.bank.trajectories):
-            ctx.record.part((trajectory,), lambda trajectory=trajectory: record_movement(cfg, ctx, rig, trajectory))
+            ctx.record.part((trajectory,), partial(record_movement, cfg, ctx, rig, trajectory))
             advance(f"movement {trajectory}")
     return ctx.record.collect()
 

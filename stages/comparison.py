@@ -71,7 +71,7 @@ FINAL_ERRORS = Table(
 )
 PAIRED_COMPARISON = Table(
     "paired_comparison",
-    "The design against each control, paired over experiments (error rate averaged over muscles; negative = design better)",
+    "The design against each control, paired over experiments: mean error rate of muscles, negative = design better",
     {
         "measure": column(str, "final: after the last trial; curve: averaged over trials 1 to the last"),
         "design": column(str, "arm"),
@@ -107,7 +107,7 @@ def comparison(
     ctx: Context,
 ) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """Draw the learning curves of every arm and test the design against each control."""
-    curves = []
+    curves: list[tuple[Any, ...]] = []
     muscles = list(hyperprior["muscle"].unique())
     with ctx.progress("muscles", len(muscles)) as advance:
         for muscle in muscles:
@@ -122,12 +122,12 @@ def comparison(
     )
     summary = summarise(curve, list(order), muscles)
     caption = (
-        "Error rate (RMSE over the largest force of the test data) after each trial, for every muscle and their average: "
-        f"mean and standard deviation over {summary['experiments'].max()} experiments. "
+        "Error rate (RMSE over the largest force of the test data) after each trial, for every muscle and their "
+        f"average: mean and standard deviation over {summary['experiments'].max()} experiments. "
         "Trial 0 is the initial data, the same for every arm."
     )
     ctx.figure("learning_curve", draw_learning_curves(summary, list(order), muscles), caption)
-    return curve, summary, tell_final_errors(summary, list(order), muscles), test_pairs(curve, list(order))
+    return curve, summary, tell_final_errors(summary, list(order), muscles), pair_arms(curve, list(order))
 
 
 def measure_errors(
@@ -184,26 +184,21 @@ def average_muscles(curve: pd.DataFrame) -> pd.DataFrame:
 
 def tell_final_errors(summary: pd.DataFrame, arms: Sequence[str], muscles: Sequence[str]) -> pd.DataFrame:
     """Return the rows of `final_errors`."""
-    last = summary["trial"].max()
-    found = summary.set_index(["muscle", "arm", "trial"])
-    rows = []
-    for muscle in [*muscles, ALL_MUSCLES]:
-        for arm in arms:
-            before, after = found.loc[(muscle, arm, 0)], found.loc[(muscle, arm, last)]
-            rows.append(
-                (
-                    muscle,
-                    arm,
-                    before.error_rate_mean,
-                    after.error_rate_mean,
-                    after.error_rate_sd,
-                    int(after.experiments),
-                )
-            )
-    return pd.DataFrame(rows, columns=list(FINAL_ERRORS.columns))
+    before = summary[summary["trial"] == 0].set_index(["muscle", "arm"])
+    after = summary[summary["trial"] == summary["trial"].max()].set_index(["muscle", "arm"])
+    found = pd.DataFrame(
+        {
+            "before": before["error_rate_mean"],
+            "after": after["error_rate_mean"],
+            "after_sd": after["error_rate_sd"],
+            "experiments": after["experiments"],
+        }
+    )
+    keys = [(muscle, arm) for muscle in [*muscles, ALL_MUSCLES] for arm in arms]
+    return found.loc[keys].reset_index()
 
 
-def test_pairs(curve: pd.DataFrame, arms: Sequence[str]) -> pd.DataFrame:
+def pair_arms(curve: pd.DataFrame, arms: Sequence[str]) -> pd.DataFrame:
     """Return the rows of `paired_comparison`: the first arm against each other one."""
     table = average_muscles(curve).pivot_table(
         index=["participant", "experiment"], columns=["arm", "trial"], values="error_rate"
@@ -211,7 +206,7 @@ def test_pairs(curve: pd.DataFrame, arms: Sequence[str]) -> pd.DataFrame:
     last = curve["trial"].max()
     measures = {
         "final": {arm: table[arm][last].to_numpy() for arm in arms},
-        "curve": {arm: table[arm].drop(columns=0).mean(axis=1).to_numpy() for arm in arms},
+        "curve": {arm: table[arm].drop(columns=0).to_numpy().mean(axis=1) for arm in arms},
     }
     design, controls = arms[0], arms[1:]
     rows = []

@@ -5,6 +5,7 @@ In: `initial_trials`, `references`. Out: `hardware_recordings`, one part per tri
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pandas as pd
@@ -42,9 +43,9 @@ def hardware(
 ) -> dict[str, pd.DataFrame]:
     """Execute each experiment's initial trials."""
     with ctx.rig as rig, ctx.progress("trials", len(initial_trials)) as advance:
-        for row in initial_trials.to_dict("records"):
+        for row in rows_of(initial_trials):
             key = (row["participant"], row["experiment"], row["position"])
-            ctx.record.part(key, lambda row=row, key=key: execute(row, references, rig, ctx.generator(*key)))
+            ctx.record.part(key, partial(execute, row, references, rig, ctx.generator(*key)))
             advance(f"{row['participant']} experiment {row['experiment']}")
     return ctx.record.collect()
 
@@ -54,4 +55,10 @@ def execute(row: dict[str, Any], references: pd.DataFrame, rig: Rig, generator: 
     samples = references[references["trajectory"] == row["trajectory"]]
     label = f"{row['participant']} experiment {row['experiment']} initial {row['position']}"
     recording = rig.execute(tracked_trial(samples, rig, row["participant"], label), generator)
-    return {HARDWARE_RECORDINGS.name: pd.DataFrame({**row, **tidy(recording, rig)})}
+    frame = pd.DataFrame(tidy(recording, rig)).assign(**row)
+    return {HARDWARE_RECORDINGS.name: frame[list(HARDWARE_RECORDINGS.columns)]}
+
+
+def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return a frame's rows as plain mappings."""
+    return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]

@@ -1,7 +1,7 @@
 """Table 1: the Gaussian hyperpriors of every muscle's model, and the constants that standardise its data.
 
-In: `candidates`, for the range of the inputs (they have no force). Out: `hyperprior` and `scaling`. The force scale comes
-from the data sheet.
+In: `candidates`, for the range of the inputs (they have no force). Out: `hyperprior` and `scaling`. The force scale
+comes from the data sheet.
 """
 
 from __future__ import annotations
@@ -105,9 +105,8 @@ def find_data_sheet(section: Hyperprior, muscle: Muscle) -> DataSheet:
         When the config has none.
     """
     if muscle.type not in section.data_sheet:
-        raise ConfigError(
-            f"hyperprior.data_sheet has no type '{muscle.type}' ({muscle.name}); {suggest(muscle.type, section.data_sheet)}"
-        )
+        hint = suggest(muscle.type, section.data_sheet)
+        raise ConfigError(f"hyperprior.data_sheet has no type '{muscle.type}' ({muscle.name}); {hint}")
     return section.data_sheet[muscle.type]
 
 

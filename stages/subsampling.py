@@ -72,10 +72,10 @@ def subsampling(cfg: Config, bank: pd.DataFrame, ctx: Context) -> tuple[pd.DataF
     rank = bank.groupby(["trajectory", "muscle"], sort=False).cumcount()
     candidates = bank.loc[rank % cfg.subsampling.every == 0, list(CANDIDATES.columns)]
     references = bank[list(REFERENCES.columns)]
-    return candidates, references, draw_initial_trials(cfg, bank["trajectory"].unique(), ctx)
+    return candidates, references, draw_initial_trials(cfg, [int(each) for each in bank["trajectory"].unique()], ctx)
 
 
-def draw_initial_trials(cfg: Config, trajectories: pd.api.extensions.ExtensionArray, ctx: Context) -> pd.DataFrame:
+def draw_initial_trials(cfg: Config, trajectories: list[int], ctx: Context) -> pd.DataFrame:
     """Draw distinct trajectories for each participant and experiment."""
     count = cfg.subsampling.initial_trials
     rows = []

@@ -1,8 +1,8 @@
 """Algorithm 1 as a value: ask which trajectory tells most, tell what was recorded, get the next value.
 
-The bank's inputs, hyperpriors and an initial dataset flow in; each `Interaction.tell` returns a new `Interaction` with the
-picked samples appended and the muscles' models identified again. Nothing here executes a trial, so the same code serves a
-loop that drives a rig and an operator who does it by hand.
+The bank's inputs, hyperpriors and an initial dataset flow in; each `Interaction.tell` returns a new `Interaction` with
+the picked samples appended and the muscles' models identified again. Nothing here executes a trial, so the same code
+serves a loop that drives a rig and an operator who does it by hand.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.gp.hyperprior import Hyperprior
-from stages.gp.marginal import MarginalGP
-from stages.gp.bank import trajectory_utility
+from stages.gp.marginal import MarginalGP, condition, fit
+from stages.gp.scoring import trajectory_utility
+from stages.gp.subsample import subsample
 
 Array = NDArray[np.float64]
 
@@ -206,7 +207,5 @@ class Interaction:
                 grown_inputs, grown_outputs, self.priors, self.thetas, generators, strict=True
             )
         )
-        told = replace(
-            self, inputs=grown_inputs, outputs=grown_outputs, thetas=thetas, used=self.used | {trajectory}
-        )
+        told = replace(self, inputs=grown_inputs, outputs=grown_outputs, thetas=thetas, used=self.used | {trajectory})
         return told, picks

@@ -6,6 +6,8 @@ simulated side by side. Effects are applied at their sites in the order in which
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from stages.plant.effect import ChainEffect, State
@@ -56,13 +58,11 @@ class Chain:
         (T, ..., M) ndarray
             Pressure, kPa gauge.
         """
-        command, muscles = self._flatten(command_kpa)
-        zeros = np.zeros_like(command)
-        command = self._apply(
-            "pressure_command_kpa", command, State(self.step_s, muscles, command, zeros, zeros, zeros)
-        )
+        command = self._flatten(command_kpa)
+        muscles = self._repeat(command.shape[1])
+        command = self._apply("pressure_command_kpa", command, lambda: self._upstream(muscles, command, command))
         pressure = respond(command, muscles.valve_tau_s, muscles.valve_tau_s, self.step_s)
-        pressure = self._apply("pressure_kpa", pressure, State(self.step_s, muscles, command, pressure, zeros, zeros))
+        pressure = self._apply("pressure_kpa", pressure, lambda: self._upstream(muscles, command, pressure))
         return pressure.reshape(command_kpa.shape)
 
     def pull(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> tuple[Array, Array]:
@@ -80,38 +80,46 @@ class Chain:
         tuple of (T, ..., M) ndarray
             Tension at the muscle's tip and at the joint's end, N.
         """
-        pressure, muscles = self._flatten(pressure_kpa)
-        contraction, velocity = self._flatten(contraction)[0], self._flatten(velocity_per_s)[0]
+        pressure, contraction, velocity = map(self._flatten, (pressure_kpa, contraction, velocity_per_s))
+        muscles = self._repeat(pressure.shape[1])
         state = State(self.step_s, muscles, pressure, pressure, contraction, velocity)
-        acting = self._apply("acting_pressure_kpa", pressure, state)
-        stretched = self._apply("contraction", contraction, state)
+        acting = self._apply("acting_pressure_kpa", pressure, lambda: state)
+        stretched = self._apply("contraction", contraction, lambda: state)
         state = State(self.step_s, muscles, pressure, acting, stretched, velocity)
-        force = self._apply("force_n", compute_tension(acting, stretched, velocity, muscles), state)
-        force = np.maximum(force, 0.0)
-        tension = np.maximum(self._apply("tension_n", force, state), 0.0)
+        force = self._bend("force_n", compute_tension(acting, stretched, velocity, muscles), state)
+        tension = self._bend("tension_n", force, state)
         return force.reshape(pressure_kpa.shape), tension.reshape(pressure_kpa.shape)
 
     def pull_nominally(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
         """Return the tension, N, that the static law alone gives; shapes as in `pull`."""
-        pressure, muscles = self._flatten(pressure_kpa)
-        tension = compute_tension(pressure, self._flatten(contraction)[0], self._flatten(velocity_per_s)[0], muscles)
+        pressure, contraction, velocity = map(self._flatten, (pressure_kpa, contraction, velocity_per_s))
+        tension = compute_tension(pressure, contraction, velocity, self._repeat(pressure.shape[1]))
         return tension.reshape(pressure_kpa.shape)
 
-    def _apply(self, signal: str, values: Array, state: State) -> Array:
+    def _apply(self, signal: str, values: Array, state: Callable[[], State]) -> Array:
         for placed in self.effects:
             if placed.signal == signal:
-                values = placed.apply(values, state)
+                values = placed.apply(values, state())
         return values
 
-    def _flatten(self, values: Array) -> tuple[Array, MuscleConstants]:
+    def _bend(self, signal: str, tension: Array, state: State) -> Array:
+        bent = self._apply(signal, tension, lambda: state)
+        return tension if bent is tension else np.maximum(bent, 0.0)
+
+    def _upstream(self, muscles: MuscleConstants, command: Array, pressure: Array) -> State:
+        return State(self.step_s, muscles, command, pressure, np.zeros_like(command), np.zeros_like(command))
+
+    def _flatten(self, values: Array) -> Array:
         muscles = len(self.constants.area_n_per_kpa)
         if values.shape[-1] != muscles:
             raise ValueError(f"expected {muscles} muscles on the last axis, got shape {values.shape}")
-        flat = np.ascontiguousarray(values, dtype=float).reshape(len(values), -1)
-        copies = flat.shape[1] // muscles
+        return np.ascontiguousarray(values, dtype=float).reshape(len(values), -1)
+
+    def _repeat(self, columns: int) -> MuscleConstants:
+        copies = columns // len(self.constants.area_n_per_kpa)
         if copies == 1:
-            return flat, self.constants
-        return flat, MuscleConstants(*(np.tile(column, copies) for column in self.constants))
+            return self.constants
+        return MuscleConstants(*(np.tile(column, copies) for column in self.constants))
 
 
 class _Placed:

@@ -59,7 +59,8 @@ class State:
     muscles : MuscleConstants
         Constants of the K columns.
     command_kpa, pressure_kpa, contraction, velocity_per_s : (T, K) ndarray
-        Upstream signals. Upstream of the muscle, the last two are zero.
+        Signals at this point of the chain. Upstream of the muscle the last two are zero; from there on the first is the
+        pressure at the valve, and the second the pressure that acts.
     """
 
     step_s: float

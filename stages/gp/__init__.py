@@ -1,0 +1,35 @@
+"""Active Gaussian-process regression with uncertain hyperparameters: the science of choosing what to measure.
+
+A `Hyperprior` and standardised data flow into `fit`, which returns a `MarginalGP` at the MAP of its hyperparameters
+(`condition` rebuilds one from a recorded theta). The model predicts, knows how uncertain hyperparameters spread its
+predictions, and scores points by the `UTILITIES`; `trajectory_utility` scores a whole bank, `subsample` picks the
+samples of a recording. `Interaction` ties them into Algorithm 1: ask for a trajectory, tell what was recorded.
+
+Inside, data flow `kernel` -> `factor` -> `posterior` -> `estimation` -> `laplace` -> `marginal` -> `utilities`.
+"""
+
+from stages.gp.factor import FactorisationError
+from stages.gp.hyperprior import Hyperprior
+from stages.gp.interaction import Choice, Design, Interaction
+from stages.gp.laplace import Laplace
+from stages.gp.marginal import MarginalGP, condition, fit
+from stages.gp.posterior import LogPosterior
+from stages.gp.scoring import trajectory_utility
+from stages.gp.subsample import subsample
+from stages.gp.utilities import UTILITIES
+
+__all__ = [
+    "UTILITIES",
+    "Choice",
+    "Design",
+    "FactorisationError",
+    "Hyperprior",
+    "Interaction",
+    "Laplace",
+    "LogPosterior",
+    "MarginalGP",
+    "condition",
+    "fit",
+    "subsample",
+    "trajectory_utility",
+]

@@ -1,0 +1,59 @@
+"""Independent Gaussian priors of the hyperparameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Hyperprior:
+    """p(theta) = N(mean, diag(variance)).
+
+    Parameters
+    ----------
+    mean : (P,) float array
+        In the order log lengths 1 to D, log signal SD, log noise SD and, with a constant mean, that mean.
+    variance : (P,) float array
+        Positive.
+
+    Raises
+    ------
+    ValueError
+        When the shapes differ, a value is not finite or a variance is not positive.
+    """
+
+    mean: Array
+    variance: Array
+
+    def __post_init__(self) -> None:
+        mean, variance = (np.asarray(each, dtype=float) for each in (self.mean, self.variance))
+        if mean.ndim != 1 or mean.shape != variance.shape:
+            raise ValueError(
+                f"hyperprior: expected mean and variance of one length, got {mean.shape}, {variance.shape}"
+            )
+        if not (np.isfinite(mean).all() and np.isfinite(variance).all() and (variance > 0).all()):
+            raise ValueError(f"hyperprior: expected finite means and positive variances, got {mean} and {variance}")
+        object.__setattr__(self, "mean", mean)
+        object.__setattr__(self, "variance", variance)
+
+    @property
+    def precision(self) -> Array:
+        """One over the variance, (P,)."""
+        return 1.0 / self.variance
+
+    def log_density(self, theta: Array) -> float:
+        """Log density at theta (nats)."""
+        return float(-0.5 * np.sum((theta - self.mean) ** 2 / self.variance + np.log(2 * np.pi * self.variance)))
+
+    def gradient(self, theta: Array) -> Array:
+        """Gradient of the log density, (P,)."""
+        return (self.mean - theta) / self.variance
+
+    def draw(self, count: int, generator: np.random.Generator) -> Array:
+        """Draw (count, P) vectors."""
+        return self.mean + np.sqrt(self.variance) * generator.standard_normal((count, self.mean.size))

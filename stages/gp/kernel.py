@@ -1,0 +1,82 @@
+"""The squared-exponential kernel with a length for each input, and the hyperparameter vector.
+
+k(x, x') = sf^2 exp(-1/2 sum_d (x_d - x'_d)^2 / l_d^2), with theta = [log l_1 .. log l_D, log sf, log sn, (mean)].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MEANS = ("zero", "constant")
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """A hyperparameter vector, read.
+
+    Parameters
+    ----------
+    lengths : (D,) float array
+        In units of the inputs.
+    signal_variance, noise_variance : float
+        sf^2 and sn^2.
+    mean : float
+        Of the prior; 0 without a constant mean.
+    """
+
+    lengths: Array
+    signal_variance: float
+    noise_variance: float
+    mean: float
+
+    @classmethod
+    def read(cls, theta: Array, dimensions: int) -> Hyperparameters:
+        """Read a vector of D + 2 or, with a constant mean, D + 3 entries."""
+        mean = float(theta[dimensions + 2]) if theta.size > dimensions + 2 else 0.0
+        return cls(
+            np.exp(theta[:dimensions]),
+            float(np.exp(2 * theta[dimensions])),
+            float(np.exp(2 * theta[dimensions + 1])),
+            mean,
+        )
+
+
+def count_hyperparameters(dimensions: int, mean: str) -> int:
+    """Return the length of theta.
+
+    Raises
+    ------
+    ValueError
+        When the mean is neither zero nor constant.
+    """
+    if mean not in MEANS:
+        raise ValueError(f"mean: expected one of {', '.join(MEANS)}, got {mean!r}")
+    return dimensions + 2 + (mean == "constant")
+
+
+def squared_differences(inputs: Array) -> Array:
+    """Return (D, N, N) squared differences of each input between all rows."""
+    columns = inputs.T
+    return (columns[:, :, None] - columns[:, None, :]) ** 2
+
+
+def cross_covariance(points: Array, inputs: Array, hyperparameters: Hyperparameters) -> Array:
+    """Return the (B, N) covariance between new points and the data, by one matrix product.
+
+    Both are taken relative to the data's centre, so that the expanded square loses few digits.
+    """
+    centre = inputs.mean(axis=0)
+    left = (points - centre) / hyperparameters.lengths
+    right = (inputs - centre) / hyperparameters.lengths
+    exponent: Array = left @ right.T
+    exponent -= 0.5 * np.einsum("bd,bd->b", left, left)[:, None]
+    exponent -= 0.5 * np.einsum("nd,nd->n", right, right)[None, :]
+    np.minimum(exponent, 0.0, out=exponent)
+    np.exp(exponent, out=exponent)
+    exponent *= hyperparameters.signal_variance
+    return exponent

@@ -1,0 +1,85 @@
+"""What one more measurement at a point would tell: the point utilities, by name.
+
+Predictive terms flow in, nats (or a variance) flow out. V is the variance of f at theta_MAP, Vm the marginal GP's,
+sn^2 the noise; q is what uncertain hyperparameters add, q = dm' S dm + dV' S dV / (3 V), so that Vm = 4/3 V + q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+TRAJECTORY_UTILITY = "log_det"
+
+
+@dataclass(frozen=True)
+class PredictiveTerms:
+    """Predictive terms of B points.
+
+    Parameters
+    ----------
+    variance : (B,) float array
+        V, of f.
+    hyperparameter_variance : (B,) float array
+        q.
+    noise_variance : float
+        sn^2.
+    """
+
+    variance: Array
+    hyperparameter_variance: Array
+    noise_variance: float
+
+    @property
+    def marginal_variance(self) -> Array:
+        """Vm, of f (Garnett, Osborne and Hennig 2014)."""
+        return 4.0 / 3.0 * self.variance + self.hyperparameter_variance
+
+
+def y_y(terms: PredictiveTerms) -> Array:
+    """Information of a measurement: 1/2 log((Vm + sn^2) / (V + sn^2))."""
+    return 0.5 * np.log((terms.marginal_variance + terms.noise_variance) / (terms.variance + terms.noise_variance))
+
+
+def f_f(terms: PredictiveTerms) -> Array:
+    """Information of the noise-free value: 1/2 log(Vm / V)."""
+    return 0.5 * np.log(terms.marginal_variance / terms.variance)
+
+
+def f_y(terms: PredictiveTerms) -> Array:
+    """Noise-free marginal over noisy plain variance: 1/2 log(Vm / (V + sn^2)); not an information, kept to compare."""
+    return 0.5 * np.log(terms.marginal_variance / (terms.variance + terms.noise_variance))
+
+
+def y_y_theta(terms: PredictiveTerms) -> Array:
+    """Information of a measurement about the hyperparameters alone: 1/2 log(1 + q / (V + sn^2))."""
+    return 0.5 * np.log1p(terms.hyperparameter_variance / (terms.variance + terms.noise_variance))
+
+
+def variance(terms: PredictiveTerms) -> Array:
+    """Control: the plain variance V."""
+    return terms.variance
+
+
+UTILITIES: Mapping[str, Callable[[PredictiveTerms], Array]] = {
+    each.__name__: each for each in (y_y, f_f, f_y, y_y_theta, variance)
+}
+"""Point utilities by name; ``log_det`` scores whole trajectories, see `trajectory_utility`."""
+
+
+def find_utility(name: str) -> Callable[[PredictiveTerms], Array]:
+    """Return a point utility.
+
+    Raises
+    ------
+    ValueError
+        When there is none of that name.
+    """
+    if name not in UTILITIES:
+        raise ValueError(f"utility: expected one of {', '.join(UTILITIES)}, got {name!r}")
+    return UTILITIES[name]

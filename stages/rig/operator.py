@@ -1,0 +1,173 @@
+"""A rig whose trials a person executes: each trial is asked for, and told by a file that holds what was recorded.
+
+A trial flows in; if its file lies in the folder, the recording flows out, else the `TrialRequested` that says what to
+execute and where to put it. So a loop that drives a rig serves an operator unchanged: it stops, and goes on when
+started again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+import pandera.pandas as pa
+from pydantic import BaseModel, ConfigDict, PrivateAttr
+
+from stages.plant.exoskeleton import Exoskeleton
+from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, Rig, RigError, Trial
+
+SUFFIXES = (".csv", ".parquet")
+
+
+class TrialRequested(Exception):
+    """A trial waits for a person.
+
+    Parameters
+    ----------
+    asks : dict
+        What to execute: reference and pressure commands over time, and where to put which columns.
+    """
+
+    def __init__(self, asks: dict[str, Any]):
+        super().__init__(f"execute {asks['trial']} and save what was recorded as {asks['save_as']}")
+        self.asks = asks
+
+
+class OperatorRig(Rig, BaseModel):
+    """A rig behind a person.
+
+    Parameters
+    ----------
+    exoskeleton : Exoskeleton
+        Joints, muscles and sampling, as built.
+    participants : dict
+        Who may track, by name; the experimenter moves for the bank.
+    folder : str
+        Where recordings are put.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    real: ClassVar[bool] = True
+
+    exoskeleton: Exoskeleton
+    participants: dict[str, Any]
+    folder: str
+    _connected: bool = PrivateAttr(default=False)
+
+    @property
+    def muscles(self) -> Sequence[str]:
+        """Names of the muscles."""
+        return self.exoskeleton.muscle_names
+
+    @property
+    def joints(self) -> Sequence[str]:
+        """Names of the joints."""
+        return self.exoskeleton.joint_names
+
+    @property
+    def muscle_joints(self) -> Sequence[str]:
+        """Name of the joint that each muscle moves."""
+        return [muscle.joint for muscle in self.exoskeleton.muscles]
+
+    @property
+    def sampling_rate_hz(self) -> float:
+        """Samples per second."""
+        return self.exoskeleton.sampling_rate_hz
+
+    @property
+    def samples(self) -> int:
+        """Samples of one trial."""
+        return self.exoskeleton.samples
+
+    @property
+    def people(self) -> Sequence[str]:
+        """The participants and the experimenter."""
+        return [*self.participants, "experimenter"]
+
+    @property
+    def connected(self) -> bool:
+        """Whether the rig is inside its ``with`` block."""
+        return self._connected
+
+    def connect(self) -> None:
+        """Begin."""
+        self._connected = True
+
+    def release(self) -> None:
+        """End; the operator lets go of the machine."""
+        self._connected = False
+
+    def run(self, trial: Trial, generator: np.random.Generator) -> Recording:
+        """Read what the operator recorded, or ask for it.
+
+        Raises
+        ------
+        TrialRequested
+            When the trial's file is not there yet.
+        RigError
+            When the file does not hold what was asked for.
+        """
+        stem = Path(self.folder) / name_trial(trial)
+        found = [stem.with_suffix(suffix) for suffix in SUFFIXES if stem.with_suffix(suffix).exists()]
+        if not found:
+            raise TrialRequested(self._ask(trial, stem.with_suffix(".csv")))
+        return self._read(found[0])
+
+    def _ask(self, trial: Trial, path: Path) -> dict[str, Any]:
+        time_s = np.arange(self.samples) / self.sampling_rate_hz
+        reference = (
+            {} if trial.reference_rad is None else dict(zip(self.joints, trial.reference_rad.T.tolist(), strict=True))
+        )
+        return {
+            "trial": trial.label,
+            "kind": trial.kind,
+            "participant": trial.participant,
+            "save_as": str(path),
+            "columns": {name: each.description for name, each in MEASUREMENT_COLUMNS.items()},
+            "rows": f"one for each of {len(self.muscles)} muscles and {self.samples} samples",
+            "time_s": time_s.tolist(),
+            "reference_rad": reference,
+            "pressure_command_kpa": dict(zip(self.muscles, trial.pressure_command_kpa.T.tolist(), strict=True)),
+        }
+
+    def _read(self, path: Path) -> Recording:
+        try:
+            frame = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+            schema = pa.DataFrameSchema(dict(MEASUREMENT_COLUMNS), strict="filter", coerce=True)
+            frame = schema.validate(frame, lazy=False)
+        except (pa.errors.SchemaError, OSError, ValueError) as error:
+            raise RigError(
+                f"{path}: expected the columns {', '.join(MEASUREMENT_COLUMNS)}; {first_line(error)}"
+            ) from None
+        counts = frame["muscle"].value_counts()
+        wrong = [name for name in self.muscles if counts.get(name, 0) != self.samples]
+        if wrong:
+            got = ", ".join(f"{counts.get(name, 0)} of {name}" for name in wrong)
+            raise RigError(f"{path}: expected {self.samples} samples of every muscle, got {got}")
+        wide = {
+            name: frame.pivot(index="time_s", columns="muscle", values=name) for name in list(MEASUREMENT_COLUMNS)[2:]
+        }
+        first_muscle = [self.muscles[list(self.muscle_joints).index(joint)] for joint in self.joints]
+        arrays = {
+            name: values[first_muscle if name.startswith("joint") else list(self.muscles)].to_numpy()
+            for name, values in wide.items()
+        }
+        return Recording(time_s=wide["force_n"].index.to_numpy(), **arrays)
+
+
+def name_trial(trial: Trial) -> str:
+    """Return a file name that belongs to this trial and to no other."""
+    content = hashlib.sha256(trial.kind.encode() + trial.participant.encode())
+    content.update(trial.pressure_command_kpa.tobytes())
+    content.update(b"" if trial.reference_rad is None else trial.reference_rad.tobytes())
+    return f"{re.sub(r'[^0-9a-zA-Z]+', '_', trial.label or trial.kind)}_{content.hexdigest()[:8]}"
+
+
+def first_line(error: Exception) -> str:
+    """Return the first line of an error's text."""
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

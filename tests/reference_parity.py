@@ -1,0 +1,233 @@
+"""Check the GP core against reference numbers: ``python tests/reference_parity.py --cases FILE [--loop FILE]``.
+
+Prints one line per quantity with its largest error over all cases, and exits with 1 when one is over its tolerance.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from stages.gp import Hyperprior, LogPosterior, MarginalGP, condition, fit
+
+LOW_NOISE = 1e-3
+LOW_NOISE_TOLERANCE = 1e-4
+TOLERANCES = {
+    "log posterior": 1e-9,
+    "gradient": 1e-7,
+    "hessian": 1e-6,
+    "variances": 1e-6,
+    "marginal variances": 1e-6,
+    "marginal variances given sigma": 1e-6,
+    "argmax": 0.0,
+    "map search": 1e-6,
+    "loop picks": 0.0,
+    "loop rmse": 1.0,
+}
+UTILITIES = {"f_over_f": "f_f", "f_over_y_as_run": "f_y", "y_over_y": "y_y"}
+PICKED_BY = {"f_over_f": "f_f", "f_over_y": "f_y", "f_over_y_as_run": "f_y", "y_over_y": "y_y"}
+
+
+@dataclass
+class Findings:
+    """Largest error of each quantity, as a share of its tolerance too, and where it was met."""
+
+    worst: dict[str, tuple[float, float, str]] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def note(self, quantity: str, error: float, where: str, tolerance: float | None = None) -> None:
+        """Take one more comparison."""
+        allowed = TOLERANCES[quantity] if tolerance is None else tolerance
+        share = error / allowed if allowed else (np.inf if error > 0 else 0.0)
+        if not np.isfinite(error):
+            share = np.inf
+        self.counts[quantity] = self.counts.get(quantity, 0) + 1
+        if quantity not in self.worst or share > self.worst[quantity][1]:
+            self.worst[quantity] = (error, share, where)
+
+    def report(self) -> bool:
+        """Print a line per quantity; return whether all are within tolerance."""
+        for quantity, (error, share, where) in self.worst.items():
+            verdict = "ok" if share <= 1 else "OVER"
+            told = f"{error:9.2e}  {share:9.2e} of tolerance  {self.counts[quantity]:5d} checks"
+            print(f"{quantity:<32} {told}  {verdict:<4}  {where}")
+        return all(share <= 1 for _, share, _ in self.worst.values())
+
+
+def relative(ours: Any, reference: Any) -> float:
+    """Largest absolute difference over max(1, largest absolute reference)."""
+    ours, reference = np.asarray(ours, dtype=float), np.asarray(reference, dtype=float)
+    return float(np.max(np.abs(ours - reference)) / max(1.0, float(np.max(np.abs(reference)))))
+
+
+def element_wise(ours: Any, reference: Any) -> float:
+    """Largest relative difference of an element."""
+    ours, reference = np.asarray(ours, dtype=float), np.asarray(reference, dtype=float)
+    return float(np.max(np.abs(ours - reference) / np.abs(reference)))
+
+
+def check_case(case: dict[str, Any], findings: Findings) -> None:
+    """Compare one case's blocks."""
+    x, candidates = as_columns(case["X"], case["d"]), as_columns(case["candidates"], case["d"])
+    y = np.asarray(case["y"], dtype=float).ravel()
+    prior = Hyperprior(np.asarray(case["prior_mean"], dtype=float), np.asarray(case["prior_variance"], dtype=float))
+    mean = case["mean_function"]
+    for name in ("fixed", "fixed_far", "map", "map_polished"):
+        if name in case:
+            check_block(case[name], f"case {case['id']} {name}", name, x, y, candidates, prior, mean, findings)
+    best = min(case[name]["neg_log_posterior"] for name in ("map", "map_polished") if name in case)
+    ours = fit(x, y, prior, mean=mean, generator=np.random.default_rng(case["id"]), starts=20)
+    findings.note("map search", max(0.0, -ours.log_posterior - best), f"case {case['id']}")
+
+
+def as_columns(values: Any, dimensions: int) -> np.ndarray:
+    """Return (N, D) inputs."""
+    return np.asarray(values, dtype=float).reshape(-1, dimensions)
+
+
+def check_block(
+    block: dict[str, Any],
+    where: str,
+    name: str,
+    x: np.ndarray,
+    y: np.ndarray,
+    candidates: np.ndarray,
+    prior: Hyperprior,
+    mean: str,
+    findings: Findings,
+) -> None:
+    """Compare one block, all at its theta."""
+    theta = np.asarray(block["theta"], dtype=float)
+    loose = LOW_NOISE_TOLERANCE if np.exp(theta[x.shape[1] + 1]) < LOW_NOISE else None
+    posterior = LogPosterior(x, y, prior, mean)
+    for suffix, found in (
+        ("posterior", posterior.derivatives(theta)),
+        ("likelihood", posterior.likelihood_derivatives(theta)),
+    ):
+        value, gradient, hessian = found
+        findings.note("log posterior", relative(-value, block[f"neg_log_{suffix}"]), f"{where} {suffix}")
+        findings.note("gradient", relative(-gradient, block[f"grad_neg_log_{suffix}"]), f"{where} {suffix}", loose)
+        findings.note("hessian", relative(-hessian, block[f"hess_neg_log_{suffix}"]), f"{where} {suffix}", loose)
+    model = condition(x, y, theta, prior, mean=mean)
+    noise = model.noise_variance
+    variance = model.predict(candidates)[1]
+    findings.note("variances", element_wise(variance, block["f_var"]), f"{where} f", loose)
+    findings.note("variances", element_wise(variance + noise, block["y_var"]), f"{where} y", loose)
+    if block["hess_pd"]:
+        compare_marginal(model, block, candidates, "marginal variances", where, findings, loose)
+    if "given_sigma" in block:
+        given = block["given_sigma"]
+        held = condition(x, y, theta, prior, mean=mean, covariance=np.asarray(given["Sigma"], dtype=float))
+        compare_marginal(held, given, candidates, "marginal variances given sigma", where, findings, loose)
+    if name in ("fixed", "map_polished") and block["hess_pd"]:
+        for reference, ours in UTILITIES.items():
+            index = block[f"argmax_{reference}_index0"]
+            found_index = int(np.argmax(model.utility(candidates, ours)))
+            findings.note("argmax", float(found_index != index), f"{where} {ours}: {found_index} against {index}")
+
+
+def compare_marginal(
+    model: MarginalGP,
+    block: dict[str, Any],
+    candidates: np.ndarray,
+    quantity: str,
+    where: str,
+    findings: Findings,
+    loose: float | None,
+) -> None:
+    """Compare the marginal GP's variances."""
+    marginal = model.predict_marginal(candidates)[1]
+    findings.note(quantity, element_wise(marginal, block["mgp_f_var"]), f"{where} f", loose)
+    findings.note(quantity, element_wise(marginal + model.noise_variance, block["mgp_y_var"]), f"{where} y", loose)
+
+
+def check_loop(loop: dict[str, Any], findings: Findings) -> None:
+    """Compare the reference's active loop: its picks given its MAPs, and the error of ours on our own."""
+    dimensions = len(loop["pool_X"][0])
+    pool, test = as_columns(loop["pool_X"], dimensions), as_columns(loop["test_X"], dimensions)
+    pool_y, test_f = np.asarray(loop["pool_y"], dtype=float), np.asarray(loop["test_f"], dtype=float)
+    prior = Hyperprior(np.asarray(loop["prior_mean"]), np.asarray(loop["prior_variance"]))
+    mean = "constant" if prior.mean.size > dimensions + 2 else "zero"
+    active = [run for run in loop["runs"] if run["mode"] in PICKED_BY]
+    for run in active:
+        for step, expected in enumerate(run["chosen_index0"]):
+            known = [*run["initial_index0"], *run["chosen_index0"][:step]]
+            theta = np.asarray(run["map_theta_per_iter"][step], dtype=float)
+            model = condition(pool[known], pool_y[known], theta, prior, mean=mean)
+            found = best_unknown(model.utility(pool, PICKED_BY[run["mode"]]), known)
+            where = f"{run['mode']} seed {run['seed']} pick {step}: {found} against {expected}"
+            findings.note("loop picks", float(found != expected), where)
+    ours, theirs = [], []
+    for run in (run for run in active if PICKED_BY[run["mode"]] == "y_y"):
+        ours.append(run_own_loop(run, pool, pool_y, test, test_f, prior, mean))
+        theirs.append(run["rmse_per_iter"][-1])
+    difference = np.array(ours) - np.array(theirs)
+    allowed = max(2 * float(difference.std(ddof=1)) / np.sqrt(difference.size), 0.002)
+    where = f"y_y after {len(active[0]['chosen_index0'])} picks: {np.mean(ours):.4f} against {np.mean(theirs):.4f}"
+    findings.note("loop rmse", max(0.0, float(difference.mean())), where, allowed)
+
+
+def run_own_loop(
+    run: dict[str, Any],
+    pool: np.ndarray,
+    pool_y: np.ndarray,
+    test: np.ndarray,
+    test_f: np.ndarray,
+    prior: Hyperprior,
+    mean: str,
+) -> float:
+    """Run y_y on our own MAPs from a run's initial points; return the final RMSE."""
+    known = list(run["initial_index0"])
+    generator = np.random.default_rng(run["seed"])
+    model = fit(pool[known], pool_y[known], prior, mean=mean, generator=generator)
+    for _ in run["chosen_index0"]:
+        known.append(best_unknown(model.utility(pool, "y_y"), known))
+        warm = (model.theta,)
+        model = fit(pool[known], pool_y[known], prior, mean=mean, generator=generator, warm_starts=warm)
+    return float(np.sqrt(np.mean((model.predict(test)[0] - test_f) ** 2)))
+
+
+def best_unknown(scores: np.ndarray, known: list[int]) -> int:
+    """Return the best index that is not known yet."""
+    scores = scores.copy()
+    scores[known] = -np.inf
+    return int(np.argmax(scores))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--cases", type=Path, metavar="FILE", help="cases of fixed and fitted hyperparameters")
+    parser.add_argument("--loop", type=Path, metavar="FILE", help="whole active loops")
+    options = parser.parse_args(arguments)
+    if options.cases is None and options.loop is None:
+        parser.error("give --cases FILE, --loop FILE or both")
+    findings = Findings()
+    try:
+        for case in read(options.cases, "cases"):
+            check_case(case, findings)
+        if options.loop is not None:
+            check_loop(json.loads(options.loop.read_text()), findings)
+    except (OSError, ValueError, KeyError) as error:
+        print(f"cannot check {options.cases or options.loop}: {type(error).__name__}: {error}", file=sys.stderr)
+        return 2
+    return 0 if findings.report() else 1
+
+
+def read(path: Path | None, key: str) -> Iterator[dict[str, Any]]:
+    """Yield the entries under a key of a JSON file."""
+    if path is not None:
+        yield from json.loads(path.read_text())[key]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,176 @@
+"""The main job in its tiny budget, as a person runs it."""
+
+import json
+import signal
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.conftest import Command
+
+STAGES = ["bank", "subsampling", "hyperprior", "hardware", "active_loop", "comparison"]
+TABLES = {
+    "bank",
+    "candidates",
+    "references",
+    "initial_trials",
+    "hyperprior",
+    "scaling",
+    "hardware_recordings",
+    "trials",
+    "active_recordings",
+    "models",
+    "points",
+    "learning_curve",
+    "learning_summary",
+    "final_errors",
+    "paired_comparison",
+}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """One finished run: the command, what it printed, and its folder."""
+    command = Command(tmp_path_factory.mktemp("main") / "outputs", "budget=tiny")
+    result = command()
+    assert result.returncode == 0, result.stderr
+    return command, result, command.runs[0]
+
+
+def read(run, table):
+    return pd.read_parquet(run / "tables" / f"{table}.parquet")
+
+
+def bytes_of(run):
+    return {path.stem: path.read_bytes() for path in (run / "tables").glob("*.parquet")}
+
+
+def origins(run):
+    return {name: record["origin"] for name, record in json.loads((run / "run.json").read_text())["stages"].items()}
+
+
+def test_runs_every_stage_and_leaves_every_table(finished):
+    _, result, run = finished
+    assert list(origins(run)) == STAGES
+    assert {path.stem for path in (run / "tables").glob("*.parquet")} == TABLES
+    assert {path.name for path in (run / "figures").iterdir()} == {
+        "learning_curve.png",
+        "learning_curve.pdf",
+        "selected_interactions.png",
+        "selected_interactions.pdf",
+    }
+    assert "Error rate before and after" in result.stdout
+    assert result.stderr == ""
+    page = (run / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 2
+    assert 'src="http' not in page
+
+
+def test_three_trials_of_three_arms_from_the_same_initial_data(finished):
+    _, _, run = finished
+    trials, points, curve = read(run, "trials"), read(run, "points"), read(run, "learning_curve")
+    assert list(trials["arm"].unique()) == ["y_y", "variance", "random"]
+    assert trials.groupby("arm")["trial"].apply(list).map(lambda found: found == [1, 2, 3]).all()
+    initial = read(run, "initial_trials")
+    for _, chosen in trials.groupby("arm"):
+        used = [*initial["trajectory"], *chosen["trajectory"]]
+        assert len(set(used)) == len(used)
+    counts = points.groupby(["arm", "trial", "muscle"]).size().unstack("trial")
+    assert (counts[0] == 10).all()
+    assert (counts[[1, 2, 3]] == 2).all().all()
+    start = curve[curve["trial"] == 0].pivot(index="muscle", columns="arm", values="error_rate")
+    assert np.ptp(start.to_numpy(), axis=1).max() == 0
+
+
+def test_points_are_samples_of_the_recordings(finished):
+    _, _, run = finished
+    points, recordings = read(run, "points"), read(run, "active_recordings")
+    keys = ["participant", "experiment", "arm", "trial", "muscle", "time_s"]
+    measured = ["pressure_kpa", "contraction", "contraction_velocity_per_s", "force_n"]
+    learned = points[points["trial"] > 0]
+    found = learned.merge(recordings, on=keys, suffixes=("", "_recorded"))
+    assert len(found) == len(learned)
+    for name in measured:
+        np.testing.assert_array_equal(found[name], found[f"{name}_recorded"])
+
+
+def test_error_rates_are_those_of_a_model_rebuilt_from_the_tables(finished):
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    _, _, run = finished
+    row = read(run, "learning_curve").query("arm == 'y_y' and muscle == 'pam3' and trial == 2").iloc[0]
+    theta = read(run, "models").query("arm == 'y_y' and muscle == 'pam3' and trial == 2")["value"].to_numpy()
+    points = read(run, "points").query("arm == 'y_y' and muscle == 'pam3' and trial <= 2")
+    scaling = read(run, "scaling").query("muscle == 'pam3'").set_index("quantity")
+    test = read(run, "bank").query("muscle == 'pam3'")
+    inputs = ["pressure_kpa", "contraction", "contraction_velocity_per_s"]
+
+    def standard(frame, names):
+        return ((frame[names] - scaling.loc[names, "centre"]) / scaling.loc[names, "scale"]).to_numpy()
+
+    kernel = ConstantKernel(np.exp(2 * theta[3])) * RBF(np.exp(theta[:3])) + WhiteKernel(np.exp(2 * theta[4]))
+    model = GaussianProcessRegressor(kernel, optimizer=None, alpha=0.0)
+    model.fit(standard(points, inputs), standard(points, ["force_n"])[:, 0])
+    predicted = (
+        model.predict(standard(test, inputs)) * scaling.loc["force_n", "scale"] + scaling.loc["force_n", "centre"]
+    )
+    rmse_n = np.sqrt(np.mean((predicted - test["force_n"]) ** 2))
+    assert row["rmse_n"] == pytest.approx(rmse_n, rel=1e-6)
+    assert row["error_rate"] == pytest.approx(rmse_n / test["force_n"].max(), rel=1e-6)
+
+
+def test_same_command_again_finds_everything_fresh(finished):
+    command, _, run = finished
+    again = command()
+    assert again.returncode == 0
+    assert "everything is fresh: nothing to run" in again.stdout
+    assert command.runs[0] == run
+
+
+def test_same_seed_same_bytes(finished, tmp_path):
+    _, _, run = finished
+    second = Command(tmp_path / "outputs", "budget=tiny")
+    assert second().returncode == 0
+    assert bytes_of(second.runs[0]) == bytes_of(run)
+
+
+def test_killed_in_the_loop_continues_at_the_next_trial_with_identical_tables(finished, tmp_path):
+    _, _, run = finished
+    command = Command(tmp_path / "outputs", "budget=tiny")
+    process = command.start()
+    for _ in range(2400):
+        landed = [part.name for each in command.runs for part in each.glob("parts/active_loop-*/p1*")]
+        if len(landed) >= 4:
+            break
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert len(landed) >= 4
+    result = command()
+    assert result.returncode == 0, result.stderr
+    assert f"resuming {command.runs[0]}" in result.stdout
+    assert len(command.runs) == 1
+    assert bytes_of(command.runs[0]) == bytes_of(run)
+
+
+def test_changed_key_reruns_just_the_stages_that_read_it(finished):
+    command, _, run = finished
+    plan = command("active_loop.points_per_trial=1", "plan=true").stdout
+    assert "active_loop  run    config changed (active_loop.points_per_trial 2 -> 1)" in plan
+    for name in ("bank", "subsampling", "hyperprior", "hardware"):
+        assert f"{name:<11}  fresh" in plan
+    assert "comparison   wait" in plan
+    assert command("active_loop.points_per_trial=1").returncode == 0
+    second = origins(command.runs[-1])
+    assert [name for name in STAGES if second[name] == run.name] == ["bank", "subsampling", "hyperprior", "hardware"]
+
+
+def test_another_seed_shares_the_bank(finished):
+    command, _, _ = finished
+    plan = command("seed=5", "plan=true").stdout
+    assert "bank         fresh" in plan
+    assert "subsampling  run    config changed (seed 0 -> 5)" in plan
