@@ -12,7 +12,7 @@ import importlib
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
@@ -46,9 +46,10 @@ class Workflow(Section):
 
 
 class Settings(Section):
-    """The keys that the pipeline itself reads; none of them changes what a stage computes."""
+    """The keys that the pipeline itself reads; of them, only the seed reaches a stage, if the stage declares it."""
 
     workflow: Workflow
+    seed: Annotated[int, Field(ge=0)]
     stages: list[str] | None
     plan: bool
     outputs: str

@@ -108,8 +108,11 @@ class Table:
             raise TableError(
                 f"table {self.name} ({where}) {' and '.join(parts)}; expected columns {', '.join(self.columns)}"
             )
+        schema = self.schema
+        if frame.empty:
+            schema = pa.DataFrameSchema(dict(self.columns), coerce=True)
         try:
-            checked = self.schema.validate(frame, lazy=True)
+            checked = schema.validate(frame, lazy=True)
         except pa.errors.SchemaErrors as errors:
             raise TableError(f"table {self.name} ({where}): {_describe(errors.failure_cases)}") from None
         if self.key and frame.duplicated(list(self.key)).any():

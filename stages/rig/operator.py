@@ -149,6 +149,9 @@ class OperatorRig(Rig, BaseModel):
         if wrong:
             got = ", ".join(f"{counts.get(name, 0)} of {name}" for name in wrong)
             raise RigError(f"{path}: expected {self.samples} samples of every muscle, got {got}")
+        times = frame.groupby("time_s")["muscle"].nunique()
+        if len(times) != self.samples or times.min() < len(self.muscles):
+            raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(times)} times")
         wide = {
             name: frame.pivot(index="time_s", columns="muscle", values=name) for name in list(MEASUREMENT_COLUMNS)[2:]
         }

@@ -60,6 +60,30 @@ def test_passes_without_drag_would_not_converge(monkeypatch):
     assert np.abs(swinging.joint_angle_rad - settled.joint_angle_rad).max() > 5e-3
 
 
+def test_settled_motion_is_that_of_the_tension_it_brings():
+    rig = configured("rich")
+    who, machine = rig.participants["p1"], rig.exoskeleton
+    settled = move(rig.plant.model_copy(update={"relaxation_passes": 40}))
+    chain, intention = Chain(machine, rig.plant), draw_intention(who, machine, 3)
+    given = settled.tension_n - chain.pull_nominally(settled.pressure_kpa, settled.contraction, settled.velocity_per_s)
+    joints, of_muscle = joint.collect_joints(machine, rig.plant), machine.joint_of_muscle
+    angle, _ = joint.integrate_joints(
+        settled.pressure_kpa,
+        given,
+        np.zeros_like(given),
+        intention,
+        intention.angle_rad[0],
+        joints,
+        chain.constants,
+        of_muscle,
+        embody(who, machine),
+        0.004,
+        2,
+    )
+    assert np.abs(given).max() > 50.0
+    assert angle == pytest.approx(settled.joint_angle_rad, abs=1e-3)
+
+
 def test_tension_follows_from_the_motion_by_the_whole_chain():
     rig = configured("rich")
     motion = move(rig.plant)

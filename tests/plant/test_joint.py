@@ -139,3 +139,20 @@ def test_a_person_is_no_stronger_than_they_are():
         held[strength] = motion[0][-1, 0]
     assert held[80.0] == pytest.approx(np.pi / 2, abs=1e-6)
     assert held[20.0] == pytest.approx(np.arcsin(20.0 / 50.0), abs=1e-3)
+
+
+def test_an_overcome_person_does_not_wind_up():
+    joint = PENDULUM._replace(gravity_torque_nm=0.0, lower_rad=-1.0)
+    rig = configured()
+    constants = collect_constants(rig.exoskeleton, rig.plant)
+    no_muscles = type(constants)(*(column[:0] for column in constants))
+    none, zeros = np.zeros((2000, 0)), np.zeros((2000, 1))
+    push = np.where(np.arange(2000)[:, None] < 1000, -60.0, 0.0)
+    person = [Person(60.0, 7.0, 3.0, 40.0)]
+    motion = integrate_joints(
+        none, none, none, Intention(zeros, zeros, push), np.zeros(1), [joint], no_muscles, [], person, 0.004, 2
+    )
+    angle = motion[0][:, 0]
+    assert angle[999] < -0.95
+    assert angle[1000:].max() < 0.5
+    assert np.abs(angle[1400:]).max() < 0.02
