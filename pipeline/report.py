@@ -73,7 +73,8 @@ def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], consol
     """Print the headline tables of a run."""
     done = [each for each in stages if ledger.finished(each.name)]
     for table in headline_tables(study, done):
-        print_frame(table.title, read_frame(ledger.folder / "tables" / f"{table.name}.parquet"), console)
+        frame = read_frame(ledger.folder / "tables" / f"{table.name}.parquet")
+        print_frame(table.title, frame[list(table.brief or table.columns)], console)
 
 
 def print_frame(title: str, frame: pd.DataFrame, console: Console, limit: int = ROWS_SHOWN_WHOLE) -> None:

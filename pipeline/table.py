@@ -72,12 +72,15 @@ class Table:
         In the order of the file.
     key : tuple of str
         Columns whose values together name a row once; empty for no such promise.
+    brief : tuple of str
+        Columns that a terminal shows of a headline table; empty for all.
     """
 
     name: str
     title: str
     columns: Mapping[str, pa.Column]
     key: tuple[str, ...] = ()
+    brief: tuple[str, ...] = ()
 
     @cached_property
     def schema(self) -> pa.DataFrameSchema:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 CONSTANT_MEAN = "constant_mean"
+ANGLE_COLOUR, PRESSURE_COLOUR = "#c1272d", "#3b6fb6"
 
 WHERE = {
     "participant": column(str, "who tracked"),
@@ -91,7 +92,7 @@ class ActiveLoop(Section):
 
     utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]
     controls: list[Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]] | None
-    subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance"]
+    subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "random"]
     trials: int
     initial_points: int
     points_per_trial: int
@@ -136,7 +137,7 @@ def active_loop(
     chosen = chosen[chosen["arm"] == arms[0]]
     caption = (
         f"References and pressure commands chosen for {first.participant}, experiment {first.experiment}, "
-        f"by {arms[0]}; early trials dark, late ones bright."
+        f"by {arms[0]}, in the order of the trials."
     )
     ctx.figure("selected_interactions", draw_selected(chosen, references, rig), caption)
     return tables
@@ -357,26 +358,30 @@ def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequ
 
 
 def draw_selected(chosen: pd.DataFrame, references: pd.DataFrame, rig: Rig) -> Figure:
-    """Draw the chosen references of each joint and the pressure commands of its muscles, in the order of choice."""
-    from matplotlib import colormaps
+    """Draw the chosen references of each joint and the pressure commands of its muscles, trial after trial."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(4.6 * len(rig.joints), 6.4), layout="constrained")
-    rows = 1 + max(list(rig.muscle_joints).count(joint) for joint in rig.joints)
-    axes = figure.subplots(rows, len(rig.joints), sharex=True, squeeze=False)
-    colours = colormaps["viridis"](np.linspace(0.0, 0.92, len(chosen)))
-    for column_index, joint in enumerate(rig.joints):
+    rows = []
+    for joint in rig.joints:
+        rows.append((joint, "joint_angle_rad", "angle (rad)", ANGLE_COLOUR))
         names = [name for name, its in zip(rig.muscles, rig.muscle_joints, strict=True) if its == joint]
-        for colour, row in zip(colours, chosen.itertuples(), strict=True):
-            samples = references[references["trajectory"] == row.trajectory]
-            first = samples[samples["muscle"] == names[0]]
-            axes[0, column_index].plot(first["time_s"], first["joint_angle_rad"], color=colour, label=f"{row.trial}")
-            for line, name in enumerate(names, start=1):
-                its = samples[samples["muscle"] == name]
-                axes[line, column_index].plot(its["time_s"], its["pressure_command_kpa"], color=colour)
-        axes[0, column_index].set(title=joint, ylabel="reference angle (rad)")
-        for line, name in enumerate(names, start=1):
-            axes[line, column_index].set(ylabel=f"{name} pressure\ncommand (kPa)")
-        axes[-1, column_index].set(xlabel="time (s)")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), title="trial", loc="outside right center", frameon=False)
+        rows += [(name, "pressure_command_kpa", "pressure (kPa)", PRESSURE_COLOUR) for name in names]
+    figure = Figure(figsize=(11.0, 1.25 * len(rows) + 0.6), layout="constrained")
+    axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+    duration_s = rig.samples / rig.sampling_rate_hz
+    for axis, (name, quantity, label, colour) in zip(axes, rows, strict=True):
+        muscle = name if name in rig.muscles else rig.muscles[list(rig.muscle_joints).index(name)]
+        its = references[references["muscle"] == muscle]
+        for position, trajectory in enumerate(chosen["trajectory"]):
+            samples = its[its["trajectory"] == trajectory]
+            axis.plot(samples["time_s"] + position * duration_s, samples[quantity], color=colour, linewidth=1.2)
+            axis.axvline(position * duration_s, color="#dde3ea", linewidth=0.8, zorder=0)
+        axis.set_ylabel(f"{name}\n{label}", fontsize=9)
+    axes[-1].set_xlim(0, len(chosen) * duration_s)
+    axes[-1].set_xticks(
+        [(position + 0.5) * duration_s for position in range(len(chosen))],
+        [f"{row.trial}\nmovement {row.trajectory}" for row in chosen.itertuples()],
+        fontsize=8,
+    )
+    axes[-1].set_xlabel(f"trial, {duration_s:g} s each")
     return figure

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 CONSTANT_MEAN = "constant_mean"
 ALL_MUSCLES = "mean"
+LEVEL = 0.05
 
 LEARNING_CURVE = Table(
     "learning_curve",
@@ -82,13 +83,15 @@ PAIRED_COMPARISON = Table(
         "difference": column(float, "design minus control"),
         "low": column(float, "lower end of its 95 % interval (t)", nullable=True),
         "high": column(float, "upper end of its 95 % interval (t)", nullable=True),
-        "effect_size": column(float, "difference over the SD of differences (d_z)", nullable=True),
+        "d_z": column(float, "effect size: difference over the SD of differences", nullable=True),
         "wins": column(int, "experiments in which the design is better", low=0),
         "p_t": column(float, "two-sided paired t-test", low=0, high=1, nullable=True),
         "p_wilcoxon": column(float, "two-sided Wilcoxon signed-rank test", low=0, high=1, nullable=True),
-        "p_t_holm": column(float, "p_t adjusted by Holm over the rows", low=0, high=1, nullable=True),
+        "p_holm": column(float, "p_t adjusted by Holm over the rows", low=0, high=1, nullable=True),
+        "verdict": column(str, f"at p_holm below {LEVEL}", among=["design better", "control better", "undecided"]),
     },
     key=("measure", "design", "control"),
+    brief=("measure", "design", "control", "n", "difference", "low", "high", "d_z", "p_holm", "verdict"),
 )
 
 
@@ -228,11 +231,12 @@ def pair_arms(curve: pd.DataFrame, arms: Sequence[str]) -> pd.DataFrame:
                     told.wins,
                     told.t_p_value,
                     told.wilcoxon_p_value,
-                    np.nan,
                 )
             )
-    frame = pd.DataFrame(rows, columns=list(PAIRED_COMPARISON.columns))
-    return frame.assign(p_t_holm=adjust_holm(frame["p_t"].to_numpy(dtype=float)))
+    frame = pd.DataFrame(rows, columns=list(PAIRED_COMPARISON.columns)[:-2])
+    adjusted = adjust_holm(frame["p_t"].to_numpy(dtype=float))
+    better = np.where(frame["difference"] < 0, "design better", "control better")
+    return frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, better, "undecided"))
 
 
 def draw_learning_curves(summary: pd.DataFrame, arms: Sequence[str], muscles: Sequence[str]) -> Figure:

@@ -31,7 +31,7 @@ class Design:
     utility : str
         What a trajectory is chosen by; a name in `UTILITIES`, or ``random``.
     subsample_utility : str
-        What a recording's samples are picked by.
+        What a recording's samples are picked by; a name in `UTILITIES`, or ``random``.
     reduce : str
         ``sum`` or ``max`` over a trajectory's samples.
     points_per_trial : int
@@ -182,7 +182,7 @@ class Interaction:
         inputs, outputs : sequences over M muscles of (T, D) and (T,) float arrays
             What was recorded, standardised.
         generators : sequence of Generator
-            For the starts of each muscle's search.
+            For the starts of each muscle's search, and for its picks where they are random.
 
         Returns
         -------
@@ -192,8 +192,8 @@ class Interaction:
             Indices of the picked samples in the recording, in the order of picking.
         """
         picks = tuple(
-            subsample(model, x, y, self.design.points_per_trial, self.design.subsample_utility)
-            for model, x, y in zip(self.models, inputs, outputs, strict=True)
+            self._pick(model, x, y, each)
+            for model, x, y, each in zip(self.models, inputs, outputs, generators, strict=True)
         )
         grown_inputs = tuple(np.vstack([old, x[at]]) for old, x, at in zip(self.inputs, inputs, picks, strict=True))
         grown_outputs = tuple(
@@ -209,3 +209,8 @@ class Interaction:
         )
         told = replace(self, inputs=grown_inputs, outputs=grown_outputs, thetas=thetas, used=self.used | {trajectory})
         return told, picks
+
+    def _pick(self, model: MarginalGP, x: Array, y: Array, generator: np.random.Generator) -> NDArray[np.intp]:
+        if self.design.subsample_utility == "random":
+            return generator.choice(len(x), self.design.points_per_trial, replace=False)
+        return subsample(model, x, y, self.design.points_per_trial, self.design.subsample_utility)
