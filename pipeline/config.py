@@ -136,7 +136,7 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
         _validate(each.config, study.slice(each), ())
         section = study.target(each)
         if section and section not in checked:
-            study.build(section)
+            _check_target(study, section)
             checked.add(section)
     unknown = [name for name in settings.stages or [] if name not in {each.name for each in stages}]
     if unknown:
@@ -145,6 +145,17 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
             f"stages: no stage '{unknown[0]}' in workflow {settings.workflow.name}; {suggest(unknown[0], known)}"
         )
     return study
+
+
+def _check_target(study: Study, section: str) -> None:
+    try:
+        study.build(section)
+    except ConfigError as error:
+        text = str(error)
+        for name, value in study.values.items():
+            if study.values[section].get(name) == value:
+                text = text.replace(f"{section}.{name}.", f"{name}.")
+        raise ConfigError(text) from None
 
 
 def find_target(path: str) -> type:
@@ -201,7 +212,7 @@ def _describe(model: type, error: ValidationError, prefix: tuple[str, ...]) -> s
     elif first["type"] in ("missing", "missing_argument"):
         text = f"missing key '{path}': set it in conf/ or as {path}=..."
     elif first["type"] == "value_error":
-        text = f"{path}: {first['ctx']['error']}" if "ctx" in first else f"{path}: {first['msg']}"
+        text = ": ".join(part for part in (path, str(first.get("ctx", {}).get("error", first["msg"]))) if part)
     else:
         text = f"{path}: {first['msg'][:1].lower()}{first['msg'][1:]}, got {first['input']!r}"
     return text if len(problems) == 1 else f"{text} (and {len(problems) - 1} more)"

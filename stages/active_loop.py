@@ -11,28 +11,27 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 
 from pipeline.config import Section, Target
 from pipeline.context import Context
+from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.figures import draw_chosen_trials
 from stages.gp import Choice, Design, Interaction
 from stages.gp import Hyperprior as Prior
 from stages.rig import MEASUREMENT_COLUMNS, Rig, tidy, tracked_trial
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT, Scaling
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 Array = NDArray[np.float64]
 
 CONSTANT_MEAN = "constant_mean"
-ANGLE_COLOUR, PRESSURE_COLOUR = "#c1272d", "#3b6fb6"
 
 WHERE = {
     "participant": column(str, "who tracked"),
@@ -93,13 +92,14 @@ class ActiveLoop(Section):
     utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]
     controls: list[Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]] | None
     subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "random"]
-    trials: int
-    initial_points: int
-    points_per_trial: int
+    trials: PositiveInt
+    initial_points: PositiveInt
+    points_per_trial: PositiveInt
     reduce: Literal["sum", "max"]
     reuse_trajectories: bool
-    starts: int
-    memory_mb: float
+    log_det_every: PositiveInt
+    starts: NonNegativeInt
+    memory_mb: PositiveFloat
 
 
 class Config(Section):
@@ -124,6 +124,7 @@ def active_loop(
     """Choose, execute and learn from one interaction after another, for every experiment and arm."""
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     arms = choose_arms(cfg.active_loop, ctx.rig.real)
+    check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
     with ctx.rig as rig, ctx.progress("trials", experiments.ngroups * len(arms) * cfg.active_loop.trials) as advance:
         for (participant, experiment), initial in experiments:
@@ -139,8 +140,24 @@ def active_loop(
         f"References and pressure commands chosen for {first.participant}, experiment {first.experiment}, "
         f"by {arms[0]}, in the order of the trials."
     )
-    ctx.figure("selected_interactions", draw_selected(chosen, references, rig), caption)
+    ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, group_muscles(rig)), caption)
     return tables
+
+
+def check_budget(section: ActiveLoop, movements: int, initial: int) -> None:
+    """Refuse more trials than there are movements to choose from.
+
+    Raises
+    ------
+    ConfigError
+        Saying how many there are.
+    """
+    if not section.reuse_trajectories and section.trials > movements - initial:
+        raise ConfigError(
+            f"active_loop.trials: expected at most {movements - initial} ({movements} movements of the bank less "
+            f"{initial} initial trials), got {section.trials}; "
+            "raise bank.trajectories or set active_loop.reuse_trajectories=true"
+        )
 
 
 def choose_arms(section: ActiveLoop, real: bool) -> list[str]:
@@ -277,6 +294,7 @@ class Loop:
             reduce=section.reduce,
             points_per_trial=section.points_per_trial,
             reuse_trajectories=section.reuse_trajectories,
+            log_det_every=section.log_det_every,
             mean=self.muscles.mean,
             starts=section.starts,
             memory_mb=section.memory_mb,
@@ -357,31 +375,7 @@ def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequ
     return pd.concat(frames, ignore_index=True)[["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]]
 
 
-def draw_selected(chosen: pd.DataFrame, references: pd.DataFrame, rig: Rig) -> Figure:
-    """Draw the chosen references of each joint and the pressure commands of its muscles, trial after trial."""
-    from matplotlib.figure import Figure
-
-    rows = []
-    for joint in rig.joints:
-        rows.append((joint, "joint_angle_rad", "angle (rad)", ANGLE_COLOUR))
-        names = [name for name, its in zip(rig.muscles, rig.muscle_joints, strict=True) if its == joint]
-        rows += [(name, "pressure_command_kpa", "pressure (kPa)", PRESSURE_COLOUR) for name in names]
-    figure = Figure(figsize=(11.0, 1.25 * len(rows) + 0.6), layout="constrained")
-    axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
-    duration_s = rig.samples / rig.sampling_rate_hz
-    for axis, (name, quantity, label, colour) in zip(axes, rows, strict=True):
-        muscle = name if name in rig.muscles else rig.muscles[list(rig.muscle_joints).index(name)]
-        its = references[references["muscle"] == muscle]
-        for position, trajectory in enumerate(chosen["trajectory"]):
-            samples = its[its["trajectory"] == trajectory]
-            axis.plot(samples["time_s"] + position * duration_s, samples[quantity], color=colour, linewidth=1.2)
-            axis.axvline(position * duration_s, color="#dde3ea", linewidth=0.8, zorder=0)
-        axis.set_ylabel(f"{name}\n{label}", fontsize=9)
-    axes[-1].set_xlim(0, len(chosen) * duration_s)
-    axes[-1].set_xticks(
-        [(position + 0.5) * duration_s for position in range(len(chosen))],
-        [f"{row.trial}\nmovement {row.trajectory}" for row in chosen.itertuples()],
-        fontsize=8,
-    )
-    axes[-1].set_xlabel(f"trial, {duration_s:g} s each")
-    return figure
+def group_muscles(rig: Rig) -> dict[str, list[str]]:
+    """Return the muscles of each joint."""
+    pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
+    return {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}

@@ -6,16 +6,19 @@ In: the rig. Out: `bank`, with force, which only the evaluation may read.
 from __future__ import annotations
 
 from functools import partial
+from typing import Annotated, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveInt, model_validator
 
 from pipeline.config import Section, Target
 from pipeline.context import Context
-from pipeline.errors import ConfigError
+from pipeline.errors import suggest
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.plant import Exoskeleton
 from stages.rig import MEASUREMENT_COLUMNS, Rig, Trial, tidy
 from stages.signals import pressure_profiles
 
@@ -30,8 +33,14 @@ BANK = Table(
 class Range(Section):
     """Lowest and highest value."""
 
-    low: float
-    high: float
+    low: NonNegativeFloat
+    high: NonNegativeFloat
+
+    @model_validator(mode="after")
+    def _order(self) -> Self:
+        if self.low > self.high:
+            raise ValueError(f"expected low <= high, got {self.low} and {self.high}")
+        return self
 
 
 class Pressure(Section):
@@ -40,14 +49,14 @@ class Pressure(Section):
     range_kpa: dict[str, Range]
     hold_s: Range
     transition_s: Range
-    step_share: float
+    step_share: Annotated[float, Field(ge=0, le=1)]
 
 
 class Bank(Section):
     """Config group ``bank``."""
 
-    seed: int
-    trajectories: int
+    seed: NonNegativeInt
+    trajectories: PositiveInt
     pressure: Pressure
 
 
@@ -55,7 +64,21 @@ class Config(Section):
     """What this stage reads."""
 
     bank: Bank
+    exoskeleton: Exoskeleton
     rig: Target
+
+    @model_validator(mode="after")
+    def _range_every_muscle(self) -> Self:
+        missing = [name for name in self.exoskeleton.muscle_names if name not in self.bank.pressure.range_kpa]
+        if missing:
+            raise ValueError(
+                f"bank.pressure.range_kpa: expected a range for every muscle, none for {', '.join(missing)}"
+            )
+        for name in self.bank.pressure.range_kpa:
+            if name not in self.exoskeleton.muscle_names:
+                hint = suggest(name, self.exoskeleton.muscle_names)
+                raise ValueError(f"bank.pressure.range_kpa: no muscle '{name}'; {hint}")
+        return self
 
 
 @stage(BANK)
@@ -77,16 +100,7 @@ def record_movement(cfg: Config, ctx: Context, rig: Rig, trajectory: int) -> dic
 
 
 def draw_pressures(pressure: Pressure, rig: Rig, generator: np.random.Generator) -> NDArray[np.float64]:
-    """Draw each muscle's pressure command (T, M), kPa.
-
-    Raises
-    ------
-    ConfigError
-        When a muscle of the rig has no range.
-    """
-    missing = [name for name in rig.muscles if name not in pressure.range_kpa]
-    if missing:
-        raise ConfigError(f"bank.pressure.range_kpa: expected a range for every muscle, none for {', '.join(missing)}")
+    """Draw each muscle's pressure command (T, M), kPa."""
     ranges = [pressure.range_kpa[name] for name in rig.muscles]
     return pressure_profiles(
         generator,

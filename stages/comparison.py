@@ -7,7 +7,7 @@ In: `bank` (the test set, with force), `hyperprior`, `scaling`, `models`, `point
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,12 +17,10 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.figures import draw_learning_curves
 from stages.gp import Hyperprior, condition
 from stages.signals import Scaling, error_rate
 from stages.statistics import adjust_holm, compare_pairs
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -129,7 +127,7 @@ def comparison(
         f"average: mean and standard deviation over {summary['experiments'].max()} experiments. "
         "Trial 0 is the initial data, the same for every arm."
     )
-    ctx.figure("learning_curve", draw_learning_curves(summary, list(order), muscles), caption)
+    ctx.figure("learning_curve", draw_learning_curves(summary, list(order), [ALL_MUSCLES, *muscles]), caption)
     return curve, summary, tell_final_errors(summary, list(order), muscles), pair_arms(curve, list(order))
 
 
@@ -237,48 +235,3 @@ def pair_arms(curve: pd.DataFrame, arms: Sequence[str]) -> pd.DataFrame:
     adjusted = adjust_holm(frame["p_t"].to_numpy(dtype=float))
     better = np.where(frame["difference"] < 0, "design better", "control better")
     return frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, better, "undecided"))
-
-
-def draw_learning_curves(summary: pd.DataFrame, arms: Sequence[str], muscles: Sequence[str]) -> Figure:
-    """Draw error rate over trials: one panel for each muscle and one for their average."""
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator
-
-    panels = [ALL_MUSCLES, *muscles]
-    columns = min(3, len(panels))
-    lines = -(-len(panels) // columns)
-    figure = Figure(figsize=(3.9 * columns, 3.1 * lines + 0.4), layout="constrained")
-    axes = figure.subplots(lines, columns, sharex=True, squeeze=False).ravel()
-    colours = ["#c1272d", "#3b6fb6", "#6b7480", "#d08a1d", "#4b8f5a", "#8059a5"]
-    for axis, muscle in zip(axes, panels, strict=False):
-        for position, arm in enumerate(arms):
-            its = summary[(summary["muscle"] == muscle) & (summary["arm"] == arm)]
-            axis.errorbar(
-                its["trial"] + 0.09 * (position - (len(arms) - 1) / 2),
-                100 * its["error_rate_mean"],
-                100 * its["error_rate_sd"].fillna(0.0),
-                color=colours[position % len(colours)],
-                marker="o",
-                markersize=3,
-                linewidth=1.4,
-                elinewidth=0.8,
-                capsize=2,
-                label=arm,
-            )
-        axis.set(title="average of the muscles" if muscle == ALL_MUSCLES else muscle, ylabel="error rate (%)")
-        axis.set_ylim(bottom=0)
-        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axis.grid(alpha=0.25)
-    for axis in axes[len(panels) :]:
-        axis.axis("off")
-    for axis in axes[max(0, len(panels) - columns) : len(panels)]:
-        axis.set_xlabel("trial")
-        axis.tick_params(labelbottom=True)
-    spare = axes[len(panels)] if len(panels) < len(axes) else axes[0]
-    spare.legend(
-        *axes[0].get_legend_handles_labels(),
-        title="trajectory chosen by",
-        loc="center" if spare is not axes[0] else "best",
-        frameon=False,
-    )
-    return figure

@@ -6,17 +6,30 @@ comes from the data sheet.
 
 from __future__ import annotations
 
+from typing import Self
+
 import pandas as pd
+from pydantic import PositiveFloat, model_validator
 
 from pipeline.config import Section
 from pipeline.context import Context
-from pipeline.errors import ConfigError, suggest
+from pipeline.errors import suggest
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton, Muscle
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
 
 UNITS = dict(zip((*MODEL_INPUTS, MODEL_OUTPUT), ("kPa", "1", "1/s", "N"), strict=True))
+
+CONSTANT_MEAN = "constant_mean"
+HYPERPARAMETERS = {
+    "log_length_pressure": "log of standard units",
+    "log_length_contraction": "log of standard units",
+    "log_length_velocity": "log of standard units",
+    "log_signal_sd": "log of standard units",
+    "log_noise_sd": "log of standard units",
+    CONSTANT_MEAN: "standard units",
+}
 
 HYPERPRIOR = Table(
     "hyperprior",
@@ -50,16 +63,16 @@ class Row(Section):
     """One hyperparameter's prior."""
 
     mean: float
-    variance: float
+    variance: PositiveFloat
     source: str
 
 
 class DataSheet(Section):
     """What the maker promises of a muscle type."""
 
-    rated_force_n: float
-    rated_pressure_kpa: float
-    max_contraction: float
+    rated_force_n: PositiveFloat
+    rated_pressure_kpa: PositiveFloat
+    max_contraction: PositiveFloat
     source: str
 
 
@@ -77,6 +90,29 @@ class Config(Section):
     hyperprior: Hyperprior
     exoskeleton: Exoskeleton
 
+    @model_validator(mode="after")
+    def _match_rows(self) -> Self:
+        section, muscles = self.hyperprior, self.exoskeleton.muscles
+        for name in section.muscles:
+            if name not in self.exoskeleton.muscle_names:
+                raise ValueError(
+                    f"hyperprior.muscles: no muscle '{name}'; {suggest(name, self.exoskeleton.muscle_names)}"
+                )
+        for muscle in muscles:
+            rows = {**section.rows, **section.muscles.get(muscle.name, {})}
+            unknown = [name for name in rows if name not in HYPERPARAMETERS]
+            missing = [name for name in HYPERPARAMETERS if name not in rows and name != CONSTANT_MEAN]
+            if unknown:
+                raise ValueError(
+                    f"hyperprior: no hyperparameter '{unknown[0]}'; {suggest(unknown[0], HYPERPARAMETERS)}"
+                )
+            if missing:
+                raise ValueError(f"hyperprior.rows lacks {', '.join(missing)}")
+            if muscle.type not in section.data_sheet:
+                hint = suggest(muscle.type, section.data_sheet)
+                raise ValueError(f"hyperprior.data_sheet has no type '{muscle.type}' of {muscle.name}; {hint}")
+        return self
+
 
 @stage(HYPERPRIOR, SCALING)
 def hyperprior(cfg: Config, candidates: pd.DataFrame, ctx: Context) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -85,29 +121,16 @@ def hyperprior(cfg: Config, candidates: pd.DataFrame, ctx: Context) -> tuple[pd.
     for muscle in cfg.exoskeleton.muscles:
         rows = {**cfg.hyperprior.rows, **cfg.hyperprior.muscles.get(muscle.name, {})}
         priors += [
-            (muscle.name, name, row.mean, row.variance, "log of standard units", row.source)
-            for name, row in rows.items()
+            (muscle.name, name, rows[name].mean, rows[name].variance, unit, rows[name].source)
+            for name, unit in HYPERPARAMETERS.items()
+            if name in rows
         ]
-        sheet = find_data_sheet(cfg.hyperprior, muscle)
+        sheet = cfg.hyperprior.data_sheet[muscle.type]
         scalings += scale_muscle(muscle, sheet, candidates[candidates["muscle"] == muscle.name])
     return (
         pd.DataFrame(priors, columns=list(HYPERPRIOR.columns)),
         pd.DataFrame(scalings, columns=list(SCALING.columns)),
     )
-
-
-def find_data_sheet(section: Hyperprior, muscle: Muscle) -> DataSheet:
-    """Return the data sheet of a muscle's type.
-
-    Raises
-    ------
-    ConfigError
-        When the config has none.
-    """
-    if muscle.type not in section.data_sheet:
-        hint = suggest(muscle.type, section.data_sheet)
-        raise ConfigError(f"hyperprior.data_sheet has no type '{muscle.type}' ({muscle.name}); {hint}")
-    return section.data_sheet[muscle.type]
 
 
 def scale_muscle(
@@ -121,7 +144,9 @@ def scale_muscle(
     rows = []
     for name in MODEL_INPUTS:
         values = candidates[name]
-        rows.append((muscle.name, name, values.mean(), values.std(ddof=0), UNITS[name], "mean and SD over the bank"))
+        centre, spread = float(values.mean()), float(values.std(ddof=0))
+        source = "mean and SD over the bank" if spread > 0 else "mean over the bank, where it is constant"
+        rows.append((muscle.name, name, centre, spread or 1.0, UNITS[name], source))
     pressure, contraction = candidates["pressure_kpa"], candidates["contraction"]
     per_kpa = sheet.rated_force_n / sheet.rated_pressure_kpa
     centre = per_kpa * pressure.mean() * (1 - contraction.mean() / sheet.max_contraction)

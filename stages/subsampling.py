@@ -6,9 +6,11 @@ In: `bank`. Out: `candidates` (thinned, without force), `references` (what a tri
 from __future__ import annotations
 
 import pandas as pd
+from pydantic import Field, PositiveInt
 
 from pipeline.config import Section
 from pipeline.context import Context
+from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Participant
@@ -53,16 +55,16 @@ INITIAL_TRIALS = Table(
 class Subsampling(Section):
     """Config group ``subsampling``."""
 
-    every: int
-    experiments: int
-    initial_trials: int
+    every: PositiveInt
+    experiments: PositiveInt
+    initial_trials: PositiveInt
 
 
 class Config(Section):
     """What this stage reads."""
 
     subsampling: Subsampling
-    participants: dict[str, Participant]
+    participants: dict[str, Participant] = Field(min_length=1)
     seed: int
 
 
@@ -78,6 +80,11 @@ def subsampling(cfg: Config, bank: pd.DataFrame, ctx: Context) -> tuple[pd.DataF
 def draw_initial_trials(cfg: Config, trajectories: list[int], ctx: Context) -> pd.DataFrame:
     """Draw distinct trajectories for each participant and experiment."""
     count = cfg.subsampling.initial_trials
+    if count > len(trajectories):
+        raise ConfigError(
+            f"subsampling.initial_trials: expected at most the bank's {len(trajectories)} movements, got {count}; "
+            "lower it or raise bank.trajectories"
+        )
     rows = []
     for participant in cfg.participants:
         for experiment in range(1, cfg.subsampling.experiments + 1):

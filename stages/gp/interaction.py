@@ -38,6 +38,8 @@ class Design:
         Samples that each muscle's model takes from a trial.
     reuse_trajectories : bool
         Whether an executed trajectory may be chosen again.
+    log_det_every : int
+        The ``log_det`` utility takes every so-many-th sample of a trajectory.
     mean : str
         ``zero`` or ``constant``.
     starts : int
@@ -51,6 +53,7 @@ class Design:
     reduce: str
     points_per_trial: int
     reuse_trajectories: bool
+    log_det_every: int
     mean: str
     starts: int
     memory_mb: float
@@ -161,6 +164,7 @@ class Interaction:
             self.design.utility,
             reduce=self.design.reduce,
             memory_mb=self.design.memory_mb,
+            stride=self.design.log_det_every,
         )
         excluded = np.setdiff1d(np.arange(len(scores)), available)
         scores[excluded] = -np.inf

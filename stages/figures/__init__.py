@@ -1,0 +1,6 @@
+"""Figures: frames flow in, matplotlib figures flow out."""
+
+from stages.figures.chosen_trials import draw_chosen_trials
+from stages.figures.learning_curves import draw_learning_curves
+
+__all__ = ["draw_chosen_trials", "draw_learning_curves"]

@@ -1,0 +1,67 @@
+"""Learning curves: error rate over trials, one panel for each muscle and one for their average."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+AVERAGE = "mean"
+COLOURS = ("#c1272d", "#3b6fb6", "#6b7480", "#d08a1d", "#4b8f5a", "#8059a5", "#2b2b2b")
+
+
+def draw_learning_curves(summary: pd.DataFrame, arms: Sequence[str], panels: Sequence[str]) -> Figure:
+    """Draw mean and SD of the error rate over trials.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        Columns arm, trial, muscle, error_rate_mean and error_rate_sd.
+    arms : sequence of str
+        One line each, in this order.
+    panels : sequence of str
+        Values of the muscle column, one panel each.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
+
+    columns = min(3, len(panels))
+    lines = -(-len(panels) // columns)
+    figure = Figure(figsize=(3.9 * columns, 3.1 * lines + 0.4), layout="constrained")
+    axes = figure.subplots(lines, columns, sharex=True, squeeze=False).ravel()
+    for axis, muscle in zip(axes, panels, strict=False):
+        for position, arm in enumerate(arms):
+            its = summary[(summary["muscle"] == muscle) & (summary["arm"] == arm)]
+            axis.errorbar(
+                its["trial"] + 0.09 * (position - (len(arms) - 1) / 2),
+                100 * its["error_rate_mean"],
+                100 * its["error_rate_sd"].fillna(0.0),
+                color=COLOURS[position % len(COLOURS)],
+                marker="o",
+                markersize=3,
+                linewidth=1.4,
+                elinewidth=0.8,
+                capsize=2,
+                label=arm,
+            )
+        axis.set(title="average of the muscles" if muscle == AVERAGE else muscle, ylabel="error rate (%)")
+        axis.set_ylim(bottom=0)
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axis.grid(alpha=0.25)
+    for axis in axes[len(panels) :]:
+        axis.axis("off")
+    for axis in axes[max(0, len(panels) - columns) : len(panels)]:
+        axis.set_xlabel("trial")
+        axis.tick_params(labelbottom=True)
+    spare = axes[len(panels)] if len(panels) < len(axes) else axes[0]
+    spare.legend(
+        *axes[0].get_legend_handles_labels(),
+        title="trajectory chosen by",
+        loc="center" if spare is not axes[0] else "best",
+        frameon=False,
+    )
+    return figure
