@@ -5,7 +5,8 @@ A `Hyperprior` and standardised data flow into `fit`, which returns a `MarginalG
 predictions, and scores points by the `UTILITIES`; `trajectory_utility` scores a whole bank, `subsample` picks the
 samples of a recording. `Interaction` ties them into Algorithm 1: ask for a trajectory, tell what was recorded.
 
-Inside, data flow `kernel` -> `factor` -> `posterior` -> `estimation` -> `laplace` -> `marginal` -> `utilities`.
+Inside, data flow `kernel` -> `factor` -> `posterior` -> `estimation` -> `laplace` -> `marginal` -> `utilities`;
+`marginal` predicts through `prediction`, whose matrix products are those of `distance` and `triangle`.
 """
 
 from stages.gp.factor import FactorisationError

@@ -1,12 +1,13 @@
 """The maximum of the log posterior: Newton's method in a trust region, from several starts.
 
 Starts are ranked by their value, the best few are climbed to a local maximum each, and the highest wins. Directions of
-positive curvature are climbed by the size of their curvature (saddle-free), so that no start ends at a saddle.
+positive curvature are climbed by the size of their curvature (saddle-free) and saddles are left along them, so that no
+climb ends at one. A climb that is about to repeat an earlier one is not finished.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +19,11 @@ from stages.gp.posterior import LogPosterior
 Array = NDArray[np.float64]
 
 GRADIENT_TOLERANCE = 1e-9
+CURVATURE_TOLERANCE = 1e-6
 LARGEST_STEP = 4.0
 SMALLEST_STEP = 1e-14
+SAME = 1e-2
+"""Distance of a Newton step's end to a known maximum within which a climb counts as a repetition."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,71 @@ class Maximum:
     theta: Array
     value: float
     gradient_norm: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a climb stands.
+
+    Parameters
+    ----------
+    theta : (P,) float array
+        Hyperparameters.
+    value : float
+        Log posterior (nats).
+    gradient : (P,) float array
+        Of the log posterior.
+    curvature : (P,) float array
+        Eigenvalues of its Hessian, ascending.
+    axes : (P, P) float array
+        Eigenvectors, in columns.
+    """
+
+    theta: Array
+    value: float
+    gradient: Array
+    curvature: Array
+    axes: Array
+
+    @classmethod
+    def at(cls, posterior: LogPosterior, theta: Array) -> Place | None:
+        """Return the place at theta, or None where the posterior cannot be evaluated."""
+        try:
+            value, gradient, hessian = posterior.derivatives(theta)
+        except FactorisationError:
+            return None
+        return cls(theta, value, gradient, *np.linalg.eigh(hessian))
+
+    @property
+    def slope(self) -> float:
+        """Largest entry of the gradient."""
+        return float(np.abs(self.gradient).max())
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the gradient is zero to tolerance."""
+        return self.slope <= GRADIENT_TOLERANCE * max(1.0, abs(self.value))
+
+    @property
+    def is_peak_shaped(self) -> bool:
+        """Whether no direction curves upwards."""
+        return bool(self.curvature[-1] <= CURVATURE_TOLERANCE * np.abs(self.curvature).max())
+
+    def step(self) -> Array:
+        """Return the saddle-free Newton step, (P,); from a saddle, a step along its steepest way out."""
+        if self.is_flat:
+            return 0.1 * self.axes[:, -1]
+        along = self.axes.T @ self.gradient
+        return np.asarray(self.axes @ (along / np.maximum(np.abs(self.curvature), 1e-10)))
+
+    def predict_gain(self, step: Array) -> float:
+        """Return what the quadratic model gains by a step (nats)."""
+        return float(self.gradient @ step + 0.5 * self.curvature @ (self.axes.T @ step) ** 2)
+
+    def is_below(self, other: Place) -> bool:
+        """Return whether another place is higher, or as high to rounding and flatter."""
+        gained = other.value - self.value
+        return gained > 0 or (gained > -1e-13 * max(1.0, abs(self.value)) and other.slope < self.slope)
 
 
 def find_map(
@@ -65,21 +134,29 @@ def find_map(
 
     Raises
     ------
+    ValueError
+        When a warm start has the wrong shape.
     FactorisationError
         When no start has a covariance that can be factorised.
     """
+    for theta in warm_starts:
+        if np.shape(theta) != posterior.prior.mean.shape:
+            raise ValueError(f"warm start: expected {posterior.prior.mean.size} entries, got shape {np.shape(theta)}")
     fresh = [posterior.prior.mean, *posterior.prior.draw(starts, generator)]
     values = [_value_or_minus_infinity(posterior, theta) for theta in fresh]
-    ranked = [
-        fresh[index] for index in np.argsort(-np.array(values), kind="stable")[:climbs] if np.isfinite(values[index])
-    ]
-    found = [climb(posterior, theta) for theta in [*warm_starts, *ranked]]
+    ranked = [fresh[index] for index in np.argsort(-np.array(values), kind="stable")[:climbs]]
+    found: list[Maximum] = []
+    for theta in [*warm_starts, *ranked]:
+        maximum = climb(posterior, theta, known=[each.theta for each in found])
+        if maximum is not None:
+            found.append(maximum)
     if not found:
-        posterior.value(posterior.prior.mean)
+        posterior.derivatives(posterior.prior.mean)
+        raise FactorisationError("no start of the search has a log posterior that can be evaluated")
     return max(found, key=lambda each: each.value)
 
 
-def climb(posterior: LogPosterior, start: Array, iterations: int = 200) -> Maximum:
+def climb(posterior: LogPosterior, start: Array, iterations: int = 200, known: Iterable[Array] = ()) -> Maximum | None:
     """Climb from one start to a local maximum.
 
     Parameters
@@ -90,41 +167,46 @@ def climb(posterior: LogPosterior, start: Array, iterations: int = 200) -> Maxim
         Where to begin.
     iterations : int
         At most.
+    known : iterable of (P,) float arrays
+        Maxima that need not be found again.
+
+    Returns
+    -------
+    Maximum or None
+        None when the climb cannot begin, or is about to end at a known maximum.
     """
-    theta = np.array(start, dtype=float)
-    value, gradient, hessian = posterior.derivatives(theta)
+    here = Place.at(posterior, np.array(start, dtype=float))
+    if here is None:
+        return None
     radius = 1.0
     for _ in range(iterations):
-        if np.abs(gradient).max() <= GRADIENT_TOLERANCE * max(1.0, abs(value)):
+        if here.is_flat and here.is_peak_shaped:
             break
-        curvature, axes = np.linalg.eigh(hessian)
-        along = axes.T @ gradient
-        step = axes @ (along / np.maximum(np.abs(curvature), 1e-10))
+        step = here.step()
         length = float(np.linalg.norm(step))
+        if length <= radius and here.is_peak_shaped and _is_near(here.theta + step, known):
+            return None
         if length > radius:
             step *= radius / length
-        predicted = float(gradient @ step + 0.5 * step @ hessian @ step)
-        try:
-            trial = posterior.derivatives(theta + step)
-        except FactorisationError:
-            trial = (-np.inf, gradient, hessian)
-        gained = trial[0] - value
-        noise = 1e-13 * max(1.0, abs(value))
-        better = gained > 0 or (gained > -noise and np.abs(trial[1]).max() < np.abs(gradient).max())
-        if better:
-            theta = theta + step
-            value, gradient, hessian = trial
-            if gained > 0.5 * predicted:
+        there = Place.at(posterior, here.theta + step)
+        if there is not None and here.is_below(there):
+            if there.value - here.value > 0.5 * here.predict_gain(step):
                 radius = min(LARGEST_STEP, max(radius, 2.0 * length))
+            here = there
         else:
             radius = 0.25 * min(radius, length)
-            if radius < SMALLEST_STEP * max(1.0, float(np.abs(theta).max())):
+            if radius < SMALLEST_STEP * max(1.0, float(np.abs(here.theta).max())):
                 break
-    return Maximum(theta, value, float(np.abs(gradient).max()))
+    return Maximum(here.theta, here.value, here.slope)
+
+
+def _is_near(theta: Array, known: Iterable[Array]) -> bool:
+    return any(float(np.linalg.norm(theta - each)) <= SAME for each in known)
 
 
 def _value_or_minus_infinity(posterior: LogPosterior, theta: Array) -> float:
     try:
-        return posterior.value(theta)
+        value = posterior.value(theta)
     except FactorisationError:
         return -np.inf
+    return value if np.isfinite(value) else -np.inf

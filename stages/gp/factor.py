@@ -6,6 +6,7 @@ A covariance matrix flows in; its lower factor, the inverse of that factor and t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,11 @@ Array = NDArray[np.float64]
 RELATIVE_JITTERS = (0.0, 1e-12, 1e-10, 1e-8)
 """Tried in turn, times the mean of the diagonal."""
 
+SMALLEST_PIVOT = 1e-150
+
 
 class FactorisationError(ValueError):
-    """A covariance is not positive definite, even with jitter; the message names the rows that coincide."""
+    """A covariance is not finite, or not positive definite even with jitter; the message names rows that coincide."""
 
 
 @dataclass(frozen=True)
@@ -29,15 +32,20 @@ class Factor:
     ----------
     lower : (N, N) float array
         Lower triangular.
-    inverse : (N, N) float array
-        Its inverse, lower triangular: C^-1 = inverse' inverse, which is never formed to predict.
     jitter : float
         What was added to the diagonal; 0 when nothing was.
+    repair : str
+        Says so and names the rows that made it necessary; empty when nothing was.
     """
 
     lower: Array
-    inverse: Array
     jitter: float
+    repair: str
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Inverse of the lower factor, (N, N): C^-1 = inverse' inverse is never formed to predict."""
+        return np.ascontiguousarray(lapack.dtrtri(self.lower, lower=1)[0])
 
     @property
     def log_determinant(self) -> float:
@@ -46,51 +54,55 @@ class Factor:
 
     def whiten(self, columns: Array) -> Array:
         """Return lower^-1 columns."""
-        return self.inverse @ columns
+        return np.asarray(lapack.dtrtrs(self.lower, columns, lower=1)[0])
 
     def solve(self, columns: Array) -> Array:
         """Return C^-1 columns."""
-        return self.inverse.T @ (self.inverse @ columns)
+        return np.asarray(lapack.dtrtrs(self.lower, self.whiten(columns), lower=1, trans=1)[0])
 
 
-def factorise(covariance: Array, inputs: Array) -> Factor:
+def factorise(covariance: Array, scaled: Array) -> Factor:
     """Factorise a covariance, adding the smallest jitter of `RELATIVE_JITTERS` that makes it possible.
 
     Parameters
     ----------
     covariance : (N, N) float array
         Symmetric.
-    inputs : (N, D) float array
-        Its rows' inputs, for the message.
+    scaled : (N, D) float array
+        Its rows' inputs in units of the kernel's lengths, for the message.
 
     Raises
     ------
     FactorisationError
-        When no jitter suffices.
+        When the covariance is not finite or no jitter suffices.
     """
+    if not np.isfinite(covariance).all():
+        raise FactorisationError(f"the covariance of {len(scaled)} points is not finite: hyperparameters out of range")
     scale = float(np.mean(np.diag(covariance)))
-    if np.isfinite(covariance).all():
-        for relative in RELATIVE_JITTERS:
-            jitter = relative * scale
-            shifted = covariance + jitter * np.eye(len(covariance)) if jitter else covariance
-            lower, failed = lapack.dpotrf(shifted, lower=1, clean=1)
-            if failed:
-                continue
-            inverse, singular = lapack.dtrtri(lower, lower=1)
-            if not singular and np.isfinite(inverse).all():
-                return Factor(lower, np.ascontiguousarray(inverse), jitter)
-    first, second, distance = closest_rows(inputs)
+    for relative in RELATIVE_JITTERS:
+        jitter = relative * scale
+        shifted = covariance + jitter * np.eye(len(covariance)) if jitter else covariance
+        lower, failed = lapack.dpotrf(shifted, lower=1, clean=1)
+        if not failed and np.diag(lower).min() > SMALLEST_PIVOT:
+            repair = f"jitter {jitter:.1e} on the covariance's diagonal: {describe_closest(scaled)}" if jitter else ""
+            return Factor(lower, jitter, repair)
     raise FactorisationError(
-        f"the covariance of {len(inputs)} points is not positive definite: rows {first} and {second} are nearly the "
-        f"same (distance {distance:.3g}); remove one or raise the noise"
+        f"the covariance of {len(scaled)} points is not positive definite: {describe_closest(scaled)}; "
+        "remove one or raise the noise"
     )
 
 
-def closest_rows(inputs: Array) -> tuple[int, int, float]:
+def closest_rows(scaled: Array) -> tuple[int, int, float]:
     """Return the two rows that lie closest together, and their distance."""
-    if len(inputs) < 2:
+    if len(scaled) < 2:
         return 0, 0, 0.0
-    squared = ((inputs[:, None, :] - inputs[None, :, :]) ** 2).sum(axis=2)
-    squared[np.tril_indices(len(inputs))] = np.inf
-    first, second = np.unravel_index(int(np.argmin(squared)), squared.shape)
-    return int(first), int(second), float(np.sqrt(squared[first, second]))
+    first, second = np.triu_indices(len(scaled), 1)
+    distances = np.sqrt(((scaled[first] - scaled[second]) ** 2).sum(axis=1))
+    closest = int(np.argmin(distances))
+    return int(first[closest]), int(second[closest]), float(distances[closest])
+
+
+def describe_closest(scaled: Array) -> str:
+    """Return which two rows lie closest together, in words."""
+    first, second, distance = closest_rows(scaled)
+    return f"rows {first} and {second} are nearly the same (distance {distance:.3g})"

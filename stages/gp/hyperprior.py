@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+SMALLEST_VARIANCE = 1e-300
+"""Its inverse is finite."""
+
 
 @dataclass(frozen=True)
 class Hyperprior:
@@ -36,7 +39,7 @@ class Hyperprior:
             raise ValueError(
                 f"hyperprior: expected mean and variance of one length, got {mean.shape}, {variance.shape}"
             )
-        if not (np.isfinite(mean).all() and np.isfinite(variance).all() and (variance > 0).all()):
+        if not (np.isfinite(mean).all() and np.isfinite(variance).all() and (variance > SMALLEST_VARIANCE).all()):
             raise ValueError(f"hyperprior: expected finite means and positive variances, got {mean} and {variance}")
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "variance", variance)

@@ -65,18 +65,9 @@ def squared_differences(inputs: Array) -> Array:
     return (columns[:, :, None] - columns[:, None, :]) ** 2
 
 
-def cross_covariance(points: Array, inputs: Array, hyperparameters: Hyperparameters) -> Array:
-    """Return the (B, N) covariance between new points and the data, by one matrix product.
-
-    Both are taken relative to the data's centre, so that the expanded square loses few digits.
-    """
-    centre = inputs.mean(axis=0)
-    left = (points - centre) / hyperparameters.lengths
-    right = (inputs - centre) / hyperparameters.lengths
-    exponent: Array = left @ right.T
-    exponent -= 0.5 * np.einsum("bd,bd->b", left, left)[:, None]
-    exponent -= 0.5 * np.einsum("nd,nd->n", right, right)[None, :]
-    np.minimum(exponent, 0.0, out=exponent)
+def covariance_among(squares: Array, hyperparameters: Hyperparameters) -> Array:
+    """Return the (N, N) covariance among rows from their (D, N, N) squared differences."""
+    exponent = np.tensordot(-0.5 / hyperparameters.lengths**2, squares, axes=1)
     np.exp(exponent, out=exponent)
     exponent *= hyperparameters.signal_variance
-    return exponent
+    return np.asarray(exponent)

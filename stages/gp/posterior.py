@@ -14,15 +14,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.gp.factor import Factor, factorise
+from stages.gp.factor import Factor, FactorisationError, factorise
 from stages.gp.hyperprior import Hyperprior
-from stages.gp.kernel import Hyperparameters, count_hyperparameters, squared_differences
+from stages.gp.kernel import Hyperparameters, count_hyperparameters, covariance_among, squared_differences
 
 Array = NDArray[np.float64]
+
+LARGEST_LOG = 300.0
+LARGEST_VALUE = 1e50
 
 
 class LogPosterior:
     """log N(y | m, K + sn^2 I) + log p(theta) as a function of theta.
+
+    One thread at a time may ask for derivatives: they share working memory of (D + 3) N^2 numbers.
 
     Parameters
     ----------
@@ -52,13 +57,28 @@ class LogPosterior:
         self.prior = prior
         self.mean = mean
         self._squares = squared_differences(self.inputs)
+        self._work: Array | None = None
+
+    def read(self, theta: Array) -> Hyperparameters:
+        """Return theta, read.
+
+        Raises
+        ------
+        ValueError
+            When theta has the wrong shape, is not finite, or its logarithms are out of floating-point range.
+        """
+        theta = np.asarray(theta, dtype=float)
+        if theta.shape != self.prior.mean.shape:
+            raise ValueError(f"theta: expected {self.prior.mean.size} entries, got shape {theta.shape}")
+        d = self.inputs.shape[1]
+        if not (np.isfinite(theta).all() and (np.abs(theta[: d + 2]) <= LARGEST_LOG).all()):
+            raise FactorisationError(f"theta: expected finite logarithms within +-{LARGEST_LOG:g}, got {theta}")
+        return Hyperparameters.read(theta, d)
 
     def covariance(self, theta: Array) -> Array:
         """Return K, (N, N), without noise."""
-        read = Hyperparameters.read(theta, self.inputs.shape[1])
-        exponent = np.tensordot(-0.5 / read.lengths**2, self._squares, axes=1)
-        covariance: Array = read.signal_variance * np.exp(exponent)
-        return covariance
+        with np.errstate(over="ignore", under="ignore"):
+            return covariance_among(self._squares, self.read(theta))
 
     def factor(self, theta: Array) -> Factor:
         """Return the factor of K + sn^2 I.
@@ -68,12 +88,11 @@ class LogPosterior:
         FactorisationError
             When rows nearly coincide and neither noise nor jitter parts them.
         """
-        noise = np.exp(2 * theta[self.inputs.shape[1] + 1])
-        return factorise(self.covariance(theta) + noise * np.eye(len(self.inputs)), self.inputs)
+        return self._factorise(self.covariance(theta), self.read(theta))
 
     def residual(self, theta: Array) -> Array:
         """Return y - m, (N,)."""
-        return self.outputs - Hyperparameters.read(theta, self.inputs.shape[1]).mean
+        return self.outputs - self.read(theta).mean
 
     def value(self, theta: Array) -> float:
         """Return the log posterior (nats)."""
@@ -81,12 +100,8 @@ class LogPosterior:
 
     def log_likelihood(self, theta: Array) -> float:
         """Return the log marginal likelihood (nats)."""
-        return self._log_likelihood(self.factor(theta), self.residual(theta))
-
-    @staticmethod
-    def _log_likelihood(factor: Factor, residual: Array) -> float:
-        z = factor.whiten(residual)
-        return float(-0.5 * (z @ z + factor.log_determinant + z.size * np.log(2 * np.pi)))
+        factor = self.factor(theta)
+        return _log_likelihood(factor, factor.whiten(self.residual(theta)))
 
     def derivatives(self, theta: Array) -> tuple[float, Array, Array]:
         """Return value, gradient (P,) and Hessian (P, P) of the log posterior at theta (P,)."""
@@ -98,48 +113,73 @@ class LogPosterior:
         )
 
     def likelihood_derivatives(self, theta: Array) -> tuple[float, Array, Array]:
-        """Return value, gradient (P,) and Hessian (P, P) of the log marginal likelihood at theta (P,)."""
-        n, d = self.inputs.shape
-        read = Hyperparameters.read(theta, d)
-        covariance = self.covariance(theta)
-        factor = factorise(covariance + read.noise_variance * np.eye(n), self.inputs)
-        residual = self.residual(theta)
-        inverse = factor.inverse
-        z = inverse @ residual
-        a = inverse.T @ z
+        """Return value, gradient (P,) and Hessian (P, P) of the log marginal likelihood at theta (P,).
 
-        scaled = self._squares / (read.lengths**2)[:, None, None]
-        products = scaled * covariance
-        whitened = np.empty((d + 2, n, n))
-        np.matmul(inverse @ products, inverse.T, out=whitened[:d])
-        spread = inverse @ inverse.T
-        whitened[d] = 2.0 * (np.eye(n) - (read.noise_variance + factor.jitter) * spread)
-        whitened[d + 1] = 2.0 * read.noise_variance * spread
+        Raises
+        ------
+        FactorisationError
+            When rows nearly coincide, or a derivative is out of floating-point range.
+        """
+        with np.errstate(all="ignore"):
+            found = self._differentiate(self.read(theta))
+        if not all(np.isfinite(each).all() for each in found):
+            raise FactorisationError(f"the derivatives of the log posterior are not finite at theta = {theta}")
+        return found
+
+    def _factorise(self, covariance: Array, read: Hyperparameters) -> Factor:
+        noisy = covariance.copy()
+        noisy.flat[:: len(noisy) + 1] += read.noise_variance
+        return factorise(noisy, self.inputs / read.lengths)
+
+    def _differentiate(self, read: Hyperparameters) -> tuple[float, Array, Array]:
+        n, d = self.inputs.shape
+        covariance = covariance_among(self._squares, read)
+        factor = self._factorise(covariance, read)
+        inverse = factor.inverse
+        z = inverse @ (self.outputs - read.mean)
+        a = inverse.T @ z
+        precision = inverse.T @ inverse
+
+        if self._work is None:
+            self._work = np.empty((d + 3, n, n))
+        whitened, spare = self._work[: d + 2], self._work[d + 2]
+        for i in range(d):
+            np.multiply(self._squares[i], covariance / read.lengths[i] ** 2, out=spare)
+            np.matmul(inverse @ spare, inverse.T, out=whitened[i])
+        np.matmul(inverse, inverse.T, out=whitened[d + 1])
+        np.multiply(whitened[d + 1], -2.0 * (read.noise_variance + factor.jitter), out=whitened[d])
+        whitened[d].flat[:: n + 1] += 2.0
+        whitened[d + 1] *= 2.0 * read.noise_variance
 
         flat = whitened.reshape(d + 2, -1)
         pulled = whitened @ z
         gradient = 0.5 * (pulled @ z - np.trace(whitened, axis1=1, axis2=2))
-        hessian = (
-            0.5 * (flat @ flat.T)
-            - pulled @ pulled.T
-            + 0.5 * self._curvature(read, covariance, scaled, np.outer(a, a) - inverse.T @ inverse)
-        )
+        curvature = self._curve(read, np.outer(a, a) - precision, covariance, spare)
+        hessian = 0.5 * (flat @ flat.T + curvature) - pulled @ pulled.T
         if self.mean == "constant":
             gradient, hessian = _append_mean(gradient, hessian, inverse.sum(axis=1), pulled, z)
-        return self._log_likelihood(factor, residual), gradient, hessian
+        return _log_likelihood(factor, z), gradient, hessian
 
-    @staticmethod
-    def _curvature(read: Hyperparameters, covariance: Array, scaled: Array, g: Array) -> Array:
-        d = len(scaled)
-        weights = (g * covariance).ravel()
-        flat = scaled.reshape(d, -1)
-        first = flat @ weights
+    def _curve(self, read: Hyperparameters, g: Array, covariance: Array, spare: Array) -> Array:
+        """Return <G, d2C_ij>, (D + 2, D + 2)."""
+        d = len(self._squares)
+        flat, squared_lengths = self._squares.reshape(d, -1), read.lengths**2
+        weights = g * covariance
+        first = flat @ weights.ravel() / squared_lengths
         curvature = np.zeros((d + 2, d + 2))
-        curvature[:d, :d] = (flat * weights) @ flat.T - 2.0 * np.diag(first)
+        for i in range(d):
+            np.multiply(weights, self._squares[i], out=spare)
+            curvature[i, :d] = flat @ spare.ravel() / squared_lengths / squared_lengths[i]
+        curvature[:d, :d] -= 2.0 * np.diag(first)
         curvature[:d, d] = curvature[d, :d] = 2.0 * first
         curvature[d, d] = 4.0 * weights.sum()
         curvature[d + 1, d + 1] = 4.0 * read.noise_variance * np.trace(g)
         return curvature
+
+
+def _log_likelihood(factor: Factor, z: Array) -> float:
+    with np.errstate(over="ignore"):
+        return float(-0.5 * (z @ z + factor.log_determinant + z.size * np.log(2 * np.pi)))
 
 
 def _append_mean(gradient: Array, hessian: Array, ones: Array, pulled: Array, z: Array) -> tuple[Array, Array]:
@@ -154,13 +194,25 @@ def check_data(inputs: Array, outputs: Array) -> tuple[Array, Array]:
     Raises
     ------
     ValueError
-        When the shapes are not (N, D) and (N,) with N and D at least 1, or a value is not finite.
+        When the shapes are not (N, D) and (N,) with N and D at least 1, or a value is not finite or absurdly large.
     """
     x, y = np.asarray(inputs, dtype=float), np.asarray(outputs, dtype=float)
     if x.ndim != 2 or y.shape != x.shape[:1] or not x.size:
         raise ValueError(f"expected inputs (N, D) and outputs (N,), got shapes {x.shape} and {y.shape}")
     for name, values in (("inputs", x), ("outputs", y)):
-        bad = ~np.isfinite(values if values.ndim == 1 else values.sum(axis=1))
-        if bad.any():
-            raise ValueError(f"expected finite {name}, got {values[bad][0]} in row {int(np.argmax(bad))}")
+        row = find_bad_row(np.isfinite(values))
+        if row is not None:
+            raise ValueError(f"expected finite {name}, got {values[row]} in row {row}")
+        row = find_bad_row(np.abs(values) <= LARGEST_VALUE)
+        if row is not None:
+            raise ValueError(
+                f"expected {name} within {LARGEST_VALUE:g}, got {values[row]} in row {row}; standardise them"
+            )
     return x, y
+
+
+def find_bad_row(good: NDArray[np.bool_]) -> int | None:
+    """Return the first row with an entry that is not good, if there is one."""
+    if good.all():
+        return None
+    return int(np.argmin(good.reshape(len(good), -1).all(axis=1)))

@@ -14,6 +14,8 @@ from stages.gp.utilities import TRAJECTORY_UTILITY, find_utility
 Array = NDArray[np.float64]
 
 REDUCTIONS = ("sum", "max")
+MOST_THREADS = 4
+"""Share the memory, however many run: the size of a chunk, and so the last bit of a result, does not depend on them."""
 
 
 def trajectory_utility(
@@ -42,7 +44,7 @@ def trajectory_utility(
     stride : int
         ``log_det`` takes every so-many-th sample.
     threads : int
-        Muscles scored at a time; the result does not depend on it.
+        Muscles scored at a time, at most `MOST_THREADS`; the result does not depend on it.
 
     Returns
     -------
@@ -56,11 +58,11 @@ def trajectory_utility(
     """
     if reduce not in REDUCTIONS:
         raise ValueError(f"reduce: expected one of {', '.join(REDUCTIONS)}, got {reduce!r}")
-    shapes = {np.shape(each)[:2] for each in candidates}
-    if len(models) != len(candidates) or len(shapes) != 1 or not len(models):
-        raise ValueError(
-            f"expected candidates (R, T, D) for each of {len(models)} models, got {len(candidates)}: {shapes}"
-        )
+    if stride < 1 or threads < 1:
+        raise ValueError(f"expected stride and threads of at least 1, got {stride} and {threads}")
+    shapes = [np.shape(each) for each in candidates]
+    if not models or len(models) != len(shapes) or any(len(each) != 3 or each[:2] != shapes[0][:2] for each in shapes):
+        raise ValueError(f"expected candidates (R, T, D) for each of {len(models)} models, got shapes {shapes}")
     if utility != TRAJECTORY_UTILITY:
         find_utility(utility)
 
@@ -68,15 +70,14 @@ def trajectory_utility(
         if utility == TRAJECTORY_UTILITY:
             return np.array([model.joint_information(trajectory[::stride]) for trajectory in inputs])
         trajectories, samples, dimensions = inputs.shape
-        bounded = model.with_memory(memory_mb / threads)
-        points = bounded.utility(inputs.reshape(-1, dimensions), utility)
+        points = model.utility(inputs.reshape(-1, dimensions), utility, memory_mb / MOST_THREADS)
         along = points.reshape(trajectories, samples)
         return along.sum(axis=1) if reduce == "sum" else along.max(axis=1)
 
     if threads == 1:
         scores = [score(model, inputs) for model, inputs in zip(models, candidates, strict=True)]
     else:
-        with ThreadPoolExecutor(threads) as pool:
+        with ThreadPoolExecutor(min(threads, MOST_THREADS)) as pool:
             scores = list(pool.map(score, models, candidates))
     total: Array = np.sum(scores, axis=0)
     return total

@@ -34,15 +34,18 @@ def subsample(model: MarginalGP, inputs: Array, outputs: Array, count: int, util
     Raises
     ------
     ValueError
-        When there are fewer samples than picks.
+        When there are fewer samples than picks, a shape does not fit, or a value that is needed is not finite.
     """
+    inputs, outputs = np.asarray(inputs, dtype=float), np.asarray(outputs, dtype=float)
+    if inputs.ndim != 2 or outputs.shape != inputs.shape[:1]:
+        raise ValueError(f"recording: expected (T, D) and (T,), got shapes {inputs.shape} and {outputs.shape}")
     if not 0 <= count <= len(inputs):
         raise ValueError(f"count: expected between 0 and {len(inputs)} picks, got {count}")
     picks: list[int] = []
-    for _ in range(count):
+    while len(picks) < count:
+        if picks:
+            model = model.grow(inputs[picks[-1:]], outputs[picks[-1:]])
         scores = model.utility(inputs, utility)
         scores[picks] = -np.inf
-        best = int(np.argmax(scores))
-        picks.append(best)
-        model = model.grow(inputs[best : best + 1], outputs[best : best + 1])
+        picks.append(int(np.argmax(scores)))
     return np.array(picks, dtype=np.intp)
