@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -73,6 +72,20 @@ def element_wise(ours: Any, reference: Any) -> float:
     """Largest relative difference of an element."""
     ours, reference = np.asarray(ours, dtype=float), np.asarray(reference, dtype=float)
     return float(np.max(np.abs(ours - reference) / np.abs(reference)))
+
+
+def check_cases(document: dict[str, Any], findings: Findings) -> None:
+    """Compare every case.
+
+    Raises
+    ------
+    ValueError
+        When there is none.
+    """
+    if not document["cases"]:
+        raise ValueError("expected at least one case, got none")
+    for case in document["cases"]:
+        check_case(case, findings)
 
 
 def check_case(case: dict[str, Any], findings: Findings) -> None:
@@ -212,21 +225,15 @@ def main(arguments: list[str] | None = None) -> int:
     if options.cases is None and options.loop is None:
         parser.error("give --cases FILE, --loop FILE or both")
     findings = Findings()
-    try:
-        for case in read(options.cases, "cases"):
-            check_case(case, findings)
-        if options.loop is not None:
-            check_loop(json.loads(options.loop.read_text()), findings)
-    except (OSError, ValueError, KeyError) as error:
-        print(f"cannot check {options.cases or options.loop}: {type(error).__name__}: {error}", file=sys.stderr)
-        return 2
+    for file, check in ((options.cases, check_cases), (options.loop, check_loop)):
+        if file is None:
+            continue
+        try:
+            check(json.loads(file.read_text()), findings)
+        except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+            print(f"cannot check {file}: {type(error).__name__}: {error}", file=sys.stderr)
+            return 2
     return 0 if findings.report() else 1
-
-
-def read(path: Path | None, key: str) -> Iterator[dict[str, Any]]:
-    """Yield the entries under a key of a JSON file."""
-    if path is not None:
-        yield from json.loads(path.read_text())[key]
 
 
 if __name__ == "__main__":

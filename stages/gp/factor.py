@@ -17,8 +17,6 @@ Array = NDArray[np.float64]
 RELATIVE_JITTERS = (0.0, 1e-12, 1e-10, 1e-8)
 """Tried in turn, times the mean of the diagonal."""
 
-SMALLEST_PIVOT = 1e-150
-
 
 class FactorisationError(ValueError):
     """A covariance is not finite, or not positive definite even with jitter; the message names rows that coincide."""
@@ -64,6 +62,8 @@ class Factor:
 def factorise(covariance: Array, scaled: Array) -> Factor:
     """Factorise a covariance, adding the smallest jitter of `RELATIVE_JITTERS` that makes it possible.
 
+    A pivot that is no more than rounding counts as a failure: what follows from it would be noise.
+
     Parameters
     ----------
     covariance : (N, N) float array
@@ -79,11 +79,12 @@ def factorise(covariance: Array, scaled: Array) -> Factor:
     if not np.isfinite(covariance).all():
         raise FactorisationError(f"the covariance of {len(scaled)} points is not finite: hyperparameters out of range")
     scale = float(np.mean(np.diag(covariance)))
+    rounding = len(covariance) * np.finfo(float).eps * scale
     for relative in RELATIVE_JITTERS:
         jitter = relative * scale
         shifted = covariance + jitter * np.eye(len(covariance)) if jitter else covariance
         lower, failed = lapack.dpotrf(shifted, lower=1, clean=1)
-        if not failed and np.diag(lower).min() > SMALLEST_PIVOT:
+        if not failed and np.diag(lower).min() ** 2 > rounding:
             repair = f"jitter {jitter:.1e} on the covariance's diagonal: {describe_closest(scaled)}" if jitter else ""
             return Factor(lower, jitter, repair)
     raise FactorisationError(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stages.gp.hyperprior import Hyperprior
 from stages.gp.marginal import MarginalGP, condition, fit
 from stages.gp.scoring import trajectory_utility
-from stages.gp.subsample import subsample
+from stages.gp.subsample import check_count, subsample
 
 Array = NDArray[np.float64]
 
@@ -115,7 +115,17 @@ class Interaction:
         used: Sequence[int],
         generators: Sequence[np.random.Generator],
     ) -> Interaction:
-        """Identify every muscle's model from the initial data; one generator for each muscle's starts."""
+        """Identify every muscle's model from the initial data; one generator for each muscle's starts.
+
+        Raises
+        ------
+        ValueError
+            When a muscle is missing or a used trajectory is not in the bank.
+        """
+        _check_muscles(len(priors), candidates, inputs, outputs, generators)
+        for trajectory in used:
+            if not 0 <= trajectory < len(candidates[0]):
+                raise ValueError(f"used: expected trajectories 0 to {len(candidates[0]) - 1}, got {trajectory}")
         thetas = tuple(
             fit(x, y, prior, mean=design.mean, generator=each, starts=design.starts).theta
             for x, y, prior, each in zip(inputs, outputs, priors, generators, strict=True)
@@ -194,7 +204,15 @@ class Interaction:
             With the picked samples appended.
         tuple over M muscles of (K,) int arrays
             Indices of the picked samples in the recording, in the order of picking.
+
+        Raises
+        ------
+        ValueError
+            When a muscle is missing, the trajectory is not in the bank, or the recording has too few samples.
         """
+        _check_muscles(len(self.priors), inputs, outputs, generators)
+        if not 0 <= trajectory < len(self.candidates[0]):
+            raise ValueError(f"trajectory: expected 0 to {len(self.candidates[0]) - 1}, got {trajectory}")
         picks = tuple(
             self._pick(model, x, y, each)
             for model, x, y, each in zip(self.models, inputs, outputs, generators, strict=True)
@@ -215,6 +233,13 @@ class Interaction:
         return told, picks
 
     def _pick(self, model: MarginalGP, x: Array, y: Array, generator: np.random.Generator) -> NDArray[np.intp]:
+        check_count(self.design.points_per_trial, len(x))
         if self.design.subsample_utility == "random":
             return generator.choice(len(x), self.design.points_per_trial, replace=False)
         return subsample(model, x, y, self.design.points_per_trial, self.design.subsample_utility)
+
+
+def _check_muscles(expected: int, *each: Sequence[object]) -> None:
+    for values in each:
+        if len(values) != expected:
+            raise ValueError(f"expected {expected} muscles, got {len(values)}")

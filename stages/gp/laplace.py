@@ -7,13 +7,17 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from stages.gp.hyperprior import Hyperprior
 
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
-"""Eigenvalues below this share of the largest are rounding."""
+"""Eigenvalues of a Hessian below this share of the largest are rounding."""
+
+TOLERANCE = 1e-8
+"""Share of its largest entry by which a given covariance may miss symmetry or have a negative eigenvalue."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,21 @@ class Laplace:
 
     @cached_property
     def root(self) -> Array:
-        """A (P, P) matrix R with S = R R'."""
+        """A (P, P) matrix R with S = R R'.
+
+        Raises
+        ------
+        ValueError
+            When a covariance that was given has a negative eigenvalue.
+        """
         variances, axes = np.linalg.eigh(self.covariance)
+        if variances[0] < -TOLERANCE * np.abs(variances).max():
+            raise ValueError(f"covariance: expected positive semi-definite, got smallest eigenvalue {variances[0]:.3g}")
         return axes * np.sqrt(np.maximum(variances, 0.0))
+
+    def spread(self, slopes: Array) -> Array:
+        """Return s' S s of (B, P) slopes, (B,)."""
+        return np.asarray(np.square(slopes @ self.root).sum(axis=1))
 
 
 def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
@@ -54,15 +70,15 @@ def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
     prior : Hyperprior
         For the repair.
     """
-    curvature, axes = np.linalg.eigh(-0.5 * (hessian + hessian.T))
-    smallest = float(curvature[0])
+    precision = -0.5 * (hessian + hessian.T)
+    curvature, axes = np.linalg.eigh(precision)
     flat = curvature <= ROUNDING * float(np.abs(curvature).max())
-    repair = ""
-    if flat.any():
-        curvature = np.where(flat, prior.precision @ axes**2, curvature)
-        count = int(flat.sum())
-        repair = f"indefinite Hessian: hyperprior's precision along {count} of {flat.size} directions"
-    return Laplace((axes / curvature) @ axes.T, smallest, repair)
+    if not flat.any():
+        return Laplace(_symmetrise(cho_solve(cho_factor(precision), np.eye(len(precision)))), float(curvature[0]), "")
+    smallest = float(curvature[0])
+    curvature = np.where(flat, prior.precision @ axes**2, curvature)
+    repair = f"indefinite Hessian: hyperprior's precision along {int(flat.sum())} of {flat.size} directions"
+    return Laplace(_symmetrise((axes / curvature) @ axes.T), smallest, repair)
 
 
 def accept(covariance: Array, size: int) -> Laplace:
@@ -71,22 +87,24 @@ def accept(covariance: Array, size: int) -> Laplace:
     Parameters
     ----------
     covariance : (P, P) float array
-        S, symmetric, without negative eigenvalues.
+        S.
     size : int
         P.
 
     Raises
     ------
     ValueError
-        When it is none of that.
+        When it has another shape, is not finite or not symmetric.
     """
     given = np.array(covariance, dtype=float)
     if given.shape != (size, size):
         raise ValueError(f"covariance: expected shape ({size}, {size}), got {given.shape}")
     largest = float(np.abs(given).max())
-    if not np.isfinite(largest) or np.abs(given - given.T).max() > 1e-8 * largest:
+    if not np.isfinite(largest) or np.abs(given - given.T).max() > TOLERANCE * largest:
         raise ValueError(f"covariance: expected a finite symmetric matrix, got {given.tolist()}")
-    smallest = float(np.linalg.eigvalsh(given)[0])
-    if smallest < -1e-8 * largest:
-        raise ValueError(f"covariance: expected no negative eigenvalue, got {smallest:.3g}")
-    return Laplace(0.5 * (given + given.T), np.nan, "")
+    return Laplace(_symmetrise(given), np.nan, "")
+
+
+def _symmetrise(matrix: Array) -> Array:
+    symmetric: Array = 0.5 * (matrix + matrix.T)
+    return symmetric

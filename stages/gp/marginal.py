@@ -45,7 +45,7 @@ class MarginalGP:
     Raises
     ------
     ValueError
-        When theta or covariance has the wrong shape, is not finite, or the covariance has a negative eigenvalue.
+        When theta or covariance has the wrong shape or is not finite.
     """
 
     def __init__(self, posterior: LogPosterior, theta: Array, covariance: Array | None = None):

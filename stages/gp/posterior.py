@@ -20,7 +20,7 @@ from stages.gp.kernel import Hyperparameters, count_hyperparameters, covariance_
 
 Array = NDArray[np.float64]
 
-LARGEST_LOG = 300.0
+LARGEST_LOG = 50.0
 LARGEST_VALUE = 1e50
 
 
@@ -65,14 +65,20 @@ class LogPosterior:
         Raises
         ------
         ValueError
-            When theta has the wrong shape, is not finite, or its logarithms are out of floating-point range.
+            When theta has the wrong shape.
+        FactorisationError
+            When it is out of a range that keeps all that follows from it finite.
         """
         theta = np.asarray(theta, dtype=float)
         if theta.shape != self.prior.mean.shape:
             raise ValueError(f"theta: expected {self.prior.mean.size} entries, got shape {theta.shape}")
         d = self.inputs.shape[1]
-        if not (np.isfinite(theta).all() and (np.abs(theta[: d + 2]) <= LARGEST_LOG).all()):
-            raise FactorisationError(f"theta: expected finite logarithms within +-{LARGEST_LOG:g}, got {theta}")
+        if not (np.abs(theta[: d + 2]) <= LARGEST_LOG).all():
+            raise FactorisationError(
+                f"theta: expected logarithms between -{LARGEST_LOG:g} and {LARGEST_LOG:g}, got {theta[: d + 2]}"
+            )
+        if not (np.abs(theta[d + 2 :]) <= LARGEST_VALUE).all():
+            raise FactorisationError(f"theta: expected a constant mean within {LARGEST_VALUE:g}, got {theta[-1]}")
         return Hyperparameters.read(theta, d)
 
     def covariance(self, theta: Array) -> Array:

@@ -58,13 +58,16 @@ def trajectory_utility(
     """
     if reduce not in REDUCTIONS:
         raise ValueError(f"reduce: expected one of {', '.join(REDUCTIONS)}, got {reduce!r}")
-    if stride < 1 or threads < 1:
-        raise ValueError(f"expected stride and threads of at least 1, got {stride} and {threads}")
+    for name, value in (("stride", stride), ("threads", threads)):
+        if value < 1:
+            raise ValueError(f"{name}: expected at least 1, got {value}")
+    if not memory_mb > 0:
+        raise ValueError(f"memory_mb: expected more than 0, got {memory_mb}")
     shapes = [np.shape(each) for each in candidates]
     if not models or len(models) != len(shapes) or any(len(each) != 3 or each[:2] != shapes[0][:2] for each in shapes):
-        raise ValueError(f"expected candidates (R, T, D) for each of {len(models)} models, got shapes {shapes}")
+        raise ValueError(f"expected candidates (R, T, D) for each of {len(models)} models, got {len(shapes)}: {shapes}")
     if utility != TRAJECTORY_UTILITY:
-        find_utility(utility)
+        find_utility(utility, also=(TRAJECTORY_UTILITY,))
 
     def score(model: MarginalGP, inputs: Array) -> Array:
         if utility == TRAJECTORY_UTILITY:

@@ -38,14 +38,25 @@ def subsample(model: MarginalGP, inputs: Array, outputs: Array, count: int, util
     """
     inputs, outputs = np.asarray(inputs, dtype=float), np.asarray(outputs, dtype=float)
     if inputs.ndim != 2 or outputs.shape != inputs.shape[:1]:
-        raise ValueError(f"recording: expected (T, D) and (T,), got shapes {inputs.shape} and {outputs.shape}")
-    if not 0 <= count <= len(inputs):
-        raise ValueError(f"count: expected between 0 and {len(inputs)} picks, got {count}")
+        raise ValueError(f"expected inputs (N, D) and outputs (N,), got shapes {inputs.shape} and {outputs.shape}")
+    check_count(count, len(inputs))
     picks: list[int] = []
-    while len(picks) < count:
-        if picks:
-            model = model.grow(inputs[picks[-1:]], outputs[picks[-1:]])
+    for _ in range(count):
         scores = model.utility(inputs, utility)
         scores[picks] = -np.inf
-        picks.append(int(np.argmax(scores)))
+        best = int(np.argmax(scores))
+        picks.append(best)
+        model = model.grow(inputs[best : best + 1], outputs[best : best + 1])
     return np.array(picks, dtype=np.intp)
+
+
+def check_count(count: int, samples: int) -> None:
+    """Refuse more picks than samples.
+
+    Raises
+    ------
+    ValueError
+        Saying how many there are.
+    """
+    if not 0 <= count <= samples:
+        raise ValueError(f"count: expected between 0 and {samples} picks, got {count}")

@@ -6,7 +6,7 @@ sn^2 the noise; q is what uncertain hyperparameters add, q = dm' S dm + dV' S dV
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,8 +72,15 @@ UTILITIES: Mapping[str, Callable[[PredictiveTerms], Array]] = {
 """Point utilities by name; ``log_det`` scores whole trajectories, see `trajectory_utility`."""
 
 
-def find_utility(name: str) -> Callable[[PredictiveTerms], Array]:
+def find_utility(name: str, also: Sequence[str] = ()) -> Callable[[PredictiveTerms], Array]:
     """Return a point utility.
+
+    Parameters
+    ----------
+    name : str
+        In `UTILITIES`.
+    also : sequence of str
+        Other names that the caller knows, for the message.
 
     Raises
     ------
@@ -81,5 +88,5 @@ def find_utility(name: str) -> Callable[[PredictiveTerms], Array]:
         When there is none of that name.
     """
     if name not in UTILITIES:
-        raise ValueError(f"utility: expected one of {', '.join(UTILITIES)}, got {name!r}")
+        raise ValueError(f"utility: expected one of {', '.join([*UTILITIES, *also])}, got {name!r}")
     return UTILITIES[name]
