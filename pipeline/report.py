@@ -54,7 +54,7 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path:
         run=ledger.name,
         facts=ledger.facts,
         workflow=study.settings.workflow.name,
-        headline=[_table(ledger, table, whole=True) for table in headline_tables(study, done)],
+        headline=[_table(ledger, table, table.brief) for table in headline_tables(study, done)],
         stages=[_stage(ledger, each) for each in done],
         config=OmegaConf.to_yaml(OmegaConf.create(study.values)),
     )
@@ -132,16 +132,17 @@ def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
     }
 
 
-def _table(ledger: Ledger, table: Table, whole: bool = False) -> dict[str, Any]:
+def _table(ledger: Ledger, table: Table, brief: Sequence[str] = ()) -> dict[str, Any]:
     frame = read_frame(ledger.folder / "tables" / f"{table.name}.parquet")
-    short = whole or len(frame) <= ROWS_SHOWN_WHOLE
+    frame = frame[list(brief or table.columns)]
+    short = len(frame) <= ROWS_SHOWN_WHOLE
     shown = frame if short else frame.head(ROWS_OF_A_LONG_TABLE)
     return {
         "name": table.name,
         "title": table.title,
         "rows": len(frame),
         "short": short,
-        "columns": table.describe(),
+        "columns": [each for each in table.describe() if each[0] in frame.columns],
         "numeric": [bool(pd.api.types.is_numeric_dtype(frame[name])) for name in frame.columns],
         "cells": [[format_value(value) for value in row] for row in shown.itertuples(index=False)],
     }

@@ -89,7 +89,7 @@ PAIRED_COMPARISON = Table(
         "verdict": column(str, f"at p_holm below {LEVEL}", among=["design better", "control better", "undecided"]),
     },
     key=("measure", "design", "control"),
-    brief=("measure", "design", "control", "n", "difference", "low", "high", "d_z", "p_holm", "verdict"),
+    brief=("measure", "control", "n", "difference", "low", "high", "verdict"),
 )
 
 
