@@ -9,17 +9,15 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 import pandera.pandas as pa
-from pydantic import BaseModel, ConfigDict, PrivateAttr
 
-from stages.plant.exoskeleton import Exoskeleton
-from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, Rig, RigError, Trial
+from stages.rig.configured import ConfiguredRig
+from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, RigError, Trial
 
 SUFFIXES = (".csv", ".parquet")
 
@@ -38,69 +36,20 @@ class TrialRequested(Exception):
         self.asks = asks
 
 
-class OperatorRig(Rig, BaseModel):
+class OperatorRig(ConfiguredRig):
     """A rig behind a person.
 
     Parameters
     ----------
-    exoskeleton : Exoskeleton
-        Joints, muscles and sampling, as built.
-    participants : dict
-        Who may track, by name; the experimenter moves for the bank.
+    exoskeleton, participants
+        As of every `ConfiguredRig`.
     folder : str
         Where recordings are put.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
     real: ClassVar[bool] = True
 
-    exoskeleton: Exoskeleton
-    participants: dict[str, Any]
     folder: str
-    _connected: bool = PrivateAttr(default=False)
-
-    @property
-    def muscles(self) -> Sequence[str]:
-        """Names of the muscles."""
-        return self.exoskeleton.muscle_names
-
-    @property
-    def joints(self) -> Sequence[str]:
-        """Names of the joints."""
-        return self.exoskeleton.joint_names
-
-    @property
-    def muscle_joints(self) -> Sequence[str]:
-        """Name of the joint that each muscle moves."""
-        return [muscle.joint for muscle in self.exoskeleton.muscles]
-
-    @property
-    def sampling_rate_hz(self) -> float:
-        """Samples per second."""
-        return self.exoskeleton.sampling_rate_hz
-
-    @property
-    def samples(self) -> int:
-        """Samples of one trial."""
-        return self.exoskeleton.samples
-
-    @property
-    def people(self) -> Sequence[str]:
-        """The participants and the experimenter."""
-        return [*self.participants, "experimenter"]
-
-    @property
-    def connected(self) -> bool:
-        """Whether the rig is inside its ``with`` block."""
-        return self._connected
-
-    def connect(self) -> None:
-        """Begin."""
-        self._connected = True
-
-    def release(self) -> None:
-        """End; the operator lets go of the machine."""
-        self._connected = False
 
     def run(self, trial: Trial, generator: np.random.Generator) -> Recording:
         """Read what the operator recorded, or ask for it.

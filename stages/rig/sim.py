@@ -5,24 +5,23 @@ Configuration and trials flow in, recordings flow out. Every random number comes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import Field, model_validator
 
-from stages.plant.exoskeleton import Exoskeleton
 from stages.plant.interaction import Motion, interact
 from stages.plant.participant import Participant, embody, intend, nobody, rest
 from stages.plant.plant import Plant
-from stages.rig.contract import Recording, Rig, Trial
+from stages.rig.configured import ConfiguredRig
+from stages.rig.contract import Recording, Trial
 from stages.rig.limits import Limits, apply_limits, check_limits
 from stages.rig.movement import Movement, move_freely
 from stages.rig.sensors import record
 from stages.signals.trajectories import Array
 
 
-class SimulatedRig(Rig, BaseModel):
+class SimulatedRig(ConfiguredRig):
     """A rig without hardware.
 
     Parameters
@@ -43,69 +42,19 @@ class SimulatedRig(Rig, BaseModel):
         How long the first command and posture are held before the trial, s; not recorded.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
     real: ClassVar[bool] = False
 
-    exoskeleton: Exoskeleton
     plant: Plant
-    participants: dict[str, Participant]
     experimenter: Participant
     movement: Movement
     limits: Limits
     lead_in_s: float = Field(ge=0.0)
-    _connected: bool = PrivateAttr(default=False)
 
     @model_validator(mode="after")
     def _check_fit(self) -> Self:
         self.plant.check_against(self.exoskeleton)
         check_limits(self.limits, self.exoskeleton.muscles)
-        taken = {"experimenter", "nobody"} & set(self.participants)
-        if taken:
-            raise ValueError(f"participants: the name '{taken.pop()}' is reserved; give the participant another one")
         return self
-
-    @property
-    def muscles(self) -> Sequence[str]:
-        """Names of the muscles."""
-        return self.exoskeleton.muscle_names
-
-    @property
-    def joints(self) -> Sequence[str]:
-        """Names of the joints."""
-        return self.exoskeleton.joint_names
-
-    @property
-    def muscle_joints(self) -> Sequence[str]:
-        """Name of the joint that each muscle moves."""
-        return [muscle.joint for muscle in self.exoskeleton.muscles]
-
-    @property
-    def sampling_rate_hz(self) -> float:
-        """Samples per second."""
-        return self.exoskeleton.sampling_rate_hz
-
-    @property
-    def samples(self) -> int:
-        """Samples of one trial."""
-        return self.exoskeleton.samples
-
-    @property
-    def people(self) -> Sequence[str]:
-        """The participants and the experimenter."""
-        return [*self.participants, "experimenter"]
-
-    @property
-    def connected(self) -> bool:
-        """Whether the rig is inside its ``with`` block."""
-        return self._connected
-
-    def connect(self) -> None:
-        """Begin."""
-        self._connected = True
-
-    def release(self) -> None:
-        """End."""
-        self._connected = False
 
     def run(self, trial: Trial, generator: np.random.Generator) -> Recording:
         """Simulate one trial."""

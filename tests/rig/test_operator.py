@@ -24,8 +24,9 @@ def told(trial):
 
 @pytest.fixture
 def operator(tmp_path):
-    machine = configured().exoskeleton
-    return OperatorRig(exoskeleton=machine, participants={"p1": {}}, folder=str(tmp_path))
+    simulated = configured()
+    people = simulated.participants
+    return OperatorRig(exoskeleton=simulated.exoskeleton, participants=people, folder=str(tmp_path))
 
 
 def execute(operator, trial):
