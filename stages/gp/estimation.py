@@ -22,7 +22,7 @@ GRADIENT_TOLERANCE = 1e-9
 CURVATURE_TOLERANCE = 1e-6
 LARGEST_STEP = 4.0
 SMALLEST_STEP = 1e-14
-SAME = 1e-2
+SAME = 0.1
 """Distance of a Newton step's end to a known maximum within which a climb counts as a repetition."""
 
 
@@ -130,7 +130,7 @@ def find_map(
     warm_starts : sequence of (P,) float arrays
         Always climbed.
     climbs : int
-        How many of the other starts are climbed, the highest first.
+        How many starts are climbed in all: after the warm ones the highest of the others, but at least one of them.
 
     Raises
     ------
@@ -144,7 +144,9 @@ def find_map(
             raise ValueError(f"warm start: expected {posterior.prior.mean.size} entries, got shape {np.shape(theta)}")
     fresh = [posterior.prior.mean, *posterior.prior.draw(starts, generator)]
     values = [_value_or_minus_infinity(posterior, theta) for theta in fresh]
-    ranked = [fresh[index] for index in np.argsort(-np.array(values), kind="stable")[:climbs]]
+    ranked = [
+        fresh[index] for index in np.argsort(-np.array(values), kind="stable")[: max(1, climbs - len(warm_starts))]
+    ]
     found: list[Maximum] = []
     for theta in [*warm_starts, *ranked]:
         maximum = climb(posterior, theta, known=[each.theta for each in found])

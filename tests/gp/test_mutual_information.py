@@ -1,0 +1,79 @@
+"""Utilities against mutual information by draws of theta ~ N(theta_MAP, S), where their approximations hold.
+
+Outputs are large and S is small: the mean then carries what a measurement tells, and is nearly linear in theta.
+"""
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from stages.gp import condition
+from tests.gp.data import make_prior
+
+THETA = np.array([0.2, 0.3, 0.1, 0.2, np.log(0.3)])
+DRAWS = 3000
+
+
+@pytest.fixture
+def model(generator):
+    x = generator.uniform(-1.5, 1.5, (12, 3))
+    y = 20.0 * np.sin(2 * x[:, 0]) * np.cos(x[:, 1]) + 15.0 * x[:, 2]
+    root = 0.05 * (np.eye(5) + 0.3 * generator.standard_normal((5, 5)))
+    return condition(x, y, THETA, make_prior(), covariance=root @ root.T)
+
+
+def kernel(theta, left, right):
+    scaled = (left[:, None] - right[None]) / np.exp(theta[:3])
+    return np.exp(2 * theta[3] - 0.5 * (scaled**2).sum(axis=2))
+
+
+def predict_outputs(theta, x, y, path):
+    """Return mean and covariance of the noisy outputs along a path, by the textbook."""
+    noise = np.exp(2 * theta[4])
+    weights = np.linalg.solve(kernel(theta, x, x) + noise * np.eye(len(x)), kernel(theta, x, path))
+    covariance = kernel(theta, path, path) - kernel(theta, path, x) @ weights + noise * np.eye(len(path))
+    return weights.T @ y, covariance
+
+
+def estimate_information(model, path, generator):
+    """Return I(theta; y along the path) by nested Monte Carlo (nats) and its standard error."""
+    thetas = generator.multivariate_normal(model.theta, model.laplace.covariance, DRAWS)
+    found = [predict_outputs(theta, model.inputs, model.posterior.outputs, path) for theta in thetas]
+    means, covariances = (np.array(each) for each in zip(*found, strict=True))
+    roots = np.linalg.cholesky(covariances)
+    outputs = means + np.einsum("kij,kj->ki", roots, generator.standard_normal(means.shape))
+    inverses = np.linalg.inv(roots)
+    centres = np.einsum("kij,kj->ki", inverses, means)
+    halves = np.log(np.diagonal(inverses, axis1=1, axis2=2)).sum(axis=1)
+    told = np.empty(DRAWS)
+    for index, output in enumerate(outputs):
+        densities = halves - 0.5 * ((inverses @ output - centres) ** 2).sum(axis=1)
+        told[index] = densities[index] - (logsumexp(densities) - np.log(DRAWS))
+    return told.mean(), told.std() / np.sqrt(DRAWS)
+
+
+def test_y_y_theta_is_mutual_information_of_a_measurement(model, generator):
+    points = generator.uniform(-1.5, 1.5, (40, 3))
+    scores = model.utility(points, "y_y_theta")
+    for index in np.argsort(scores)[[5, 20, 39]]:
+        expected, error = estimate_information(model, points[index : index + 1], generator)
+        assert scores[index] == pytest.approx(expected, abs=3 * error + 0.03 * expected)
+        assert error < 0.1 * expected
+
+
+def test_y_y_is_that_information_plus_what_a_third_of_v_adds(model, generator):
+    points = generator.uniform(-1.5, 1.5, (40, 3))
+    best = points[np.argmax(model.utility(points, "y_y_theta"))][None]
+    expected, error = estimate_information(model, best, generator)
+    variance = model.predict(best)[1][0]
+    noisy = variance + model.noise_variance
+    with_third = 0.5 * np.log(np.exp(2 * expected) + variance / 3 / noisy)
+    assert model.utility(best, "y_y")[0] == pytest.approx(with_third, abs=3 * error + 0.03 * with_third)
+
+
+def test_log_det_is_mutual_information_of_correlated_measurements(model, generator):
+    time = np.linspace(0, 1, 5)
+    path = 0.8 * np.stack([np.sin(2 * time), np.cos(2 * time), time], axis=1)
+    expected, error = estimate_information(model, path, generator)
+    assert model.joint_information(path) == pytest.approx(expected, abs=3 * error + 0.03 * expected)
+    assert model.utility(path, "y_y_theta").sum() > expected + 5 * error
