@@ -1,0 +1,182 @@
+"""Utilities against mutual information by Monte Carlo, over draws of the hyperparameters from N(theta, S).
+
+Draws are shifted and scaled so that their mean and covariance are theta and S exactly.
+"""
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from stages.gp import UTILITIES, condition
+from stages.gp.utilities import PredictiveTerms
+from tests.gp.data import make_data, make_prior
+
+THETA = np.array([0.2, 0.3, 0.1, 0.2, np.log(0.3)])
+
+
+def draw(theta, covariance, count, generator):
+    normal = generator.standard_normal((count, theta.size))
+    normal -= normal.mean(axis=0)
+    white = normal @ np.linalg.inv(np.linalg.cholesky(np.cov(normal.T, bias=True))).T
+    return theta + white @ np.linalg.cholesky(covariance).T
+
+
+def models_of_draws(model, covariance, count, generator):
+    data = model.posterior
+    return [
+        condition(data.inputs, data.outputs, theta, data.prior) for theta in draw(THETA, covariance, count, generator)
+    ]
+
+
+@pytest.fixture
+def covariance(generator):
+    root = 0.02 * (np.eye(5) + 0.3 * generator.standard_normal((5, 5)))
+    covariance = root @ root.T
+    covariance[4], covariance[:, 4] = 0.0, 0.0
+    covariance[4, 4] = 1e-8
+    return covariance
+
+
+@pytest.fixture
+def model(covariance, generator):
+    """A model of outputs so large that lengths matter to the mean far more than to the variance."""
+    x, y = make_data(generator, 40)
+    return condition(x, 20 * y, THETA, make_prior(), covariance=covariance)
+
+
+def marginal_entropy(means, variances):
+    """Entropy (nats) of a mixture of equal normals, by quadrature."""
+    deviation = np.sqrt(variances)
+    y = np.linspace((means - 9 * deviation).min(), (means + 9 * deviation).max(), 4001)
+    density = np.mean(np.exp(-0.5 * ((y[:, None] - means) / deviation) ** 2) / (np.sqrt(2 * np.pi) * deviation), axis=1)
+    logs = np.log(np.where(density > 0, density, 1.0))
+    return -np.sum(density * logs) * (y[1] - y[0])
+
+
+def test_spread_of_the_mean_is_its_variance_over_draws(model, covariance, generator):
+    points = generator.uniform(-1.5, 1.5, (30, 3))
+    covariance = 0.05 * covariance
+    data = model.posterior
+    model = condition(data.inputs, data.outputs, THETA, data.prior, covariance=covariance)
+    means = [each.predict_mean(points) for each in models_of_draws(model, covariance, 400, generator)]
+    _, dv = model.sensitivities(points)
+    variance = model.predict(points)[1]
+    through_variance = np.einsum("bp,pq,bq->b", dv, covariance, dv) / (3 * variance)
+    through_mean = model.predict_marginal(points)[1] - 4 / 3 * variance - through_variance
+    np.testing.assert_allclose(through_mean, np.var(means, axis=0), rtol=0.02)
+
+
+def test_y_y_theta_is_mutual_information_where_the_mean_carries_it(model, covariance, generator):
+    points = generator.uniform(-1.5, 1.5, (200, 3))
+    dm, dv = model.sensitivities(points)
+    variance = model.predict(points)[1]
+    through_mean = np.einsum("bp,pq,bq->b", dm, covariance, dm)
+    through_variance = np.einsum("bp,pq,bq->b", dv, covariance, dv) / (3 * variance)
+    points = points[through_variance < 0.02 * through_mean][:8]
+    assert len(points) == 8
+    found = np.array([each.predict(points) for each in models_of_draws(model, covariance, 600, generator)])
+    means, variances = found[:, 0], found[:, 1] + model.noise_variance
+    expected = [
+        marginal_entropy(m, v) - np.mean(0.5 * np.log(2 * np.pi * np.e * v))
+        for m, v in zip(means.T, variances.T, strict=True)
+    ]
+    np.testing.assert_allclose(model.utility(points, "y_y_theta"), expected, rtol=0.05)
+
+
+def test_log_det_is_mutual_information_of_a_trajectory(model, covariance, generator):
+    time = np.linspace(0, 1, 12)
+    path = 1.3 * np.stack([np.sin(3 * time), np.cos(4 * time), np.sin(5 * time + 1)], axis=1)
+    wide = 4.0 * covariance
+    model = condition(model.inputs, model.posterior.outputs, THETA, make_prior(), covariance=wide)
+    draws = models_of_draws(model, wide, 1500, generator)
+    means, roots = zip(*(joint(each, path) for each in draws), strict=True)
+    means, roots = np.array(means), np.array(roots)
+    samples = means + np.einsum("kij,kj->ki", roots, generator.standard_normal(means.shape))
+    inverses = np.linalg.inv(roots)
+    whitened = np.einsum("kij,sj->ksi", inverses, samples) - np.einsum("kij,kj->ki", inverses, means)[:, None]
+    densities = -0.5 * (whitened**2).sum(axis=2) + np.log(np.diagonal(inverses, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    information = np.mean(np.diag(densities) - (logsumexp(densities, axis=0) - np.log(len(draws))))
+    assert model.joint_information(path) == pytest.approx(information, rel=0.15)
+    assert model.joint_information(path) < 0.9 * model.utility(path, "y_y_theta").sum()
+
+
+def joint(model, path):
+    """Return mean and Cholesky factor of the outputs along a path, by the textbook."""
+
+    def kernel(left, right):
+        scaled = (left[:, None] - right[None]) / np.exp(model.theta[:3])
+        return np.exp(2 * model.theta[3] - 0.5 * (scaled**2).sum(axis=2))
+
+    noisy = kernel(model.inputs, model.inputs) + model.noise_variance * np.eye(len(model.inputs))
+    cross = kernel(path, model.inputs)
+    mean = cross @ np.linalg.solve(noisy, model.posterior.outputs)
+    covariance = kernel(path, path) - cross @ np.linalg.solve(noisy, cross.T)
+    return mean, np.linalg.cholesky(covariance + model.noise_variance * np.eye(len(path)))
+
+
+def test_log_det_of_one_point_is_its_information_through_the_mean(model, covariance, generator):
+    for point in generator.uniform(-1.5, 1.5, (5, 1, 3)):
+        dm = model.sensitivities(point)[0][0]
+        variance = model.predict(point)[1][0] + model.noise_variance
+        assert model.joint_information(point) == pytest.approx(
+            0.5 * np.log1p(dm @ covariance @ dm / variance), rel=1e-9
+        )
+
+
+def test_repeating_a_point_tells_less_than_twice_as_much(model):
+    point = np.array([[0.5, -0.5, 0.8]])
+    once, twice = model.joint_information(point), model.joint_information(np.vstack([point, point]))
+    assert once < twice < 2 * once
+
+
+def test_a_singular_covariance_tells_what_its_directions_tell(model, generator):
+    path = generator.uniform(-1, 1, (6, 3))
+    data = model.posterior
+    known = condition(data.inputs, data.outputs, THETA, data.prior, covariance=np.zeros((5, 5)))
+    assert known.joint_information(path) == 0.0
+    assert (known.utility(path, "y_y_theta") == 0.0).all()
+    line = np.outer(np.arange(5.0), np.arange(5.0)) * 1e-3
+    rank_one = condition(data.inputs, data.outputs, THETA, data.prior, covariance=line)
+    nearly = condition(data.inputs, data.outputs, THETA, data.prior, covariance=line + 1e-12 * np.eye(5))
+    assert rank_one.joint_information(path) == pytest.approx(nearly.joint_information(path), rel=1e-6)
+    assert rank_one.joint_information(path) > 0.01
+
+
+def test_an_indefinite_covariance_scores_nothing(model, generator):
+    data = model.posterior
+    indefinite = np.diag([0.1, 0.1, -0.1, 0.1, 0.1])
+    held = condition(data.inputs, data.outputs, THETA, data.prior, covariance=indefinite)
+    told = "covariance: expected positive semi-definite, got smallest eigenvalue -0.1"
+    with pytest.raises(ValueError, match=told):
+        held.utility(np.zeros((2, 3)), "y_y")
+    with pytest.raises(ValueError, match=told):
+        held.joint_information(np.zeros((2, 3)))
+
+
+def test_utilities_are_their_formulas(generator):
+    v, q = generator.uniform(0.1, 2.0, (2, 7))
+    terms = PredictiveTerms(v, q, 0.3)
+    vm = 4 / 3 * v + q
+    expected = {
+        "y_y": 0.5 * np.log((vm + 0.3) / (v + 0.3)),
+        "f_f": 0.5 * np.log(vm / v),
+        "f_y": 0.5 * np.log(vm / (v + 0.3)),
+        "y_y_theta": 0.5 * np.log(1 + q / (v + 0.3)),
+        "variance": v,
+    }
+    assert set(UTILITIES) == set(expected)
+    for name, values in expected.items():
+        np.testing.assert_allclose(UTILITIES[name](terms), values, rtol=1e-12)
+
+
+def test_y_y_without_hyperparameter_uncertainty_is_nearly_variance(generator):
+    v = generator.uniform(0.01, 2.0, 50)
+    terms = PredictiveTerms(v, np.zeros(50), 0.3)
+    assert (np.argsort(UTILITIES["y_y"](terms)) == np.argsort(v)).all()
+    assert (UTILITIES["y_y_theta"](terms) == 0).all()
+
+
+def test_an_unknown_utility_is_refused(model):
+    told = "utility: expected one of y_y, f_f, f_y, y_y_theta, variance, got 'entropy'"
+    with pytest.raises(ValueError, match=told):
+        model.utility(np.zeros((1, 3)), "entropy")

@@ -1,0 +1,142 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.reference_parity import main
+
+ROOT = Path(__file__).resolve().parents[2]
+REFERENCE = ROOT.parent / "shared" / "reference"
+
+
+def reference(name):
+    if not (REFERENCE / name).is_file():
+        pytest.skip(f"the reference numbers {REFERENCE / name} are not on this machine")
+    return REFERENCE / name
+
+
+@pytest.fixture
+def case():
+    """A small case of the reference."""
+    return json.loads(reference("cases.json").read_text())["cases"][2]
+
+
+@pytest.fixture
+def check(tmp_path, capsys):
+    """Check one case; return the exit code and what was printed."""
+
+    def run(case):
+        file = tmp_path / "cases.json"
+        file.write_text(json.dumps({"cases": [case]}))
+        code = main(["--cases", str(file)])
+        return code, capsys.readouterr()
+
+    return run
+
+
+def test_all_cases_and_loops_agree():
+    line = ["tests/reference_parity.py", "--cases", reference("cases.json"), "--loop", reference("loop.json")]
+    done = subprocess.run([sys.executable, *map(str, line)], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "OVER" not in done.stdout
+    quantities = (
+        "log posterior",
+        "gradient",
+        "hessian",
+        "variances",
+        "argmax",
+        "map search",
+        "loop picks",
+        "loop rmse",
+    )
+    for quantity in quantities:
+        assert f"\n{quantity}  " in f"\n{done.stdout}"
+
+
+def test_an_unaltered_case_passes(case, check):
+    code, printed = check(case)
+    assert code == 0
+    assert "OVER" not in printed.out
+
+
+def shift(values, index, by):
+    values[index] += by
+
+
+ALTERED = {
+    "log posterior": lambda case: shift(case["fixed"], "neg_log_posterior", 1e-6),
+    "gradient": lambda case: shift(case["fixed_far"]["grad_neg_log_likelihood"], 1, 1e-2),
+    "hessian": lambda case: shift(case["map"]["hess_neg_log_posterior"][0], 0, 1e-2),
+    "variances": lambda case: shift(case["fixed"]["f_var"], 7, 1e-5),
+    "marginal variances": lambda case: shift(case["map_polished"]["mgp_y_var"], 3, 1e-5),
+    "marginal variances given sigma": lambda case: shift(case["fixed"]["given_sigma"]["mgp_f_var"], 0, 1e-5),
+    "argmax": lambda case: shift(case["map_polished"], "argmax_y_over_y_index0", 1),
+    "map search": lambda case: shift(case["map"], "neg_log_posterior", -1e-3),
+}
+
+
+@pytest.mark.parametrize("quantity", ALTERED)
+def test_an_altered_number_is_found(quantity, case, check):
+    ALTERED[quantity](case)
+    code, printed = check(case)
+    over = [line for line in printed.out.splitlines() if " OVER " in line]
+    assert code == 1
+    assert any(line.startswith(f"{quantity}  ") for line in over)
+
+
+def test_a_number_that_is_missing_is_found(case, check):
+    case["fixed"]["f_var"][0] = float("nan")
+    code, printed = check(case)
+    assert code == 1
+    assert "OVER" in printed.out
+
+
+def test_an_altered_pick_is_found(tmp_path, capsys):
+    loop = json.loads(reference("loop.json").read_text())
+    loop["runs"] = [run for run in loop["runs"] if run["mode"] == "y_over_y"][:2]
+    loop["runs"][0]["chosen_index0"][4] += 1
+    file = tmp_path / "loop.json"
+    file.write_text(json.dumps(loop))
+    assert main(["--loop", str(file)]) == 1
+    assert "loop picks" in next(line for line in capsys.readouterr().out.splitlines() if " OVER " in line)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{", "JSONDecodeError"),
+        ("[]", "TypeError"),
+        ("{}", "KeyError: 'cases'"),
+        ('{"cases": []}', "ValueError: expected at least one case"),
+        ('{"cases": [{"id": 0}]}', "KeyError"),
+        ('{"cases": [{"id": 0, "d": 2, "X": [1, 2, 3], "candidates": []}]}', "ValueError"),
+        (None, "FileNotFoundError"),
+    ],
+)
+def test_a_malformed_file_is_refused_in_one_line(text, told, tmp_path, capsys):
+    file = tmp_path / "cases.json"
+    if text is not None:
+        file.write_text(text)
+    assert main(["--cases", str(file)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    assert printed.err.startswith(f"cannot check {file}: ")
+    assert told in printed.err
+
+
+def test_a_malformed_loop_is_named_beside_good_cases(case, tmp_path, capsys):
+    cases, loop = tmp_path / "cases.json", tmp_path / "loop.json"
+    cases.write_text(json.dumps({"cases": [case]}))
+    loop.write_text("{}")
+    assert main(["--cases", str(cases), "--loop", str(loop)]) == 2
+    assert capsys.readouterr().err.startswith(f"cannot check {loop}: KeyError")
+
+
+def test_nothing_to_check_is_said(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == 2
+    assert "give --cases FILE, --loop FILE or both" in capsys.readouterr().err
