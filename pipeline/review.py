@@ -63,6 +63,10 @@ def list_runs(outputs: str, console: Console) -> None:
         }
         for each in ledgers
     ]
+    known = {each.name for each in ledgers}
+    for folder in sorted(runs_folder(outputs).iterdir(), reverse=True):
+        if folder.is_dir() and folder.name not in known:
+            rows.append({"run": folder.name, "status": "no ledger", "stages": "-", "command": "-"})
     print_frame(f"Runs in {runs_folder(outputs)}", pd.DataFrame(rows), console, limit=len(rows))
 
 
