@@ -4,9 +4,9 @@
 lengths apart or noise is low. `Direct` takes each difference. `choose_distances` says which one keeps the digits.
 Inputs are centred and in units of the kernel's lengths throughout; with k = k(X, x*), b = C^-1 k and a = C^-1 (y - m):
 
-    k                               covariance
-    sum_n a_n k_n (x_n - x*)^2      spread of the mean, per input
-    |L' (b o (x - x*))|^2           spread of the variance, per input
+    k                                         covariance
+    sum_n a_n k_n (x_n - x*)^2 - k' c_d       slope of the mean by the logarithm of each length, c_d = C^-1 K_d a
+    |L' (b o (x - x*))|^2                     spread of the variance, per input
 """
 
 from __future__ import annotations
@@ -31,15 +31,21 @@ class Distances(Protocol):
     def covariance(self, points: Array) -> Array:
         """Return k, (N, B), of (D, B) points; the array is reused by the next call."""
 
-    def mean_spread(self, points: Array, k: Array) -> Array:
-        """Return sum_n a_n k_n (x_n - x*)^2, (D, B); call after `covariance`."""
+    def mean_slopes(self, points: Array, k: Array) -> tuple[Array, Array]:
+        """Return rows k, (1 + E, B), with a'k first, and the mean's slopes, (D, B); call after `covariance`."""
 
     def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
         """Return |L' (b o (x - x*))|^2, (D, B); call after `covariance`; b is overwritten; norms are k'b, (B,)."""
 
 
 def choose_distances(
-    scaled: Array, signal_variance: float, noise_variance: float, factor: Factor, weights: Array, size: int
+    scaled: Array,
+    signal_variance: float,
+    noise_variance: float,
+    factor: Factor,
+    rows: Array,
+    corrections: Array,
+    size: int,
 ) -> Distances:
     """Return the faster way that keeps the digits.
 
@@ -51,13 +57,15 @@ def choose_distances(
         sf^2 and sn^2.
     factor : Factor
         Of the noisy covariance.
-    weights : (N,) float array
-        a.
+    rows : (1 + E, N) float array
+        a, and whatever else is to be multiplied with k.
+    corrections : (D, N) float array
+        c_d.
     size : int
         Largest chunk.
     """
     way = Expanded if keeps_digits(scaled, signal_variance, noise_variance + factor.jitter) else Direct
-    return way(scaled, signal_variance, factor, weights, size)
+    return way(scaled, signal_variance, factor, rows, corrections, size)
 
 
 def keeps_digits(scaled: Array, signal_variance: float, noise_variance: float) -> bool:
@@ -74,13 +82,16 @@ def count_numbers(rows: int, dimensions: int) -> int:
 class Expanded:
     """Distances by matrix products."""
 
-    def __init__(self, scaled: Array, signal_variance: float, factor: Factor, weights: Array, size: int):
+    def __init__(
+        self, scaled: Array, signal_variance: float, factor: Factor, rows: Array, corrections: Array, size: int
+    ):
         n, d = scaled.shape
         half_norms = 0.5 * np.einsum("nd,nd->n", scaled, scaled)
         self._left = np.column_stack([scaled, np.log(signal_variance) - half_norms, np.ones(n)])
         self._right = np.ones((d + 2, size))
         self._scaled = np.ascontiguousarray(scaled.T)
-        self._moments = np.vstack([weights, weights * self._scaled, weights * self._scaled**2])
+        weighted = rows[0] * self._scaled
+        self._rows = np.vstack([rows, weighted, weighted * self._scaled - corrections])
         self._stack = Triangle.stack([factor.lower.T * column for column in self._scaled], lower=False)
         self._covariance = np.empty((n, size))
         self._product = np.empty((self._stack.height, size))
@@ -95,12 +106,12 @@ class Expanded:
         np.matmul(self._left, right, out=k)
         return np.exp(k, out=k)
 
-    def mean_spread(self, points: Array, k: Array) -> Array:
-        """Return the spread of the mean."""
+    def mean_slopes(self, points: Array, k: Array) -> tuple[Array, Array]:
+        """Return rows k and the mean's slopes."""
         d = len(points)
-        moments = self._moments @ k
-        spread: Array = points * (points * moments[0] - 2.0 * moments[1 : d + 1]) + moments[d + 1 :]
-        return spread
+        linear = self._rows @ k
+        first, second = linear[-2 * d : -d], linear[-d:]
+        return linear[: -2 * d], points * (points * linear[0] - 2.0 * first) + second
 
     def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
         """Return the spread of the variance."""
@@ -113,9 +124,11 @@ class Expanded:
 class Direct:
     """Distances by differences."""
 
-    def __init__(self, scaled: Array, signal_variance: float, factor: Factor, weights: Array, size: int):
+    def __init__(
+        self, scaled: Array, signal_variance: float, factor: Factor, rows: Array, corrections: Array, size: int
+    ):
         n, d = scaled.shape
-        self._scaled, self._weights = scaled, weights
+        self._scaled, self._rows, self._corrections = scaled, rows, corrections
         self._log_signal = np.log(signal_variance)
         self._upper = Triangle.stack([factor.lower.T], lower=False)
         self._covariance = np.empty((n, size))
@@ -135,14 +148,14 @@ class Direct:
             k -= spare
         return np.exp(k, out=k)
 
-    def mean_spread(self, points: Array, k: Array) -> Array:
-        """Return the spread of the mean."""
-        spare, spread = self._spare[:, : k.shape[1]], np.empty_like(points)
+    def mean_slopes(self, points: Array, k: Array) -> tuple[Array, Array]:
+        """Return rows k and the mean's slopes."""
+        spare, slopes = self._spare[:, : k.shape[1]], -(self._corrections @ k)
         for i, difference in enumerate(self._differences[:, :, : k.shape[1]]):
             np.multiply(difference, k, out=spare)
             spare *= difference
-            spread[i] = self._weights @ spare
-        return spread
+            slopes[i] += self._rows[0] @ spare
+        return self._rows @ k, slopes
 
     def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
         """Return the spread of the variance."""

@@ -97,13 +97,19 @@ class Predictor:
         self._noise = self.read.noise_variance + factor.jitter
         self._centre = inputs.mean(axis=0)
         scaled = (inputs - self._centre) / self.read.lengths
-        self._distances = choose_distances(
-            scaled, self.read.signal_variance, self.read.noise_variance, factor, weights, size
-        )
+        self._weights = weights
         covariance = posterior.covariance(theta)
-        rows = [weights, factor.solve(weights), factor.solve(np.ones(n))]
-        rows += [factor.solve(((column[:, None] - column) ** 2 * covariance) @ weights) for column in scaled.T]
-        self._rows = np.vstack(rows)
+        rows = [weights, factor.solve(weights)] + [factor.solve(np.ones(n))] * (posterior.mean == "constant")
+        corrections = [factor.solve(((column[:, None] - column) ** 2 * covariance) @ weights) for column in scaled.T]
+        self._distances = choose_distances(
+            scaled,
+            self.read.signal_variance,
+            self.read.noise_variance,
+            factor,
+            np.vstack(rows),
+            np.vstack(corrections),
+            size,
+        )
         self._whiten = Triangle.stack([factor.inverse], lower=True)
         self._unwhiten = Triangle.stack([factor.inverse.T], lower=False)
         self._v, self._b = np.empty((2, n, size))
@@ -111,13 +117,13 @@ class Predictor:
 
     def predict_mean(self, points: Array) -> Array:
         """Return the mean, (B,)."""
-        return np.asarray(self._rows[0] @ self._distances.covariance(self._scale(points)) + self.read.mean)
+        return np.asarray(self._weights @ self._distances.covariance(self._scale(points)) + self.read.mean)
 
     def predict(self, points: Array) -> tuple[Array, Array]:
         """Return mean and variance, (B,) each."""
         k = self._distances.covariance(self._scale(points))
         v = self._whiten.multiply(k, self._v[:, : len(points)])
-        return self._rows[0] @ k + self.read.mean, self._variance(np.einsum("nb,nb->b", v, v))
+        return self._weights @ k + self.read.mean, self._variance(np.einsum("nb,nb->b", v, v))
 
     def whiten(self, points: Array) -> Array:
         """Return v, (N, B); it is reused by the next call."""
@@ -133,13 +139,13 @@ class Predictor:
         b = self._unwhiten.multiply(v, self._b[:, :count])
         explained = np.einsum("nb,nb->b", v, v)
         variance = self._variance(explained)
-        linear = self._rows @ k
+        linear, slopes = self._distances.mean_slopes(at, k)
 
         dm, dv = np.zeros((2, self.size, count))
-        dm[:d] = self._distances.mean_spread(at, k) - linear[3:]
+        dm[:d] = slopes
         dm[d] = 2.0 * self._noise * linear[1]
         dm[d + 1] = -2.0 * self.read.noise_variance * linear[1]
-        dm[d + 2 :] = 1.0 - linear[2]
+        dm[d + 2 :] = 1.0 - linear[2:]
         squared = np.einsum("nb,nb->b", b, b)
         dv[:d] = -2.0 * self._distances.variance_spread(at, k, b, explained)
         dv[d] = 2.0 * (variance - self._noise * squared)
