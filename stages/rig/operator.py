@@ -87,11 +87,20 @@ class OperatorRig(ConfiguredRig):
     def _read(self, path: Path) -> Recording:
         try:
             frame = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
-            schema = pa.DataFrameSchema(dict(MEASUREMENT_COLUMNS), strict="filter", coerce=True)
-            frame = schema.validate(frame, lazy=False)
-        except (pa.errors.SchemaError, OSError, ValueError) as error:
+        except (OSError, ValueError) as error:
+            raise RigError(f"{path}: expected a table ({first_line(error)})") from None
+        missing = [name for name in MEASUREMENT_COLUMNS if name not in frame]
+        if missing:
             raise RigError(
-                f"{path}: expected the columns {', '.join(MEASUREMENT_COLUMNS)}; {first_line(error)}"
+                f"{path}: expected the columns {', '.join(MEASUREMENT_COLUMNS)}; it lacks {', '.join(missing)}"
+            )
+        try:
+            schema = pa.DataFrameSchema(dict(MEASUREMENT_COLUMNS), strict="filter", coerce=True)
+            frame = schema.validate(frame, lazy=True)
+        except pa.errors.SchemaErrors as errors:
+            case = errors.failure_cases.iloc[0]
+            raise RigError(
+                f"{path}: column {case['column']}: expected {case['check']}, got {case['failure_case']}"
             ) from None
         counts = frame["muscle"].value_counts()
         wrong = [name for name in self.muscles if counts.get(name, 0) != self.samples]
