@@ -7,13 +7,19 @@ The command line flows in; an exit code flows out: 0 done, 1 a stage failed, 2 t
 from __future__ import annotations
 
 import os
+import sys
+
+if __name__ == "__main__":
+    from pipeline.command import command_line
+    from pipeline.interruption import leave_at_once
+
+    leave_at_once(command_line(sys.argv[1:]))
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
     os.environ[_variable] = "1"
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 import re
-import sys
 from pathlib import Path
 
 import hydra
@@ -24,11 +30,16 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from rich.console import Console
 
+from pipeline.command import command_line
 from pipeline.config import Study, read_settings, validate
 from pipeline.errors import ConfigError, PipelineError, suggest
-from pipeline.ledger import command_line
+from pipeline.interruption import Interrupted
 from pipeline.runner import Runner
 from pipeline.stage import Stage, load_stages, order_stages
+from pipeline.terminal import open_console
+
+SIGNALLED = 128
+"""Exit codes above it tell a signal, which stops a whole multirun."""
 
 CONFIG_FOLDER = Path(__file__).resolve().parent.parent / "conf"
 
@@ -37,7 +48,7 @@ def main() -> int:
     """Run the command line; return the exit code."""
     debugging = "HYDRA_FULL_ERROR" in os.environ
     os.environ["HYDRA_FULL_ERROR"] = "1"
-    errors = _console(stderr=True)
+    errors = open_console(stderr=True)
     codes: list[int] = []
     faults: list[PipelineError | OmegaConfBaseException] = []
 
@@ -47,6 +58,8 @@ def main() -> int:
             codes.append(run_study(composed, sys.argv[1:], errors))
         except (PipelineError, OmegaConfBaseException) as error:
             faults.append(error)
+        if codes and codes[-1] > SIGNALLED:
+            raise SystemExit(codes[-1])
 
     try:
         task()
@@ -57,6 +70,10 @@ def main() -> int:
             raise
         errors.print(explain(error), soft_wrap=True, highlight=False, markup=False)
         return 2
+    except Interrupted as stop:
+        line = f"{stop}; to continue, type: {command_line(sys.argv[1:])}"
+        errors.print(line, soft_wrap=True, highlight=False, markup=False)
+        return stop.code
     except Exception as error:
         if debugging:
             raise
@@ -70,7 +87,7 @@ def main() -> int:
 def run_study(composed: DictConfig, arguments: list[str], errors: Console) -> int:
     """Validate, then plan or run; return the exit code."""
     study, stages = read_study(composed)
-    runner = Runner(study, stages, arguments, _console(), errors)
+    runner = Runner(study, stages, arguments, open_console(), errors)
     if study.settings.plan:
         runner.show_plan()
         return 0
@@ -128,11 +145,6 @@ def _known_keys(path: str) -> list[str]:
     groups = [each.name for each in CONFIG_FOLDER.iterdir() if each.is_dir() and each.name != "hydra"]
     keys = [str(key) for key in node] if isinstance(node, DictConfig) else []
     return keys if "." in path else [*keys, *groups]
-
-
-def _console(stderr: bool = False) -> Console:
-    stream = sys.stderr if stderr else sys.stdout
-    return Console(stderr=stderr, width=None if stream.isatty() else 160)
 
 
 if __name__ == "__main__":

@@ -27,6 +27,9 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
+Text = Annotated[str, Field(min_length=1)]
+
+
 class Target(BaseModel):
     """A section that names the class it configures under ``_target_``; its other keys are that class's parameters."""
 
@@ -39,8 +42,8 @@ class Workflow(Section):
     """Which stages, from which package, which tables a person wants to see first, and which sections others quote."""
 
     name: str
-    package: str
-    stages: list[str]
+    package: Text
+    stages: Annotated[list[Text], Field(min_length=1)]
     headline: list[str]
     quoted: list[str]
 
@@ -52,7 +55,7 @@ class Settings(Section):
     seed: Annotated[int, Field(ge=0)]
     stages: list[str] | None
     plan: bool
-    outputs: str
+    outputs: Text
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,10 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
     declared.update(name for each in stages for name in each.config.model_fields)
     for name in values:
         if name not in declared:
-            raise ConfigError(f"unknown key '{name}': {suggest(str(name), declared)}")
+            raise ConfigError(
+                f"unknown key '{name}', which no stage of workflow {settings.workflow.name} reads: "
+                f"{suggest(str(name), declared)}"
+            )
     study = Study(settings, values)
     checked = set()
     for each in stages:
@@ -138,13 +144,24 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
         if section and section not in checked:
             _check_target(study, section)
             checked.add(section)
-    unknown = [name for name in settings.stages or [] if name not in {each.name for each in stages}]
-    if unknown:
-        known = [each.name for each in stages]
-        raise ConfigError(
-            f"stages: no stage '{unknown[0]}' in workflow {settings.workflow.name}; {suggest(unknown[0], known)}"
-        )
+    _check_names(settings, stages)
     return study
+
+
+def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
+    names = [each.name for each in stages]
+    if settings.stages == []:
+        raise ConfigError(f"stages: expected at least one, or null for all, got []; choose from: {', '.join(names)}")
+    for name in settings.stages or []:
+        if name not in names:
+            raise ConfigError(f"stages: no stage '{name}' in workflow {settings.workflow.name}; {suggest(name, names)}")
+    tables = [table.name for each in stages for table in each.writes]
+    for name in settings.workflow.headline:
+        if name not in tables:
+            raise ConfigError(
+                f"workflow.headline: no stage of workflow {settings.workflow.name} writes '{name}'; "
+                f"{suggest(name, tables)}"
+            )
 
 
 def _check_target(study: Study, section: str) -> None:

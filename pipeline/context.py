@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import TableError, WiringError
-from pipeline.files import TEMPORARY_SUFFIX, hash_file, write_atomically, write_json
+from pipeline.files import TEMPORARY_SUFFIX, hash_file, sync_folder, write_atomically, write_json
 from pipeline.table import Table
 
 if TYPE_CHECKING:
@@ -40,10 +40,13 @@ class Record:
         Where the parts lie; its name holds the fingerprint of what made them.
     tables : mapping of str to Table
         Those that the stage writes.
+    check : callable
+        Raises between two turns if the run is to stop.
     """
 
     folder: Path
     tables: Mapping[str, Table]
+    check: Callable[[], None]
     keys: list[str] = field(default_factory=list)
 
     def part(self, key: tuple[object, ...], make: Callable[[], Mapping[str, pd.DataFrame]]) -> dict[str, pd.DataFrame]:
@@ -66,6 +69,7 @@ class Record:
         place = self.folder / name
         if place.is_dir():
             return self._read(place)
+        self.check()
         frames = make()
         if set(frames) != set(self.tables):
             raise TableError(f"a part needs tables {', '.join(self.tables)}; got {', '.join(frames)}")
@@ -74,6 +78,7 @@ class Record:
         for table_name, frame in frames.items():
             self.tables[table_name].write(frame, temporary / f"{table_name}.parquet")
         temporary.rename(place)
+        sync_folder(self.folder)
         return self._read(place)
 
     def collect(self) -> dict[str, pd.DataFrame]:
@@ -86,7 +91,11 @@ class Record:
         return (self.folder / "~".join(str(each) for each in key)).is_dir()
 
     def _read(self, place: Path) -> dict[str, pd.DataFrame]:
-        return {name: table.read(place / f"{name}.parquet") for name, table in self.tables.items()}
+        try:
+            return {name: table.read(place / f"{name}.parquet") for name, table in self.tables.items()}
+        except TableError as error:
+            told = str(error).split("; remove it")[0]
+            raise TableError(f"{told}; remove the folder {place}, and this turn of the loop is made again") from None
 
 
 @dataclass
@@ -164,14 +173,14 @@ class Context:
         """Keep a matplotlib figure as PNG and PDF, with the caption that the report prints."""
         for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None, "Producer": None})):
             path = self.folder / "figures" / f"{name}{suffix}"
-            write_atomically(path, partial(figure.savefig, dpi=150, metadata=metadata))
+            write_atomically(path, partial(figure.savefig, dpi=150, metadata=metadata), final=True)
             self._note(path, kind="figure", caption=caption)
         figure.clear()
 
     def document(self, name: str, mapping: Mapping[str, Any]) -> None:
         """Keep a mapping as ``documents/NAME.json``."""
         path = self.folder / "documents" / f"{name}.json"
-        write_json(path, mapping)
+        write_json(path, mapping, final=True)
         self._note(path, kind="document")
 
     def _note(self, path: Path, **facts: str) -> None:

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 TEMPORARY_SUFFIX = ".tmp"
+READ_ONLY = 0o444
 
 
-def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
+def write_atomically(path: Path, write: Callable[[Path], object], final: bool = False) -> None:
     """Let `write` fill a temporary file beside `path`, then rename it to `path`.
 
     Parameters
@@ -26,6 +27,8 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         The final name; its folder is made if need be.
     write : callable
         Called with the temporary path.
+    final : bool
+        Whether the file is made read-only: runs share it by hard links.
 
     Raises
     ------
@@ -38,9 +41,22 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         write(temporary)
         with temporary.open("rb") as handle:
             os.fsync(handle.fileno())
+        if final:
+            temporary.chmod(READ_ONLY)
         temporary.replace(path)
+        sync_folder(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the names in a folder reach the disk, where the system can do that."""
+    if hasattr(os, "O_DIRECTORY"):
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -48,9 +64,10 @@ def write_text(path: Path, text: str) -> None:
     write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
-def write_json(path: Path, mapping: Any) -> None:
+def write_json(path: Path, mapping: Any, final: bool = False) -> None:
     """Write a mapping to `path` atomically, indented, with a final newline."""
-    write_text(path, json.dumps(mapping, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(mapping, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"), final)
 
 
 def hash_file(path: Path) -> str:
@@ -75,6 +92,7 @@ def link(source: Path, target: Path) -> None:
             os.link(source, temporary)
         except OSError:
             shutil.copyfile(source, temporary)
+            temporary.chmod(READ_ONLY)
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)

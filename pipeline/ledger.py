@@ -9,20 +9,61 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shlex
-import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from pydantic import TypeAdapter
+from typing_extensions import TypedDict
+
+from pipeline.command import command_line
 from pipeline.files import hash_file, write_json
 
 FORMAT = 1
 FILE_NAME = "run.json"
+
+
+class FileFacts(TypedDict):
+    """A file as it was when its stage was done; further facts may stand beside."""
+
+    sha256: str
+    bytes: int
+
+
+class StageRecord(TypedDict):
+    """What is relied on of a stage's record."""
+
+    status: Literal["running", "done", "failed", "interrupted", "paused"]
+    fingerprint: str
+    origin: str
+    reason: str
+    config: dict[str, Any]
+    inputs: dict[str, str]
+    code: dict[str, str]
+    libraries: dict[str, str]
+    tables: dict[str, FileFacts]
+    files: dict[str, FileFacts]
+
+
+class RunFacts(TypedDict):
+    """What is relied on of run.json."""
+
+    format: Literal[1]
+    status: Literal["running", "done", "failed", "interrupted", "paused"]
+    sequence: int
+    identity: str
+    command: str
+    started: str
+    ended: str | None
+    error: dict[str, str] | None
+    stages: dict[str, StageRecord]
+
+
+SHAPE = TypeAdapter(RunFacts)
 
 
 @dataclass
@@ -60,12 +101,11 @@ class Ledger:
 
     @classmethod
     def read(cls, folder: Path) -> Ledger | None:
-        """Read a run's ledger, or return None where there is none that can be read."""
+        """Read a run's ledger, or return None where there is none, or one of another shape or format."""
         try:
             facts = json.loads((folder / FILE_NAME).read_text(encoding="utf-8"))
+            SHAPE.validate_python(facts, strict=True)
         except (OSError, ValueError):
-            return None
-        if not isinstance(facts, dict) or facts.get("format") != FORMAT:
             return None
         return cls(folder, facts)
 
@@ -118,21 +158,6 @@ def files_of(record: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Return every file that a stage's record names, relative to the run's folder, with size and hash."""
     tables = {f"tables/{name}.parquet": facts for name, facts in record["tables"].items()}
     return {**tables, **record["files"]}
-
-
-def command_line(arguments: list[str]) -> str:
-    """Return the command that starts a run with these arguments, with the Python that runs now."""
-    return shlex.join([python_name(), "-m", "pipeline", *arguments])
-
-
-def python_name() -> str:
-    """Return the shortest name under which the running Python can be typed."""
-    for name in ("python", "python3"):
-        found = shutil.which(name)
-        if found and Path(found).absolute() == Path(sys.executable).absolute():
-            return name
-    executable = Path(sys.executable).absolute()
-    return str(executable.relative_to(Path.cwd()) if executable.is_relative_to(Path.cwd()) else executable)
 
 
 def now() -> str:

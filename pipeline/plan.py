@@ -78,24 +78,35 @@ class Ingredients:
         differences = _config_differences(record["config"], self.config)
         if differences:
             told.append(f"config changed ({_some(differences)})")
-        told.extend(f"input {name} changed" for name in self.inputs if record["inputs"].get(name) != self.inputs[name])
+        told.extend(f"input {name} changed" for name in self._changed_inputs(record))
         told.extend(self.code_changes(record))
         return told
+
+    def count_changes(self, record: Mapping[str, Any]) -> int:
+        """Count the keys, inputs, source files and versions that differ from those of an earlier record."""
+        return (
+            len(_config_differences(record["config"], self.config))
+            + len(self._changed_inputs(record))
+            + len(_differing(record["code"], self.code))
+            + len(_differing(record["libraries"], self.libraries))
+        )
 
     def code_changes(self, record: Mapping[str, Any]) -> list[str]:
         """Say how code and libraries differ from those of an earlier record."""
         told = []
-        files = [name for name in {**record["code"], **self.code} if record["code"].get(name) != self.code.get(name)]
+        files = _differing(record["code"], self.code)
         if files:
-            told.append(f"code changed ({_some(sorted(files))})")
+            told.append(f"code changed ({_some(files)})")
         versions = [
             f"{name} {record['libraries'].get(name, 'absent')} -> {self.libraries.get(name, 'absent')}"
-            for name in {**record["libraries"], **self.libraries}
-            if record["libraries"].get(name) != self.libraries.get(name)
+            for name in _differing(record["libraries"], self.libraries)
         ]
         if versions:
-            told.append(f"library changed ({_some(sorted(versions))})")
+            told.append(f"library changed ({_some(versions)})")
         return told
+
+    def _changed_inputs(self, record: Mapping[str, Any]) -> list[str]:
+        return [name for name in self.inputs if record["inputs"].get(name) != self.inputs[name]]
 
 
 def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
@@ -127,13 +138,9 @@ def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) ->
     """
     fingerprint = ingredients.fingerprint
     damage = None
-    newest = None
     for ledger in ledgers:
         record = ledger.finished(stage.name)
-        if record is None:
-            continue
-        newest = newest or record
-        if record["fingerprint"] != fingerprint:
+        if record is None or record["fingerprint"] != fingerprint:
             continue
         damaged = ledger.damage(record)
         if damaged is None:
@@ -144,9 +151,22 @@ def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) ->
         damage = damage or damaged
     if damage:
         return Step(stage, "run", damage)
-    if newest is None:
-        return Step(stage, "run", "no run has it yet")
-    return Step(stage, "run", "; ".join(ingredients.changes(newest)[:2]) or "no run has this combination yet")
+    return Step(stage, "run", "; ".join(nearest_changes(stage, ingredients, ledgers)) or "no run has it yet")
+
+
+def nearest_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> list[str]:
+    """Say how a stage differs from the most similar of its earlier records, the newest among equals.
+
+    Returns
+    -------
+    list of str
+        At most two phrases; empty where no run has the stage, or one has it as it is.
+    """
+    records = [record for each in ledgers if (record := each.finished(stage.name))]
+    if not records:
+        return []
+    nearest = min(records, key=ingredients.count_changes)
+    return ingredients.changes(nearest)[:2]
 
 
 def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) -> list[Step]:
@@ -169,6 +189,7 @@ def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) 
     asked = study.settings.stages
     needed = {each.name for each in stages} if asked is None else _with_upstream(stages, asked)
     steps: list[Step] = []
+    stale: list[Step] = []
     hashes: dict[str, str | None] = {}
     for each in stages:
         if each.name not in needed:
@@ -176,15 +197,19 @@ def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) 
         step = _plan_one(study, each, ledgers, hashes)
         if asked is not None and each.name in asked:
             step = Step(each, "run", "asked for by name")
-        elif asked is not None and step.action in ("run", "wait"):
-            raise ConfigError(
-                f"stages={_bracket(asked)}: {each.name} is needed first and is not fresh ({step.reason}); "
-                f"type stages={_bracket([each.name, *asked])}, or leave stages= out"
-            )
+        elif asked is not None and step.source is None:
+            stale.append(step)
         steps.append(step)
         for table in each.writes:
             known = step.source.records[each.name]["tables"][table.name]["sha256"] if step.source else None
             hashes[table.name] = known
+    if asked is not None and stale:
+        all_needed = [each.name for each in stages if each.name in {*asked, *(step.stage.name for step in stale)}]
+        raise ConfigError(
+            f"stages={_bracket(asked)}: what is needed first is not fresh "
+            f"({'; '.join(f'{step.stage.name}: {step.reason}' for step in stale)}); "
+            f"type stages={_bracket(all_needed)}, or leave stages= out"
+        )
     return steps
 
 
@@ -194,12 +219,11 @@ def _plan_one(study: Study, stage: Stage, ledgers: Sequence[Ledger], hashes: Map
     waiting = [name for name in stage.reads if hashes[name] is None]
     if not waiting:
         return decide(stage, ingredients, ledgers)
-    newest = next((record for each in ledgers if (record := each.finished(stage.name))), None)
-    if newest is None:
+    if not any(each.finished(stage.name) for each in ledgers):
         return Step(stage, "run", "no run has it yet")
-    own = ingredients.changes(newest)
+    own = nearest_changes(stage, ingredients, ledgers)
     if own:
-        return Step(stage, "run", "; ".join(own[:2]))
+        return Step(stage, "run", "; ".join(own))
     return Step(stage, "wait", f"fresh if {' and '.join(waiting)} come out unchanged")
 
 
@@ -213,6 +237,10 @@ def _with_upstream(stages: Sequence[Stage], asked: Sequence[str]) -> set[str]:
         if each.name in asked or each.reads:
             waiting.extend(writer[name] for name in each.reads if writer[name].name not in needed)
     return needed
+
+
+def _differing(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
+    return sorted(name for name in {**old, **new} if old.get(name) != new.get(name))
 
 
 def _config_differences(old: Any, new: Any, path: str = "") -> list[str]:

@@ -11,11 +11,13 @@ import sys
 import pandas as pd
 from rich.console import Console
 
+from pipeline.command import command_line, python_name
 from pipeline.errors import ConfigError, PipelineError, suggest
-from pipeline.ledger import Ledger, command_line, python_name
+from pipeline.ledger import FILE_NAME, Ledger
 from pipeline.report import print_frame
-from pipeline.runs import find_run, is_running, list_ledgers, runs_folder
+from pipeline.runs import find_run, is_running, list_folders, list_ledgers, runs_folder
 from pipeline.table import read_frame
+from pipeline.terminal import open_console
 
 ROWS_SHOWN = 20
 
@@ -30,11 +32,10 @@ def main(arguments: list[str] | None = None) -> int:
     show.add_argument("run", metavar="RUN", help="its name, the beginning of its name, or latest")
     show.add_argument("table", metavar="TABLE", nargs="?", help="one of its tables")
     show.add_argument(
-        "--rows", type=int, default=ROWS_SHOWN, metavar="N", help=f"rows to print (default: {ROWS_SHOWN})"
+        "--rows", type=_count, default=ROWS_SHOWN, metavar="N", help=f"rows to print (default: {ROWS_SHOWN})"
     )
     options = parser.parse_args(arguments)
-    piped = not sys.stdout.isatty()
-    console = Console(width=200 if piped else None, soft_wrap=piped)
+    console = open_console(piped_width=200)
     try:
         if options.command == "list":
             list_runs(options.outputs, console)
@@ -43,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
         else:
             show_table(find_run(options.outputs, options.run), options.table, options.rows, console)
     except PipelineError as error:
-        Console(stderr=True).print(str(error), soft_wrap=True, highlight=False, markup=False)
+        open_console(stderr=True).print(str(error), soft_wrap=True, highlight=False, markup=False)
         return 2
     return 0
 
@@ -51,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
 def list_runs(outputs: str, console: Console) -> None:
     """Print one line per run."""
     ledgers = list_ledgers(outputs)
-    if not ledgers:
+    if not list_folders(outputs):
         console.print(f"no runs in {runs_folder(outputs)}; make one with: {command_line([])}", highlight=False)
         return
     rows = [
@@ -64,9 +65,10 @@ def list_runs(outputs: str, console: Console) -> None:
         for each in ledgers
     ]
     known = {each.name for each in ledgers}
-    for folder in sorted(runs_folder(outputs).iterdir(), reverse=True):
-        if folder.is_dir() and folder.name not in known:
-            rows.append({"run": folder.name, "status": "no ledger", "stages": "-", "command": "-"})
+    for folder in sorted(list_folders(outputs), reverse=True):
+        if folder.name not in known:
+            status = "unreadable" if (folder / FILE_NAME).exists() else "no ledger"
+            rows.append({"run": folder.name, "status": status, "stages": "-", "command": "-"})
     print_frame(f"Runs in {runs_folder(outputs)}", pd.DataFrame(rows), console, limit=len(rows))
 
 
@@ -99,6 +101,12 @@ def show_table(ledger: Ledger, name: str, rows: int, console: Console) -> None:
         raise ConfigError(f"run {ledger.name} has no table '{name}'; {suggest(name, known)}")
     path = ledger.folder / "tables" / f"{name}.parquet"
     print_frame(str(path), read_frame(path), console, limit=rows)
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a number from 1, got {text}")
+    return int(text)
 
 
 def live_status(ledger: Ledger) -> str:

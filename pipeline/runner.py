@@ -6,27 +6,28 @@ ledger is written last at every step, so whatever a killed process leaves behind
 
 from __future__ import annotations
 
+import errno
 import logging
 import shutil
-import signal
 import time
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import pandas as pd
 from omegaconf import OmegaConf
 from rich.console import Console
 
+from pipeline.command import command_line
 from pipeline.config import Study
 from pipeline.context import Context, Record
 from pipeline.errors import PipelineError
 from pipeline.files import link, write_json, write_text
-from pipeline.ledger import Ledger, command_line, files_of, now
+from pipeline.interruption import Interrupted, Watch, watch
+from pipeline.ledger import Ledger, files_of, now
 from pipeline.plan import Ingredients, Step, decide, gather, make_plan
 from pipeline.report import print_headline, write_report
 from pipeline.runs import Claim, claim, list_ledgers
@@ -35,9 +36,8 @@ from pipeline.table import measure_file
 
 log = logging.getLogger("pamid")
 
-
-class Terminated(BaseException):
-    """SIGTERM arrived."""
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
+"""What the system says when the disk takes no more."""
 
 
 @dataclass
@@ -96,47 +96,61 @@ class Runner:
             self._print_steps(steps)
             self._finish(finished, "everything is fresh: nothing to run")
             return 0
-        held = claim(self.outputs, self.study.identity, self.arguments)
-        with held.lock, _log_file(held.ledger.folder), _sigterm():
-            try:
-                return self._run_claimed(held, [step.stage for step in steps])
-            except OSError as error:
-                return self._refuse(held.ledger, error)
+        with watch() as signals:
+            held = claim(self.outputs, self.study.identity, self.arguments)
+            with held.lock:
+                try:
+                    with _log_file(held.ledger.folder):
+                        return self._run_claimed(held, [step.stage for step in steps], signals)
+                except OSError as error:
+                    return self._refuse(held.ledger, error)
 
-    def _run_claimed(self, held: Claim, stages: Sequence[Stage]) -> int:
-        ledger = held.ledger
-        ledger.save()
-        write_text(ledger.folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(self.study.values)))
-        self._say(f"{'resuming' if held.resumed else 'run'} {ledger.folder}")
-        log.info("%s: %s", "resumed" if held.resumed else "begun", command_line(self.arguments))
-        stage = stages[0]
+    def _run_claimed(self, held: Claim, stages: Sequence[Stage], signals: Watch) -> int:
+        ledger, stage = held.ledger, stages[0]
         try:
+            ledger.save()
+            write_text(ledger.folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(self.study.values)))
+            self._say(f"{'resuming' if held.resumed else 'run'} {ledger.folder}")
+            log.info("%s: %s", "resumed" if held.resumed else "begun", command_line(self.arguments))
             for stage in stages:
-                self._do(stage, ledger)
+                self._do(stage, ledger, signals)
+                signals.check()
             write_report(ledger, self.study, self.stages)
-        except KeyboardInterrupt:
-            return self._stop(ledger, stage, "interrupted", 130, "stopped by Ctrl-C", "to continue")
-        except Terminated:
-            return self._stop(ledger, stage, "interrupted", 143, "stopped by SIGTERM", "to continue")
-        except PipelineError as error:
-            return self._stop(ledger, stage, "failed", 1, str(error), "when that is mended")
-        except Exception as error:
-            asks = getattr(error, "asks", None)
-            if asks is not None:
-                write_json(ledger.folder / "documents" / "asks.json", asks)
-                message = f"{error} (what to execute: {ledger.folder / 'documents' / 'asks.json'})"
-                return self._stop(ledger, stage, "paused", 3, message, "when that is done")
-            log.exception("%s failed", stage.name)
-            message = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
-            return self._stop(
-                ledger, stage, "failed", 1, f"{message} (traceback: {ledger.folder / 'log.txt'})", "when that is mended"
-            )
-        shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
-        ledger.end("done")
+            shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
+            ledger.end("done")
+        except (Exception, Interrupted) as error:
+            signals.stopping = True
+            return self._stop(ledger, stage, error, signals)
         self._finish(ledger, "done")
         return 0
 
-    def _do(self, stage: Stage, ledger: Ledger) -> None:
+    def _stop(self, ledger: Ledger, stage: Stage, error: Exception | Interrupted, signals: Watch) -> int:
+        """Note why a run stops, say how it goes on, and return the exit code.
+
+        Raises
+        ------
+        OSError
+            When the folder cannot be written, which is then the reason.
+        """
+        asks = getattr(error, "asks", None)
+        if signals.number is not None:
+            stop = Interrupted(signals.number)
+            return self._end(ledger, stage, "interrupted", stop.code, str(stop), "to continue")
+        if isinstance(error, PipelineError):
+            return self._end(ledger, stage, "failed", 1, str(error), "when that is mended")
+        if asks is not None:
+            path = ledger.folder / "documents" / "asks.json"
+            write_json(path, asks)
+            return self._end(ledger, stage, "paused", 3, f"{error} (what to execute: {path})", "when that is done")
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            raise error
+        log.error("%s failed", stage.name, exc_info=error)
+        first = str(error).splitlines()[0] if str(error) else ""
+        message = f"{type(error).__name__}: {first}".rstrip(": ")
+        where = f"(traceback: {ledger.folder / 'log.txt'})"
+        return self._end(ledger, stage, "failed", 1, f"{message} {where}", "when that is mended")
+
+    def _do(self, stage: Stage, ledger: Ledger, signals: Watch) -> None:
         inputs = {
             table.name: ledger.records[each.name]["tables"][table.name]["sha256"]
             for each in self.stages
@@ -150,14 +164,14 @@ class Runner:
         if stage.name in asked and step.source is None:
             step = Step(stage, "run", "asked for by name")
         if step.source is None:
-            self._run_stage(stage, ledger, ingredients, step.reason)
+            self._run_stage(stage, ledger, ingredients, step.reason, signals)
             return
         if step.source.name != ledger.name:
             _adopt(stage, step.source, ledger)
         self._print_step(step)
         log.info("%s: %s, %s", stage.name, step.action, step.reason)
 
-    def _run_stage(self, stage: Stage, ledger: Ledger, ingredients: Ingredients, reason: str) -> None:
+    def _run_stage(self, stage: Stage, ledger: Ledger, ingredients: Ingredients, reason: str, signals: Watch) -> None:
         record: dict[str, Any] = {
             "status": "running",
             "fingerprint": ingredients.fingerprint,
@@ -175,7 +189,7 @@ class Runner:
         ledger.save()
         log.info("%s: run, %s", stage.name, reason)
         start = time.monotonic()
-        context = self._context(stage, ledger, ingredients)
+        context = self._context(stage, ledger, ingredients, signals)
         frames = {
             table.name: table.read(ledger.folder / "tables" / f"{table.name}.parquet")
             for each in self.stages
@@ -194,12 +208,12 @@ class Runner:
         log.info("%s: done in %.1f s", stage.name, seconds)
         self._print_step(Step(stage, "ran", f"{seconds:.1f} s  [dim]({reason})[/dim]"))
 
-    def _context(self, stage: Stage, ledger: Ledger, ingredients: Ingredients) -> Context:
+    def _context(self, stage: Stage, ledger: Ledger, ingredients: Ingredients, signals: Watch) -> Context:
         values = ingredients.config
         own = values.get(stage.name)
         seed = own["seed"] if isinstance(own, dict) and "seed" in own else values.get("seed")
         parts = ledger.folder / "parts" / f"{stage.name}-{ingredients.fingerprint[:16]}"
-        record = Record(parts, {table.name: table for table in stage.writes})
+        record = Record(parts, {table.name: table for table in stage.writes}, signals.check)
         section = self.study.target(stage)
         rig = self.study.build(section) if section else None
         return Context(stage.name, ledger.folder, seed, record, self.console, rig)
@@ -212,20 +226,24 @@ class Runner:
         )
         if newest is None or newest.status != "done":
             return None
-        here = [
-            decide(step.stage, gather(self.study, step.stage, newest.records[step.stage.name]["inputs"]), [newest])
-            for step in steps
-        ]
-        return newest if all(each.source for each in here) else None
+        for step in steps:
+            record = newest.finished(step.stage.name)
+            if (
+                record is None
+                or not decide(step.stage, gather(self.study, step.stage, record["inputs"]), [newest]).source
+            ):
+                return None
+        return newest
 
     def _finish(self, ledger: Ledger, word: str) -> None:
         print_headline(ledger, self.study, self.stages, self.console)
-        if not (ledger.folder / "report.html").exists():
+        page = ledger.folder / "report.html"
+        if not page.exists() or not page.stat().st_size:
             write_report(ledger, self.study, self.stages)
         self._say(f"{word}: {ledger.folder}")
-        self._say(f"report: {ledger.folder / 'report.html'}")
+        self._say(f"report: {page}")
 
-    def _stop(self, ledger: Ledger, stage: Stage, status: str, code: int, message: str, when: str) -> int:
+    def _end(self, ledger: Ledger, stage: Stage, status: str, code: int, message: str, when: str) -> int:
         record = ledger.records.get(stage.name)
         if record and record["status"] == "running":
             record["status"] = status
@@ -235,9 +253,8 @@ class Runner:
         return code
 
     def _refuse(self, ledger: Ledger, error: OSError) -> int:
-        problem = f"{error.strerror or error}"
         self._complain(
-            f"cannot write to {ledger.folder}: {problem}; what was finished is kept; "
+            f"cannot write to {ledger.folder}: {error.strerror or error}; what was finished is kept; "
             f"make room, then type: {command_line(self.arguments)}"
         )
         return 1
@@ -293,22 +310,12 @@ def _log_file(folder: Path) -> Iterator[None]:
     logging.captureWarnings(True)
     logging.getLogger("py.warnings").addHandler(handler)
     warnings.simplefilter("default")
+    logging.raiseExceptions = False
     try:
         yield
     finally:
         logging.captureWarnings(False)
         logging.getLogger("py.warnings").removeHandler(handler)
         log.removeHandler(handler)
-        handler.close()
-
-
-@contextmanager
-def _sigterm() -> Iterator[None]:
-    def terminate(number: int, frame: FrameType | None) -> None:
-        raise Terminated
-
-    before = signal.signal(signal.SIGTERM, terminate)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+        with suppress(OSError):
+            handler.close()

@@ -13,9 +13,10 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from pipeline.command import command_line
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.files import clear_temporaries
-from pipeline.ledger import Ledger, command_line
+from pipeline.ledger import Ledger
 
 LOCK_NAME = ".lock"
 
@@ -44,10 +45,28 @@ def runs_folder(outputs: str | Path) -> Path:
     return Path(outputs) / "runs"
 
 
+def list_folders(outputs: str | Path) -> list[Path]:
+    """Return the folders of all runs.
+
+    Raises
+    ------
+    PipelineError
+        When there is a folder of runs that cannot be read.
+    """
+    folder = runs_folder(outputs)
+    try:
+        return [each for each in folder.iterdir() if each.is_dir()]
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise PipelineError(
+            f"cannot read {folder} ({error.strerror or error}); expected a folder; choose another with outputs=PATH"
+        ) from None
+
+
 def list_ledgers(outputs: str | Path) -> list[Ledger]:
     """Return the ledgers of all runs that have a readable one, newest first."""
-    folder = runs_folder(outputs)
-    found = [Ledger.read(each) for each in folder.iterdir() if each.is_dir()] if folder.is_dir() else []
+    found = [Ledger.read(each) for each in list_folders(outputs)]
     return sorted((each for each in found if each), key=lambda each: each.age, reverse=True)
 
 
@@ -76,6 +95,8 @@ def find_run(outputs: str | Path, name: str) -> Ledger:
 
 def is_running(ledger: Ledger) -> bool:
     """Tell whether a living process holds the run."""
+    if not (ledger.folder / LOCK_NAME).exists():
+        return False
     lock = FileLock(ledger.folder / LOCK_NAME)
     try:
         lock.acquire(timeout=0)

@@ -145,7 +145,9 @@ class Table:
         arrow = arrow.cast(
             pyarrow.schema(fields, metadata={**(arrow.schema.metadata or {}), b"title": self.title.encode()})
         )
-        write_atomically(path, lambda temporary: pyarrow.parquet.write_table(arrow, temporary, compression="zstd"))
+        write_atomically(
+            path, lambda temporary: pyarrow.parquet.write_table(arrow, temporary, compression="zstd"), final=True
+        )
 
     def read(self, path: Path) -> pd.DataFrame:
         """Read `path` and check it.

@@ -125,9 +125,8 @@ def test_single_stage_runs_again_on_the_tables_of_another_run(toy):
 def test_single_stage_refuses_stale_inputs_and_says_what_to_type(toy):
     result = toy("stages=[adding]")
     assert result.returncode == 2
-    assert (
-        "counting is needed first and is not fresh (no run has it yet); type stages=[counting,adding]" in result.stderr
-    )
+    assert "not fresh (counting: no run has it yet; doubling: no run has it yet)" in result.stderr
+    assert "type stages=[counting,doubling,adding]" in result.stderr
     assert not toy.outputs.exists()
 
 

@@ -1,0 +1,23 @@
+"""The command line as a person can type it again: arguments flow in, a line flows out."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+
+def command_line(arguments: list[str]) -> str:
+    """Return the command that starts a run with these arguments, with the Python that runs now."""
+    return shlex.join([python_name(), "-m", "pipeline", *arguments])
+
+
+def python_name() -> str:
+    """Return the shortest name under which the running Python can be typed."""
+    for name in ("python", "python3"):
+        found = shutil.which(name)
+        if found and Path(found).absolute() == Path(sys.executable).absolute():
+            return name
+    executable = Path(sys.executable).absolute()
+    return str(executable.relative_to(Path.cwd()) if executable.is_relative_to(Path.cwd()) else executable)

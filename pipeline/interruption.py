@@ -1,0 +1,85 @@
+"""Ctrl-C and SIGTERM: noted when they arrive, told as one exception, never lost.
+
+A signal flows in; an `Interrupted` flows out, at once where the interpreter allows it and at the next safe point where
+compiled code or a callback swallowed it. Before a run is claimed there is nothing to save, and the process leaves.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+
+WORDS = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
+
+
+class Interrupted(BaseException):
+    """A signal asked the process to stop.
+
+    Parameters
+    ----------
+    number : int
+        Of the signal.
+    """
+
+    def __init__(self, number: int):
+        super().__init__(f"stopped by {WORDS[signal.Signals(number)]}")
+        self.code = 128 + number
+
+
+@dataclass
+class Watch:
+    """The signal that arrived while the watch was kept, if one did."""
+
+    number: int | None = None
+    stopping: bool = False
+
+    def note(self, number: int, frame: FrameType | None) -> None:
+        """Note a signal and raise, unless the process is stopping already."""
+        self.number = self.number or number
+        if not self.stopping:
+            raise Interrupted(self.number)
+
+    def check(self) -> None:
+        """Raise if a signal arrived and its exception was lost on the way.
+
+        Raises
+        ------
+        Interrupted
+            Saying which.
+        """
+        if self.number is not None:
+            raise Interrupted(self.number)
+
+
+@contextmanager
+def watch() -> Iterator[Watch]:
+    """Keep a watch on both signals."""
+    kept = Watch()
+    before = {number: signal.signal(number, kept.note) for number in WORDS}
+    try:
+        yield kept
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def leave_at_once(command: str) -> None:
+    """Let both signals end the process with one line, for as long as there is nothing to save.
+
+    Parameters
+    ----------
+    command : str
+        What to type to start again.
+    """
+
+    def leave(number: int, frame: FrameType | None) -> None:
+        line = f"{Interrupted(number)} before anything began; to start again, type: {command}\n"
+        os.write(2, line.encode())
+        os._exit(128 + number)
+
+    for number in WORDS:
+        signal.signal(number, leave)

@@ -1,0 +1,36 @@
+"""Consoles on standard output and standard error, whose reader may leave before the work is done."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from typing import IO, TextIO, cast
+
+from rich.console import Console
+
+PIPED_WIDTH = 160
+
+
+def open_console(stderr: bool = False, piped_width: int = PIPED_WIDTH) -> Console:
+    """Return a console: as wide as the terminal, or `piped_width` columns where there is none."""
+    stream = sys.stderr if stderr else sys.stdout
+    if stream.isatty():
+        return Console(stderr=stderr)
+    return Console(file=cast(IO[str], Unread(stream)), stderr=stderr, width=piped_width)
+
+
+class Unread(io.TextIOBase):
+    """A stream that goes on when nobody reads it any more: a study outlives the pipe that it prints to."""
+
+    def __init__(self, stream: TextIO):
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        """Write, into nothing once the reader is gone."""
+        try:
+            self.stream.write(text)
+            self.stream.flush()
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
+        return len(text)
