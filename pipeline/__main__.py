@@ -26,17 +26,12 @@ import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
-from rich.console import Console
 
 from pipeline.command import command_line
-from pipeline.config import Study, read_settings, validate
-from pipeline.errors import ConfigError, PipelineError, suggest
-from pipeline.interruption import Interrupted
-from pipeline.runner import Runner
-from pipeline.stage import Stage, load_stages, order_stages
-from pipeline.terminal import open_console
+from pipeline.errors import PipelineError, suggest
+from pipeline.interruption import Interrupted, ignore_from_now_on
 
 SIGNALLED = 128
 """Exit codes above it tell a signal, which stops a whole multirun."""
@@ -48,14 +43,15 @@ def main() -> int:
     """Run the command line; return the exit code."""
     debugging = "HYDRA_FULL_ERROR" in os.environ
     os.environ["HYDRA_FULL_ERROR"] = "1"
-    errors = open_console(stderr=True)
     codes: list[int] = []
     faults: list[PipelineError | OmegaConfBaseException] = []
 
     @hydra.main(version_base="1.3", config_path=str(CONFIG_FOLDER), config_name="config")
     def task(composed: DictConfig) -> None:
+        from pipeline.runner import run_study  # --help and a mistyped key need none of what this imports
+
         try:
-            codes.append(run_study(composed, sys.argv[1:], errors))
+            codes.append(run_study(composed, sys.argv[1:]))
         except (PipelineError, OmegaConfBaseException) as error:
             faults.append(error)
         if codes and codes[-1] > SIGNALLED:
@@ -68,41 +64,27 @@ def main() -> int:
     except (HydraException, OmegaConfBaseException, PipelineError) as error:
         if debugging:
             raise
-        errors.print(explain(error), soft_wrap=True, highlight=False, markup=False)
+        complain(explain(error))
         return 2
     except Interrupted as stop:
         line = f"{stop}; to continue, type: {command_line(sys.argv[1:])}"
-        errors.print(line, soft_wrap=True, highlight=False, markup=False)
+        complain(line)
         return stop.code
     except Exception as error:
         if debugging:
             raise
         line = f"{type(error).__name__}: {error}".splitlines()[0]
         command = f"HYDRA_FULL_ERROR=1 {command_line(sys.argv[1:])}"
-        errors.print(f"{line}; for the traceback, type: {command}", soft_wrap=True, highlight=False, markup=False)
+        complain(f"{line}; for the traceback, type: {command}")
         return 1
     return max(codes, default=0)
 
 
-def run_study(composed: DictConfig, arguments: list[str], errors: Console) -> int:
-    """Validate, then plan or run; return the exit code."""
-    study, stages = read_study(composed)
-    runner = Runner(study, stages, arguments, open_console(), errors)
-    if study.settings.plan:
-        runner.show_plan()
-        return 0
-    return runner.run()
+def complain(line: str) -> None:
+    """Print one line to standard error."""
+    from pipeline.terminal import open_console
 
-
-def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
-    """Validate a composed configuration against the stages that its workflow names."""
-    values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
-    if not isinstance(values, dict):
-        raise ConfigError("expected a configuration with keys")
-    plain = {str(key): value for key, value in values.items()}
-    settings = read_settings(plain)
-    stages = order_stages(load_stages(settings.workflow.package, settings.workflow.stages))
-    return validate(plain, settings, stages), stages
+    open_console(stderr=True).print(line, soft_wrap=True, highlight=False, markup=False)
 
 
 def explain(error: Exception) -> str:
@@ -148,4 +130,7 @@ def _known_keys(path: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    finally:
+        ignore_from_now_on()

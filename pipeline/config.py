@@ -14,11 +14,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pipeline.errors import ConfigError, suggest
 from pipeline.files import hash_json
-from pipeline.stage import Stage
+from pipeline.stage import Stage, load_stages, order_stages
 
 
 class Section(BaseModel):
@@ -94,6 +95,30 @@ class Study:
     def build(self, section: str) -> Any:
         """Return the object that a ``_target_`` section describes."""
         return build_target(self.values[section], section)
+
+
+def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
+    """Validate a composed configuration against the stages that its workflow names.
+
+    Returns
+    -------
+    tuple of Study and list of Stage
+        The stages in the order of the data.
+
+    Raises
+    ------
+    ConfigError
+        For the first key that is unknown, missing or wrong.
+    WiringError
+        When the stages do not fit together.
+    """
+    values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    if not isinstance(values, dict):
+        raise ConfigError("expected a configuration with keys")
+    plain = {str(key): value for key, value in values.items()}
+    settings = read_settings(plain)
+    stages = order_stages(load_stages(settings.workflow.package, settings.workflow.stages))
+    return validate(plain, settings, stages), stages
 
 
 def read_settings(values: Mapping[str, Any]) -> Settings:

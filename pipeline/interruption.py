@@ -1,7 +1,7 @@
 """Ctrl-C and SIGTERM: noted when they arrive, told as one exception, never lost.
 
 A signal flows in; an `Interrupted` flows out, at once where the interpreter allows it and at the next safe point where
-compiled code or a callback swallowed it. Before a run is claimed there is nothing to save, and the process leaves.
+compiled code or a callback swallowed it. While no run is claimed there is nothing to save, and the process leaves.
 """
 
 from __future__ import annotations
@@ -57,14 +57,14 @@ class Watch:
 
 @contextmanager
 def watch() -> Iterator[Watch]:
-    """Keep a watch on both signals."""
+    """Keep a watch on both signals; once one arrived, later ones change nothing."""
     kept = Watch()
     before = {number: signal.signal(number, kept.note) for number in WORDS}
     try:
         yield kept
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, handler if kept.number is None else signal.SIG_IGN)
 
 
 def leave_at_once(command: str) -> None:
@@ -77,9 +77,15 @@ def leave_at_once(command: str) -> None:
     """
 
     def leave(number: int, frame: FrameType | None) -> None:
-        line = f"{Interrupted(number)} before anything began; to start again, type: {command}\n"
+        line = f"{Interrupted(number)} while nothing was being written; to start again, type: {command}\n"
         os.write(2, line.encode())
         os._exit(128 + number)
 
     for number in WORDS:
         signal.signal(number, leave)
+
+
+def ignore_from_now_on() -> None:
+    """Let neither signal change an exit code that is settled."""
+    for number in WORDS:
+        signal.signal(number, signal.SIG_IGN)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import os
 import shutil
 import time
 import warnings
@@ -18,11 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from pipeline.command import command_line
-from pipeline.config import Study
+from pipeline.config import Study, read_study
 from pipeline.context import Context, Record
 from pipeline.errors import PipelineError
 from pipeline.files import link, write_json, write_text
@@ -33,6 +34,7 @@ from pipeline.report import print_headline, write_report
 from pipeline.runs import Claim, claim, list_ledgers
 from pipeline.stage import Stage
 from pipeline.table import measure_file
+from pipeline.terminal import open_console
 
 log = logging.getLogger("pamid")
 
@@ -254,7 +256,7 @@ class Runner:
 
     def _refuse(self, ledger: Ledger, error: OSError) -> int:
         self._complain(
-            f"cannot write to {ledger.folder}: {error.strerror or error}; what was finished is kept; "
+            f"cannot write to {ledger.folder}: {os.strerror(error.errno or errno.EIO)}; what was finished is kept; "
             f"make room, then type: {command_line(self.arguments)}"
         )
         return 1
@@ -283,6 +285,34 @@ class Runner:
         if self.console.is_terminal:
             self.console.print(f"  [dim]{text}[/dim]", highlight=False, overflow="ellipsis", no_wrap=True)
         yield
+
+
+def run_study(composed: DictConfig, arguments: list[str]) -> int:
+    """Validate a composed configuration, then plan or run it.
+
+    Parameters
+    ----------
+    composed : DictConfig
+        What Hydra composed.
+    arguments : list of str
+        Overrides as typed.
+
+    Returns
+    -------
+    int
+        Exit code, as of `Runner.run`; 0 for a plan.
+
+    Raises
+    ------
+    PipelineError
+        When the configuration is wrong or the run cannot begin.
+    """
+    study, stages = read_study(composed)
+    runner = Runner(study, stages, arguments, open_console(), open_console(stderr=True))
+    if study.settings.plan:
+        runner.show_plan()
+        return 0
+    return runner.run()
 
 
 def _as_mapping(stage: Stage, returned: Any) -> dict[str, pd.DataFrame]:

@@ -34,7 +34,8 @@ class Command:
     def line(self, *arguments: str) -> list[str]:
         return [sys.executable, "-m", "pipeline", *self.fixed, f"outputs={self.outputs}", *arguments]
 
-    def start(self, *arguments: str) -> subprocess.Popen:
+    def start(self, *arguments: str, before=None) -> subprocess.Popen:
+        """Start the command; `before` is called in the new process first."""
         return subprocess.Popen(
             self.line(*arguments),
             cwd=ROOT,
@@ -42,12 +43,16 @@ class Command:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            preexec_fn=before,
         )
 
-    def __call__(self, *arguments: str) -> subprocess.CompletedProcess:
-        return subprocess.run(
-            self.line(*arguments), cwd=ROOT, env=self.environment, capture_output=True, text=True, timeout=300
-        )
+    def __call__(self, *arguments: str, before=None) -> subprocess.CompletedProcess:
+        process = self.start(*arguments, before=before)
+        try:
+            output, errors = process.communicate(timeout=300)
+        finally:
+            process.kill()
+        return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
 
     def review(self, *arguments: str) -> subprocess.CompletedProcess:
         line = [sys.executable, "-m", "pipeline.review", "--outputs", str(self.outputs), *arguments]

@@ -4,7 +4,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from pipeline.__main__ import read_study
+from pipeline.config import read_study
 from pipeline.errors import ConfigError
 from tests.conftest import ROOT
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from scipy.signal import savgol_filter
-
 from stages.signals.trajectories import Array
 
 
@@ -39,6 +37,8 @@ def differentiate(signal: Array, sampling_rate_hz: float, window_s: float, order
     Savitzky and Golay, Smoothing and differentiation of data by simplified least squares procedures, Anal. Chem. 36
     (1964).
     """
+    from scipy.signal import savgol_filter  # half a second that a run with nothing to differentiate is spared
+
     length = window_length(sampling_rate_hz, window_s, order)
     if len(signal) < length:
         raise ValueError(f"differentiate: expected at least {length} samples (window_s {window_s}), got {len(signal)}")

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 Array = NDArray[np.float64]
 
@@ -66,6 +65,8 @@ def compare_pairs(first: Array, second: Array) -> PairedComparison:
     ValueError
         When the arrays do not pair up.
     """
+    from scipy import stats  # slow to import, and most runs compare nothing
+
     if first.shape != second.shape or first.ndim != 1 or not first.size:
         raise ValueError(f"expected two vectors of one length, got shapes {first.shape} and {second.shape}")
     difference = first - second

@@ -23,6 +23,15 @@ import pytest
         (["stages=[addin]"], "no stage 'addin' in workflow toy; did you mean 'adding'?"),
         (["workflow.stages=[countin]"], "no stage 'countin' in tests.pipeline.toy; did you mean 'counting'?"),
         (["workflow.stages=[adding,counting]"], "stage adding reads table doubles, which no stage"),
+        (
+            ["stages=[]"],
+            "stages: expected at least one, or null for all, got []; choose from: counting, doubling",
+        ),
+        (["workflow.headline=[totl]"], "no stage of workflow toy writes 'totl'; did you mean 'total'?"),
+        (["workflow.stages=[]"], "workflow.stages: list should have at least 1 item"),
+        (["workflow.stages=[counting]"], "unknown key 'doubling', which no stage of workflow toy reads"),
+        (["workflow.package=os"], "expected a package, a folder of stages, got the module 'os'"),
+        (["outputs="], "outputs: string should have at least 1 character, got ''"),
         (["workflow.package=nowhere"], "no Python package 'nowhere'"),
     ],
 )

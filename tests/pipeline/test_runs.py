@@ -3,27 +3,8 @@
 import json
 import shutil
 import signal
-import time
 
-import pytest
-
-
-def tables_of(run):
-    return {path.name: path.read_bytes() for path in sorted((run / "tables").glob("*.parquet"))}
-
-
-def ledger_of(run):
-    return json.loads((run / "run.json").read_text())
-
-
-def wait_for_parts(process, toy, count):
-    for _ in range(600):
-        parts = [part for run in toy.runs for part in run.glob("parts/doubling-*/[0-9]*")]
-        if len(parts) >= count:
-            return
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.02)
-    raise TimeoutError("the loop did not begin")
+from tests.faults import find_parts, ledger_of, tables_of, wait_until
 
 
 def test_plan_says_why_and_writes_nothing(toy):
@@ -135,7 +116,7 @@ def test_killed_run_continues_at_the_next_part_with_identical_tables(toy):
     reference = tables_of(toy.runs[0])
     shutil.rmtree(toy.outputs)
     process = toy.start("doubling.pause_s=0.4")
-    wait_for_parts(process, toy, 2)
+    wait_until(process, lambda: len(find_parts(toy)) >= 2)
     process.send_signal(signal.SIGKILL)
     process.communicate()
     (run,) = toy.runs
@@ -149,57 +130,6 @@ def test_killed_run_continues_at_the_next_part_with_identical_tables(toy):
     log = (run / "log.txt").read_text()
     assert log.count("counting: done") == 1
     assert tables_of(run) == reference
-
-
-@pytest.mark.parametrize(("number", "code", "word"), [(signal.SIGINT, 130, "Ctrl-C"), (signal.SIGTERM, 143, "SIGTERM")])
-def test_signals_end_with_one_line_and_the_command_that_continues(toy, number, code, word):
-    process = toy.start("doubling.pause_s=0.4")
-    wait_for_parts(process, toy, 1)
-    process.send_signal(number)
-    _, errors = process.communicate(timeout=30)
-    assert process.returncode == code
-    assert len(errors.strip().splitlines()) == 1
-    assert f"stopped by {word}; to continue, type: " in errors
-    assert " -m pipeline --config-dir" in errors
-    assert errors.strip().endswith("doubling.pause_s=0.4")
-    assert ledger_of(toy.runs[0])["status"] == "interrupted"
-    assert toy("doubling.pause_s=0.4").returncode == 0
-    assert len(toy.runs) == 1
-
-
-def test_failing_stage_ends_with_one_line_and_a_traceback_in_the_log(toy):
-    result = toy("doubling.fail_at=3")
-    assert result.returncode == 1
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert "doubling failed: ArithmeticError: cannot double 3" in result.stderr
-    assert result.stderr.strip().endswith("doubling.fail_at=3")
-    (run,) = toy.runs
-    log = (run / "log.txt").read_text()
-    assert "Traceback" in log
-    assert "ArithmeticError: cannot double 3" in log
-    assert ledger_of(run)["status"] == "failed"
-
-
-def test_damaged_table_is_remade_not_reused(toy):
-    toy()
-    path = toy.runs[0] / "tables/doubles.parquet"
-    path.write_bytes(path.read_bytes()[:-40])
-    plan = toy("plan=true").stdout
-    assert f"tables/doubles.parquet of run {toy.runs[0].name} is damaged" in plan
-    assert toy().returncode == 0
-    stages = ledger_of(toy.runs[1])["stages"]
-    assert stages["doubling"]["origin"] == toy.runs[1].name
-
-
-def test_a_running_run_is_left_alone(toy):
-    process = toy.start("doubling.pause_s=0.3")
-    wait_for_parts(process, toy, 1)
-    result = toy("doubling.pause_s=0.3")
-    assert result.returncode == 0
-    process.communicate(timeout=60)
-    assert process.returncode == 0
-    assert len(toy.runs) == 2
-    assert tables_of(toy.runs[0]) == tables_of(toy.runs[1])
 
 
 def test_review_lists_shows_and_helps(toy):
@@ -217,3 +147,11 @@ def test_review_lists_shows_and_helps(toy):
     missing = toy.review("show", "2001")
     assert missing.returncode == 2
     assert "no run '2001'" in missing.stderr
+
+
+def test_reasons_are_told_against_the_most_similar_run(toy):
+    toy("doubling.digits=3")
+    toy("counting.count=4", "doubling.digits=5")
+    plan = toy("doubling.digits=4", "plan=true").stdout
+    assert "config changed (doubling.digits 3 -> 4)" in plan
+    assert "input" not in plan

@@ -14,9 +14,18 @@ NUMBERS = Table(
 )
 
 
+SPOILT = {
+    None: lambda frame: frame,
+    "missing_column": lambda frame: frame.drop(columns="draw"),
+    "missing_value": lambda frame: frame.assign(draw=frame["draw"].where(frame["number"] != 2)),
+    "wrong_unit": lambda frame: frame.assign(draw=1000 * frame["draw"]),
+}
+
+
 class Counting(Section):
     count: int
     label: str
+    spoil: str | None
 
 
 class Config(Section):
@@ -28,4 +37,5 @@ class Config(Section):
 def counting(cfg: Config, ctx) -> pd.DataFrame:
     """Count from zero, with a draw for each number."""
     numbers = range(cfg.counting.count)
-    return pd.DataFrame({"number": numbers, "draw": [ctx.generator(n).random() for n in numbers]})
+    frame = pd.DataFrame({"number": numbers, "draw": ctx.generator("draw").random(len(numbers))})
+    return SPOILT[cfg.counting.spoil](frame)

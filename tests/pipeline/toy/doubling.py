@@ -1,6 +1,8 @@
 """Doubles: reads `numbers`, writes `doubles` and `halves` in parts, slowly or wrongly if asked."""
 
 import time
+from contextlib import suppress
+from typing import Literal
 
 import pandas as pd
 
@@ -13,10 +15,28 @@ DOUBLES = Table("doubles", "A doubled number", {"number": NUMBER, "double": colu
 HALVES = Table("halves", "A halved number", {"number": NUMBER, "half": column(float, "half of it")}, ("number",))
 
 
+def swallow(pause_s):
+    """Lose whatever is raised meanwhile, as a callback of a library does."""
+    with suppress(BaseException):
+        time.sleep(pause_s)
+
+
+def wrap(pause_s):
+    """Raise something else, as compiled code does."""
+    try:
+        time.sleep(pause_s)
+    except BaseException as error:
+        raise SystemError("returned a result with an exception set") from error
+
+
+PAUSES = {None: time.sleep, "swallow": swallow, "wrap": wrap}
+
+
 class Doubling(Section):
     pause_s: float
     fail_at: int | None
     digits: int
+    deaf: Literal["swallow", "wrap"] | None
 
 
 class Config(Section):
@@ -32,7 +52,7 @@ def doubling(cfg: Config, numbers, ctx):
             def make(number=number, draw=draw):
                 if number == cfg.doubling.fail_at:
                     raise ArithmeticError(f"cannot double {number}")
-                time.sleep(cfg.doubling.pause_s)
+                PAUSES[cfg.doubling.deaf](cfg.doubling.pause_s)
                 return {
                     "doubles": pd.DataFrame({"number": [number], "double": [round(2 * draw, cfg.doubling.digits)]}),
                     "halves": pd.DataFrame({"number": [number], "half": [round(draw / 2, cfg.doubling.digits)]}),

@@ -1,0 +1,408 @@
+"""Faults that really happen to real processes: nothing lost, nothing half-written taken for whole, one clear line."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.conftest import Command
+from tests.faults import (
+    check_wholeness,
+    find_parts,
+    find_temporaries,
+    ledger_of,
+    limit_file_size,
+    obey_permissions,
+    overwrite,
+    tables_of,
+    wait_until,
+)
+
+SLOWLY = "doubling.pause_s=0.15"
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """The tables of a run that nothing happened to."""
+    toy = Command(
+        tmp_path_factory.mktemp("reference") / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=toy"
+    )
+    assert toy().returncode == 0
+    return tables_of(toy.runs[0])
+
+
+def the_only_line(errors):
+    (line,) = errors.strip().splitlines()
+    return line
+
+
+def finish(toy, reference, *arguments):
+    """The same command again ends well, with the tables of an unbroken run and no leftovers."""
+    result = toy(*arguments)
+    assert result.returncode == 0, result.stderr
+    assert tables_of(toy.runs[-1]) == reference
+    assert not find_temporaries(toy)
+    return result
+
+
+@pytest.mark.slow
+def test_killed_at_twenty_random_instants(toy, reference):
+    generator = np.random.default_rng(3)
+    for delay_s in generator.uniform(0.8, 2.3, 20):
+        process = toy.start(SLOWLY)
+        time.sleep(delay_s)
+        process.kill()
+        process.communicate()
+        for run in toy.runs:
+            check_wholeness(run)
+        if process.returncode == 0:
+            assert tables_of(toy.runs[-1]) == reference
+            shutil.rmtree(toy.outputs)
+    finish(toy, reference, SLOWLY)
+
+
+def test_killed_in_the_middle_of_writing_a_table(toy):
+    many = "counting.count=1000000"
+    process = toy.start(many, "doubling.fail_at=0")
+    wait_until(process, lambda: [path for path in find_temporaries(toy) if path.suffix == ".parquet"])
+    process.kill()
+    process.communicate()
+    (run,) = toy.runs
+    assert find_temporaries(toy)
+    assert tables_of(run) == {}
+    check_wholeness(run)
+    again = toy(many, "doubling.fail_at=0")
+    assert f"resuming {run}" in again.stdout
+    assert not find_temporaries(toy)
+    assert len(pd.read_parquet(run / "tables/numbers.parquet")) == 1000000
+
+
+def test_killed_in_the_middle_of_writing_a_part(toy, reference):
+    process = toy.start(SLOWLY)
+    wait_until(process, lambda: [path for path in find_temporaries(toy) if path.parent.parent.name == "parts"])
+    process.kill()
+    process.communicate()
+    check_wholeness(toy.runs[0])
+    finish(toy, reference, SLOWLY)
+    assert len(toy.runs) == 1
+
+
+def test_full_disk(toy):
+    result = toy("counting.count=100000", "doubling.fail_at=0", before=limit_file_size(200_000))
+    assert result.returncode == 1
+    line = the_only_line(result.stderr)
+    assert f"cannot write to {toy.runs[0]}: File too large" in line
+    assert "what was finished is kept; make room, then type: " in line
+    assert line.endswith("doubling.fail_at=0")
+    assert tables_of(toy.runs[0]) == {}
+    assert not find_temporaries(toy)
+    again = toy("counting.count=100000", "doubling.fail_at=0")
+    assert f"resuming {toy.runs[0]}" in again.stdout
+    assert len(pd.read_parquet(toy.runs[0] / "tables/numbers.parquet")) == 100000
+
+
+def test_full_file_system(toy, reference):
+    toy.outputs.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=48k", "tmpfs", toy.outputs], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("a small file system cannot be mounted here")
+    try:
+        result = toy()
+        assert result.returncode == 1
+        assert "No space left on device" in the_only_line(result.stderr)
+        check_wholeness(toy.runs[0])
+        assert "No space left on device" in the_only_line(toy().stderr)
+        subprocess.run(["mount", "-o", "remount,size=8m", toy.outputs], check=True)
+        finish(toy, reference)
+        assert len(toy.runs) == 1
+    finally:
+        subprocess.run(["umount", toy.outputs], check=True)
+
+
+def test_read_only_outputs(toy, reference):
+    toy.outputs.mkdir(mode=0o555)
+    result = toy(before=obey_permissions)
+    assert result.returncode == 2
+    line = the_only_line(result.stderr)
+    assert f"cannot write to {toy.outputs / 'runs'} (Permission denied)" in line
+    assert "choose another with outputs=PATH" in line
+    assert toy.runs == []
+    toy.outputs.chmod(0o755)
+    finish(toy, reference)
+
+
+def test_outputs_that_are_no_folder(toy):
+    toy.outputs.write_text("a letter")
+    for arguments in ([], ["plan=true"]):
+        result = toy(*arguments)
+        assert result.returncode == 2
+        assert f"cannot read {toy.outputs / 'runs'} (Not a directory)" in the_only_line(result.stderr)
+    assert toy.outputs.read_text() == "a letter"
+
+
+def test_finished_tables_are_read_only(toy):
+    toy()
+    for path in toy.runs[0].glob("*/*"):
+        opened = subprocess.run(
+            [sys.executable, "-c", f"open({str(path)!r}, 'r+b')"], preexec_fn=obey_permissions, capture_output=True
+        )
+        assert b"PermissionError" in opened.stderr, path
+
+
+def truncated(path):
+    return path.read_bytes()[:-40]
+
+
+def flipped(path):
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 1
+    return bytes(content)
+
+
+def foreign(path):
+    return (path.parent / "numbers.parquet").read_bytes()
+
+
+def older(path):
+    pd.read_parquet(path).drop(columns="double").to_parquet(path.with_suffix(".older"))
+    content = path.with_suffix(".older").read_bytes()
+    path.with_suffix(".older").unlink()
+    return content
+
+
+def nan(path):
+    frame = pd.read_parquet(path)
+    frame.assign(double=[float("nan"), *frame["double"][1:]]).to_parquet(path.with_suffix(".nan"))
+    content = path.with_suffix(".nan").read_bytes()
+    path.with_suffix(".nan").unlink()
+    return content
+
+
+@pytest.mark.parametrize("damage", [truncated, flipped, foreign, older, nan])
+def test_damaged_table_is_remade(toy, reference, damage):
+    toy()
+    path = toy.runs[0] / "tables/doubles.parquet"
+    overwrite(path, damage(path))
+    assert f"tables/doubles.parquet of run {toy.runs[0].name} is damaged" in toy("plan=true").stdout
+    finish(toy, reference)
+    assert ledger_of(toy.runs[1])["stages"]["doubling"]["origin"] == toy.runs[1].name
+
+
+@pytest.mark.parametrize("damage", [truncated, older, nan])
+def test_damaged_part_is_told_and_not_taken(toy, reference, damage):
+    process = toy.start(SLOWLY)
+    wait_until(process, lambda: len(find_parts(toy)) >= 2)
+    process.kill()
+    process.communicate()
+    part = sorted(find_parts(toy))[0]
+    overwrite(part / "doubles.parquet", damage(part / "doubles.parquet"))
+    result = toy(SLOWLY)
+    assert result.returncode == 1
+    line = the_only_line(result.stderr)
+    assert f"{part}/doubles.parquet" in line
+    assert f"remove the folder {part}, and this turn of the loop is made again" in line
+    shutil.rmtree(part)
+    finish(toy, reference, SLOWLY)
+    assert len(toy.runs) == 1
+
+
+def without_tables(run):
+    facts = ledger_of(run)
+    del facts["stages"]["doubling"]["tables"]
+    return json.dumps(facts)
+
+
+def of_an_older_format(run):
+    return json.dumps({**ledger_of(run), "format": 0})
+
+
+def half(run):
+    return (run / "run.json").read_text()[:-100]
+
+
+@pytest.mark.parametrize("damage", [without_tables, of_an_older_format, half])
+def test_unreadable_ledger_is_passed_over(toy, reference, damage):
+    toy()
+    ledger = toy.runs[0] / "run.json"
+    ledger.write_text(damage(toy.runs[0]))
+    damaged = ledger.read_text()
+    assert "unreadable" in toy.review("list").stdout
+    missing = toy.review("show", toy.runs[0].name)
+    assert missing.returncode == 2
+    the_only_line(missing.stderr)
+    finish(toy, reference)
+    assert len(toy.runs) == 2
+    assert ledger.read_text() == damaged
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        ("missing_column", "table numbers (on write) lacks draw; expected columns number, draw"),
+        ("missing_value", "table numbers (on write): column draw: expected no missing value, got nan in row 2"),
+        ("wrong_unit", "table numbers (on write): column draw: expected less_than_or_equal_to(1), got "),
+    ],
+)
+def test_stage_that_breaks_its_contract(toy, spoil, told):
+    result = toy(f"counting.spoil={spoil}")
+    assert result.returncode == 1
+    assert told in the_only_line(result.stderr)
+    assert tables_of(toy.runs[0]) == {}
+    assert ledger_of(toy.runs[0])["status"] == "failed"
+
+
+def test_clock_set_back(toy, reference):
+    process = toy.start(SLOWLY, "counting.label=begun")
+    wait_until(process, lambda: find_parts(toy))
+    process.kill()
+    process.communicate()
+    toy()
+    for run, name in zip(toy.runs, ("2099-01-01_00-00-00", "2099-01-02_00-00-00"), strict=True):
+        ledger = (run / "run.json").read_text().replace(run.name, name).replace('"2026-', '"2099-')
+        (run / "run.json").write_text(ledger)
+        run.rename(run.with_name(name))
+    assert toy("counting.label=later").returncode == 0
+    now, _, ahead = toy.runs
+    assert ledger_of(now)["started"] < ledger_of(ahead)["started"]
+    assert ledger_of(now)["sequence"] > ledger_of(ahead)["sequence"]
+    assert str(now) in toy.review("show", "latest").stdout
+    assert tables_of(now) == reference
+    assert "everything is fresh" in toy("counting.label=later").stdout
+    assert "resuming" in toy(SLOWLY, "counting.label=begun").stdout
+    assert len(toy.runs) == 3
+
+
+def test_four_runs_at_once(toy, reference):
+    processes = [toy.start("doubling.pause_s=0.05") for _ in range(4)]
+    results = [(process.communicate(timeout=120), process.returncode) for process in processes]
+    assert [code for _, code in results] == [0] * 4, results
+    assert len(toy.runs) >= 1
+    for run in toy.runs:
+        check_wholeness(run)
+        assert ledger_of(run)["status"] == "done"
+        assert tables_of(run) == reference
+    assert "everything is fresh" in toy("doubling.pause_s=0.05").stdout
+
+
+def test_a_run_beside_one_of_the_same_study(toy, reference):
+    process = toy.start("doubling.pause_s=0.4")
+    wait_until(process, lambda: find_parts(toy))
+    (first,) = toy.runs
+    before = (first / "config.yaml").stat().st_mtime_ns
+    result = toy("doubling.pause_s=0.4")
+    assert result.returncode == 0, result.stderr
+    process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert [tables_of(run) == reference for run in toy.runs] == [True, True]
+    assert (first / "config.yaml").stat().st_mtime_ns == before
+    assert "resumed" not in (first / "log.txt").read_text()
+
+
+@pytest.mark.parametrize(("number", "code", "word"), [(signal.SIGINT, 130, "Ctrl-C"), (signal.SIGTERM, 143, "SIGTERM")])
+@pytest.mark.parametrize("deaf", ["null", "swallow", "wrap"])
+def test_signal_in_a_stage(toy, reference, number, code, word, deaf):
+    arguments = ("doubling.pause_s=0.3", f"doubling.deaf={deaf}")
+    process = toy.start(*arguments)
+    wait_until(process, lambda: find_parts(toy))
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == code
+    line = the_only_line(errors)
+    assert f"doubling interrupted: stopped by {word}; to continue, type: " in line
+    assert line.endswith(arguments[-1])
+    assert ledger_of(toy.runs[0])["status"] == "interrupted"
+    assert "Traceback" not in (toy.runs[0] / "log.txt").read_text()
+    assert len(find_parts(toy)) < 6
+    finish(toy, reference, *arguments)
+    assert len(toy.runs) == 1
+
+
+def test_impatient_ctrl_c(toy, reference):
+    process = toy.start("doubling.pause_s=0.3")
+    wait_until(process, lambda: find_parts(toy))
+    for _ in range(20):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.002)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    the_only_line(errors)
+    assert ledger_of(toy.runs[0])["status"] in ("interrupted", "running")
+    finish(toy, reference, "doubling.pause_s=0.3")
+
+
+def is_listening(process):
+    """SIGTERM is handled: Python has begun to run the command."""
+    with open(f"/proc/{process.pid}/status") as status:
+        caught = next(line for line in status if line.startswith("SigCgt")).split()[1]
+    return int(caught, 16) >> (signal.SIGTERM - 1) & 1
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="a process's signals cannot be seen here")
+@pytest.mark.parametrize(("number", "code", "word"), [(signal.SIGINT, 130, "Ctrl-C"), (signal.SIGTERM, 143, "SIGTERM")])
+def test_signal_at_any_instant_of_the_start(toy, number, code, word):
+    for delay_s in (0.0, 0.1, 0.3, 0.5, 0.7):
+        process = toy.start("doubling.pause_s=60")
+        wait_until(process, lambda process=process: is_listening(process))
+        time.sleep(delay_s)
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=30)
+        assert process.returncode == code
+        line = the_only_line(errors)
+        assert f"stopped by {word}" in line
+        assert line.endswith("doubling.pause_s=60")
+
+
+def test_ctrl_c_stops_a_whole_multirun(toy):
+    process = toy.start("hydra.mode=MULTIRUN", "doubling.pause_s=0.3,0.31,0.32", f"hydra.sweep.dir={toy.outputs}/sweep")
+    wait_until(process, lambda: find_parts(toy))
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert len(toy.runs) == 1
+
+
+def test_a_reader_who_leaves_does_not_stop_the_run(toy, reference):
+    process = toy.start(SLOWLY)
+    process.stdout.close()
+    with process.stderr:
+        errors = process.stderr.read()
+    assert process.wait(timeout=60) == 0
+    assert errors == ""
+    assert ledger_of(toy.runs[0])["status"] == "done"
+    assert tables_of(toy.runs[0]) == reference
+
+
+def test_stage_that_raises(toy, reference):
+    result = toy("doubling.fail_at=3")
+    assert result.returncode == 1
+    assert "doubling failed: ArithmeticError: cannot double 3" in the_only_line(result.stderr)
+    log = (toy.runs[0] / "log.txt").read_text()
+    assert log.count("Traceback") == 1
+    check_wholeness(toy.runs[0])
+    assert "doubles.parquet" not in tables_of(toy.runs[0])
+    finish(toy, reference)
+    stages = ledger_of(toy.runs[1])["stages"]
+    assert stages["counting"]["origin"] == toy.runs[0].name
+
+
+def test_outputs_copied_to_another_place(toy, reference, tmp_path):
+    toy()
+    process = toy.start(SLOWLY)
+    wait_until(process, lambda: len(find_parts(toy)) >= 2)
+    process.kill()
+    process.communicate()
+    copied = Command(tmp_path / "elsewhere" / "my outputs", *toy.fixed)
+    shutil.copytree(toy.outputs, copied.outputs)
+    shutil.rmtree(toy.outputs)
+    assert "everything is fresh" in copied().stdout
+    assert "resuming" in finish(copied, reference, SLOWLY).stdout
+    assert not toy.outputs.exists()
+    shutil.rmtree(copied.runs[0])
+    assert tables_of(copied.runs[0]) == reference
