@@ -1,0 +1,103 @@
+"""Ratios of one run: every round times the rival right before the subject, so that both see the same machine."""
+
+import statistics
+import time
+import tracemalloc
+from dataclasses import dataclass
+
+import pytest
+from threadpoolctl import threadpool_limits
+
+ROWS = pytest.StashKey[list]()
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure beside what was promised of it."""
+
+    name: str
+    figure: float
+    unit: str
+    limit: float | None
+    stretch: float | None
+
+    @property
+    def verdict(self) -> str:
+        if self.limit is None:
+            return ""
+        if self.figure > self.limit:
+            return "missed"
+        return "met" if self.stretch is None or self.figure > self.stretch else "met, and the stretch"
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_thread():
+    """The pipeline's own setting."""
+    with threadpool_limits(1):
+        yield
+
+
+@pytest.fixture
+def tell(request, benchmark):
+    """Note a figure for the table at the end and for --benchmark-json."""
+    rows = request.config.stash.setdefault(ROWS, [])
+
+    def note(name, figure, unit="", limit=None, stretch=None):
+        rows.append(Row(name, figure, unit, limit, stretch))
+        benchmark.extra_info[name] = figure
+
+    return note
+
+
+@pytest.fixture
+def against(benchmark):
+    """Time a subject and a rival in turn; return the ratio of their medians."""
+
+    def ratio(subject, rival, rounds):
+        rival()
+        rivals, subjects = [], []
+
+        def time_rival():
+            start = time.perf_counter()
+            rival()
+            rivals.append(time.perf_counter() - start)
+
+        def time_subject():
+            start = time.perf_counter()
+            subject()
+            subjects.append(time.perf_counter() - start)
+
+        benchmark.pedantic(time_subject, setup=time_rival, rounds=rounds, warmup_rounds=1)
+        subjects, rivals = subjects[1:], rivals[1:]
+        benchmark.extra_info["rival_median_s"] = statistics.median(rivals)
+        return statistics.median(subjects) / statistics.median(rivals)
+
+    return ratio
+
+
+def peak_memory_mb(function):
+    """Return what a function holds at most beyond what it found and what it returns (MB)."""
+    function()
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        kept = function()
+        after, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    returned = after - before
+    del kept
+    return (peak - before - returned) / 2**20
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    rows = config.stash.get(ROWS, [])
+    if not rows:
+        return
+    terminalreporter.section("figures")
+    width = max(len(row.name) for row in rows)
+    for row in rows:
+        limit = "" if row.limit is None else f"at most {row.limit:g}"
+        stretch = "" if row.stretch is None else f"stretch {row.stretch:g}"
+        figure = f"{row.figure:.3g} {row.unit}".strip()
+        terminalreporter.write_line(f"{row.name:<{width}}  {figure:>12}  {limit:<14} {stretch:<12} {row.verdict}")

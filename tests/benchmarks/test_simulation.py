@@ -1,0 +1,60 @@
+"""Twenty trials of four muscles, 1000 samples each, against a NumPy loop over time that takes all columns at once."""
+
+import numpy as np
+
+from stages.plant.chain import Chain
+from tests.plant.machines import configured
+
+SAMPLES, TRIALS, MUSCLES = 1000, 20, 4
+
+
+def test_chain_against_a_numpy_loop(against, tell):
+    rig = configured()
+    chain = Chain(rig.exoskeleton, rig.plant)
+    constants = chain.constants
+    generator = np.random.default_rng(20261121)
+    shape = (SAMPLES, TRIALS, MUSCLES)
+    command = generator.uniform(20, 300, shape)
+    contraction, velocity = generator.uniform(0.0, 0.2, shape), 0.1 * generator.standard_normal(shape)
+
+    def loop():
+        pressure, force = np.empty(shape), np.empty(shape)
+        now, decay = command[0].copy(), np.exp(-chain.step_s / constants.valve_tau_s)
+        for k in range(SAMPLES):
+            pressure[k] = now
+            braid = constants.braid_a * (1.0 - constants.contraction_factor * contraction[k]) ** 2 - constants.braid_b
+            rubber = contraction[k] * (constants.passive_linear_n + constants.passive_quadratic_n * contraction[k])
+            pull = now * constants.area_n_per_kpa * braid - rubber - constants.damping_n_s * velocity[k]
+            force[k] = np.maximum(pull, 0.0)
+            now = command[k] + decay * (now - command[k])
+        return pressure, force
+
+    def compiled():
+        pressure = chain.pressurise(command)
+        return pressure, chain.pull(pressure, contraction, velocity)[0]
+
+    difference = max(
+        float(np.abs(mine - theirs).max() / np.abs(theirs).max())
+        for mine, theirs in zip(compiled(), loop(), strict=True)
+    )
+    tell("simulation: largest difference from the loop", difference, "", 1e-12)
+    assert difference <= 1e-12
+    tell("simulation / NumPy loop", against(compiled, loop, 50), "", 1 / 30)
+
+
+def test_whole_trial_in_real_time(benchmark, tell):
+    """A trial with joints, person, effects and their feedback: how much quicker than it would last."""
+    rig = configured("rich")
+    from stages.rig import Trial
+
+    command = np.full((rig.samples, len(rig.muscles)), 100.0)
+    trial = Trial("free", "experimenter", command)
+
+    def execute():
+        with rig:
+            rig.execute(trial, np.random.default_rng(0))
+
+    execute()
+    benchmark.pedantic(execute, rounds=10)
+    seconds = benchmark.stats.stats.median
+    tell("simulated trial (rich plant) / its duration", seconds / (rig.samples / rig.sampling_rate_hz))
