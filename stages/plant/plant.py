@@ -88,7 +88,8 @@ def check_parameters(effect: Effect, values: Mapping[str, Any]) -> dict[str, flo
     for name, parameter in declared.items():
         if name not in values:
             raise ValueError(
-                f"effect {effect.name}: missing parameter '{name}' ({parameter.description}, {parameter.unit})"
+                f"effect {effect.name}: missing parameter '{name}' "
+                f"({parameter.description}{_tell_unit(parameter, ', ')})"
             )
     return {name: _check_bounds(effect.name, parameter, values[name]) for name, parameter in declared.items()}
 
@@ -97,10 +98,14 @@ def _check_bounds(effect: str, parameter: Parameter, value: Any) -> float:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not parameter.low <= value <= parameter.high:
         raise ValueError(
-            f"effect {effect}, {parameter.name}: expected a number from {parameter.low} to {parameter.high} "
-            f"{parameter.unit}, got {value!r}"
+            f"effect {effect}, {parameter.name}: expected a number from {parameter.low} to {parameter.high}"
+            f"{_tell_unit(parameter, ' ')}, got {value!r}; change it in the list plant.effects"
         )
     return float(value)
+
+
+def _tell_unit(parameter: Parameter, before: str) -> str:
+    return "" if parameter.unit == "1" else f"{before}{parameter.unit}"
 
 
 class Plant(Declared):
@@ -108,8 +113,12 @@ class Plant(Declared):
 
     muscles: dict[str, MuscleModel]
     encoder: Encoder
-    integration_step_s: PositiveFloat
-    relaxation_passes: int = Field(ge=1)
+    integration_step_s: float = Field(
+        ge=1e-5, description="largest step of the joints' integrator, s; below the least, thousands of steps per sample"
+    )
+    relaxation_passes: int = Field(
+        ge=1, le=100, description="passes that feed force effects back; each simulates the trial, and few suffice"
+    )
     effects: list[AppliedEffect]
 
     def check_against(self, exoskeleton: Exoskeleton) -> Self:

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from stages.plant.interaction import Motion, interact
+from stages.plant.joint import STABLE, quickest_rate
 from stages.plant.participant import Participant, embody, intend, nobody, rest
 from stages.plant.plant import Plant
 from stages.rig.configured import ConfiguredRig
@@ -39,7 +40,8 @@ class SimulatedRig(ConfiguredRig):
     limits : dict of str to PressureLimit
         By type of muscle.
     lead_in_s : float
-        How long the first command and posture are held before the trial, s; not recorded.
+        How long the first command and posture are held before the trial, s; not recorded. No longer than a trial may
+        be: an hour.
     """
 
     real: ClassVar[bool] = False
@@ -48,13 +50,30 @@ class SimulatedRig(ConfiguredRig):
     experimenter: Participant
     movement: Movement
     limits: Limits
-    lead_in_s: float = Field(ge=0.0)
+    lead_in_s: float = Field(ge=0.0, le=3600.0)
 
     @model_validator(mode="after")
     def _check_fit(self) -> Self:
         self.plant.check_against(self.exoskeleton)
         check_limits(self.limits, self.exoskeleton.muscles)
+        people = {f"participants.{name}": each for name, each in self.participants.items()}
+        for path, person in {**people, "experimenter": self.experimenter}.items():
+            try:
+                person.check_against(self.exoskeleton)
+            except ValueError as error:
+                raise ValueError(f"{path}.{error}") from None
+        self._check_step()
         return self
+
+    def _check_step(self) -> None:
+        people = [*self.participants.values(), self.experimenter]
+        for index, joint in enumerate(self.exoskeleton.joints):
+            quickest = max(quickest_rate(joint, embody(person, self.exoskeleton)[index]) for person in people)
+            if self.plant.integration_step_s * quickest > STABLE:
+                raise ValueError(
+                    f"plant.integration_step_s: expected at most {STABLE / quickest:.3g}, beyond which the motion of "
+                    f"joint {joint.name} against its end stop diverges, got {self.plant.integration_step_s}; lower it"
+                )
 
     def run(self, trial: Trial, generator: np.random.Generator) -> Recording:
         """Simulate one trial."""

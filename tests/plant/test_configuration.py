@@ -32,9 +32,9 @@ def test_every_value_has_a_comment_and_every_number_its_unit_and_source(path):
     [
         ({"name": "hysterisis", "muscles": None}, "unknown effect 'hysterisis': did you mean 'hysteresis'?"),
         (HYSTERESIS | {"shares": 1.0}, "effect hysteresis has no parameter 'shares': did you mean 'share'?"),
-        (HYSTERESIS | {"share": 0.5}, "effect hysteresis, share: expected a number from 0.0 to 0.2 1, got 0.5"),
-        (HYSTERESIS | {"share": "a lot"}, "expected a number from 0.0 to 0.2 1, got 'a lot'"),
-        (HYSTERESIS | {"share": float("nan")}, "expected a number from 0.0 to 0.2 1, got nan"),
+        (HYSTERESIS | {"share": 0.5}, "effect hysteresis, share: expected a number from 0.0 to 0.2, got 0.5"),
+        (HYSTERESIS | {"share": "a lot"}, "expected a number from 0.0 to 0.2, got 'a lot'"),
+        (HYSTERESIS | {"share": float("nan")}, "expected a number from 0.0 to 0.2, got nan"),
         ({"name": "hysteresis", "muscles": None, "share": 0.1}, "missing parameter 'width'"),
         ({"name": "hysteresis", "share": 0.1, "width": 0.1}, "effect hysteresis: missing key 'muscles'"),
         (HYSTERESIS | {"joints": ["SFE"]}, "effect hysteresis acts at the muscle: choose muscles, not joints"),
