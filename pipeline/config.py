@@ -277,8 +277,7 @@ def _remedy(problem: Any, path: str, in_list: bool) -> str:
         return suggest(str(problem["input"]), re.findall(r"'([^']*)'", context["expected"]) or [context["expected"]])
     if in_list:
         return "change it in conf/"
-    bounds = [context[name] for name in ("ge", "le") if name in context]
-    example = bounds[0] if bounds else {"bool_type": "true", "list_type": "[...]"}.get(problem["type"], "...")
+    example = context.get("ge", {"bool_type": "true", "list_type": "[...]"}.get(problem["type"], "..."))
     return f"set {path}={example}"
 
 

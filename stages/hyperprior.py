@@ -59,7 +59,7 @@ SCALING = Table(
 )
 
 
-FOUR_ORDERS = 9.2
+FOUR_ORDERS, TWO_ORDERS = 9.2, 4.6
 
 
 class Row(Section):
@@ -71,7 +71,7 @@ class Row(Section):
     """
 
     mean: Annotated[float, Field(ge=-FOUR_ORDERS, le=FOUR_ORDERS)]
-    variance: Annotated[float, Field(ge=1e-8, le=(FOUR_ORDERS / 2) ** 2)]
+    variance: Annotated[float, Field(ge=1e-8, le=round(TWO_ORDERS**2))]
     source: str
 
 

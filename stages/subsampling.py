@@ -104,7 +104,8 @@ class SamplesEnough(View):
         if self.subsampling.experiments > most:
             raise ValueError(
                 f"subsampling.experiments: expected at most {most} for each participant, as {MOST_ROWS} rows of "
-                f"recordings of the initial trials still fit in memory, got {self.subsampling.experiments}; lower it"
+                f"recordings of the initial trials still fit in memory, got {self.subsampling.experiments}; lower it "
+                "or subsampling.initial_trials"
             )
         return self
 

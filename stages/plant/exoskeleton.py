@@ -80,7 +80,7 @@ class Muscle(Declared):
 class VelocityFilter(Declared):
     """The filter behind every recorded velocity."""
 
-    window_s: PositiveFloat = Field(description="length of the window, s; no longer than a trial")
+    window_s: float = Field(gt=0.0, le=3600.0, description="length of the window, s; no longer than a trial")
     order: int = Field(ge=1, description="degree of the fitted polynomial; below the number of samples in the window")
 
 
@@ -116,12 +116,12 @@ class Exoskeleton(Declared):
         return self
 
     def _find_wrong_sampling(self) -> Iterator[str]:
-        window, window_s = self.velocity_filter, self.velocity_filter.window_s
-        length = window_samples(self.sampling_rate_hz, min(window_s, 2.0 * self.trial_s))
-        if window.order >= length:
+        window_s, order = self.velocity_filter.window_s, self.velocity_filter.order
+        length = window_samples(self.sampling_rate_hz, window_s)
+        if order >= length:
             yield (
                 f"velocity_filter.order: expected less than the {length} samples of the window (window_s {window_s} at "
-                f"{self.sampling_rate_hz} Hz), got {window.order}; lower it or raise velocity_filter.window_s"
+                f"{self.sampling_rate_hz} Hz), got {order}; lower it or raise velocity_filter.window_s"
             )
         if length > self.samples:
             yield (

@@ -37,12 +37,19 @@ class Participant(Declared):
         if self.tremor_low_hz > self.tremor_high_hz:
             raise ValueError(
                 f"tremor_low_hz: expected at most tremor_high_hz, {self.tremor_high_hz}, got {self.tremor_low_hz}; "
-                "swap them"
+                "lower it or raise tremor_high_hz"
             )
         return self
 
-    def check_against(self, exoskeleton: Exoskeleton) -> Self:
+    def check_against(self, exoskeleton: Exoskeleton, samples: int) -> Self:
         """Return the participant if what they do can be sampled, and seen within a trial.
+
+        Parameters
+        ----------
+        exoskeleton : Exoskeleton
+            How trials are sampled.
+        samples : int
+            Of a trial with what is held before it.
 
         Raises
         ------
@@ -50,7 +57,7 @@ class Participant(Declared):
             When a frequency is at or above half the sampling rate (Shannon's theorem), a band lies between the
             frequencies that a trial resolves, or the delay is as long as a trial.
         """
-        rate, samples = exoskeleton.sampling_rate_hz, exoskeleton.samples
+        rate = exoskeleton.sampling_rate_hz
         bands = {"noise_hz": (0.0, self.noise_hz), "tremor_high_hz": (self.tremor_low_hz, self.tremor_high_hz)}
         for name, (low_hz, high_hz) in bands.items():
             if high_hz >= 0.5 * rate:
@@ -60,8 +67,8 @@ class Participant(Declared):
                 )
             if not select_band(samples, rate, low_hz, high_hz).any():
                 raise ValueError(
-                    f"{name}: expected a band that holds a multiple of {0.5 * rate / samples:.3g} Hz, as a trial of "
-                    f"{exoskeleton.trial_s} s resolves, got {low_hz} to {high_hz} Hz; widen it"
+                    f"{name}: expected a band that holds a multiple of {0.5 * rate / samples:.3g} Hz, which trials "
+                    f"of exoskeleton.trial_s={exoskeleton.trial_s} resolve, got {low_hz} to {high_hz} Hz; widen it"
                 )
         if self.delay_s >= exoskeleton.trial_s:
             raise ValueError(
