@@ -204,9 +204,11 @@ def find_target(path: str) -> type:
         When the module or the class does not exist.
     """
     module_name, _, class_name = path.rpartition(".")
+    if not all(part.isidentifier() for part in path.split(".")):
+        raise ConfigError(f"_target_: expected the dotted name of a class, as package.module.Class, got {path!r}")
     try:
         module = importlib.import_module(module_name)
-    except (ImportError, ValueError, TypeError) as error:
+    except (ImportError, ValueError) as error:
         raise ConfigError(f"_target_ {path}: cannot import {module_name or path} ({error})") from None
     found = getattr(module, class_name, None)
     if not isinstance(found, type):

@@ -176,13 +176,14 @@ class SamplesEnough(View):
         if self.active_loop.points_per_trial > samples:
             raise ValueError(
                 f"active_loop.points_per_trial: expected at most the {samples} samples of a trial, "
-                f"got {self.active_loop.points_per_trial}; lower it or raise exoskeleton.trial_s"
+                f"got {self.active_loop.points_per_trial}; lower it or raise exoskeleton.trial_s or "
+                "exoskeleton.sampling_rate_hz"
             )
         if self.active_loop.initial_points > initial_trials * samples:
             raise ValueError(
                 f"active_loop.initial_points: expected at most the {initial_trials * samples} samples of the "
                 f"{initial_trials} initial trials, got {self.active_loop.initial_points}; lower it or raise "
-                "subsampling.initial_trials"
+                "subsampling.initial_trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
         return self
 
@@ -205,7 +206,7 @@ class SamplesEnough(View):
             raise ValueError(
                 f"subsampling.experiments: expected at most {most} for each participant, as {MOST_ROWS} rows of "
                 f"recordings in all arms and trials still fit in memory, got {self.subsampling.experiments}; lower it, "
-                "active_loop.trials or exoskeleton.trial_s"
+                "active_loop.trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
         return self
 
@@ -272,7 +273,7 @@ def check_budget(section: ActiveLoop, movements: int, initial: int) -> None:
         raise ConfigError(
             f"active_loop.trials: expected at most {movements - initial} ({movements} movements of the bank less "
             f"{initial} initial trials), got {section.trials}; "
-            "raise bank.trajectories or set active_loop.reuse_trajectories=true"
+            "raise bank.trajectories, lower subsampling.initial_trials or set active_loop.reuse_trajectories=true"
         )
 
 

@@ -95,11 +95,16 @@ class CommandsWithinLimits(View):
             limit = (self.rig.limits or {}).get(muscle.type)
             low, high = (limit.low_kpa, limit.high_kpa) if limit else (0.0, muscle.max_pressure_kpa)
             levels = self.bank.pressure.range_kpa[muscle.name]
-            if levels.low < low or levels.high > high:
-                source = f"rig.limits.{muscle.type}" if limit else f"max_pressure_kpa of {muscle.name}"
+            source = f"rig.limits.{muscle.type}" if limit else f"max_pressure_kpa of {muscle.name}"
+            path = f"bank.pressure.range_kpa.{muscle.name}"
+            if levels.low < low:
                 raise ValueError(
-                    f"bank.pressure.range_kpa.{muscle.name}: expected a range within {low} to {high} kPa, which "
-                    f"{source} permits, got {levels.low} to {levels.high}; narrow it"
+                    f"{path}.low: expected at least the {low} kPa of {source}.low_kpa, got {levels.low}; raise it"
+                )
+            if levels.high > high:
+                source = f"{source}.high_kpa" if limit else source
+                raise ValueError(
+                    f"{path}.high: expected at most the {high} kPa of {source}, got {levels.high}; lower it"
                 )
         return self
 

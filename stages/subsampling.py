@@ -93,7 +93,8 @@ class SamplesEnough(View):
         if self.subsampling.every >= samples:
             raise ValueError(
                 f"subsampling.every: expected less than the {samples} samples of a trial, so that a trajectory keeps "
-                f"more than one, got {self.subsampling.every}; lower it"
+                f"more than one, got {self.subsampling.every}; lower it or raise exoskeleton.trial_s or "
+                "exoskeleton.sampling_rate_hz"
             )
         return self
 
@@ -104,8 +105,8 @@ class SamplesEnough(View):
         if self.subsampling.experiments > most:
             raise ValueError(
                 f"subsampling.experiments: expected at most {most} for each participant, as {MOST_ROWS} rows of "
-                f"recordings of the initial trials still fit in memory, got {self.subsampling.experiments}; lower it "
-                "or subsampling.initial_trials"
+                f"recordings of the initial trials still fit in memory, got {self.subsampling.experiments}; lower it, "
+                "subsampling.initial_trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
         return self
 

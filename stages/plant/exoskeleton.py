@@ -22,7 +22,7 @@ MOST_STRETCHED, MOST_CONTRACTED = -0.1, 0.4
 class Joint(Declared):
     """One joint of machine and limb together."""
 
-    name: str = Field(description="name of the joint")
+    name: str = Field(min_length=1, description="name of the joint")
     lower_rad: float = Field(ge=-math.pi, le=math.pi, description="lower end stop, rad; no limb turns further")
     upper_rad: float = Field(ge=-math.pi, le=math.pi, description="upper end stop, rad; no limb turns further")
     inertia_kg_m2: PositiveFloat = Field(description="inertia of limb and link about the joint, kg m^2")
@@ -45,7 +45,7 @@ class Joint(Declared):
 class Muscle(Declared):
     """One pneumatic muscle with its place on a joint."""
 
-    name: str = Field(description="name of the muscle")
+    name: str = Field(min_length=1, description="name of the muscle")
     joint: str = Field(description="joint that it moves")
     role: Literal["agonist", "antagonist"] = Field(description="agonists raise the angle")
     type: str = Field(description="type, by which constants and limits are looked up")
@@ -121,12 +121,13 @@ class Exoskeleton(Declared):
         if order >= length:
             yield (
                 f"velocity_filter.order: expected less than the {length} samples of the window (window_s {window_s} at "
-                f"{self.sampling_rate_hz} Hz), got {order}; lower it or raise velocity_filter.window_s"
+                f"sampling_rate_hz {self.sampling_rate_hz}), got {order}; lower it or raise velocity_filter.window_s"
             )
         if length > self.samples:
             yield (
                 f"velocity_filter.window_s: expected a window that a trial of {self.samples} samples (trial_s "
-                f"{self.trial_s} at {self.sampling_rate_hz} Hz) can hold, got {window_s}; lower it or raise trial_s"
+                f"{self.trial_s} at sampling_rate_hz {self.sampling_rate_hz}) can hold, "
+                f"got {window_s}; lower it or raise trial_s"
             )
 
     def _find_wrong_geometry(self) -> Iterator[str]:
@@ -137,7 +138,7 @@ class Exoskeleton(Declared):
                 yield (
                     f"muscle {muscle.name}: expected contractions between {MOST_STRETCHED} and {MOST_CONTRACTED} over "
                     f"the range of joint {joint.name}, got {lower:.3g} to {upper:.3g}; lower moment_arm_m, or change "
-                    "rest_length_m, contraction_at_angle_0 or the joint's lower_rad and upper_rad"
+                    "sign, rest_length_m, contraction_at_angle_0 or the joint's lower_rad and upper_rad"
                 )
 
     @property

@@ -63,7 +63,7 @@ class Participant(Declared):
             if high_hz >= 0.5 * rate:
                 raise ValueError(
                     f"{name}: expected less than half of exoskeleton.sampling_rate_hz, {0.5 * rate}, got {high_hz}; "
-                    "lower it or raise the rate"
+                    "lower it or raise that"
                 )
             if not select_band(samples, rate, low_hz, high_hz).any():
                 raise ValueError(

@@ -53,7 +53,10 @@ class AppliedEffect(Declared):
             return entry
         if "name" not in entry:
             raise ValueError("an effect needs a name")
-        effect = find_effect(str(entry["name"]))
+        try:
+            effect = find_effect(str(entry["name"]))
+        except ValueError as error:
+            raise ValueError(f"name: {error}") from None
         place, other = ("joints", "muscles") if effect.site == "joint" else ("muscles", "joints")
         if place not in entry:
             raise ValueError(f"effect {effect.name}: missing key '{place}' (a list of {place}, or null for all)")
@@ -132,14 +135,17 @@ class Plant(Declared):
         """
         for muscle in exoskeleton.muscles:
             self.model_of(muscle)
-        for entry in self.effects:
+        for index, entry in enumerate(self.effects):
             for kind, chosen, known in (
                 ("muscle", entry.muscles, exoskeleton.muscle_names),
                 ("joint", entry.joints, exoskeleton.joint_names),
             ):
                 for name in chosen or []:
                     if name not in known:
-                        raise ValueError(f"effect {entry.name}: no {kind} '{name}'; {nearest(name, known)}")
+                        raise ValueError(
+                            f"plant.effects.{index}.{kind}s: effect {entry.name}: no {kind} '{name}'; "
+                            f"{nearest(name, known)}"
+                        )
         self._check_joint_effects(exoskeleton)
         return self
 

@@ -75,7 +75,9 @@ class SimulatedRig(ConfiguredRig):
         if self.plant.integration_step_s * quickest > STABLE:
             raise ValueError(
                 f"plant.integration_step_s: expected at most {STABLE / quickest:.3g}, beyond which the motion of joint "
-                f"{joint} against its end stop diverges, got {self.plant.integration_step_s}; lower it"
+                f"{joint} against its end stop diverges, got {self.plant.integration_step_s}; lower it, or change "
+                "what makes the joint quick: inertia_kg_m2, stop_nm_per_rad, stop_nm_s_per_rad, viscous_nm_s_per_rad, "
+                "strength_nm, or a person's stiffness_per_rad and damping_ratio"
             )
 
     def _check_movement(self) -> None:
