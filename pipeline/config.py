@@ -9,23 +9,45 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import importlib.util
+import inspect
+import re
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Self
 
 from omegaconf import DictConfig, OmegaConf
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic.errors import PydanticSchemaGenerationError
 
 from pipeline.errors import ConfigError, suggest
 from pipeline.files import hash_json
 from pipeline.stage import Stage, load_stages, order_stages
 
+LONGEST_QUOTE = 80
+BEGINS_WITH_KEY = r"[\w.]+: "
+
+
+class View(BaseModel):
+    """What a check sees of the configuration: sections that are valid each by itself, or some of their keys."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+
 
 class Section(BaseModel):
-    """A group of config keys: all required, none unknown, finite numbers, types as written."""
+    """A group of config keys: all required, none unknown, finite numbers, types as written.
+
+    Attributes
+    ----------
+    checks : tuple of type of View
+        On a stage's model: what must fit together beyond the sections that the stage reads. The fields of a view are
+        top-level sections; it is validated with the configuration and reaches no stage.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    checks: ClassVar[tuple[type[View], ...]] = ()
 
 
 Text = Annotated[str, Field(min_length=1)]
@@ -43,10 +65,22 @@ class Workflow(Section):
     """Which stages, from which package, which tables a person wants to see first, and which sections others quote."""
 
     name: str
-    package: Text
+    package: str
     stages: Annotated[list[Text], Field(min_length=1)]
     headline: list[str]
     quoted: list[str]
+
+    @model_validator(mode="after")
+    def _find_package(self) -> Self:
+        if not all(part.isidentifier() for part in self.package.split(".")):
+            raise ValueError(f"package: expected the dotted name of a Python package, got {self.package!r}")
+        try:
+            found = importlib.util.find_spec(self.package)
+        except ModuleNotFoundError:
+            found = None
+        if found is not None and found.submodule_search_locations is None:
+            raise ValueError(f"package: expected a Python package, got the module '{self.package}'")
+        return self
 
 
 class Settings(Section):
@@ -169,6 +203,9 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
         if section and section not in checked:
             _check_target(study, section)
             checked.add(section)
+    for view in [view for each in stages for view in getattr(each.config, "checks", ())]:
+        if all(name in values for name in view.model_fields):
+            _validate(view, {name: values[name] for name in view.model_fields}, ())
     _check_names(settings, stages)
     return study
 
@@ -209,6 +246,8 @@ def find_target(path: str) -> type:
         When the module or the class does not exist.
     """
     module_name, _, class_name = path.rpartition(".")
+    if not all(part.isidentifier() for part in path.split(".")):
+        raise ConfigError(f"_target_: expected the dotted name of a class, as package.module.Class, got {path!r}")
     try:
         module = importlib.import_module(module_name)
     except (ImportError, ValueError) as error:
@@ -217,6 +256,8 @@ def find_target(path: str) -> type:
     if not isinstance(found, type):
         names = [name for name, value in vars(module).items() if isinstance(value, type)]
         raise ConfigError(f"_target_ {path}: {module_name} has no class {class_name}; {suggest(class_name, names)}")
+    if inspect.isabstract(found):
+        raise ConfigError(f"_target_ {path}: expected a class that can be built, got an abstract one")
     return found
 
 
@@ -232,7 +273,13 @@ def build_target(section: Mapping[str, Any], path: str) -> Any:
         raise ConfigError(f"{path}: expected a section with a _target_ (a class), got {section!r}")
     found = find_target(section["_target_"])
     keys = {name: value for name, value in section.items() if name != "_target_"}
-    return _validate(found, keys, (path,))
+    try:
+        return _validate(found, keys, (path,))
+    except PydanticSchemaGenerationError:
+        raise ConfigError(
+            f"{path}._target_: expected a class whose parameters can be checked (a pydantic model or a dataclass), "
+            f"got {section['_target_']}"
+        ) from None
 
 
 def _validate(model: type, values: Any, prefix: tuple[str, ...]) -> Any:
@@ -254,10 +301,28 @@ def _describe(model: type, error: ValidationError, prefix: tuple[str, ...]) -> s
     elif first["type"] in ("missing", "missing_argument"):
         text = f"missing key '{path}': set it in conf/ or as {path}=..."
     elif first["type"] == "value_error":
-        text = ": ".join(part for part in (path, str(first.get("ctx", {}).get("error", first["msg"]))) if part)
+        told = str(first.get("ctx", {}).get("error", first["msg"]))
+        text = f"{path}{'.' if re.match(BEGINS_WITH_KEY, told) else ': '}{told}" if path else told
     else:
-        text = f"{path}: {first['msg'][:1].lower()}{first['msg'][1:]}, got {first['input']!r}"
+        text = f"{path}: {first['msg'][:1].lower()}{first['msg'][1:]}, got {_quote(first['input'])}; "
+        text += _remedy(first, path, any(isinstance(part, int) for part in location))
+    text = " ".join(text.splitlines())
     return text if len(problems) == 1 else f"{text} (and {len(problems) - 1} more)"
+
+
+def _quote(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= LONGEST_QUOTE else f"{text[: LONGEST_QUOTE - 3]}..."
+
+
+def _remedy(problem: Any, path: str, in_list: bool) -> str:
+    context = problem.get("ctx", {})
+    if problem["type"] == "literal_error":
+        return suggest(str(problem["input"]), re.findall(r"'([^']*)'", context["expected"]) or [context["expected"]])
+    if in_list:
+        return "change it in conf/"
+    example = context.get("ge", {"bool_type": "true", "list_type": "[...]"}.get(problem["type"], "..."))
+    return f"set {path}={example}"
 
 
 def _known_names(model: Any, location: Sequence[str | int]) -> list[str]:

@@ -99,8 +99,6 @@ def load_stages(package: str, names: Sequence[str]) -> list[Stage]:
         folder = importlib.import_module(package)
     except ModuleNotFoundError:
         raise ConfigError(f"workflow.package: no Python package '{package}'") from None
-    if not hasattr(folder, "__path__"):
-        raise ConfigError(f"workflow.package: expected a package, a folder of stages, got the module '{package}'")
     known = [each.name for each in pkgutil.iter_modules(folder.__path__) if not each.ispkg]
     stages = []
     for name in names:

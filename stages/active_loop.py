@@ -11,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field, PositiveInt, model_validator
 
-from pipeline.config import Section, Target
+from pipeline.config import Section, Target, View
 from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
@@ -26,12 +26,19 @@ from pipeline.table import Table, column
 from stages.figures import draw_chosen_trials
 from stages.gp import Choice, Design, Interaction
 from stages.gp import Hyperprior as Prior
-from stages.rig import MEASUREMENT_COLUMNS, Rig, tidy, tracked_trial
+from stages.plant import Exoskeleton
+from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, Rig, tidy, tracked_trial
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT, Scaling
 
 Array = NDArray[np.float64]
 
 CONSTANT_MEAN = "constant_mean"
+
+MOST_POINTS = 2000
+"""Points of an exact GP, beyond which its covariance (8 N^2 bytes, 32 MB) and the N^3 / 3 operations of each of the
+thousands of steps in which hyperparameters are sought take a day for each trial of each arm."""
+
+Points = Annotated[int, Field(ge=1, le=MOST_POINTS)]
 
 WHERE = {
     "participant": column(str, "who tracked"),
@@ -87,23 +94,127 @@ POINTS = Table(
 
 
 class ActiveLoop(Section):
-    """Config group ``active_loop``."""
+    """Config group ``active_loop``.
+
+    Trials and points are bounded by what an exact GP can hold, ``starts`` by the maxima that a posterior of six
+    hyperparameters can have, ``memory_mb`` by a terabyte.
+    """
 
     utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]
     controls: list[Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]] | None
     subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "random"]
-    trials: PositiveInt
-    initial_points: PositiveInt
-    points_per_trial: PositiveInt
+    trials: Annotated[int, Field(gt=0, le=MOST_POINTS)]
+    initial_points: Points
+    points_per_trial: Points
     reduce: Literal["sum", "max"]
     reuse_trajectories: bool
     log_det_every: PositiveInt
-    starts: NonNegativeInt
-    memory_mb: PositiveFloat
+    starts: Annotated[int, Field(ge=0, le=1000)]
+    memory_mb: Annotated[float, Field(gt=0, le=2**20)]
+
+    @model_validator(mode="after")
+    def _name_controls_once(self) -> Self:
+        controls = self.controls or []
+        twice = [name for name in controls if controls.count(name) > 1]
+        if twice:
+            raise ValueError(
+                f"controls: expected each control once, got {twice[0]} {controls.count(twice[0])} times; "
+                f"set active_loop.controls=[{','.join(dict.fromkeys(controls))}]"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _keep_the_gp_exact(self) -> Self:
+        points = self.initial_points + self.trials * self.points_per_trial
+        if points > MOST_POINTS:
+            raise ValueError(
+                f"points_per_trial: expected at most {MOST_POINTS} points in the end (initial_points + trials x "
+                f"points_per_trial), beyond which an exact GP takes days, got {self.initial_points} + {self.trials} x "
+                f"{self.points_per_trial} = {points}; lower one of them"
+            )
+        return self
+
+
+class Movements(View):
+    """How many movements the bank will hold."""
+
+    trajectories: int
+
+
+class Thinning(View):
+    """What the loop is given."""
+
+    every: int
+    experiments: int
+    initial_trials: int
+
+
+class MovementsEnough(View):
+    """The bank holds a movement for every trial."""
+
+    bank: Movements
+    subsampling: Thinning
+    active_loop: ActiveLoop
+
+    @model_validator(mode="after")
+    def _find_movements(self) -> Self:
+        check_budget(self.active_loop, self.bank.trajectories, self.subsampling.initial_trials)
+        return self
+
+
+class SamplesEnough(View):
+    """Trials hold the samples that models take, and all arms' recordings fit in memory."""
+
+    subsampling: Thinning
+    active_loop: ActiveLoop
+    exoskeleton: Exoskeleton
+    participants: dict[str, Any]
+
+    @model_validator(mode="after")
+    def _take_samples(self) -> Self:
+        samples, initial_trials = self.exoskeleton.samples, self.subsampling.initial_trials
+        if self.active_loop.points_per_trial > samples:
+            raise ValueError(
+                f"active_loop.points_per_trial: expected at most the {samples} samples of a trial, "
+                f"got {self.active_loop.points_per_trial}; lower it or raise exoskeleton.trial_s or "
+                "exoskeleton.sampling_rate_hz"
+            )
+        if self.active_loop.initial_points > initial_trials * samples:
+            raise ValueError(
+                f"active_loop.initial_points: expected at most the {initial_trials * samples} samples of the "
+                f"{initial_trials} initial trials, got {self.active_loop.initial_points}; lower it or raise "
+                "subsampling.initial_trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _join_samples(self) -> Self:
+        kept = -(-self.exoskeleton.samples // self.subsampling.every)
+        if "log_det" in choose_arms(self.active_loop, False) and self.active_loop.log_det_every >= kept:
+            raise ValueError(
+                f"active_loop.log_det_every: expected less than the {kept} samples that a trajectory keeps "
+                f"(subsampling.every={self.subsampling.every}), so that more than one is joined, "
+                f"got {self.active_loop.log_det_every}; lower it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _fit_memory(self) -> Self:
+        trials = len(choose_arms(self.active_loop, False)) * self.active_loop.trials * len(self.participants)
+        most = MOST_ROWS // (trials * self.exoskeleton.samples * len(self.exoskeleton.muscles))
+        if self.subsampling.experiments > most:
+            raise ValueError(
+                f"subsampling.experiments: expected at most {most} for each participant, as {MOST_ROWS} rows of "
+                f"recordings in all arms and trials still fit in memory, got {self.subsampling.experiments}; lower it, "
+                "active_loop.trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
+            )
+        return self
 
 
 class Config(Section):
     """What this stage reads."""
+
+    checks: ClassVar = (MovementsEnough, SamplesEnough)
 
     active_loop: ActiveLoop
     rig: Target
@@ -145,18 +256,24 @@ def active_loop(
 
 
 def check_budget(section: ActiveLoop, movements: int, initial: int) -> None:
-    """Refuse more trials than there are movements to choose from.
+    """Refuse a bank without movements to choose from, and more trials than there are.
 
     Raises
     ------
     ConfigError
         Saying how many there are.
     """
+    if not section.reuse_trajectories and movements <= initial:
+        raise ConfigError(
+            f"bank.trajectories: expected more than the {initial} initial trials (subsampling.initial_trials), so that "
+            f"one is left to choose, got {movements}; raise it by active_loop.trials or set "
+            "active_loop.reuse_trajectories=true"
+        )
     if not section.reuse_trajectories and section.trials > movements - initial:
         raise ConfigError(
             f"active_loop.trials: expected at most {movements - initial} ({movements} movements of the bank less "
             f"{initial} initial trials), got {section.trials}; "
-            "raise bank.trajectories or set active_loop.reuse_trajectories=true"
+            "raise bank.trajectories, lower subsampling.initial_trials or set active_loop.reuse_trajectories=true"
         )
 
 

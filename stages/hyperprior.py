@@ -6,17 +6,17 @@ comes from the data sheet.
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Annotated, Self
 
 import pandas as pd
-from pydantic import PositiveFloat, model_validator
+from pydantic import Field, model_validator
 
 from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.errors import suggest
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.plant import Exoskeleton, Muscle
+from stages.plant import MOST_CONTRACTED, Exoskeleton, Muscle
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
 
 UNITS = dict(zip((*MODEL_INPUTS, MODEL_OUTPUT), ("kPa", "1", "1/s", "N"), strict=True))
@@ -59,20 +59,28 @@ SCALING = Table(
 )
 
 
-class Row(Section):
-    """One hyperparameter's prior."""
+FOUR_ORDERS, TWO_ORDERS = 9.2, 4.6
 
-    mean: float
-    variance: PositiveFloat
+
+class Row(Section):
+    """One hyperparameter's prior.
+
+    Data are in standard units, of order one, and log 10^4 is 9.2: a mean beyond it either way is no length, deviation
+    or force of such data, and a standard deviation above half of it says nothing within that range. One of 10^-4 holds
+    the hyperparameter fixed already.
+    """
+
+    mean: Annotated[float, Field(ge=-FOUR_ORDERS, le=FOUR_ORDERS)]
+    variance: Annotated[float, Field(ge=1e-8, le=round(TWO_ORDERS**2))]
     source: str
 
 
 class DataSheet(Section):
-    """What the maker promises of a muscle type."""
+    """What the maker promises of a muscle type, within what tables of measurements hold and braided muscles reach."""
 
-    rated_force_n: PositiveFloat
-    rated_pressure_kpa: PositiveFloat
-    max_contraction: PositiveFloat
+    rated_force_n: Annotated[float, Field(ge=1, le=10000)]
+    rated_pressure_kpa: Annotated[float, Field(ge=1, le=1000)]
+    max_contraction: Annotated[float, Field(gt=0, le=MOST_CONTRACTED)]
     source: str
 
 
@@ -111,6 +119,14 @@ class Config(Section):
             if muscle.type not in section.data_sheet:
                 hint = suggest(muscle.type, section.data_sheet)
                 raise ValueError(f"hyperprior.data_sheet has no type '{muscle.type}' of {muscle.name}; {hint}")
+            joint = self.exoskeleton.joints[self.exoskeleton.joint_names.index(muscle.joint)]
+            longest = min(muscle.contractions_over(joint))
+            if section.data_sheet[muscle.type].max_contraction <= longest:
+                raise ValueError(
+                    f"hyperprior.data_sheet.{muscle.type}.max_contraction: expected more than {longest:.3g}, the least "
+                    f"contraction of {muscle.name} over its joint's range, so that it pulls somewhere, "
+                    f"got {section.data_sheet[muscle.type].max_contraction}; raise it"
+                )
         return self
 
 

@@ -4,7 +4,7 @@ Configuration says which muscles move which joints (`exoskeleton`), with which c
 and how a person moves (`participant`). Commands and intentions flow in; pressures, forces and joint motion come out.
 """
 
-from stages.plant.exoskeleton import Exoskeleton, Joint, Muscle
+from stages.plant.exoskeleton import MOST_CONTRACTED, Exoskeleton, Joint, Muscle
 from stages.plant.participant import Participant
 
-__all__ = ["Exoskeleton", "Joint", "Muscle", "Participant"]
+__all__ = ["MOST_CONTRACTED", "Exoskeleton", "Joint", "Muscle", "Participant"]

@@ -15,11 +15,14 @@ import numpy as np
 from numba import njit
 
 from stages.plant.effect import JointEffect
-from stages.plant.exoskeleton import Exoskeleton
+from stages.plant.exoskeleton import Exoskeleton, Joint
 from stages.plant.muscle import MuscleConstants, pull
 from stages.plant.participant import Intention, Person
 from stages.plant.plant import Plant
 from stages.signals.trajectories import Array
+
+STABLE = 2.78
+"""Largest product of step and rate at which the classical Runge-Kutta rule does not diverge, on the real axis."""
 
 
 class JointConstants(NamedTuple):
@@ -35,6 +38,17 @@ class JointConstants(NamedTuple):
     stop_nm_s_per_rad: float
     coulomb_nm: float
     coulomb_rad_per_s: float
+
+
+def quickest_rate(joint: Joint, person: Person) -> float:
+    """Return a bound on the rate of a joint's free motion against its end stop, held by a person, 1/s.
+
+    It is the sum of damping over inertia and of the root of stiffness over inertia, which bounds both roots of the
+    characteristic equation. Muscles and friction, which saturate, are left out.
+    """
+    stiffness = joint.stop_nm_per_rad + person.stiffness_nm_per_rad
+    damping = joint.viscous_nm_s_per_rad + joint.stop_nm_s_per_rad + person.damping_nm_s_per_rad
+    return damping / joint.inertia_kg_m2 + math.sqrt(stiffness / joint.inertia_kg_m2)
 
 
 def collect_joints(exoskeleton: Exoskeleton, plant: Plant) -> list[JointConstants]:

@@ -6,31 +6,75 @@ A reference and a generator flow in; the intended movement and the torque that p
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, PositiveFloat
+from pydantic import Field, PositiveFloat, model_validator
 
 from stages.plant.declaration import Declared
 from stages.plant.exoskeleton import Exoskeleton, Joint
-from stages.signals.noise import band_noise
+from stages.signals.noise import band_noise, select_band
 from stages.signals.trajectories import Array
 
 
 class Participant(Declared):
     """One person, in numbers that hold for any set of joints."""
 
-    delay_s: float = Field(ge=0.0, description="from what is shown to what is intended, s")
+    delay_s: float = Field(ge=0.0, description="from what is shown to what is intended, s; shorter than a trial")
     gain: PositiveFloat = Field(description="intended over shown excursion from mid-range, 1")
     noise_rad: float = Field(ge=0.0, description="standard deviation of the intention's wander, rad")
-    noise_hz: PositiveFloat = Field(description="highest frequency of the wander, Hz")
+    noise_hz: PositiveFloat = Field(description="highest frequency of the wander, Hz; below half the sampling rate")
     tremor_rad_per_s2: float = Field(ge=0.0, description="standard deviation of tremor, angular acceleration, rad/s^2")
     tremor_low_hz: PositiveFloat = Field(description="lowest frequency of tremor, Hz")
-    tremor_high_hz: PositiveFloat = Field(description="highest frequency of tremor, Hz")
+    tremor_high_hz: PositiveFloat = Field(description="highest frequency of tremor, Hz; below half the sampling rate")
     strength: PositiveFloat = Field(description="strength, multiples of the joint's strength_nm, 1")
     stiffness_per_rad: PositiveFloat = Field(description="stiffness over the joint's strength_nm, 1/rad")
     damping_ratio: PositiveFloat = Field(description="damping over critical damping of the joint's inertia, 1")
     compensation_s: PositiveFloat = Field(description="time constant by which a held load is compensated, s")
+
+    @model_validator(mode="after")
+    def _order_band(self) -> Self:
+        if self.tremor_low_hz > self.tremor_high_hz:
+            raise ValueError(
+                f"tremor_low_hz: expected at most tremor_high_hz, {self.tremor_high_hz}, got {self.tremor_low_hz}; "
+                "lower it or raise tremor_high_hz"
+            )
+        return self
+
+    def check_against(self, exoskeleton: Exoskeleton, samples: int) -> Self:
+        """Return the participant if what they do can be sampled, and seen within a trial.
+
+        Parameters
+        ----------
+        exoskeleton : Exoskeleton
+            How trials are sampled.
+        samples : int
+            Of a trial with what is held before it.
+
+        Raises
+        ------
+        ValueError
+            When a frequency is at or above half the sampling rate (Shannon's theorem), a band lies between the
+            frequencies that a trial resolves, or the delay is as long as a trial.
+        """
+        rate = exoskeleton.sampling_rate_hz
+        bands = {"noise_hz": (0.0, self.noise_hz), "tremor_high_hz": (self.tremor_low_hz, self.tremor_high_hz)}
+        for name, (low_hz, high_hz) in bands.items():
+            if high_hz >= 0.5 * rate:
+                raise ValueError(
+                    f"{name}: expected less than half of exoskeleton.sampling_rate_hz, {0.5 * rate}, got {high_hz}; "
+                    "lower it or raise that"
+                )
+            if not select_band(samples, rate, low_hz, high_hz).any():
+                raise ValueError(
+                    f"{name}: expected a band that holds a multiple of {0.5 * rate / samples:.3g} Hz, which trials "
+                    f"of exoskeleton.trial_s={exoskeleton.trial_s} resolve, got {low_hz} to {high_hz} Hz; widen it"
+                )
+        if self.delay_s >= exoskeleton.trial_s:
+            raise ValueError(
+                f"delay_s: expected less than exoskeleton.trial_s, {exoskeleton.trial_s}, got {self.delay_s}; lower it"
+            )
+        return self
 
 
 class Person(NamedTuple):

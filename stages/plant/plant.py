@@ -53,7 +53,10 @@ class AppliedEffect(Declared):
             return entry
         if "name" not in entry:
             raise ValueError("an effect needs a name")
-        effect = find_effect(str(entry["name"]))
+        try:
+            effect = find_effect(str(entry["name"]))
+        except ValueError as error:
+            raise ValueError(f"name: {error}") from None
         place, other = ("joints", "muscles") if effect.site == "joint" else ("muscles", "joints")
         if place not in entry:
             raise ValueError(f"effect {effect.name}: missing key '{place}' (a list of {place}, or null for all)")
@@ -88,7 +91,8 @@ def check_parameters(effect: Effect, values: Mapping[str, Any]) -> dict[str, flo
     for name, parameter in declared.items():
         if name not in values:
             raise ValueError(
-                f"effect {effect.name}: missing parameter '{name}' ({parameter.description}, {parameter.unit})"
+                f"effect {effect.name}: missing parameter '{name}' "
+                f"({parameter.description}{_tell_unit(parameter, ', ')})"
             )
     return {name: _check_bounds(effect.name, parameter, values[name]) for name, parameter in declared.items()}
 
@@ -97,10 +101,14 @@ def _check_bounds(effect: str, parameter: Parameter, value: Any) -> float:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not parameter.low <= value <= parameter.high:
         raise ValueError(
-            f"effect {effect}, {parameter.name}: expected a number from {parameter.low} to {parameter.high} "
-            f"{parameter.unit}, got {value!r}"
+            f"effect {effect}, {parameter.name}: expected a number from {parameter.low} to {parameter.high}"
+            f"{_tell_unit(parameter, ' ')}, got {value!r}; change it in the list plant.effects"
         )
     return float(value)
+
+
+def _tell_unit(parameter: Parameter, before: str) -> str:
+    return "" if parameter.unit == "1" else f"{before}{parameter.unit}"
 
 
 class Plant(Declared):
@@ -108,8 +116,12 @@ class Plant(Declared):
 
     muscles: dict[str, MuscleModel]
     encoder: Encoder
-    integration_step_s: PositiveFloat
-    relaxation_passes: int = Field(ge=1)
+    integration_step_s: float = Field(
+        ge=1e-5, description="largest step of the joints' integrator, s; below the least, thousands of steps per sample"
+    )
+    relaxation_passes: int = Field(
+        ge=1, le=100, description="passes that feed force effects back; each simulates the trial, and few suffice"
+    )
     effects: list[AppliedEffect]
 
     def check_against(self, exoskeleton: Exoskeleton) -> Self:
@@ -123,14 +135,17 @@ class Plant(Declared):
         """
         for muscle in exoskeleton.muscles:
             self.model_of(muscle)
-        for entry in self.effects:
+        for index, entry in enumerate(self.effects):
             for kind, chosen, known in (
                 ("muscle", entry.muscles, exoskeleton.muscle_names),
                 ("joint", entry.joints, exoskeleton.joint_names),
             ):
                 for name in chosen or []:
                     if name not in known:
-                        raise ValueError(f"effect {entry.name}: no {kind} '{name}'; {nearest(name, known)}")
+                        raise ValueError(
+                            f"plant.effects.{index}.{kind}s: effect {entry.name}: no {kind} '{name}'; "
+                            f"{nearest(name, known)}"
+                        )
         self._check_joint_effects(exoskeleton)
         return self
 

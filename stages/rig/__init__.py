@@ -3,7 +3,7 @@
 The rigs themselves are named by configuration and imported from there.
 """
 
-from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, Rig, RigError, Trial, tidy
+from stages.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, Recording, Rig, RigError, Trial, tidy
 from stages.rig.reference import tracked_trial
 
-__all__ = ["MEASUREMENT_COLUMNS", "Recording", "Rig", "RigError", "Trial", "tidy", "tracked_trial"]
+__all__ = ["MEASUREMENT_COLUMNS", "MOST_ROWS", "Recording", "Rig", "RigError", "Trial", "tidy", "tracked_trial"]

@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+MOST_ROWS = 50_000_000
+"""Rows of a table of measurements, beyond which its ten numbers a row take over 4 GB and its copies no longer fit."""
+
 
 class RigError(RuntimeError):
     """A rig was asked for what it cannot do now; the message says what to do instead."""

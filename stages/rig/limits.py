@@ -50,7 +50,8 @@ def check_limits(limits: Limits, muscles: Sequence[Muscle]) -> None:
         if limits[muscle.type].high_kpa > muscle.max_pressure_kpa:
             raise ValueError(
                 f"limits: {muscle.type} may be commanded {limits[muscle.type].high_kpa} kPa, "
-                f"but muscle {muscle.name} is permitted {muscle.max_pressure_kpa} kPa"
+                f"but muscle {muscle.name} is permitted {muscle.max_pressure_kpa} kPa "
+                f"(max_pressure_kpa); lower high_kpa of {muscle.type}"
             )
 
 

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 import pandera.pandas as pa
+from pydantic import field_validator
 
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, RigError, Trial
@@ -50,6 +51,15 @@ class OperatorRig(ConfiguredRig):
     real: ClassVar[bool] = True
 
     folder: str
+
+    @field_validator("folder")
+    @classmethod
+    def _name_folder(cls, folder: str) -> str:
+        if not folder.strip():
+            raise ValueError(
+                f"expected the path of the folder that receives recordings, got {folder!r}; set rig.folder=PATH"
+            )
+        return folder
 
     def run(self, trial: Trial, generator: np.random.Generator) -> Recording:
         """Read what the operator recorded, or ask for it.

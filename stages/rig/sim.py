@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from stages.plant.interaction import Motion, interact
+from stages.plant.joint import STABLE, quickest_rate
 from stages.plant.participant import Participant, embody, intend, nobody, rest
 from stages.plant.plant import Plant
 from stages.rig.configured import ConfiguredRig
@@ -18,7 +19,7 @@ from stages.rig.contract import Recording, Trial
 from stages.rig.limits import Limits, apply_limits, check_limits
 from stages.rig.movement import Movement, move_freely
 from stages.rig.sensors import record
-from stages.signals.trajectories import Array
+from stages.signals.trajectories import MOST_CELLS, Array, count_reaches
 
 
 class SimulatedRig(ConfiguredRig):
@@ -39,7 +40,8 @@ class SimulatedRig(ConfiguredRig):
     limits : dict of str to PressureLimit
         By type of muscle.
     lead_in_s : float
-        How long the first command and posture are held before the trial, s; not recorded.
+        How long the first command and posture are held before the trial, s; not recorded. Valves and limbs
+        settle within seconds.
     """
 
     real: ClassVar[bool] = False
@@ -48,18 +50,55 @@ class SimulatedRig(ConfiguredRig):
     experimenter: Participant
     movement: Movement
     limits: Limits
-    lead_in_s: float = Field(ge=0.0)
+    lead_in_s: float = Field(ge=0.0, le=60.0)
 
     @model_validator(mode="after")
     def _check_fit(self) -> Self:
         self.plant.check_against(self.exoskeleton)
         check_limits(self.limits, self.exoskeleton.muscles)
+        people = {f"participants.{name}": each for name, each in self.participants.items()}
+        for path, person in {**people, "experimenter": self.experimenter}.items():
+            try:
+                person.check_against(self.exoskeleton, self.samples + self._lead_samples)
+            except ValueError as error:
+                raise ValueError(f"{path}.{error}") from None
+        self._check_step()
+        self._check_movement()
         return self
+
+    def _check_step(self) -> None:
+        quickest, joint = max(
+            (quickest_rate(joint, constants), joint.name)
+            for person in (*self.participants.values(), self.experimenter)
+            for joint, constants in zip(self.exoskeleton.joints, embody(person, self.exoskeleton), strict=True)
+        )
+        if self.plant.integration_step_s * quickest > STABLE:
+            raise ValueError(
+                f"plant.integration_step_s: expected at most {STABLE / quickest:.3g}, beyond which the motion of joint "
+                f"{joint} against its end stop diverges, got {self.plant.integration_step_s}; lower it, or change "
+                "what makes the joint quick: inertia_kg_m2, stop_nm_per_rad, stop_nm_s_per_rad, viscous_nm_s_per_rad, "
+                "strength_nm, or a person's stiffness_per_rad and damping_ratio"
+            )
+
+    def _check_movement(self) -> None:
+        reaches = count_reaches(
+            self.samples, self.sampling_rate_hz, self.movement.shortest_move_s, self.movement.shortest_rest_s
+        )
+        if reaches * self.samples > MOST_CELLS:
+            raise ValueError(
+                f"movement.shortest_move_s: expected a time of which exoskeleton.trial_s={self.exoskeleton.trial_s} "
+                f"holds at most {MOST_CELLS // self.samples}, to fit in memory, got {self.movement.shortest_move_s} "
+                f"({reaches} reaches); raise it or lower exoskeleton.trial_s"
+            )
+
+    @property
+    def _lead_samples(self) -> int:
+        return round(self.lead_in_s * self.sampling_rate_hz)
 
     def run(self, trial: Trial, generator: np.random.Generator) -> Recording:
         """Simulate one trial."""
         command = apply_limits(trial.pressure_command_kpa, self.limits, self.exoskeleton.muscles, self.sampling_rate_hz)
-        lead = round(self.lead_in_s * self.sampling_rate_hz)
+        lead = self._lead_samples
         motion = self._move(trial, _hold_first(command, lead), lead, generator)
         return record(_cut(motion, lead), command, self.exoskeleton, self.plant, generator)
 

@@ -45,7 +45,11 @@ def differentiate(signal: Array, sampling_rate_hz: float, window_s: float, order
     return savgol_filter(signal, length, order, deriv=1, delta=1.0 / sampling_rate_hz, axis=0)
 
 
+def window_samples(sampling_rate_hz: float, window_s: float) -> int:
+    """Return the odd number of samples nearest to a window's length."""
+    return 2 * int(window_s * sampling_rate_hz / 2.0) + 1
+
+
 def window_length(sampling_rate_hz: float, window_s: float, order: int) -> int:
     """Return the odd number of samples nearest to a window's length that still holds a polynomial of that order."""
-    nearest = 2 * int(window_s * sampling_rate_hz / 2.0) + 1
-    return max(nearest, order + 1 + order % 2)
+    return max(window_samples(sampling_rate_hz, window_s), order + 1 + order % 2)

@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+MOST_CELLS = 50_000_000
+"""Samples times movements of a trajectory beyond which the matrix that joins them (0.4 GB) and its copies are large."""
+
 
 def minimum_jerk(share: ArrayLike) -> Array:
     """Return the share of the way covered at a share of the time, with no velocity or acceleration at either end.
@@ -86,11 +89,16 @@ def reach_postures(
     (samples, J) ndarray
         Joint angles, rad; all joints start and stop a reach together.
     """
-    length_s = samples / sampling_rate_hz
-    count = int(np.ceil(length_s / max(move_s[0] + rest_s[0], 1.0 / sampling_rate_hz)))
+    count = count_reaches(samples, sampling_rate_hz, move_s[0], rest_s[0])
     rests = generator.uniform(*rest_s, size=count)
     moves = generator.uniform(*move_s, size=count)
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     points = generator.uniform(low, high, size=(count + 1, low.size))
     start_s = np.cumsum(rests + moves) - moves
     return connect_points(points, start_s, moves, np.arange(samples) / sampling_rate_hz)
+
+
+def count_reaches(samples: int, sampling_rate_hz: float, shortest_move_s: float, shortest_rest_s: float) -> int:
+    """Return how many reaches fill a trajectory, were all of them the shortest."""
+    shortest_s = max(shortest_move_s + shortest_rest_s, 1.0 / sampling_rate_hz)
+    return int(np.ceil(samples / sampling_rate_hz / shortest_s))

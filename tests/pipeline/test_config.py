@@ -30,7 +30,7 @@ import pytest
         (["workflow.headline=[totl]"], "no stage of workflow toy writes 'totl'; did you mean 'total'?"),
         (["workflow.stages=[]"], "workflow.stages: list should have at least 1 item"),
         (["workflow.stages=[counting]"], "unknown key 'doubling', which no stage of workflow toy reads"),
-        (["workflow.package=os"], "expected a package, a folder of stages, got the module 'os'"),
+        (["workflow.package=os"], "expected a Python package, got the module 'os'"),
         (["outputs="], "outputs: string should have at least 1 character, got ''"),
         (["workflow.package=nowhere"], "no Python package 'nowhere'"),
     ],

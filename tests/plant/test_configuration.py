@@ -32,10 +32,17 @@ def test_every_value_has_a_comment_and_every_number_its_unit_and_source(path):
     [
         ({"name": "hysterisis", "muscles": None}, "unknown effect 'hysterisis': did you mean 'hysteresis'?"),
         (HYSTERESIS | {"shares": 1.0}, "effect hysteresis has no parameter 'shares': did you mean 'share'?"),
-        (HYSTERESIS | {"share": 0.5}, "effect hysteresis, share: expected a number from 0.0 to 0.2 1, got 0.5"),
-        (HYSTERESIS | {"share": "a lot"}, "expected a number from 0.0 to 0.2 1, got 'a lot'"),
-        (HYSTERESIS | {"share": float("nan")}, "expected a number from 0.0 to 0.2 1, got nan"),
-        ({"name": "hysteresis", "muscles": None, "share": 0.1}, "missing parameter 'width'"),
+        (HYSTERESIS | {"share": 0.5}, "effect hysteresis, share: expected a number from 0.0 to 0.2, got 0.5"),
+        (
+            {"name": "coulomb_friction", "joints": None, "torque_nm": 99.0, "sliding_rad_per_s": 0.1},
+            "effect coulomb_friction, torque_nm: expected a number from 0.0 to 10.0 N m, got 99.0; change it in",
+        ),
+        (HYSTERESIS | {"share": "a lot"}, "expected a number from 0.0 to 0.2, got 'a lot'"),
+        (HYSTERESIS | {"share": float("nan")}, "expected a number from 0.0 to 0.2, got nan"),
+        (
+            {"name": "hysteresis", "muscles": None, "share": 0.1},
+            "missing parameter 'width' (contraction over which the widest element turns)",
+        ),
         ({"name": "hysteresis", "share": 0.1, "width": 0.1}, "effect hysteresis: missing key 'muscles'"),
         (HYSTERESIS | {"joints": ["SFE"]}, "effect hysteresis acts at the muscle: choose muscles, not joints"),
         ({"muscles": None}, "an effect needs a name"),
@@ -87,6 +94,14 @@ def test_a_muscle_without_constants_is_named():
         (lambda v: v["joints"][0].update(lower_rad=2.0), "joint SFE: expected lower_rad < upper_rad"),
         (lambda v: v["muscles"][0].update(sign=0), "sign"),
         (lambda v: v.update(colour="red"), "colour"),
+        (
+            lambda v: v["muscles"][0].update(moment_arm_m=100.0),
+            "muscle pam1: expected contractions between -0.1 and 0.4 over the range of joint SFE, got -15.6 to 422; "
+            "lower moment_arm_m",
+        ),
+        (lambda v: v["joints"][0].update(upper_rad=4.0), "joints.0.upper_rad"),
+        (lambda v: v["velocity_filter"].update(order=13), "velocity_filter.order: expected less than the 13 samples"),
+        (lambda v: v["muscles"][0].update(max_pressure_kpa=1001.0), "muscles.0.max_pressure_kpa"),
     ],
 )
 def test_a_wrong_machine_is_refused(change, message):
