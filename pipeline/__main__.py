@@ -43,6 +43,7 @@ def main() -> int:
     """Run the command line; return the exit code."""
     debugging = "HYDRA_FULL_ERROR" in os.environ
     os.environ["HYDRA_FULL_ERROR"] = "1"
+    begun: list[bool] = []
     codes: list[int] = []
     faults: list[PipelineError | OmegaConfBaseException] = []
 
@@ -50,6 +51,7 @@ def main() -> int:
     def task(composed: DictConfig) -> None:
         from pipeline.runner import run_study  # --help and a mistyped key need none of what this imports
 
+        begun.append(True)
         try:
             codes.append(run_study(composed, sys.argv[1:]))
         except (PipelineError, OmegaConfBaseException) as error:
@@ -73,6 +75,9 @@ def main() -> int:
     except Exception as error:
         if debugging:
             raise
+        if not begun:
+            complain(f"{explain(error)}; python -m pipeline --help shows what can be set")
+            return 2
         line = f"{type(error).__name__}: {error}".splitlines()[0]
         command = f"HYDRA_FULL_ERROR=1 {command_line(sys.argv[1:])}"
         complain(f"{line}; for the traceback, type: {command}")
@@ -92,6 +97,16 @@ def explain(error: Exception) -> str:
     text = str(error)
     if isinstance(error, MissingMandatoryValue):
         return f"missing value: set it as {error.full_key}=..."
+    override = re.search(r"Error parsing override '([^']*)'", text)
+    if override:
+        return f"'{override.group(1)}' is no override: expected key=value, as in seed=1 or 'bank.trajectories=20'"
+    if "Config group override must be a string or a list" in text:
+        groups = [each.name for each in CONFIG_FOLDER.iterdir() if each.is_dir()]
+        given = [each for each in sys.argv[1:] if each.split("=")[0] in groups]
+        return f"{' '.join(given)}: expected the name of a file in conf/{given[0].split('=')[0] if given else ''}"
+    gone = re.search(r"Interpolation key '([^']+)' not found", text)
+    if gone:
+        return f"missing key '{gone.group(1)}', which other keys quote; leave it in, or change what quotes it"
     unknown = re.search(r"Could not override '([^']+)'", text)
     if unknown:
         path = unknown.group(1).removeprefix("+").split("@")[0]

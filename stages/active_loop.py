@@ -53,7 +53,10 @@ TRIALS = Table(
         **WHERE,
         "trajectory": column(int, "movement of the bank that was chosen", low=0),
         "utility": column(
-            float, "its utility, summed over muscles and samples (nats, or standard units)", nullable=True
+            float,
+            "its utility: the sum over muscles, over samples as active_loop.reduce says; nats, for variance the square "
+            "of standard units",
+            nullable=True,
         ),
         "runner_up": column(float, "utility of the best trajectory that was not chosen", nullable=True),
         "available": column(int, "trajectories that could be chosen", low=1),
@@ -73,8 +76,8 @@ MODELS = Table(
         **WHERE,
         "muscle": column(str, "muscle"),
         "hyperparameter": column(str, "as in hyperprior"),
-        "value": column(float, "maximum a posteriori (log of standard units)"),
-        "sd": column(float, "standard deviation of the Laplace approximation", low=0),
+        "value": column(float, "maximum a posteriori, in the unit that hyperprior names"),
+        "sd": column(float, "standard deviation of the Laplace approximation, in the same unit", low=0),
         "log_posterior": column(float, "of the whole vector (nats)"),
         "repair": column(str, "what was done about an indefinite Hessian or a failed factorisation; empty = nothing"),
     },
@@ -82,7 +85,7 @@ MODELS = Table(
 )
 POINTS = Table(
     "points",
-    "A sample that a muscle's model stands on, from the trial in which it was taken",
+    "A sample that a muscle's model stands on, from the trial in which it was taken (0: any initial trial)",
     {
         **WHERE,
         "muscle": column(str, "muscle"),

@@ -167,5 +167,6 @@ def scale_muscle(
     per_kpa = sheet.rated_force_n / sheet.rated_pressure_kpa
     centre = per_kpa * pressure.mean() * (1 - contraction.mean() / sheet.max_contraction)
     strongest = per_kpa * pressure.max() * (1 - contraction.min() / sheet.max_contraction)
-    rows.append((muscle.name, MODEL_OUTPUT, centre, strongest / 4, UNITS[MODEL_OUTPUT], sheet.source))
+    source = f"force at the bank's mean state, a quarter of that at its strongest; {sheet.source}"
+    rows.append((muscle.name, MODEL_OUTPUT, centre, strongest / 4, UNITS[MODEL_OUTPUT], source))
     return rows
