@@ -21,7 +21,7 @@ from pipeline.table import Table, column
 from stages.plant import Exoskeleton
 from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, Rig, Trial, tidy
 from stages.rig.limits import Limits
-from stages.signals import MOST_CELLS, count_levels, pressure_profiles
+from stages.signals import pressure_profiles
 
 BANK = Table(
     "bank",
@@ -155,20 +155,6 @@ class Config(Section):
                 f"bank.trajectories: expected at most {most} movements of {self.exoskeleton.samples} samples and "
                 f"{len(self.exoskeleton.muscles)} muscles, as {MOST_ROWS} rows still fit in memory, "
                 f"got {self.bank.trajectories}; lower it, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
-            )
-        pressure, samples = self.bank.pressure, self.exoskeleton.samples
-        levels = count_levels(
-            samples,
-            self.exoskeleton.sampling_rate_hz,
-            pressure.hold_s.low,
-            pressure.transition_s.low,
-            pressure.step_share,
-        )
-        if levels * samples > MOST_CELLS:
-            raise ValueError(
-                f"bank.pressure.hold_s.low: expected a time of which exoskeleton.trial_s={self.exoskeleton.trial_s} "
-                f"holds at most {MOST_CELLS // samples}, to fit in memory, got {pressure.hold_s.low} ({levels} levels)"
-                "; raise it or lower exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
         return self
 

@@ -206,14 +206,6 @@ def test_refuses(override, told):
             ["active_loop.reuse_trajectories=true", "active_loop.trials=1000"],
             "active_loop.points_per_trial: expected at most 2000 points in the end",
         ),
-        (
-            ["exoskeleton.trial_s=60.0", "bank.pressure.hold_s.low=0.0"],
-            "bank.pressure.hold_s.low: expected a time of which exoskeleton.trial_s=60.0 holds at most 3333",
-        ),
-        (
-            ["exoskeleton.trial_s=60.0", "rig.movement.shortest_move_s=0.001"],
-            "rig.movement.shortest_move_s: expected a time of which exoskeleton.trial_s=60.0 holds at most 3333",
-        ),
     ],
 )
 def test_refuses_what_does_not_fit_together(overrides, told):

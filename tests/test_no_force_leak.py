@@ -24,7 +24,7 @@ def study():
 
 def run_in_memory(study, stage, folder, tables):
     seed = study.slice(stage).get(stage.name, {}).get("seed", study.settings.seed)
-    record = Record(folder / "parts" / stage.name, {table.name: table for table in stage.writes})
+    record = Record(folder / "parts" / stage.name, {table.name: table for table in stage.writes}, lambda: None)
     rig = study.build("rig") if study.target(stage) else None
     context = Context(stage.name, folder, seed, record, Console(quiet=True), rig)
     found = stage.function(cfg=study.config(stage), ctx=context, **{name: tables[name] for name in stage.reads})

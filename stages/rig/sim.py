@@ -19,7 +19,7 @@ from stages.rig.contract import Recording, Trial
 from stages.rig.limits import Limits, apply_limits, check_limits
 from stages.rig.movement import Movement, move_freely
 from stages.rig.sensors import record
-from stages.signals.trajectories import MOST_CELLS, Array, count_reaches
+from stages.signals.trajectories import Array
 
 
 class SimulatedRig(ConfiguredRig):
@@ -63,7 +63,6 @@ class SimulatedRig(ConfiguredRig):
             except ValueError as error:
                 raise ValueError(f"{path}.{error}") from None
         self._check_step()
-        self._check_movement()
         return self
 
     def _check_step(self) -> None:
@@ -78,17 +77,6 @@ class SimulatedRig(ConfiguredRig):
                 f"{joint} against its end stop diverges, got {self.plant.integration_step_s}; lower it, or change "
                 "what makes the joint quick: inertia_kg_m2, stop_nm_per_rad, stop_nm_s_per_rad, viscous_nm_s_per_rad, "
                 "strength_nm, or a person's stiffness_per_rad and damping_ratio"
-            )
-
-    def _check_movement(self) -> None:
-        reaches = count_reaches(
-            self.samples, self.sampling_rate_hz, self.movement.shortest_move_s, self.movement.shortest_rest_s
-        )
-        if reaches * self.samples > MOST_CELLS:
-            raise ValueError(
-                f"movement.shortest_move_s: expected a time of which exoskeleton.trial_s={self.exoskeleton.trial_s} "
-                f"holds at most {MOST_CELLS // self.samples}, to fit in memory, got {self.movement.shortest_move_s} "
-                f"({reaches} reaches); raise it or lower exoskeleton.trial_s"
             )
 
     @property

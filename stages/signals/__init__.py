@@ -5,16 +5,14 @@ Generators and plain numbers flow in, arrays over time come out; time is always 
 
 from stages.signals.filtering import differentiate
 from stages.signals.measures import error_rate, rmse
-from stages.signals.pressures import count_levels, pressure_profiles
+from stages.signals.pressures import pressure_profiles
 from stages.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
-from stages.signals.trajectories import MOST_CELLS, reach_postures
+from stages.signals.trajectories import reach_postures
 
 __all__ = [
     "MODEL_INPUTS",
     "MODEL_OUTPUT",
-    "MOST_CELLS",
     "Scaling",
-    "count_levels",
     "differentiate",
     "error_rate",
     "pressure_profiles",

@@ -51,7 +51,8 @@ def pressure_profiles(
         raise ValueError(f"pressure range: expected low <= high for each muscle, got low {low} and high {high} kPa")
     if not 0.0 <= step_share <= 1.0:
         raise ValueError(f"step_share: expected a share between 0 and 1, got {step_share}")
-    count = count_levels(samples, sampling_rate_hz, hold_s[0], transition_s[0], step_share)
+    shortest_s = max(hold_s[0] + (0.0 if step_share else transition_s[0]), 1.0 / sampling_rate_hz)
+    count = int(np.ceil(samples / sampling_rate_hz / shortest_s))
     time_s = np.arange(samples) / sampling_rate_hz
     profiles = []
     for lowest, highest in zip(low, high, strict=True):
@@ -62,11 +63,3 @@ def pressure_profiles(
         start_s = np.cumsum(holds + ramps) - ramps
         profiles.append(connect_points(levels, start_s, ramps, time_s)[:, 0])
     return np.clip(np.stack(profiles, axis=1), low, high)
-
-
-def count_levels(
-    samples: int, sampling_rate_hz: float, shortest_hold_s: float, shortest_transition_s: float, step_share: float
-) -> int:
-    """Return how many levels fill a profile, were all of them the shortest."""
-    shortest_s = max(shortest_hold_s + (0.0 if step_share else shortest_transition_s), 1.0 / sampling_rate_hz)
-    return int(np.ceil(samples / sampling_rate_hz / shortest_s))

@@ -10,9 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-MOST_CELLS = 50_000_000
-"""Samples times movements of a trajectory beyond which the matrix that joins them (0.4 GB) and its copies are large."""
-
 
 def minimum_jerk(share: ArrayLike) -> Array:
     """Return the share of the way covered at a share of the time, with no velocity or acceleration at either end.
@@ -53,10 +50,13 @@ def connect_points(points: Array, start_s: Array, duration_s: Array, time_s: Arr
     (T, J) ndarray
         In the unit of `points`.
     """
-    elapsed = time_s[:, None] - start_s
-    steps = duration_s <= 0.0
-    share = np.where(steps, elapsed >= 0.0, minimum_jerk(elapsed / np.where(steps, 1.0, duration_s)))
-    trajectory: Array = points[0] + share @ np.diff(points, axis=0)
+    last = np.searchsorted(start_s, time_s, side="right") - 1
+    begun = last >= 0
+    at = np.maximum(last, 0)
+    lasting = np.maximum(duration_s[at], np.finfo(float).tiny)
+    share = np.where(begun, minimum_jerk(np.where(begun, time_s - start_s[at], 0.0) / lasting), 0.0)
+    share[begun & (duration_s[at] <= 0.0)] = 1.0
+    trajectory: Array = points[at] + share[:, None] * (points[at + 1] - points[at])
     return trajectory
 
 
@@ -89,16 +89,11 @@ def reach_postures(
     (samples, J) ndarray
         Joint angles, rad; all joints start and stop a reach together.
     """
-    count = count_reaches(samples, sampling_rate_hz, move_s[0], rest_s[0])
+    shortest_s = max(move_s[0] + rest_s[0], 1.0 / sampling_rate_hz)
+    count = int(np.ceil(samples / sampling_rate_hz / shortest_s))
     rests = generator.uniform(*rest_s, size=count)
     moves = generator.uniform(*move_s, size=count)
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     points = generator.uniform(low, high, size=(count + 1, low.size))
     start_s = np.cumsum(rests + moves) - moves
     return connect_points(points, start_s, moves, np.arange(samples) / sampling_rate_hz)
-
-
-def count_reaches(samples: int, sampling_rate_hz: float, shortest_move_s: float, shortest_rest_s: float) -> int:
-    """Return how many reaches fill a trajectory, were all of them the shortest."""
-    shortest_s = max(shortest_move_s + shortest_rest_s, 1.0 / sampling_rate_hz)
-    return int(np.ceil(samples / sampling_rate_hz / shortest_s))

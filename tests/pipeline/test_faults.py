@@ -305,8 +305,17 @@ def test_a_run_beside_one_of_the_same_study(toy, reference):
     assert "resumed" not in (first / "log.txt").read_text()
 
 
-@pytest.mark.parametrize(("number", "code", "word"), [(signal.SIGINT, 130, "Ctrl-C"), (signal.SIGTERM, 143, "SIGTERM")])
-@pytest.mark.parametrize("deaf", ["null", "swallow", "wrap"])
+@pytest.mark.parametrize(
+    ("number", "code", "word", "deaf"),
+    [
+        (signal.SIGINT, 130, "Ctrl-C", "null"),
+        (signal.SIGTERM, 143, "SIGTERM", "null"),
+        (signal.SIGINT, 130, "Ctrl-C", "swallow"),
+        (signal.SIGTERM, 143, "SIGTERM", "wrap"),
+        pytest.param(signal.SIGTERM, 143, "SIGTERM", "swallow", marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, 130, "Ctrl-C", "wrap", marks=pytest.mark.slow),
+    ],
+)
 def test_signal_in_a_stage(toy, reference, number, code, word, deaf):
     arguments = ("doubling.pause_s=0.5", f"doubling.deaf={deaf}")
     process = toy.start(*arguments)
