@@ -151,7 +151,7 @@ def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) ->
         damage = damage or damaged
     if damage:
         return Step(stage, "run", damage)
-    return Step(stage, "run", "; ".join(nearest_changes(stage, ingredients, ledgers)) or "no run has it yet")
+    return Step(stage, "run", "; ".join(nearest_changes(stage, ingredients, ledgers)) or "not made before")
 
 
 def nearest_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> list[str]:
@@ -220,7 +220,7 @@ def _plan_one(study: Study, stage: Stage, ledgers: Sequence[Ledger], hashes: Map
     if not waiting:
         return decide(stage, ingredients, ledgers)
     if not any(each.finished(stage.name) for each in ledgers):
-        return Step(stage, "run", "no run has it yet")
+        return Step(stage, "run", "not made before")
     own = nearest_changes(stage, ingredients, ledgers)
     if own:
         return Step(stage, "run", "; ".join(own))

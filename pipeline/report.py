@@ -50,12 +50,15 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     template = environment.from_string(package_files("pipeline").joinpath("report.html.j2").read_text(encoding="utf-8"))
+    headline = headline_tables(study, done)
+    telling = [each.name for each in done if any(table in headline for table in each.writes)]
     page = template.render(
         run=ledger.name,
         facts=ledger.facts,
         workflow=study.settings.workflow.name,
-        headline=[_table(ledger, table, table.brief) for table in headline_tables(study, done)],
-        stages=[_stage(ledger, each) for each in done],
+        headline=[_table(ledger, table, table.brief) for table in headline],
+        headline_figures=[figure for name in telling for figure in _figures(ledger, name)],
+        stages=[{**_stage(ledger, each), "told_above": each.name in telling} for each in done],
         config=OmegaConf.to_yaml(OmegaConf.create(study.values)),
     )
     path = ledger.folder / "report.html"
@@ -103,16 +106,6 @@ def format_value(value: Any) -> str:
 
 def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
     record = ledger.records[stage.name]
-    figures = [
-        {
-            "name": Path(file).stem,
-            "caption": facts["caption"],
-            "data": _encode(ledger.folder / file),
-            "pdf": f"{file[:-4]}.pdf",
-        }
-        for file, facts in record["files"].items()
-        if facts["kind"] == "figure" and file.endswith(".png")
-    ]
     documents = [
         {
             "name": Path(file).stem,
@@ -126,10 +119,23 @@ def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
         "summary": stage.summary,
         "record": record,
         "reused": record["origin"] != ledger.name,
-        "figures": figures,
+        "figures": _figures(ledger, stage.name),
         "documents": documents,
         "tables": [_table(ledger, table) for table in stage.writes],
     }
+
+
+def _figures(ledger: Ledger, stage: str) -> list[dict[str, str]]:
+    return [
+        {
+            "name": Path(file).stem,
+            "caption": facts["caption"],
+            "data": _encode(ledger.folder / file),
+            "pdf": f"{file[:-4]}.pdf",
+        }
+        for file, facts in ledger.records[stage]["files"].items()
+        if facts["kind"] == "figure" and file.endswith(".png")
+    ]
 
 
 def _table(ledger: Ledger, table: Table, brief: Sequence[str] = ()) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from tests.faults import find_parts, ledger_of, tables_of, wait_until
 def test_plan_says_why_and_writes_nothing(toy):
     result = toy("plan=true")
     assert result.returncode == 0
-    order = [line.split()[0] for line in result.stdout.splitlines() if "no run has it yet" in line]
+    order = [line.split()[0] for line in result.stdout.splitlines() if "not made before" in line]
     assert order == ["counting", "doubling", "adding"]
     assert not toy.outputs.exists()
 
@@ -106,7 +106,7 @@ def test_single_stage_runs_again_on_the_tables_of_another_run(toy):
 def test_single_stage_refuses_stale_inputs_and_says_what_to_type(toy):
     result = toy("stages=[adding]")
     assert result.returncode == 2
-    assert "not fresh (counting: no run has it yet; doubling: no run has it yet)" in result.stderr
+    assert "not fresh (counting: not made before; doubling: not made before)" in result.stderr
     assert "type stages=[counting,doubling,adding]" in result.stderr
     assert not toy.outputs.exists()
 
