@@ -84,13 +84,36 @@ def reach_postures(
     Returns
     -------
     (samples, J) ndarray
-        Joint angles, rad; all joints start and stop a reach together.
+        Joint angles within the range, rad; all joints start and stop a reach together.
+
+    Raises
+    ------
+    ValueError
+        When a range or a time makes no sense.
     """
+    check_schedule(sampling_rate_hz, move_s=move_s, rest_s=rest_s)
+    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
+        raise ValueError(f"range of postures: expected finite low <= high for each joint, got {low} and {high} rad")
     length_s = samples / sampling_rate_hz
     count = int(np.ceil(length_s / max(move_s[0] + rest_s[0], 1.0 / sampling_rate_hz)))
     rests = generator.uniform(*rest_s, size=count)
     moves = generator.uniform(*move_s, size=count)
-    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     points = generator.uniform(low, high, size=(count + 1, low.size))
     start_s = np.cumsum(rests + moves) - moves
-    return connect_points(points, start_s, moves, np.arange(samples) / sampling_rate_hz)
+    return np.clip(connect_points(points, start_s, moves, np.arange(samples) / sampling_rate_hz), low, high)
+
+
+def check_schedule(sampling_rate_hz: float, **spans_s: tuple[float, float]) -> None:
+    """Refuse a rate or spans of time that no schedule can be drawn from.
+
+    Raises
+    ------
+    ValueError
+        Naming the one that makes no sense.
+    """
+    if not 0.0 < sampling_rate_hz < np.inf:
+        raise ValueError(f"sampling_rate_hz: expected a positive rate, got {sampling_rate_hz}")
+    for name, (shortest, longest) in spans_s.items():
+        if not 0.0 <= shortest <= longest < np.inf:
+            raise ValueError(f"{name}: expected 0 <= shortest <= longest, got {shortest} and {longest} s")
