@@ -1,11 +1,13 @@
 """A Parquet artefact with a contract: columns, types, units, ranges and a key.
 
 A frame flows in and a checked file flows out, or the other way round. The contract is declared once, at the top of the
-stage that writes the table, and is checked on every write and every read.
+stage that writes the table, and is checked on every write and every read. A file carries the digest of its own bytes,
+so that no damage to it goes unnoticed: Parquet itself has no checksum for its footer.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +21,15 @@ import pyarrow.parquet
 
 from pipeline.errors import TableError
 from pipeline.files import hash_file, write_atomically
+
+TEXT = pd.Series(["a"]).dtype
+"""What pandas takes for text."""
+
+SEAL = b"SHA-256 of this file with these digits zero: "
+NO_DIGITS = b"0" * 64
+
+LONGEST_VALUE = 80
+"""Characters of a value in a message."""
 
 
 def column(
@@ -102,15 +113,22 @@ class Table:
         TableError
             Naming the column, what was expected and the first offending rows.
         """
+        names = [str(name) for name in frame.columns]
         missing = [name for name in self.columns if name not in frame.columns]
         surplus = [str(name) for name in frame.columns if name not in self.columns]
-        if missing or surplus:
-            parts = [f"lacks {', '.join(missing)}"] * bool(missing) + [f"has unknown {', '.join(surplus)}"] * bool(
-                surplus
-            )
+        repeated = sorted({name for name in names if names.count(name) > 1} - set(surplus))
+        parts = [
+            f"{problem} {', '.join(found)}"
+            for problem, found in (("lacks", missing), ("has unknown", surplus), ("repeats", repeated))
+            if found
+        ]
+        if not parts and names != list(self.columns):
+            parts = [f"has columns {', '.join(names)} in this order"]
+        if parts:
             raise TableError(
                 f"table {self.name} ({where}) {' and '.join(parts)}; expected columns {', '.join(self.columns)}"
             )
+        frame = frame.reset_index(drop=True)
         schema = self.schema
         if frame.empty:
             schema = pa.DataFrameSchema(dict(self.columns), coerce=True)
@@ -118,9 +136,14 @@ class Table:
             checked = schema.validate(frame, lazy=True)
         except pa.errors.SchemaErrors as errors:
             raise TableError(f"table {self.name} ({where}): {_describe(errors.failure_cases)}") from None
-        if self.key and frame.duplicated(list(self.key)).any():
-            row = int(frame.duplicated(list(self.key)).to_numpy().argmax())
-            values = ", ".join(f"{name} {frame[name].iloc[row]}" for name in self.key)
+        for name in [each for each, dtype in checked.dtypes.items() if dtype.kind == "O" and dtype != TEXT]:
+            try:
+                checked = checked.assign(**{str(name): checked[name].astype(TEXT)})
+            except UnicodeEncodeError as error:
+                raise TableError(f"table {self.name} ({where}): column {name}: expected text, got {error}") from None
+        if self.key and checked.duplicated(list(self.key)).any():
+            row = int(checked.duplicated(list(self.key)).to_numpy().argmax())
+            values = ", ".join(f"{name} {_show(checked[name].iloc[row])}" for name in self.key)
             raise TableError(f"table {self.name} ({where}): row {row} repeats the key ({values})")
         return checked
 
@@ -134,7 +157,7 @@ class Table:
         OSError
             When the disk refuses; `path` is as it was.
         """
-        checked = self.check(frame.reset_index(drop=True), "on write")
+        checked = self.check(frame, "on write")
         arrow = pyarrow.Table.from_pandas(checked, preserve_index=False)
         fields = [
             field.with_metadata(
@@ -145,9 +168,8 @@ class Table:
         arrow = arrow.cast(
             pyarrow.schema(fields, metadata={**(arrow.schema.metadata or {}), b"title": self.title.encode()})
         )
-        write_atomically(
-            path, lambda temporary: pyarrow.parquet.write_table(arrow, temporary, compression="zstd"), final=True
-        )
+        content = _seal(arrow)
+        write_atomically(path, lambda temporary: temporary.write_bytes(content), final=True)
 
     def read(self, path: Path) -> pd.DataFrame:
         """Read `path` and check it.
@@ -155,7 +177,7 @@ class Table:
         Raises
         ------
         TableError
-            When the file is absent, truncated, not Parquet, or does not keep the contract.
+            When the file is absent, damaged, not Parquet, or does not keep the contract.
         """
         return self.check(read_frame(path), str(path))
 
@@ -170,14 +192,38 @@ def read_frame(path: Path) -> pd.DataFrame:
     Raises
     ------
     TableError
-        When the file is absent, truncated or not Parquet.
+        When the file is absent, damaged or not Parquet. Damage is certain to be seen in what `Table.write` wrote.
     """
     try:
-        frame: pd.DataFrame = pyarrow.parquet.read_table(path).to_pandas()
-        return frame
-    except (OSError, pyarrow.ArrowException) as error:
-        problem = "is absent" if not path.exists() else f"is not a whole Parquet file ({str(error).splitlines()[0]})"
-        raise TableError(f"{path} {problem}; remove it and run again to have it remade") from None
+        content = path.read_bytes()
+        problem = "" if _is_whole(content) else "its bytes are not those that were written"
+        if not problem:
+            frame: pd.DataFrame = pyarrow.parquet.read_table(pyarrow.BufferReader(content)).to_pandas()
+            return frame
+    except FileNotFoundError:
+        raise TableError(f"{path} is absent; remove it and run again to have it remade") from None
+    except Exception as error:  # whatever PyArrow makes of a foreign file's damaged footer: KeyError, TypeError, ...
+        problem = _show(error)
+    raise TableError(f"{path} is not a whole Parquet file ({problem}); remove it and run again to have it remade")
+
+
+def _seal(arrow: pyarrow.Table) -> bytes:
+    """Return a Parquet file that says its own digest."""
+    stream = pyarrow.BufferOutputStream()
+    with pyarrow.parquet.ParquetWriter(stream, arrow.schema, compression="zstd") as writer:
+        writer.write_table(arrow)
+        writer.add_key_value_metadata({b"seal": SEAL + NO_DIGITS})
+    content = stream.getvalue().to_pybytes()
+    before, seal, after = content.rpartition(SEAL)
+    digits = hashlib.sha256(content).hexdigest().encode()
+    return bytes(before + seal + digits + after[len(digits) :])
+
+
+def _is_whole(content: bytes) -> bool:
+    """Return whether a file's bytes have the digest that they say, if they say one."""
+    before, seal, after = content.rpartition(SEAL)
+    digits, rest = after[: len(NO_DIGITS)], after[len(NO_DIGITS) :]
+    return not seal or hashlib.sha256(before + seal + NO_DIGITS + rest).hexdigest().encode() == digits
 
 
 def measure_file(path: Path) -> dict[str, Any]:
@@ -200,4 +246,12 @@ def _describe(failures: pd.DataFrame) -> str:
     where = f" in row{'s' * (len(rows) > 1)} {', '.join(rows)}" if rows else ""
     more = f" and {len(same) - len(rows)} more" if rows and len(same) > len(rows) else ""
     check = "no missing value" if first["check"] == "not_nullable" else first["check"]
-    return f"column {first['column']}: expected {check}, got {first['failure_case']}{where}{more}"
+    return f"column {first['column']}: expected {check}, got {_show(first['failure_case'])}{where}{more}"
+
+
+def _show(value: object) -> str:
+    """Return a value in few characters of one line."""
+    text = str(value)
+    if not text.isprintable():
+        text = repr(value)
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."

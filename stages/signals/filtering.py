@@ -30,7 +30,7 @@ def differentiate(signal: Array, sampling_rate_hz: float, window_s: float, order
     Raises
     ------
     ValueError
-        When the signal is shorter than the window.
+        When the signal is shorter than the window or not finite, or the order or the rate makes no sense.
 
     Notes
     -----
@@ -39,6 +39,10 @@ def differentiate(signal: Array, sampling_rate_hz: float, window_s: float, order
     """
     from scipy.signal import savgol_filter  # half a second that a run with nothing to differentiate is spared
 
+    if order < 1 or not 0.0 < sampling_rate_hz < float("inf"):
+        raise ValueError(
+            f"differentiate: expected an order of at least 1 and a positive rate, got {order} and {sampling_rate_hz} Hz"
+        )
     length = window_length(sampling_rate_hz, window_s, order)
     if len(signal) < length:
         raise ValueError(f"differentiate: expected at least {length} samples (window_s {window_s}), got {len(signal)}")

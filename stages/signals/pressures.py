@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stages.signals.trajectories import Array, connect_points
+from stages.signals.trajectories import Array, check_schedule, connect_points
 
 
 def pressure_profiles(
@@ -44,10 +44,11 @@ def pressure_profiles(
     Raises
     ------
     ValueError
-        When a range is empty or the share is not between 0 and 1.
+        When a range is empty, the share is not between 0 and 1 or a time makes no sense.
     """
+    check_schedule(sampling_rate_hz, hold_s=hold_s, transition_s=transition_s)
     low, high = np.broadcast_arrays(np.atleast_1d(low_kpa).astype(float), np.atleast_1d(high_kpa).astype(float))
-    if (low > high).any():
+    if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
         raise ValueError(f"pressure range: expected low <= high for each muscle, got low {low} and high {high} kPa")
     if not 0.0 <= step_share <= 1.0:
         raise ValueError(f"step_share: expected a share between 0 and 1, got {step_share}")

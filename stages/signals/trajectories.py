@@ -53,9 +53,9 @@ def connect_points(points: Array, start_s: Array, duration_s: Array, time_s: Arr
     last = np.searchsorted(start_s, time_s, side="right") - 1
     begun = last >= 0
     at = np.maximum(last, 0)
-    lasting = np.maximum(duration_s[at], np.finfo(float).tiny)
-    share = np.where(begun, minimum_jerk(np.where(begun, time_s - start_s[at], 0.0) / lasting), 0.0)
-    share[begun & (duration_s[at] <= 0.0)] = 1.0
+    steps = duration_s[at] <= 0.0
+    lasting = np.where(steps, 1.0, duration_s[at])
+    share = np.where(steps, begun, minimum_jerk(np.clip(time_s - start_s[at], 0.0, lasting) / lasting))
     trajectory: Array = points[at] + share[:, None] * (points[at + 1] - points[at])
     return trajectory
 
@@ -87,13 +87,36 @@ def reach_postures(
     Returns
     -------
     (samples, J) ndarray
-        Joint angles, rad; all joints start and stop a reach together.
+        Joint angles within the range, rad; all joints start and stop a reach together.
+
+    Raises
+    ------
+    ValueError
+        When a range or a time makes no sense.
     """
+    check_schedule(sampling_rate_hz, move_s=move_s, rest_s=rest_s)
+    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
+        raise ValueError(f"range of postures: expected finite low <= high for each joint, got {low} and {high} rad")
     shortest_s = max(move_s[0] + rest_s[0], 1.0 / sampling_rate_hz)
     count = int(np.ceil(samples / sampling_rate_hz / shortest_s))
     rests = generator.uniform(*rest_s, size=count)
     moves = generator.uniform(*move_s, size=count)
-    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     points = generator.uniform(low, high, size=(count + 1, low.size))
     start_s = np.cumsum(rests + moves) - moves
-    return connect_points(points, start_s, moves, np.arange(samples) / sampling_rate_hz)
+    return np.clip(connect_points(points, start_s, moves, np.arange(samples) / sampling_rate_hz), low, high)
+
+
+def check_schedule(sampling_rate_hz: float, **spans_s: tuple[float, float]) -> None:
+    """Refuse a rate or spans of time that no schedule can be drawn from.
+
+    Raises
+    ------
+    ValueError
+        Naming the one that makes no sense.
+    """
+    if not 0.0 < sampling_rate_hz < np.inf:
+        raise ValueError(f"sampling_rate_hz: expected a positive rate, got {sampling_rate_hz}")
+    for name, (shortest, longest) in spans_s.items():
+        if not 0.0 <= shortest <= longest < np.inf:
+            raise ValueError(f"{name}: expected 0 <= shortest <= longest, got {shortest} and {longest} s")

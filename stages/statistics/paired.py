@@ -12,6 +12,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+LARGEST_VALUE = 1e300
+"""Intervals of values within it are finite."""
+
+ROUNDING = 4 * float(np.finfo(float).eps)
+"""Range of the differences, per largest value, that rounding of values and differences alone can cause."""
+
 
 @dataclass(frozen=True)
 class PairedComparison:
@@ -58,38 +64,47 @@ def compare_pairs(first: Array, second: Array) -> PairedComparison:
     Returns
     -------
     PairedComparison
-        Interval, effect size and p-values are NaN with fewer than two pairs or where all differences are equal.
+        Interval, effect size and p-values are NaN with fewer than two pairs or where all differences are equal to
+        rounding; a missing value (NaN) makes all but wins and the other method's mean NaN.
 
     Raises
     ------
     ValueError
-        When the arrays do not pair up.
+        When the arrays do not pair up or a value is absurdly large.
     """
     from scipy import stats  # slow to import, and most runs compare nothing
 
+    first, second = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
     if first.shape != second.shape or first.ndim != 1 or not first.size:
         raise ValueError(f"expected two vectors of one length, got shapes {first.shape} and {second.shape}")
+    largest = float(np.nan_to_num(np.fmax.reduce(np.abs([first, second]), axis=None), posinf=np.inf))
+    if largest > LARGEST_VALUE:
+        raise ValueError(f"expected values within {LARGEST_VALUE:g}, got {largest}")
+    signed = first - second
+    # squares of values near 1 neither overflow nor vanish; a power of two leaves every digit as it is
+    exponent = int(np.frexp(largest)[1])
+    first, second = np.ldexp(first, -exponent), np.ldexp(second, -exponent)
     difference = first - second
     n = difference.size
     mean = float(difference.mean())
     spread = float(difference.std(ddof=1)) if n > 1 else np.nan
     low = high = effect = t_p = wilcoxon_p = np.nan
-    if n > 1 and spread > 0:
+    if n > 1 and np.ptp(difference) > ROUNDING:
         half = float(stats.t.ppf(0.975, n - 1)) * spread / np.sqrt(n)
         low, high, effect = mean - half, mean + half, mean / spread
         t_p = float(stats.ttest_rel(first, second).pvalue)
-        wilcoxon_p = float(stats.wilcoxon(first, second).pvalue)
+        wilcoxon_p = float(stats.wilcoxon(signed).pvalue)
     return PairedComparison(
         n=n,
-        mean_first=float(first.mean()),
-        mean_second=float(second.mean()),
-        difference=mean,
-        low=low,
-        high=high,
+        mean_first=float(np.ldexp(first.mean(), exponent)),
+        mean_second=float(np.ldexp(second.mean(), exponent)),
+        difference=float(np.ldexp(mean, exponent)),
+        low=float(np.ldexp(low, exponent)),
+        high=float(np.ldexp(high, exponent)),
         effect_size=effect,
         t_p_value=t_p,
         wilcoxon_p_value=wilcoxon_p,
-        wins=int((difference < 0).sum()),
+        wins=int((signed < 0).sum()),
     )
 
 
