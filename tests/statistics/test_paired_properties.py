@@ -6,7 +6,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
-from statsmodels.stats.multitest import multipletests
 
 from stages.statistics import adjust_holm, compare_pairs
 
@@ -109,7 +108,7 @@ def test_an_absurd_value_is_refused(value, other):
         compare_pairs(np.array([value, 0.0]), np.array([other, 1.0]))
 
 
-@COMMON
+@settings(COMMON, max_examples=40)
 @given(
     arrays(float, st.integers(0, 12), elements=st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1.0, np.nan, 0.01])))
 )
@@ -120,7 +119,6 @@ def test_holm_is_the_step_down_rule(p_values):
     count = int(known.sum())
     if not count:
         return
-    np.testing.assert_allclose(adjusted[known], multipletests(p_values[known], method="holm")[1], rtol=1e-12)
     ordered = np.sort(p_values[known])
     steps = np.minimum(1.0, np.maximum.accumulate(ordered * np.arange(count, 0, -1)))
     np.testing.assert_allclose(np.sort(adjusted[known]), steps, rtol=1e-12)
