@@ -40,15 +40,11 @@ class Hyperprior:
             raise ValueError(
                 f"hyperprior: expected mean and variance of one length, got {mean.shape}, {variance.shape}"
             )
-        if not (np.isfinite(mean).all() and np.isfinite(variance).all() and (variance > 0.0).all()):
-            raise ValueError(
-                f"hyperprior: expected finite means and positive variances, got {mean.tolist()}, {variance.tolist()}"
-            )
         in_range = (np.abs(mean) <= LARGEST_MEAN) & (variance >= SMALLEST_VARIANCE) & (variance <= LARGEST_VARIANCE)
         if not in_range.all():
             raise ValueError(
-                f"hyperprior: expected means within {LARGEST_MEAN:g} and variances between {SMALLEST_VARIANCE:g} and "
-                f"{LARGEST_VARIANCE:g}, got {mean.tolist()}, {variance.tolist()}"
+                f"hyperprior: expected finite means and positive variances, means within {LARGEST_MEAN:g} and variances "
+                f"between {SMALLEST_VARIANCE:g} and {LARGEST_VARIANCE:g}, got {mean.tolist()}, {variance.tolist()}"
             )
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "variance", variance)

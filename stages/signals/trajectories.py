@@ -52,7 +52,8 @@ def connect_points(points: Array, start_s: Array, duration_s: Array, time_s: Arr
     """
     elapsed = time_s[:, None] - start_s
     steps = duration_s <= 0.0
-    share = np.where(steps, elapsed >= 0.0, minimum_jerk(elapsed / np.where(steps, 1.0, duration_s)))
+    with np.errstate(over="ignore"):
+        share = np.where(steps, elapsed >= 0.0, minimum_jerk(elapsed / np.where(steps, 1.0, duration_s)))
     trajectory: Array = points[0] + share @ np.diff(points, axis=0)
     return trajectory
 

@@ -263,7 +263,8 @@ def test_little_memory_changes_nothing_but_rounding(problem, memory_mb):
     for name in UTILITIES:
         whole, again, small = (model.utility(problem.points, name, memory) for memory in (64.0, 64.0, memory_mb))
         assert whole.tobytes() == again.tobytes()
-        np.testing.assert_allclose(small, whole, rtol=1e-5, atol=1e-9 * np.abs(whole).max(initial=0.0))
+        unit = model.hyperparameters.signal_variance if name == "variance" else 1.0
+        np.testing.assert_allclose(small, whole, rtol=1e-5, atol=1e-9 * unit)
 
 
 @settings(COMMON, max_examples=60)
@@ -292,7 +293,8 @@ def test_trajectories_are_sums_of_their_points_or_refused(problem, trajectories,
             else:
                 points = [model.utility(each, name) for each in bank]
                 expected = [2 * getattr(each, reduce)() for each in points]
-            np.testing.assert_allclose(scores, expected, rtol=1e-5, atol=1e-9 * np.abs(expected).max())
+            unit = model.hyperparameters.signal_variance if name == "variance" else 1.0
+            np.testing.assert_allclose(scores, expected, rtol=1e-5, atol=1e-9 * unit)
 
 
 @settings(COMMON, max_examples=60)
