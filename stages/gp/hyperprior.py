@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SMALLEST_VARIANCE = 1e-300
-"""Its inverse is finite."""
+LARGEST_MEAN = 1e50
+SMALLEST_VARIANCE, LARGEST_VARIANCE = 1e-100, 1e100
+"""Gradients within these bounds have finite squares."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Hyperprior:
     Raises
     ------
     ValueError
-        When the shapes differ, a value is not finite or a variance is not positive.
+        When the shapes differ, a value is not finite or absurdly large, or a variance is not positive.
     """
 
     mean: Array
@@ -39,8 +40,12 @@ class Hyperprior:
             raise ValueError(
                 f"hyperprior: expected mean and variance of one length, got {mean.shape}, {variance.shape}"
             )
-        if not (np.isfinite(mean).all() and np.isfinite(variance).all() and (variance > SMALLEST_VARIANCE).all()):
-            raise ValueError(f"hyperprior: expected finite means and positive variances, got {mean} and {variance}")
+        in_range = (np.abs(mean) <= LARGEST_MEAN) & (variance >= SMALLEST_VARIANCE) & (variance <= LARGEST_VARIANCE)
+        if not in_range.all():
+            raise ValueError(
+                f"hyperprior: expected finite means and positive variances, means within {LARGEST_MEAN:g} and variances "
+                f"between {SMALLEST_VARIANCE:g} and {LARGEST_VARIANCE:g}, got {mean.tolist()}, {variance.tolist()}"
+            )
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "variance", variance)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.gp.estimation import find_map
-from stages.gp.factor import Factor, factorise
+from stages.gp.factor import Factor, FactorisationError, factorise
 from stages.gp.hyperprior import Hyperprior
 from stages.gp.kernel import covariance_among, squared_differences
 from stages.gp.laplace import Laplace, accept, approximate
@@ -28,6 +28,9 @@ from stages.gp.utilities import PredictiveTerms, find_utility
 Array = NDArray[np.float64]
 
 MEMORY_MB = 64.0
+
+LARGEST_SLOPE = 1e150
+"""Its square is finite."""
 
 
 class MarginalGP:
@@ -166,12 +169,15 @@ class MarginalGP:
         """
         points = self._check(points)
         predictor = self._predictor(max(1, len(points)))
-        slopes = predictor.differentiate(points).mean_slope
+        with np.errstate(over="ignore", invalid="ignore"):
+            slopes = predictor.differentiate(points).mean_slope.T @ self.laplace.root
+        self._check_range(slopes)
         v = predictor.whiten(points)
         noisy = covariance_among(squared_differences(points), self.hyperparameters) - v.T @ v
         noisy.flat[:: len(points) + 1] = np.maximum(np.diag(noisy), predictor.floor) + self.noise_variance
-        whitened = factorise(noisy, points / self.hyperparameters.lengths).whiten(slopes.T @ self.laplace.root)
-        return 0.5 * float(np.linalg.slogdet(np.eye(whitened.shape[1]) + whitened.T @ whitened)[1])
+        whitened = factorise(noisy, points / self.hyperparameters.lengths).whiten(slopes)
+        self._check_range(whitened, LARGEST_SLOPE)
+        return 0.5 * float(np.log1p(np.linalg.svd(whitened, compute_uv=False) ** 2).sum())
 
     def _terms(self, predictor: Predictor, chunk: Array) -> tuple[Array, PredictiveTerms]:
         moments = predictor.differentiate(chunk)
@@ -193,9 +199,19 @@ class MarginalGP:
         n, d = self.inputs.shape
         found = np.empty((rows, len(points)))
         predictor = self._predictor(min(chunk_size(n, d, memory_mb), max(1, len(points))))
-        for chunk in chunk_rows(len(points), n, d, memory_mb):
-            found[:, chunk] = evaluate(predictor, points[chunk])
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            for chunk in chunk_rows(len(points), n, d, memory_mb):
+                found[:, chunk] = evaluate(predictor, points[chunk])
+        self._check_range(found.T)
         return found
+
+    def _check_range(self, values: Array, largest: float = np.finfo(float).max) -> None:
+        """Refuse (B, ...) values of points that are out of floating-point range."""
+        row = find_bad_row(np.abs(values) <= largest)
+        if row is not None:
+            raise FactorisationError(
+                f"what is predicted at row {row} of the points is out of range at theta = {self.theta.tolist()}"
+            )
 
     def _predictor(self, size: int) -> Predictor:
         return Predictor(self.posterior, self.theta, self._factor, self._weights, size)
@@ -206,7 +222,7 @@ class MarginalGP:
             raise ValueError(f"points: expected shape (B, {self.inputs.shape[1]}), got {points.shape}")
         row = find_bad_row(np.isfinite(points))
         if row is not None:
-            raise ValueError(f"points: expected finite values, got {points[row]} in row {row}")
+            raise ValueError(f"points: expected finite values, got {points[row].tolist()} in row {row}")
         return points
 
 

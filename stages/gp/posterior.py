@@ -73,9 +73,10 @@ class LogPosterior:
         if theta.shape != self.prior.mean.shape:
             raise ValueError(f"theta: expected {self.prior.mean.size} entries, got shape {theta.shape}")
         d = self.inputs.shape[1]
-        if not (np.abs(theta[: d + 2]) <= LARGEST_LOG).all():
+        logs = theta[: d + 2]
+        if not (np.abs(logs) <= LARGEST_LOG).all():
             raise FactorisationError(
-                f"theta: expected logarithms between -{LARGEST_LOG:g} and {LARGEST_LOG:g}, got {theta[: d + 2]}"
+                f"theta: expected logarithms between -{LARGEST_LOG:g} and {LARGEST_LOG:g}, got {logs.tolist()}"
             )
         if not (np.abs(theta[d + 2 :]) <= LARGEST_VALUE).all():
             raise FactorisationError(f"theta: expected a constant mean within {LARGEST_VALUE:g}, got {theta[-1]}")
@@ -129,7 +130,7 @@ class LogPosterior:
         with np.errstate(all="ignore"):
             found = self._differentiate(self.read(theta))
         if not all(np.isfinite(each).all() for each in found):
-            raise FactorisationError(f"the derivatives of the log posterior are not finite at theta = {theta}")
+            raise FactorisationError(f"the derivatives of the log posterior are not finite at theta = {theta.tolist()}")
         return found
 
     def _factorise(self, covariance: Array, read: Hyperparameters) -> Factor:
@@ -208,11 +209,11 @@ def check_data(inputs: Array, outputs: Array) -> tuple[Array, Array]:
     for name, values in (("inputs", x), ("outputs", y)):
         row = find_bad_row(np.isfinite(values))
         if row is not None:
-            raise ValueError(f"expected finite {name}, got {values[row]} in row {row}")
+            raise ValueError(f"expected finite {name}, got {values[row].tolist()} in row {row}")
         row = find_bad_row(np.abs(values) <= LARGEST_VALUE)
         if row is not None:
             raise ValueError(
-                f"expected {name} within {LARGEST_VALUE:g}, got {values[row]} in row {row}; standardise them"
+                f"expected {name} within {LARGEST_VALUE:g}, got {values[row].tolist()} in row {row}; standardise them"
             )
     return x, y
 

@@ -1,0 +1,390 @@
+"""Inputs of every unpleasant kind: each gives a right answer or one line that names what is wrong, in bounded time."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.distance import cdist
+
+from stages.gp import (
+    UTILITIES,
+    Design,
+    FactorisationError,
+    Hyperprior,
+    Interaction,
+    LogPosterior,
+    condition,
+    fit,
+    subsample,
+    trajectory_utility,
+)
+from stages.gp.estimation import find_map
+
+COMMON = settings(derandomize=True, deadline=None, max_examples=150)
+LONGEST_S = 20.0
+"""Of one example: a search that does not end is a fault, a slow machine is not."""
+
+INFORMATION = ("y_y", "y_y_theta")
+SCALES = st.sampled_from([0, 0, 0, 0, -150, -60, -45, -20, -8, 3, 8, 20, 45, 50, 60, 150])
+LOGS = st.one_of(
+    st.floats(-2, 2), st.sampled_from([-1e3, -51.0, -50.0, -35.0, -18.0, -9.0, 9.0, 18.0, 35.0, 50.0, 51.0, 1e3])
+)
+VARIANCES = st.one_of(st.floats(0.1, 2), st.sampled_from([1e-100, 1e-12, 1e-4, 1e4, 1e12, 1e100]))
+
+
+@dataclass
+class Problem:
+    """What a model is made of, and where it is asked."""
+
+    x: np.ndarray
+    y: np.ndarray
+    theta: np.ndarray
+    prior: Hyperprior
+    mean: str
+    points: np.ndarray
+
+    def condition(self, **changes):
+        made = vars(self) | changes
+        return condition(made["x"], made["y"], made["theta"], made["prior"], made["mean"])
+
+
+@pytest.mark.parametrize(
+    ("mean", "variance", "told"),
+    [
+        (0.0, 0.0, "finite means and positive variances"),
+        (0.0, -1.0, "finite means and positive variances"),
+        (0.0, np.nan, "finite means and positive variances"),
+        (np.inf, 1.0, "finite means and positive variances"),
+        (0.0, 1e-300, "variances between 1e-100 and 1e+100"),
+        (0.0, 1e300, "variances between 1e-100 and 1e+100"),
+        (1e51, 1.0, "means within 1e+50"),
+    ],
+)
+def test_a_hyperprior_whose_slopes_would_overflow_is_refused(mean, variance, told):
+    with pytest.raises(ValueError, match="hyperprior: expected ") as caught:
+        Hyperprior(np.array([0.0, 0.0, mean]), np.array([1.0, 1.0, variance]))
+    assert told in str(caught.value)
+    assert str(caught.value).isprintable()
+
+
+def row_kinds():
+    return st.sampled_from(
+        ["plain", "twice", "nearly twice", "whole numbers", "outlier", "one column constant", "all alike"]
+    )
+
+
+@st.composite
+def problems(draw, most=10):
+    """Draw data, hyperprior, theta and points."""
+    source = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    d, n = draw(st.integers(1, 4)), draw(st.sampled_from([1, 2, 3, most // 2, most]))
+    x = source.uniform(-1.5, 1.5, (n, d))
+    kind = draw(row_kinds())
+    if kind == "twice":
+        x[n // 2 :] = x[: n - n // 2]
+    elif kind == "nearly twice":
+        x[n // 2 :] = x[: n - n // 2] * (1 + draw(st.sampled_from([1e-16, 1e-12, 1e-9, 1e-6])))
+    elif kind == "whole numbers":
+        x = source.integers(-3, 4, (n, d))
+    elif kind == "outlier":
+        x[0] *= draw(st.sampled_from([1e3, 1e8, 1e30]))
+    elif kind == "one column constant":
+        x[:, 0] = 0.3
+    elif kind == "all alike":
+        x[:] = x[0]
+    y = draw_outputs(draw, source, x)
+    points = draw_points(draw, source, x)
+    if kind != "whole numbers":
+        scales = 10.0 ** np.array([draw(SCALES) for _ in range(d)])
+        x, points = x * scales, np.clip(points * scales, -1e300, 1e300)
+    mean = draw(st.sampled_from(["zero", "constant"]))
+    size = d + 2 + (mean == "constant")
+    calm = draw(st.booleans())
+    logs = st.floats(-1, 1) if calm else LOGS
+    prior = Hyperprior(
+        np.array([draw(logs) for _ in range(size)]),
+        np.array([draw(st.floats(0.1, 2) if calm else VARIANCES) for _ in range(size)]),
+    )
+    theta = np.array([draw(logs) for _ in range(size)])
+    if calm:
+        prior.mean[d + 1] = theta[d + 1] = -2.0
+    return Problem(x, y, theta, prior, mean, points)
+
+
+def draw_outputs(draw, source, x):
+    n = len(x)
+    kind = draw(st.sampled_from(["smooth", "noise", "zero", "constant", "outlier", "whole numbers"]))
+    y = {
+        "smooth": np.sin(np.clip(x, -9, 9).sum(axis=1)),
+        "noise": source.standard_normal(n),
+        "zero": np.zeros(n),
+        "constant": np.full(n, 0.7),
+        "outlier": np.where(np.arange(n) == 0, 1e8, source.standard_normal(n)),
+        "whole numbers": source.integers(-3, 4, n),
+    }[kind]
+    return y if kind == "whole numbers" else y * 10.0 ** draw(SCALES)
+
+
+def draw_points(draw, source, x):
+    """Draw none, one or more points: data, next to data, between them, far away."""
+    d = x.shape[1]
+    made = {
+        "data": x[:3],
+        "next to data": x[:3] + 1e-9 * source.standard_normal((len(x[:3]), d)),
+        "between": source.uniform(-2, 2, (4, d)),
+        "far": source.uniform(-2, 2, (2, d)) * 10.0 ** draw(st.sampled_from([1, 3, 8, 30, 100])),
+        "one": source.uniform(-2, 2, (1, d)),
+        "none": np.zeros((0, d)),
+    }
+    kinds = draw(st.sampled_from([("none",), ("one",), ("data",), ("data", "next to data", "between", "far")]))
+    return np.vstack([made[kind] for kind in kinds])
+
+
+def answer(ask):
+    """Return an answer, or None for an error that says in one line what is wrong; anything else passes through."""
+    began = time.perf_counter()
+    told = ""
+    try:
+        found = ask()
+    except (ValueError, FactorisationError) as error:
+        if type(error) not in (ValueError, FactorisationError):
+            raise
+        found, told = None, str(error)
+    assert time.perf_counter() - began < LONGEST_S
+    assert told.isprintable()
+    assert len(told) < 400
+    return found
+
+
+def assert_sound(model, points):
+    """Check what a model tells of points against what must hold for every model."""
+    count = len(points)
+    signal = model.hyperparameters.signal_variance
+    plain = answer(lambda: model.predict(points))
+    if plain is not None:
+        mean, variance = plain
+        assert mean.shape == variance.shape == (count,)
+        assert np.isfinite(mean).all()
+        assert (variance >= 0).all()
+        assert (variance <= signal * (1 + 1e-14)).all()
+    marginal = answer(lambda: model.predict_marginal(points))
+    if marginal is not None:
+        assert plain is not None
+        assert np.isfinite(marginal).all()
+        assert (marginal[1] >= 4 / 3 * variance * (1 - 1e-14) - 1e-15 * len(model.inputs) * signal).all()
+    for name in UTILITIES:
+        scores = answer(lambda name=name: model.utility(points, name))
+        if scores is not None:
+            assert scores.shape == (count,)
+            assert np.isfinite(scores).all()
+            assert name not in INFORMATION or (scores >= 0).all()
+    joint = answer(lambda: model.joint_information(points))
+    if joint is not None:
+        assert np.isfinite(joint)
+        assert joint >= -1e-12
+
+
+@COMMON
+@given(problems())
+def test_a_conditioned_model_is_sound_or_refused(problem):
+    model = answer(problem.condition)
+    if model is not None:
+        assert_sound(model, problem.points)
+
+
+@dataclass
+class Direct:
+    """A Gaussian process in five lines of textbook, and what rounding does to it."""
+
+    mean: np.ndarray
+    variance: np.ndarray
+    mean_rounding: np.ndarray
+    variance_rounding: np.ndarray
+
+    @classmethod
+    def of(cls, problem, jitter=0.0):
+        """Return it, or None where the covariance's condition leaves too few digits."""
+        x, points = np.asarray(problem.x, dtype=float), problem.points
+        n, d = x.shape
+        lengths, signal, noise = np.exp(problem.theta[:d]), *np.exp(2 * problem.theta[d : d + 2])
+        constant = problem.theta[d + 2] if problem.mean == "constant" else 0.0
+        with np.errstate(all="ignore"):
+            c = signal * np.exp(-0.5 * cdist(x / lengths, x / lengths, "sqeuclidean")) + (noise + jitter) * np.eye(n)
+            k = signal * np.exp(-0.5 * cdist(x / lengths, points / lengths, "sqeuclidean"))
+            condition_number = np.linalg.cond(c) if np.isfinite(c).all() else np.inf
+            radius = np.abs(np.ptp(x / lengths, axis=0)).max() + np.abs(x / lengths).max()
+            # relative errors: of the solution by the condition, of the kernel by the cancellation in its exponent
+            lost = 10 * n * np.finfo(float).eps * condition_number * (1 + radius**2)
+        if not lost < 1e-6:
+            return None
+        residual = problem.y - constant
+        a, b = np.linalg.solve(c, residual), np.linalg.solve(c, k)
+        norms = np.linalg.norm(k, axis=0)
+        return cls(
+            k.T @ a + constant,
+            signal - (k * b).sum(axis=0),
+            lost * (norms * np.linalg.norm(a) + np.abs(constant)) + 1e-300,
+            lost * (norms * np.linalg.norm(b, axis=0) + signal),
+        )
+
+
+@COMMON
+@given(problems(), st.integers(0, 2**32 - 1))
+def test_predictions_are_the_textbook_s_whatever_the_order_of_rows(problem, seed):
+    try:
+        model = problem.condition()
+        found = model.predict(problem.points)
+    except ValueError:
+        return
+    direct = Direct.of(problem, model.jitter)
+    if direct is None:
+        return
+    order = np.random.default_rng(seed).permutation(len(problem.x))
+    turned = problem.condition(x=problem.x[order], y=problem.y[order]).predict(problem.points)
+    for mean, variance in (found, turned):
+        assert (np.abs(mean - direct.mean) <= direct.mean_rounding).all()
+        assert (np.abs(variance - direct.variance) <= direct.variance_rounding).all()
+    np.testing.assert_array_equal(model.predict_mean(problem.points).shape, found[0].shape)
+
+
+@COMMON
+@given(problems(), st.sampled_from([1e-300, 1e-9, 0.01, 0.1]))
+def test_little_memory_changes_nothing_but_rounding(problem, memory_mb):
+    try:
+        model = problem.condition()
+        model.utility(problem.points, "y_y")
+    except ValueError:
+        return
+    if Direct.of(problem, model.jitter) is None:
+        return
+    for name in UTILITIES:
+        whole, again, small = (model.utility(problem.points, name, memory) for memory in (64.0, 64.0, memory_mb))
+        assert whole.tobytes() == again.tobytes()
+        unit = model.hyperparameters.signal_variance if name == "variance" else 1.0
+        np.testing.assert_allclose(small, whole, rtol=1e-5, atol=1e-9 * unit)
+
+
+@settings(COMMON, max_examples=60)
+@given(problems(), st.integers(1, 3), st.integers(0, 4), st.sampled_from([1, 2, 5]))
+def test_trajectories_are_sums_of_their_points_or_refused(problem, trajectories, samples, threads):
+    model = answer(problem.condition)
+    if model is None:
+        return
+    d = model.inputs.shape[1]
+    bank = (
+        np.resize(problem.points, (trajectories, samples, d)) if problem.points.size else np.ones((trajectories, 0, d))
+    )
+    for name in (*UTILITIES, "log_det"):
+        for reduce in ("sum", "max"):
+            score = lambda threads, name=name, reduce=reduce: trajectory_utility(  # noqa: E731
+                [model, model], [bank, bank], name, reduce, memory_mb=0.01, stride=2, threads=threads
+            )
+            scores = answer(lambda score=score: score(1))
+            if scores is None:
+                continue
+            assert scores.shape == (trajectories,)
+            assert np.isfinite(scores).all()
+            assert scores.tobytes() == score(threads).tobytes()
+            if name == "log_det":
+                expected = [2 * model.joint_information(each[::2]) for each in bank]
+            else:
+                points = [model.utility(each, name) for each in bank]
+                expected = [2 * getattr(each, reduce)() for each in points]
+            unit = model.hyperparameters.signal_variance if name == "variance" else 1.0
+            np.testing.assert_allclose(scores, expected, rtol=1e-5, atol=1e-9 * unit)
+
+
+@settings(COMMON, max_examples=60)
+@given(problems(most=6), st.sampled_from(sorted(UTILITIES)), st.data())
+def test_picks_are_distinct_rows_or_refused(problem, name, data):
+    model = answer(problem.condition)
+    if model is None:
+        return
+    samples = np.vstack([problem.points, problem.x])
+    outputs = np.resize(problem.y, len(samples))
+    count = data.draw(st.integers(0, len(samples) + 1))
+    picks = answer(lambda: subsample(model, samples, outputs, count, name))
+    if picks is not None:
+        assert len(set(picks.tolist())) == count
+        assert all(0 <= each < len(samples) for each in picks)
+    assert count <= len(samples) or picks is None
+
+
+@settings(COMMON, max_examples=80)
+@given(problems(most=8), st.integers(0, 4), st.integers(0, 2))
+def test_the_map_is_above_every_start_and_says_its_slope(problem, starts, warm):
+    posterior = LogPosterior(problem.x, problem.y, problem.prior, problem.mean) if fits(problem) else None
+    if posterior is None:
+        return
+    warm_starts = [problem.theta + 0.3 * each for each in range(warm)]
+    found = answer(lambda: find_map(posterior, np.random.default_rng(2), starts, warm_starts))
+    if found is None:
+        return
+    for start in [*warm_starts, problem.prior.mean]:
+        value = answer(lambda start=start: posterior.derivatives(start)[0])
+        if value is not None:
+            assert found.value >= value - 1e-12 * max(1.0, abs(value))
+    value, gradient, _ = posterior.derivatives(found.theta)
+    assert value == found.value
+    assert np.abs(gradient).max() == found.gradient_norm
+
+
+def fits(problem):
+    return answer(lambda: LogPosterior(problem.x, problem.y, problem.prior, problem.mean)) is not None
+
+
+@settings(COMMON, max_examples=40)
+@given(problems(most=5), problems(most=4), st.sampled_from([*UTILITIES, "log_det", "random"]), st.integers(0, 3))
+def test_an_interaction_goes_on_or_says_why_not(first, second, utility, points_per_trial):
+    design = Design(
+        utility, "random" if utility == "log_det" else utility, "sum", points_per_trial, False, 2, first.mean, 2, 0.01
+    )
+    problem = (first, second)
+    d = [np.shape(each.x)[1] for each in problem]
+    sources = [np.random.default_rng(3), np.random.default_rng(4)]
+    candidates = [source.uniform(-2, 2, (3, 4, size)) for source, size in zip(sources, d, strict=True)]
+
+    def begin():
+        return Interaction.begin(
+            design, candidates, [first.prior, second.prior], [first.x, second.x], [first.y, second.y], [1], sources
+        )
+
+    interaction = answer(begin)
+    if interaction is None:
+        return
+    choice = answer(lambda: interaction.ask(sources[0]))
+    if choice is not None:
+        assert choice.trajectory in (0, 2)
+        assert choice.scores is None or np.isfinite(choice.scores[[0, 2]]).all()
+    recorded = [np.vstack([each.x, each.points]) for each in problem]
+    outputs = [np.resize(each.y, len(x)) for each, x in zip(problem, recorded, strict=True)]
+    told = answer(lambda: interaction.tell(0, recorded, outputs, sources))
+    if told is None:
+        return
+    after, picks = told
+    for old, new, rows, x in zip(interaction.inputs, after.inputs, picks, recorded, strict=True):
+        assert len(set(rows.tolist())) == points_per_trial
+        np.testing.assert_array_equal(new, np.vstack([old, x[rows]]))
+    assert np.isfinite(np.concatenate(after.thetas)).all()
+    answer(lambda: after.ask(sources[0]))
+
+
+@settings(COMMON, max_examples=100)
+@given(problems(most=8), st.integers(0, 3), st.booleans())
+def test_a_fitted_model_is_sound_or_refused(problem, starts, warm):
+    model = answer(
+        lambda: fit(
+            problem.x,
+            problem.y,
+            problem.prior,
+            problem.mean,
+            generator=np.random.default_rng(1),
+            starts=starts,
+            warm_starts=[problem.theta] * warm,
+        )
+    )
+    if model is not None:
+        assert_sound(model, problem.points)
