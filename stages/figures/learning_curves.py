@@ -51,12 +51,12 @@ def draw_learning_curves(summary: pd.DataFrame, arms: Sequence[str], panels: Seq
         axis.set(title="average of the muscles" if muscle == AVERAGE else muscle, ylabel="error rate (%)")
         axis.set_ylim(bottom=0)
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axis.tick_params(labelbottom=True)
         axis.grid(alpha=0.25)
     for axis in axes[len(panels) :]:
         axis.axis("off")
     for axis in axes[max(0, len(panels) - columns) : len(panels)]:
         axis.set_xlabel("trial")
-        axis.tick_params(labelbottom=True)
     spare = axes[len(panels)] if len(panels) < len(axes) else axes[0]
     spare.legend(
         *axes[0].get_legend_handles_labels(),
