@@ -43,7 +43,7 @@ class Hyperprior:
         in_range = (np.abs(mean) <= LARGEST_MEAN) & (variance >= SMALLEST_VARIANCE) & (variance <= LARGEST_VARIANCE)
         if not in_range.all():
             raise ValueError(
-                f"hyperprior: expected finite means and positive variances, means within {LARGEST_MEAN:g} and variances "
+                f"hyperprior: expected finite means and positive variances, within {LARGEST_MEAN:g} and "
                 f"between {SMALLEST_VARIANCE:g} and {LARGEST_VARIANCE:g}, got {mean.tolist()}, {variance.tolist()}"
             )
         object.__setattr__(self, "mean", mean)
