@@ -42,9 +42,10 @@ class Hyperprior:
             )
         in_range = (np.abs(mean) <= LARGEST_MEAN) & (variance >= SMALLEST_VARIANCE) & (variance <= LARGEST_VARIANCE)
         if not in_range.all():
+            got = f"{mean.tolist()}, {variance.tolist()}"
             raise ValueError(
                 f"hyperprior: expected finite means and positive variances, means within {LARGEST_MEAN:g} and "
-                f"variances between {SMALLEST_VARIANCE:g} and {LARGEST_VARIANCE:g}, got {mean.tolist()}, {variance.tolist()}"
+                f"variances between {SMALLEST_VARIANCE:g} and {LARGEST_VARIANCE:g}, got {got}"
             )
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "variance", variance)

@@ -58,9 +58,9 @@ class Problem:
         (0.0, -1.0, "finite means and positive variances"),
         (0.0, np.nan, "finite means and positive variances"),
         (np.inf, 1.0, "finite means and positive variances"),
-        (0.0, 1e-300, "variances between 1e-100 and 1e+100"),
-        (0.0, 1e300, "variances between 1e-100 and 1e+100"),
-        (1e51, 1.0, "means within 1e+50"),
+        (0.0, 1e-300, "between 1e-100 and 1e+100"),
+        (0.0, 1e300, "between 1e-100 and 1e+100"),
+        (1e51, 1.0, "within 1e+50"),
     ],
 )
 def test_a_hyperprior_whose_slopes_would_overflow_is_refused(mean, variance, told):
@@ -110,7 +110,7 @@ def problems(draw, most=10):
     )
     theta = np.array([draw(logs) for _ in range(size)])
     if calm:
-        prior.mean[d + 1] = theta[d + 1] = -2.0
+        prior.mean[d + 1] = theta[d + 1] = draw(st.sampled_from([-2.0, -2.0, -9.0, -20.0]))
     return Problem(x, y, theta, prior, mean, points)
 
 
@@ -216,8 +216,8 @@ class Direct:
             k = signal * np.exp(-0.5 * cdist(x / lengths, points / lengths, "sqeuclidean"))
             condition_number = np.linalg.cond(c) if np.isfinite(c).all() else np.inf
             radius = np.abs(np.ptp(x / lengths, axis=0)).max() + np.abs(x / lengths).max()
-            # relative errors: of the solution by the condition, of the kernel by the cancellation in its exponent
-            lost = 10 * n * np.finfo(float).eps * condition_number * (1 + radius**2)
+            # relative errors: of the solution by the condition, of the kernel by the rounding of its exponent's parts
+            lost = 10 * n * np.finfo(float).eps * condition_number * (1 + radius**2 + np.abs(np.log(signal)))
         if not lost < 1e-6:
             return None
         residual = problem.y - constant
@@ -294,7 +294,8 @@ def test_trajectories_are_sums_of_their_points_or_refused(problem, trajectories,
                 points = [model.utility(each, name) for each in bank]
                 expected = [2 * getattr(each, reduce)() for each in points]
             unit = model.hyperparameters.signal_variance if name == "variance" else 1.0
-            np.testing.assert_allclose(scores, expected, rtol=1e-5, atol=1e-9 * unit)
+            if Direct.of(problem, model.jitter) is not None:  # else a chunk's size shows in more than the last digits
+                np.testing.assert_allclose(scores, expected, rtol=1e-5, atol=1e-9 * unit)
 
 
 @settings(COMMON, max_examples=60)
@@ -330,6 +331,8 @@ def test_the_map_is_above_every_start_and_says_its_slope(problem, starts, warm):
     value, gradient, _ = posterior.derivatives(found.theta)
     assert value == found.value
     assert np.abs(gradient).max() == found.gradient_norm
+    if np.ptp(problem.prior.mean) < 5 and np.abs(problem.y).max() < 10 and (problem.prior.variance >= 0.1).all():
+        assert found.gradient_norm <= 1e-6 * max(1.0, abs(value))
 
 
 def fits(problem):
