@@ -10,6 +10,8 @@ import sys
 
 import pandas as pd
 from rich.console import Console
+from rich.markup import escape
+from rich.padding import Padding
 
 from pipeline.command import command_line, python_name
 from pipeline.errors import ConfigError, PipelineError, suggest
@@ -79,18 +81,14 @@ def show_run(ledger: Ledger, console: Console) -> None:
     error = ledger.facts["error"]
     if error:
         console.print(f"{error['stage']}: {error['message']}", soft_wrap=True, highlight=False, markup=False)
-    rows = [
-        {
-            "stage": name,
-            "status": record["status"],
-            "seconds": f"{record['seconds']:.1f}" if "seconds" in record else "-",
-            "made in": "here" if record["origin"] == ledger.name else record["origin"],
-            "why": record["reason"],
-            "tables": ", ".join(f"{table} ({facts['rows']})" for table, facts in record["tables"].items()),
-        }
-        for name, record in ledger.records.items()
-    ]
-    print_frame("Stages, with their tables and rows", pd.DataFrame(rows), console)
+    width = max((len(name) for name in ledger.records), default=0)
+    for name, record in ledger.records.items():
+        seconds = f"{record['seconds']:.1f} s" if "seconds" in record else "-"
+        origin = "made here" if record["origin"] == ledger.name else f"made in {record['origin']}"
+        tables = ", ".join(f"{table} ({facts['rows']})" for table, facts in record["tables"].items())
+        console.print(f"[bold]{name:<{width}}[/bold]  {record['status']}, {seconds}, {origin}", highlight=False)
+        for text in (f"because: {escape(record['reason'])}", f"tables (rows): {tables or '-'}"):
+            console.print(Padding(text, (0, 0, 0, width + 2)), highlight=False)
     console.print(f"a table: {python_name()} -m pipeline.review show {ledger.name} TABLE", highlight=False)
 
 
