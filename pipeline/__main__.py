@@ -21,6 +21,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 import re
 from pathlib import Path
+from typing import NoReturn
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -30,7 +31,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from pipeline.command import command_line
-from pipeline.errors import PipelineError, suggest
+from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.interruption import Interrupted, ignore_from_now_on
 
 SIGNALLED = 128
@@ -60,6 +61,7 @@ def main() -> int:
             raise SystemExit(codes[-1])
 
     try:
+        sys.argv[1:] = put_options_first(sys.argv[1:])
         task()
         for fault in faults:
             raise fault
@@ -85,6 +87,27 @@ def main() -> int:
     return max(codes, default=0)
 
 
+def put_options_first(arguments: list[str]) -> list[str]:
+    """Return the command line with its options before the overrides, as Hydra reads it.
+
+    Raises
+    ------
+    ConfigError
+        For an option that does not exist or lacks its value.
+    """
+    parser = get_args_parser()
+    parser.error = _refuse_option  # type: ignore[method-assign]
+    overrides = parser.parse_intermixed_args(arguments).overrides
+    options = list(arguments)
+    for each in overrides:
+        options.remove(each)
+    return [*options, *overrides]
+
+
+def _refuse_option(message: str) -> NoReturn:
+    raise ConfigError(f"{message}; python -m pipeline --hydra-help shows the options")
+
+
 def complain(line: str) -> None:
     """Print one line to standard error."""
     from pipeline.terminal import open_console
@@ -97,19 +120,25 @@ def explain(error: Exception) -> str:
     text = str(error)
     if isinstance(error, MissingMandatoryValue):
         return f"missing value: set it as {error.full_key}=..."
+    if "LexerNoViableAltException" in text or "no viable alternative at input" in text:
+        return "an override has a character that needs quotes: quote its value twice, as in \"outputs='my folder'\""
     override = re.search(r"Error parsing override '([^']*)'", text)
     if override:
         return f"'{override.group(1)}' is no override: expected key=value, as in seed=1 or 'bank.trajectories=20'"
     if "Config group override must be a string or a list" in text:
-        groups = [each.name for each in CONFIG_FOLDER.iterdir() if each.is_dir()]
-        given = [each for each in sys.argv[1:] if each.split("=")[0] in groups]
-        return f"{' '.join(given)}: expected the name of a file in conf/{given[0].split('=')[0] if given else ''}"
+        pairs = [each.partition("=")[::2] for each in sys.argv[1:] if "." not in each.partition("=")[0]]
+        names = re.compile(r"(?!(null|true|false)$)[a-z]\w*", re.IGNORECASE)
+        wrong = [name for name, value in pairs if value and name != "outputs" and not names.fullmatch(value)]
+        name = wrong[0] if wrong else "GROUP"
+        return f"{name}: expected the name of a file in conf/{name}/"
     gone = re.search(r"Interpolation key '([^']+)' not found", text)
     if gone:
         return f"missing key '{gone.group(1)}', which other keys quote; leave it in, or change what quotes it"
     unknown = re.search(r"Could not override '([^']+)'", text)
     if unknown:
         path = unknown.group(1).removeprefix("+").split("@")[0]
+        if path.split(".")[-1] in _known_keys(path):
+            return f"{path}: a key that is set in it is not there yet; add it as +{path}.KEY=..."
         return f"unknown key '{path}': {suggest(path.split('.')[-1], _known_keys(path))}"
     option = re.search(r"Could not find '([^']+)'[\s\S]*Available options in '[^']+':\s*([\s\S]*?)(?:\n\S|\Z)", text)
     if option:

@@ -105,7 +105,7 @@ class Ledger:
         try:
             facts = json.loads((folder / FILE_NAME).read_text(encoding="utf-8"))
             SHAPE.validate_python(facts, strict=True)
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             return None
         return cls(folder, facts)
 
@@ -147,10 +147,13 @@ class Ledger:
         """Return which of a stage's files is no longer what the ledger says, or None if all are."""
         for file, facts in files_of(record).items():
             path = self.folder / file
-            if not path.is_file():
-                return f"{file} of run {self.name} is missing"
-            if path.stat().st_size != facts["bytes"] or hash_file(path) != facts["sha256"]:
-                return f"{file} of run {self.name} is damaged"
+            try:
+                if not path.is_file():
+                    return f"{file} of run {self.name} is missing"
+                if path.stat().st_size != facts["bytes"] or hash_file(path) != facts["sha256"]:
+                    return f"{file} of run {self.name} is damaged"
+            except OSError as error:
+                return f"{file} of run {self.name} cannot be read ({error.strerror})"
         return None
 
 

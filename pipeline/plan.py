@@ -140,7 +140,7 @@ def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) ->
     damage = None
     for ledger in ledgers:
         record = ledger.finished(stage.name)
-        if record is None or record["fingerprint"] != fingerprint:
+        if record is None or record["fingerprint"] != fingerprint or _lacks_tables(record, stage):
             continue
         damaged = ledger.damage(record)
         if damaged is None:
@@ -152,6 +152,10 @@ def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) ->
     if damage:
         return Step(stage, "run", damage)
     return Step(stage, "run", "; ".join(nearest_changes(stage, ingredients, ledgers)) or "not made before")
+
+
+def _lacks_tables(record: Mapping[str, Any], stage: Stage) -> bool:
+    return not all(table.name in record["tables"] for table in stage.writes)
 
 
 def nearest_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> list[str]:

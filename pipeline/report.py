@@ -66,6 +66,11 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path:
     return path
 
 
+def is_whole_page(path: Path) -> bool:
+    """Tell whether a report is there to its last line."""
+    return path.is_file() and path.read_bytes().rstrip().endswith(b"</html>")
+
+
 def headline_tables(study: Study, stages: Sequence[Stage]) -> list[Table]:
     """Return the contracts of the tables that the workflow wants seen first, as far as the stages write them."""
     by_name = {table.name: table for each in stages for table in each.writes}
@@ -82,9 +87,8 @@ def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], consol
 
 def print_frame(title: str, frame: pd.DataFrame, console: Console, limit: int = ROWS_SHOWN_WHOLE) -> None:
     """Print a frame as a terminal table, its first rows where it is long."""
-    shown = rich.table.Table(
-        title=title, title_justify="left", title_style="bold", header_style="bold", box=rich.box.SIMPLE_HEAD
-    )
+    console.print(title, style="bold", soft_wrap=True, highlight=False, markup=False)
+    shown = rich.table.Table(header_style="bold", box=rich.box.SIMPLE_HEAD)
     for name in frame.columns:
         numeric = pd.api.types.is_numeric_dtype(frame[name])
         shown.add_column(str(name), justify="right" if numeric else "left", overflow="fold")

@@ -6,6 +6,7 @@ The folder of runs flows in, text flows out; nothing is changed.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 
 import pandas as pd
@@ -69,7 +70,7 @@ def list_runs(outputs: str, console: Console) -> None:
     known = {each.name for each in ledgers}
     for folder in sorted(list_folders(outputs), reverse=True):
         if folder.name not in known:
-            status = "unreadable" if (folder / FILE_NAME).exists() else "no ledger"
+            status = "unreadable" if not os.access(folder, os.X_OK) or (folder / FILE_NAME).exists() else "no ledger"
             rows.append({"run": folder.name, "status": status, "stages": "-", "command": "-"})
     print_frame(f"Runs in {runs_folder(outputs)}", pd.DataFrame(rows), console, limit=len(rows))
 

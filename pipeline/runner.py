@@ -30,7 +30,7 @@ from pipeline.files import link, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
 from pipeline.ledger import Ledger, files_of, now
 from pipeline.plan import Ingredients, Step, decide, gather, make_plan
-from pipeline.report import print_headline, write_report
+from pipeline.report import is_whole_page, print_headline, write_report
 from pipeline.runs import Claim, claim, list_ledgers
 from pipeline.stage import Stage
 from pipeline.table import measure_file
@@ -144,7 +144,7 @@ class Runner:
             path = ledger.folder / "documents" / "asks.json"
             write_json(path, asks)
             return self._end(ledger, stage, "paused", 3, f"{error} (what to execute: {path})", "when that is done")
-        if isinstance(error, OSError) and error.errno in NO_ROOM:
+        if isinstance(error, OSError) and (error.errno in NO_ROOM or _file_within(ledger.folder, error)):
             raise error
         log.error("%s failed", stage.name, exc_info=error)
         first = str(error).splitlines()[0] if str(error) else ""
@@ -240,8 +240,13 @@ class Runner:
     def _finish(self, ledger: Ledger, word: str) -> None:
         print_headline(ledger, self.study, self.stages, self.console)
         page = ledger.folder / "report.html"
-        if not page.exists() or not page.stat().st_size:
-            write_report(ledger, self.study, self.stages)
+        try:
+            if not is_whole_page(page):
+                write_report(ledger, self.study, self.stages)
+        except OSError as error:
+            self._complain(
+                f"cannot write {page}: {error.strerror}; the tables are there; make it writable, then run again"
+            )
         self._say(f"{word}: {ledger.folder}")
         self._say(f"report: {page}")
 
@@ -255,9 +260,11 @@ class Runner:
         return code
 
     def _refuse(self, ledger: Ledger, error: OSError) -> int:
+        where = _file_within(ledger.folder, error) or ledger.folder
+        remedy = "make room" if error.errno in NO_ROOM else "make it writable or move it away"
         self._complain(
-            f"cannot write to {ledger.folder}: {os.strerror(error.errno or errno.EIO)}; what was finished is kept; "
-            f"make room, then type: {command_line(self.arguments)}"
+            f"cannot write to {where}: {os.strerror(error.errno or errno.EIO)}; what was finished is kept; "
+            f"{remedy}, then type: {command_line(self.arguments)}"
         )
         return 1
 
@@ -313,6 +320,13 @@ def run_study(composed: DictConfig, arguments: list[str]) -> int:
         runner.show_plan()
         return 0
     return runner.run()
+
+
+def _file_within(folder: Path, error: OSError) -> Path | None:
+    file = error.filename2 or error.filename
+    if not isinstance(file, str | Path) or not Path(file).absolute().is_relative_to(folder.absolute()):
+        return None
+    return Path(file)
 
 
 def _as_mapping(stage: Stage, returned: Any) -> dict[str, pd.DataFrame]:

@@ -129,7 +129,7 @@ def claim(outputs: str | Path, identity: str, arguments: Sequence[str]) -> Claim
         return _resume(outputs, identity) or _create(outputs, identity, list(arguments))
     except OSError as error:
         raise PipelineError(
-            f"cannot write to {runs_folder(outputs)} ({error.strerror or error}); "
+            f"cannot write to {error.filename or runs_folder(outputs)} ({error.strerror or error}); "
             "free the folder or choose another with outputs=PATH"
         ) from None
 

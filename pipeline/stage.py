@@ -132,7 +132,7 @@ def order_stages(stages: Sequence[Stage]) -> list[Stage]:
             if name not in writer:
                 raise WiringError(
                     f"stage {each.name} reads table {name}, which no stage of this workflow writes; "
-                    f"{suggest(name, writer)} Add its stage to workflow.stages"
+                    "add the one that does to workflow.stages"
                 )
         sorter.add(each.name, *{writer[name].name for name in each.reads})
     by_name = {each.name: each for each in stages}

@@ -200,6 +200,8 @@ def read_frame(path: Path) -> pd.DataFrame:
         if not problem:
             frame: pd.DataFrame = pyarrow.parquet.read_table(pyarrow.BufferReader(content)).to_pandas()
             return frame
+    except PermissionError:
+        raise TableError(f"{path} cannot be read (permission denied); let yourself read it and run again") from None
     except FileNotFoundError:
         raise TableError(f"{path} is absent; remove it and run again to have it remade") from None
     except Exception as error:  # whatever PyArrow makes of a foreign file's damaged footer: KeyError, TypeError, ...

@@ -54,9 +54,11 @@ class Command:
             process.kill()
         return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
 
-    def review(self, *arguments: str) -> subprocess.CompletedProcess:
+    def review(self, *arguments: str, before=None) -> subprocess.CompletedProcess:
         line = [sys.executable, "-m", "pipeline.review", "--outputs", str(self.outputs), *arguments]
-        return subprocess.run(line, cwd=ROOT, env=self.environment, capture_output=True, text=True, timeout=60)
+        return subprocess.run(
+            line, cwd=ROOT, env=self.environment, capture_output=True, text=True, timeout=60, preexec_fn=before
+        )
 
 
 @pytest.fixture

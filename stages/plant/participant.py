@@ -21,10 +21,12 @@ class Participant(Declared):
     """One person, in numbers that hold for any set of joints."""
 
     delay_s: float = Field(ge=0.0, description="from what is shown to what is intended, s; shorter than a trial")
-    gain: PositiveFloat = Field(description="intended over shown excursion from mid-range, 1")
-    noise_rad: float = Field(ge=0.0, description="standard deviation of the intention's wander, rad")
+    gain: float = Field(gt=0.0, le=10.0, description="intended over shown excursion from mid-range, 1")
+    noise_rad: float = Field(ge=0.0, le=1.6, description="standard deviation of the intention's wander, rad")
     noise_hz: PositiveFloat = Field(description="highest frequency of the wander, Hz; below half the sampling rate")
-    tremor_rad_per_s2: float = Field(ge=0.0, description="standard deviation of tremor, angular acceleration, rad/s^2")
+    tremor_rad_per_s2: float = Field(
+        ge=0.0, le=1e4, description="standard deviation of tremor, angular acceleration, rad/s^2"
+    )
     tremor_low_hz: PositiveFloat = Field(description="lowest frequency of tremor, Hz")
     tremor_high_hz: PositiveFloat = Field(description="highest frequency of tremor, Hz; below half the sampling rate")
     strength: PositiveFloat = Field(description="strength, multiples of the joint's strength_nm, 1")

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 import numpy as np
-from pydantic import Field, PositiveFloat, model_serializer, model_validator
+from pydantic import Field, model_serializer, model_validator
 
 from stages.plant.declaration import Declared, nearest
 from stages.plant.effect import Effect, Parameter, find_effect
@@ -19,23 +19,26 @@ from stages.plant.muscle import MuscleConstants, braid_coefficients
 
 
 class MuscleModel(Declared):
-    """Nominal constants of a muscle with its valve and sensors."""
+    """Nominal constants of a muscle with its valve and sensors.
 
-    valve_tau_s: float = Field(ge=0.0, description="time constant of valve and hose, s")
+    The bounds are an order of magnitude beyond any muscle of the data sheets; past them tensions leave every sensor.
+    """
+
+    valve_tau_s: float = Field(ge=0.0, le=60.0, description="time constant of valve and hose, s")
     braid_angle_deg: float = Field(gt=5.0, lt=54.0, description="braid angle at rest, degrees")
-    contraction_factor: PositiveFloat = Field(description="factor on contraction for tapering ends, 1")
-    passive_linear_n: float = Field(ge=0.0, description="rubber's push per contraction, N")
-    passive_quadratic_n: float = Field(description="rubber's push per squared contraction, N")
-    damping_n_s: float = Field(ge=0.0, description="tension lost per contraction velocity, N s")
-    pressure_noise_kpa: float = Field(ge=0.0, description="standard deviation of the pressure sensor, kPa")
-    force_noise_n: float = Field(ge=0.0, description="standard deviation of the load cell, N")
+    contraction_factor: float = Field(gt=0.0, le=5.0, description="factor on contraction for tapering ends, 1")
+    passive_linear_n: float = Field(ge=0.0, le=1e6, description="rubber's push per contraction, N")
+    passive_quadratic_n: float = Field(ge=-1e6, le=1e6, description="rubber's push per squared contraction, N")
+    damping_n_s: float = Field(ge=0.0, le=1e5, description="tension lost per contraction velocity, N s")
+    pressure_noise_kpa: float = Field(ge=0.0, le=100.0, description="standard deviation of the pressure sensor, kPa")
+    force_noise_n: float = Field(ge=0.0, le=1000.0, description="standard deviation of the load cell, N")
 
 
 class Encoder(Declared):
-    """Joint angle sensor."""
+    """Joint angle sensor; past half a radian it tells nothing of a joint."""
 
-    noise_rad: float = Field(ge=0.0, description="standard deviation before rounding, rad")
-    resolution_rad: float = Field(ge=0.0, description="one count, rad; 0 for none")
+    noise_rad: float = Field(ge=0.0, le=0.5, description="standard deviation before rounding, rad")
+    resolution_rad: float = Field(ge=0.0, le=0.5, description="one count, rad; 0 for none")
 
 
 class AppliedEffect(Declared):

@@ -59,6 +59,8 @@ class OperatorRig(ConfiguredRig):
             raise ValueError(
                 f"expected the path of the folder that receives recordings, got {folder!r}; set rig.folder=PATH"
             )
+        if Path(folder).exists() and not Path(folder).is_dir():
+            raise ValueError(f"expected a folder that receives recordings, got the file {folder}; set rig.folder=PATH")
         return folder
 
     def run(self, trial: Trial, generator: np.random.Generator) -> Recording:

@@ -32,6 +32,10 @@ import pytest
         (["workflow.stages=[counting]"], "unknown key 'doubling', which no stage of workflow toy reads"),
         (["workflow.package=os"], "expected a Python package, got the module 'os'"),
         (["outputs="], "outputs: string should have at least 1 character, got ''"),
+        (["counting=3"], "counting: expected the name of a file in conf/counting/"),
+        (["seed==1"], "'seed==1' is no override: expected key=value"),
+        (["outputs=~/x"], "needs quotes: quote its value twice"),
+        (["--foo"], "unrecognized arguments: --foo; python -m pipeline --hydra-help shows the options"),
         (["workflow.package=nowhere"], "no Python package 'nowhere'"),
     ],
 )

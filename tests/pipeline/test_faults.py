@@ -138,6 +138,43 @@ def test_read_only_outputs(toy, reference):
     finish(toy, reference)
 
 
+def test_run_that_cannot_be_read_or_lacks_a_table_is_passed_over(toy, reference):
+    toy()
+    (run,) = toy.runs
+    (run / "tables/doubles.parquet").chmod(0)
+    plan = toy("plan=true", before=obey_permissions)
+    assert f"tables/doubles.parquet of run {run.name} cannot be read (Permission denied)" in plan.stdout
+    shown = toy.review("show", "latest", "doubles", before=obey_permissions)
+    assert "cannot be read (permission denied)" in the_only_line(shown.stderr)
+    run.chmod(0)
+    assert "unreadable" in toy.review("list", before=obey_permissions).stdout
+    run.chmod(0o755)
+    facts = ledger_of(run)
+    facts["stages"]["counting"]["tables"] = {}
+    (run / "run.json").write_text(json.dumps(facts))
+    finish(toy, reference)
+    assert len(toy.runs) == 2
+
+
+def test_file_in_the_way(toy, reference):
+    toy("doubling.fail_at=3")
+    (run,) = toy.runs
+    (run / "config.yaml").unlink()
+    (run / "config.yaml").mkdir()
+    result = toy("doubling.fail_at=3")
+    assert result.returncode == 1
+    assert f"cannot write to {run}/config.yaml: Is a directory" in the_only_line(result.stderr)
+    assert "make it writable or move it away" in result.stderr
+
+
+def test_report_is_made_again(toy):
+    toy()
+    page = toy.runs[0] / "report.html"
+    page.write_text(page.read_text()[:200])
+    assert toy().returncode == 0
+    assert page.read_text().rstrip().endswith("</html>")
+
+
 def test_outputs_that_are_no_folder(toy):
     toy.outputs.write_text("a letter")
     for arguments in ([], ["plan=true"]):
@@ -227,7 +264,19 @@ def half(run):
     return (run / "run.json").read_text()[:-100]
 
 
-@pytest.mark.parametrize("damage", [without_tables, of_an_older_format, half])
+def nested(run):
+    return 5000 * "["
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        without_tables,
+        nested,
+        pytest.param(of_an_older_format, marks=pytest.mark.slow),
+        pytest.param(half, marks=pytest.mark.slow),
+    ],
+)
 def test_unreadable_ledger_is_passed_over(toy, reference, damage):
     toy()
     ledger = toy.runs[0] / "run.json"
@@ -369,7 +418,7 @@ def test_signal_at_any_instant_of_the_start(toy, number, code, word):
 
 
 def test_ctrl_c_stops_a_whole_multirun(toy):
-    process = toy.start("hydra.mode=MULTIRUN", "doubling.pause_s=0.3,0.31,0.32", f"hydra.sweep.dir={toy.outputs}/sweep")
+    process = toy.start("doubling.pause_s=0.3,0.31,0.32", "-m", f"hydra.sweep.dir={toy.outputs}/sweep")
     wait_until(process, lambda: find_parts(toy))
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=30)
