@@ -87,7 +87,7 @@ class LinearMuscleModel:
         LinearMuscleModel
             Where data do not determine all coefficients (fewer than six samples, two contractions only, one pressure),
             the polynomial of least norm in standardised inputs, as its `repair` says: it explains the data as well as
-            any other and adds nothing in directions that no sample shows.
+            any other, and its forces elsewhere are a convention; an input that never changed changes no force.
 
         Raises
         ------
