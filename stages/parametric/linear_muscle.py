@@ -145,13 +145,16 @@ class LinearMuscleModel:
         Raises
         ------
         ValueError
-            When shapes differ.
+            When shapes differ or a value is absurdly large.
         """
         pressure, contracted = np.asarray(pressure_kpa, dtype=float), np.asarray(contraction, dtype=float)
         if pressure.shape != contracted.shape:
             raise ValueError(
                 f"expected pressure and contraction of one shape, got {pressure.shape} and {contracted.shape}"
             )
+        worst = float(np.fmax.reduce(np.abs([pressure, contracted]), axis=None, initial=0.0))
+        if worst > LARGEST_VALUE:
+            raise ValueError(f"expected pressure and contraction within {LARGEST_VALUE:g}, got {worst}")
         inputs = (pressure - self.centre[0]) / self.scale[0], (contracted - self.centre[1]) / self.scale[1]
         force: Array = _design(*inputs) @ self.weights
         return force

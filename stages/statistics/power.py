@@ -26,6 +26,9 @@ WANTED_POWER = 0.8
 LARGEST_N = 1_000_000
 """Numbers of values that are searched."""
 
+MOST_VALUES = 1_000_000_000
+"""Numbers of values at which powers keep five digits."""
+
 NODES = 128
 NEGLIGIBLE = 1e-17
 """Probability of each tail that the quadrature leaves out."""
@@ -73,7 +76,7 @@ def power_of_paired_test(difference: float, sd: float, n: int) -> float:
     Raises
     ------
     ValueError
-        When there are fewer than two pairs, the standard deviation is not positive or a number is not finite.
+        When pairs are fewer than two or over 1e9, the standard deviation is not positive or a number is not finite.
     """
     _check(difference, 0.0, (sd,), (n,))
     return _reject(float(difference) / float(sd), _spread_of_pairs(n, SIGNIFICANCE / 2))
@@ -99,7 +102,7 @@ def power_of_welch_test(difference: float, sd_first: float, sd_second: float, n_
     Raises
     ------
     ValueError
-        When a group has fewer than two values, neither has a spread or a number is not finite.
+        When a group has fewer than two values or over 1e9, neither has a spread or a number is not finite.
     """
     _check(difference, 0.0, (sd_first, sd_second), (n_first, n_second))
     unit = float(max(sd_first, sd_second))
@@ -129,7 +132,7 @@ def power_of_paired_equivalence(margin: float, sd: float, n: int, difference: fl
     Raises
     ------
     ValueError
-        When there are fewer than two pairs, the standard deviation is not positive or a number is not finite.
+        When pairs are fewer than two or over 1e9, the standard deviation is not positive or a number is not finite.
 
     Notes
     -----
@@ -164,7 +167,7 @@ def power_of_equivalence(
     Raises
     ------
     ValueError
-        When a group has fewer than two values, neither has a spread or a number is not finite.
+        When a group has fewer than two values or over 1e9, neither has a spread or a number is not finite.
     """
     _check(difference, margin, (sd_first, sd_second), (n_first, n_second))
     unit = float(max(sd_first, sd_second))
@@ -199,8 +202,8 @@ def _check(difference: float, margin: float, sds: tuple[float, ...], ns: tuple[i
             "expected a finite difference, a margin of at least 0 and a positive standard deviation, "
             f"got {difference}, {margin} and {', '.join(map(str, sds))}"
         )
-    if any(n != int(n) for n in ns) or not 2 <= min(ns) <= max(ns) <= LARGEST_N:
-        raise ValueError(f"expected 2 to {LARGEST_N} values, got {', '.join(map(str, ns))}")
+    if any(n % 1 != 0 for n in ns) or not 2 <= min(ns) <= max(ns) <= MOST_VALUES:
+        raise ValueError(f"expected 2 to {MOST_VALUES} values, got {', '.join(map(str, ns))}")
 
 
 @cache

@@ -226,7 +226,10 @@ def test_absurd_data_are_refused_in_one_line(values, message):
     assert "\n" not in str(error.value)
 
 
-def test_inputs_of_a_prediction_have_one_shape(generator):
+def test_inputs_of_a_prediction_have_one_shape_and_are_sane(generator):
     model = LinearMuscleModel.fit(*draw(generator))
     with pytest.raises(ValueError, match=r"of one shape, got \(2,\) and \(3,\)"):
         model.predict(np.zeros(2), np.zeros(3))
+    with pytest.raises(ValueError, match=r"^expected pressure and contraction within 1e\+50, got inf$"):
+        model.predict(np.array([np.inf, np.nan]), np.zeros(2))
+    assert model.predict(np.zeros(0), np.zeros(0)).shape == (0,)

@@ -115,6 +115,15 @@ def test_powers_are_probabilities_without_side(margin, difference, sd_first, sd_
     )
 
 
+def test_with_very_many_values_power_is_that_of_a_normal_test():
+    n, away = 1_000_000_000, 2.5
+    normal = stats.norm.cdf(away - stats.norm.ppf(0.975)) + stats.norm.cdf(-away - stats.norm.ppf(0.975))
+    assert power_of_paired_test(away / np.sqrt(n), 1.0, n) == pytest.approx(normal, abs=1e-5)
+    assert power_of_welch_test(away * np.sqrt(2 / n), 1.0, 1.0, n, n) == pytest.approx(normal, abs=1e-5)
+    normal = 2 * stats.norm.cdf(away - stats.norm.ppf(0.95)) - 1
+    assert power_of_equivalence(away * np.sqrt(2 / n), 1.0, 1.0, n, n) == pytest.approx(normal, abs=1e-5)
+
+
 @pytest.mark.parametrize("ratio", [1e-300, 1e300])
 def test_extremes_are_sure(ratio):
     powers = power_of_paired_test(1.0, ratio, 4), power_of_welch_test(1.0, ratio, ratio, 4, 4)
@@ -148,7 +157,7 @@ def test_absurd_designs_are_refused(call):
         call()
 
 
-@pytest.mark.parametrize("n", [1, 0, -4, 2.5, 1_000_001])
+@pytest.mark.parametrize("n", [1, 0, -4, 2.5, np.nan, 1_000_000_001])
 def test_absurd_numbers_of_values_are_refused(n):
-    with pytest.raises(ValueError, match=r"^expected 2 to 1000000 values, got 4, .*$"):
+    with pytest.raises(ValueError, match=r"^expected 2 to 1000000000 values, got 4, .*$"):
         power_of_welch_test(1.0, 1.0, 1.0, 4, n)
