@@ -276,8 +276,10 @@ def _enclose(margin: float, difference: float, spread: _Spread) -> float:
 
     margin, difference = _limit(margin), _limit(difference)
     chi, weight = _chi_rule(spread.degrees, margin / spread.slope)
-    half = np.maximum(margin - spread.slope[:, None] * chi, 0.0)
-    inside = special.ndtr((half - difference) / spread.error) - special.ndtr((-half - difference) / spread.error)
+    half = spread.slope[:, None] * chi
+    # the margin less the difference first, as both may be far larger than the rest
+    below, above = special.ndtr(np.stack([half - (margin + difference), (margin - difference) - half]) / spread.error)
+    inside = np.maximum(above - below, 0.0)
     return min(float(spread.weight @ (weight * inside).sum(axis=1)), 1.0)
 
 

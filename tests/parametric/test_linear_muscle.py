@@ -121,6 +121,15 @@ def test_one_pressure_determines_three_directions(generator):
     np.testing.assert_allclose(model.predict(pressure + 100, contraction), best, rtol=1e-9)
 
 
+@pytest.mark.parametrize("pressure", [300.0, 1e40, 1e-40])
+def test_a_pressure_that_only_rounding_changes_is_one_pressure(generator, pressure):
+    _, contraction, force = draw(generator, 60, noise=1.0)
+    one, near = (pressure * (1 + part * generator.standard_normal(60)) for part in (0.0, 1e-13))
+    model, other = (LinearMuscleModel.fit(each, contraction, force) for each in (one, near))
+    assert model.rank == other.rank == 3
+    np.testing.assert_allclose(other.predict(near, contraction), model.predict(one, contraction), rtol=1e-9)
+
+
 def test_two_contractions_determine_four_directions(generator):
     pressure, _, _ = draw(generator, 60)
     contraction = np.tile([0.0, 0.1], 30)

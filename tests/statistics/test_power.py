@@ -132,7 +132,12 @@ def test_extremes_are_sure(ratio):
     np.testing.assert_allclose(powers, 1.0 if ratio < 1 else 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("least", [2, 3, 4, 5, 17, 1000, 1_000_000])
+def test_far_margins_and_differences_still_meet():
+    assert power_of_paired_equivalence(1e300, 1e-300, 4, 1e300) == pytest.approx(0.05, abs=1e-6)
+    assert power_of_equivalence(1e300, 1e-300, 1e-300, 4, 4, -1e300) == pytest.approx(0.05, abs=0.01)
+
+
+@pytest.mark.parametrize("least", [*range(2, 40), 1000, 999_999, 1_000_000])
 def test_the_smallest_n_is_found(least):
     assert find_smallest_n(lambda n: float(n >= least)) == least
 
