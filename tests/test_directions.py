@@ -28,7 +28,7 @@ def within(module, package):
 
 def test_there_is_something_to_check(graph):
     assert {"bank", "active_loop", "comparison"} <= set(STAGES)
-    assert {"gp", "plant", "rig", "signals"} <= set(SCIENCE)
+    assert {"gp", "parametric", "plant", "rig", "signals"} <= set(SCIENCE)
     assert ("stages.bank", "stages.rig") in imports_from(graph, "stages")
 
 
@@ -67,6 +67,7 @@ def test_science_flows_one_way(graph):
     allowed = {
         "gp": set(),
         "signals": set(),
+        "parametric": set(),
         "statistics": set(),
         "figures": set(),
         "plant": {"signals"},

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from statsmodels.stats.weightstats import DescrStatsW
 
-from stages.statistics import adjust_holm, compare_pairs
+from stages.statistics import adjust_benjamini_yekutieli, adjust_holm, compare_pairs
 
 
 def test_agrees_with_scipy_and_statsmodels(generator):
@@ -46,3 +46,16 @@ def test_holm_steps_down_and_keeps_nan():
 def test_false_positive_rate_is_the_nominal_one(generator):
     found = [compare_pairs(*generator.normal(size=(2, 8))).t_p_value < 0.05 for _ in range(2000)]
     assert 0.035 < np.mean(found) < 0.067
+
+
+def test_benjamini_yekutieli_divides_by_the_harmonic_sum_and_keeps_nan():
+    p_values = np.array([0.01, np.nan, 0.04, 0.03])
+    adjusted = adjust_benjamini_yekutieli(p_values)
+    np.testing.assert_allclose(adjusted, np.array([0.03, np.nan, 0.04, 0.04]) * (1 + 1 / 2 + 1 / 3))
+    np.testing.assert_allclose(adjusted[[0, 2, 3]], stats.false_discovery_control(p_values[[0, 2, 3]], method="by"))
+
+
+@pytest.mark.parametrize("p_values", [[], [np.nan], [0.2], [1.0, 1.0]])
+def test_nothing_to_adjust(p_values):
+    for adjust in (adjust_holm, adjust_benjamini_yekutieli):
+        np.testing.assert_array_equal(adjust(np.array(p_values)), p_values)

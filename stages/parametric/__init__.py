@@ -1,0 +1,8 @@
+"""The rival without interaction and without a Gaussian process: a muscle law that is linear in its coefficients.
+
+Arrays of pressure, contraction and force flow in; a `LinearMuscleModel` flows out, which predicts forces.
+"""
+
+from stages.parametric.linear_muscle import COEFFICIENT_UNITS, LinearMuscleModel
+
+__all__ = ["COEFFICIENT_UNITS", "LinearMuscleModel"]

@@ -1,0 +1,189 @@
+"""A muscle's force as polynomials of contraction, with and without pressure, by least squares.
+
+Pressure, contraction and force of one muscle flow in; coefficients with standard errors and predictions come out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+COEFFICIENT_UNITS = {"a1": "N/kPa", "a2": "N/kPa", "a3": "N/kPa", "a4": "N", "a5": "N", "a6": "N"}
+"""Unit of each coefficient; contraction has none."""
+
+LARGEST_VALUE = 1e50
+"""Coefficients of values within it are finite."""
+
+SMALLEST_VALUE = 1e-50
+SMALLEST_RANGE = 1e-9
+"""An input of a smaller half range, as it is or relative to its largest value, is taken for constant."""
+
+SMALLEST_SINGULAR_VALUE = 1e-8
+"""Directions of coefficients are determined by data above it, relative to the largest, in standardised inputs."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMuscleModel:
+    """F = P (a1 C^2 + a2 C + a3) + (a4 C^2 + a5 C + a6), of one muscle.
+
+    Parameters
+    ----------
+    coefficients : (6,) ndarray
+        a1 to a6, in the units of `COEFFICIENT_UNITS`.
+    standard_errors : (6,) ndarray
+        Of the coefficients, for independent errors of one variance; NaN where data do not determine a coefficient or
+        leave no degree of freedom.
+    residual_sd_n : float
+        Standard deviation of the residuals, by n less the rank, N; NaN where none is left.
+    n, rank : int
+        Samples, and independent directions of coefficients that they determine, at most 6.
+    condition : float
+        Largest over smallest singular value, of the determined directions, in standardised inputs.
+    repair : str
+        What was done where data do not determine all coefficients; empty otherwise.
+    centre, scale : (2,) ndarray
+        Centre and half range of pressure (kPa) and contraction, which standardise them.
+    weights : (6,) ndarray
+        The same polynomial in standardised inputs, N.
+
+    Notes
+    -----
+    Chou and Hannaford, Measurement and modeling of McKibben pneumatic artificial muscles, IEEE Trans. Robot. Autom. 12
+    (1996), whose law without end effects is of this form; Teramae, Noda, Hyon and Morimoto, Modeling and control of a
+    pneumatic-electric hybrid system, IROS (2013), who fit it. The law may be negative where a muscle is slack, and it
+    knows no velocity.
+    """
+
+    coefficients: Array
+    standard_errors: Array
+    residual_sd_n: float
+    n: int
+    rank: int
+    condition: float
+    repair: str
+    centre: Array
+    scale: Array
+    weights: Array
+
+    @classmethod
+    def fit(cls, pressure_kpa: ArrayLike, contraction: ArrayLike, force_n: ArrayLike) -> LinearMuscleModel:
+        """Fit the coefficients by ordinary least squares.
+
+        Parameters
+        ----------
+        pressure_kpa : (n,) array_like
+            kPa gauge.
+        contraction : (n,) array_like
+            Ratio of rest length.
+        force_n : (n,) array_like
+            Measured tension, N; samples of a slack muscle do not follow the law and are better left out.
+
+        Returns
+        -------
+        LinearMuscleModel
+            Where data do not determine all coefficients (fewer than six samples, two contractions only, one pressure),
+            the polynomial of least norm in standardised inputs, as its `repair` says: it explains the data as well as
+            any other, and its forces elsewhere are a convention; an input that never changed changes no force.
+
+        Raises
+        ------
+        ValueError
+            When arrays are not vectors of one length, are empty, or a value is not finite or absurdly large.
+
+        Notes
+        -----
+        Singular values of the design in inputs centred and scaled to [-1, 1], whose columns are of like size and nearly
+        independent; coefficients follow by an exact change of basis.
+        """
+        pressure, contracted, force = (np.asarray(each, dtype=float) for each in (pressure_kpa, contraction, force_n))
+        if not pressure.shape == contracted.shape == force.shape or force.ndim != 1 or not force.size:
+            raise ValueError(
+                "expected pressure, contraction and force as vectors of one length, not empty; "
+                f"got shapes {pressure.shape}, {contracted.shape} and {force.shape}"
+            )
+        for name, values in (("pressure", pressure), ("contraction", contracted), ("force", force)):
+            worst = float(np.abs(values).max())  # NaN if there is one
+            if not worst <= LARGEST_VALUE:
+                raise ValueError(f"expected a finite {name} within {LARGEST_VALUE:g}, got {worst}")
+        centre, scale = np.transpose([_standardise(pressure), _standardise(contracted)])
+        design = _design((pressure - centre[0]) / scale[0], (contracted - centre[1]) / scale[1])
+        left, singular, right = np.linalg.svd(design, full_matrices=False)
+        rank = int((singular > singular[0] * SMALLEST_SINGULAR_VALUE).sum())
+        left, singular, right = left[:, :rank], singular[:rank], right[:rank]
+        size = float(np.abs(force).max()) or 1.0
+        weights = right.T @ (left.T @ (force / size) / singular)
+        residuals = force / size - design @ weights
+        free = force.size - rank
+        residual_sd = float(np.linalg.norm(residuals) / np.sqrt(free)) * size if free else np.nan
+        change = _change_of_basis(centre, scale)
+        errors = residual_sd * np.linalg.norm(change @ (right.T / singular), axis=1)
+        if rank < design.shape[1]:
+            # a coefficient is determined where its row of the change of basis lies in the span of the directions
+            outside = change - change @ right.T @ right
+            open_ = np.linalg.norm(outside, axis=1) > 1e-8 * np.linalg.norm(change, axis=1)
+            errors[open_] = np.nan
+        return cls(
+            coefficients=change @ (weights * size),
+            standard_errors=errors,
+            residual_sd_n=residual_sd,
+            n=force.size,
+            rank=rank,
+            condition=float(singular[0] / singular[-1]),
+            repair=_describe(rank, pressure, contracted) if rank < design.shape[1] else "",
+            centre=centre,
+            scale=scale,
+            weights=weights * size,
+        )
+
+    def predict(self, pressure_kpa: ArrayLike, contraction: ArrayLike) -> Array:
+        """Return the force, N, by pressure (kPa gauge) and contraction, two arrays of one shape; NaN where one is NaN.
+
+        Raises
+        ------
+        ValueError
+            When shapes differ or a value is absurdly large.
+        """
+        pressure, contracted = np.asarray(pressure_kpa, dtype=float), np.asarray(contraction, dtype=float)
+        if pressure.shape != contracted.shape:
+            raise ValueError(
+                f"expected pressure and contraction of one shape, got {pressure.shape} and {contracted.shape}"
+            )
+        worst = float(np.fmax.reduce(np.abs([pressure, contracted]), axis=None, initial=0.0))
+        if worst > LARGEST_VALUE:
+            raise ValueError(f"expected pressure and contraction within {LARGEST_VALUE:g}, got {worst}")
+        inputs = (pressure - self.centre[0]) / self.scale[0], (contracted - self.centre[1]) / self.scale[1]
+        force: Array = _design(*inputs) @ self.weights
+        return force
+
+
+def _standardise(values: Array) -> tuple[float, float]:
+    """Return centre and half range; of a constant, it and 1."""
+    low, high = float(values.min()), float(values.max())
+    half, largest = (high - low) / 2, max(abs(low), abs(high))
+    if half <= max(SMALLEST_RANGE * largest, SMALLEST_VALUE):
+        return low, largest if largest > SMALLEST_VALUE else 1.0
+    return (low + high) / 2, half
+
+
+def _design(pressure: Array, contraction: Array) -> Array:
+    """Return the (..., 6) terms of a1 to a6."""
+    powers = np.stack([contraction**2, contraction, np.ones_like(contraction)], axis=-1)
+    return np.concatenate([pressure[..., None] * powers, powers], axis=-1)
+
+
+def _change_of_basis(centre: Array, scale: Array) -> Array:
+    """Return the (6, 6) matrix from weights of standardised inputs to coefficients."""
+    slope, shift = 1 / scale[1], -centre[1] / scale[1]
+    # ((C - c) / s)^2 = slope^2 C^2 + 2 slope shift C + shift^2
+    contraction = np.array([[slope**2, 0.0, 0.0], [2 * slope * shift, slope, 0.0], [shift**2, shift, 1.0]])
+    pressure = np.array([[1 / scale[0], 0.0], [-centre[0] / scale[0], 1.0]])
+    return np.kron(pressure, contraction)
+
+
+def _describe(rank: int, pressure: Array, contraction: Array) -> str:
+    found = f"{np.unique(pressure).size} pressures and {np.unique(contraction).size} contractions"
+    return f"least norm: {pressure.size} samples with {found} determine {rank} of 6 coefficients"

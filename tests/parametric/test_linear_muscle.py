@@ -1,0 +1,244 @@
+"""The linear muscle law against planted coefficients, higher precision, scikit-learn, statsmodels and the plant."""
+
+import mpmath
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from sklearn.linear_model import LinearRegression
+
+from stages.parametric import COEFFICIENT_UNITS, LinearMuscleModel
+from stages.plant.muscle import MuscleConstants, braid_coefficients, compute_tension
+
+COMMON = settings(derandomize=True, deadline=None, max_examples=100)
+PLANTED = np.array([2.0, -4.5, 1.2, -900.0, 150.0, -20.0])
+
+
+def terms(pressure, contraction):
+    """Return the six columns of the law as it is written."""
+    return np.stack(
+        [
+            pressure * contraction**2,
+            pressure * contraction,
+            pressure,
+            contraction**2,
+            contraction,
+            np.ones_like(pressure),
+        ],
+        axis=-1,
+    )
+
+
+def exactly(values):
+    return [mpmath.mpf(each) for each in values]
+
+
+def draw(generator, n=300, noise=0.0):
+    pressure, contraction = generator.uniform(20, 600, n), generator.uniform(-0.05, 0.25, n)
+    force = terms(pressure, contraction) @ PLANTED + noise * generator.standard_normal(n)
+    return pressure, contraction, force
+
+
+def test_recovers_planted_coefficients(generator):
+    pressure, contraction, force = draw(generator)
+    model = LinearMuscleModel.fit(pressure, contraction, force)
+    np.testing.assert_allclose(model.coefficients, PLANTED, rtol=1e-10)
+    np.testing.assert_allclose(model.predict(pressure, contraction), force, rtol=1e-11, atol=1e-9)
+    assert (model.n, model.rank, model.repair) == (300, 6, "")
+    assert model.residual_sd_n < 1e-9
+    assert len(COEFFICIENT_UNITS) == 6
+
+
+def test_recovers_the_muscle_of_the_plant(generator):
+    a, b = braid_coefficients(25.0)
+    area, factor, linear, quadratic = 0.1, 1.2, 30.0, 200.0
+    constants = (area, a, b, factor, linear, quadratic, 0.0, 0.1, 0.0, 1.0, 1.0, 1.0)
+    muscle = MuscleConstants(*(np.array([each]) for each in constants))
+    pressure, contraction = generator.uniform(100, 600, (200, 1)), generator.uniform(0.0, 0.15, (200, 1))
+    force = compute_tension(pressure, contraction, np.zeros((200, 1)), muscle)
+    assert (force > 0).all()
+    model = LinearMuscleModel.fit(pressure[:, 0], contraction[:, 0], force[:, 0])
+    law = [area * a * factor**2, -2 * area * a * factor, area * (a - b), -quadratic, -linear, 0.0]
+    np.testing.assert_allclose(model.coefficients, law, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("offset", [0.0, 30.0])
+def test_equals_normal_equations_in_fifty_digits(generator, offset):
+    """With `offset`, contractions lie so far from zero that the six columns as written are nearly dependent."""
+    pressure, contraction, force = draw(generator, 40, noise=5.0)
+    contraction = contraction + offset
+    with mpmath.workdps(50):
+        design = mpmath.matrix(
+            [[p * c**2, p * c, p, c**2, c, 1] for p, c in map(exactly, zip(pressure, contraction, strict=True))]
+        )
+        exact = mpmath.lu_solve(design.T * design, design.T * mpmath.matrix(force.tolist()))
+        predicted = np.array([float(each) for each in design * exact])
+        exact = np.array([float(each) for each in exact])
+    model = LinearMuscleModel.fit(pressure, contraction, force)
+    np.testing.assert_allclose(model.coefficients, exact, rtol=1e-9)
+    np.testing.assert_allclose(model.predict(pressure, contraction), predicted, rtol=1e-10, atol=1e-10)
+    assert model.condition < 20
+
+
+def test_equals_scikit_learn(generator):
+    pressure, contraction, force = draw(generator, noise=5.0)
+    model = LinearMuscleModel.fit(pressure, contraction, force)
+    rival = LinearRegression(fit_intercept=False).fit(terms(pressure, contraction), force)
+    np.testing.assert_allclose(model.coefficients, rival.coef_, rtol=1e-8)
+    other = draw(generator)[:2]
+    np.testing.assert_allclose(model.predict(*other), rival.predict(terms(*other)), rtol=1e-9, atol=1e-9)
+
+
+def test_standard_errors_are_those_of_ordinary_least_squares(generator):
+    pressure, contraction, force = draw(generator, 50, noise=5.0)
+    model = LinearMuscleModel.fit(pressure, contraction, force)
+    rival = sm.OLS(force, terms(pressure, contraction)).fit()
+    np.testing.assert_allclose(model.standard_errors, rival.bse, rtol=1e-8)
+    assert model.residual_sd_n == pytest.approx(np.sqrt(rival.mse_resid), rel=1e-10)
+
+
+def test_planted_coefficients_lie_within_their_intervals_as_often_as_they_should(generator):
+    pressure, contraction, force = draw(generator, 200)
+    inside = []
+    for _ in range(500):
+        model = LinearMuscleModel.fit(pressure, contraction, force + 5 * generator.standard_normal(200))
+        inside.append(np.abs(model.coefficients - PLANTED) < 1.972 * model.standard_errors)
+    assert (np.abs(np.mean(inside, axis=0) - 0.95) < 0.03).all()
+
+
+def test_one_pressure_determines_three_directions(generator):
+    _, contraction, force = draw(generator, 60, noise=1.0)
+    pressure = np.full(60, 300.0)
+    model = LinearMuscleModel.fit(pressure, contraction, force)
+    assert model.rank == 3
+    assert model.repair == "least norm: 60 samples with 1 pressures and 60 contractions determine 3 of 6 coefficients"
+    assert np.isnan(model.standard_errors).all()
+    best = np.polyval(np.polyfit(contraction, force, 2), contraction)
+    np.testing.assert_allclose(model.predict(pressure, contraction), best, rtol=1e-9)
+    # what no sample shows adds nothing: another pressure changes no force
+    np.testing.assert_allclose(model.predict(pressure + 100, contraction), best, rtol=1e-9)
+
+
+@pytest.mark.parametrize("pressure", [300.0, 1e40, 1e-40])
+def test_a_pressure_that_only_rounding_changes_is_one_pressure(generator, pressure):
+    _, contraction, force = draw(generator, 60, noise=1.0)
+    one, near = (pressure * (1 + part * generator.standard_normal(60)) for part in (0.0, 1e-13))
+    model, other = (LinearMuscleModel.fit(each, contraction, force) for each in (one, near))
+    assert model.rank == other.rank == 3
+    np.testing.assert_allclose(other.predict(near, contraction), model.predict(one, contraction), rtol=1e-9)
+
+
+def test_two_contractions_determine_four_directions(generator):
+    pressure, _, _ = draw(generator, 60)
+    contraction = np.tile([0.0, 0.1], 30)
+    force = terms(pressure, contraction) @ PLANTED + generator.standard_normal(60)
+    model = LinearMuscleModel.fit(pressure, contraction, force)
+    assert model.rank == 4
+    # at zero contraction, the terms without contraction are the law, so these two remain determined
+    np.testing.assert_array_equal(np.isnan(model.standard_errors), [True, True, False, True, True, False])
+    reduced = np.stack([pressure * contraction, pressure, contraction, np.ones(60)], axis=1)
+    rival = sm.OLS(force, reduced).fit()
+    np.testing.assert_allclose(model.coefficients[[2, 5]], rival.params[[1, 3]], rtol=1e-8)
+    np.testing.assert_allclose(model.standard_errors[[2, 5]], rival.bse[[1, 3]], rtol=1e-8)
+    np.testing.assert_allclose(model.predict(pressure, contraction), rival.fittedvalues, rtol=1e-9)
+    assert model.residual_sd_n == pytest.approx(np.sqrt(rival.mse_resid))
+
+
+def test_a_pressure_that_follows_contraction_determines_four_directions(generator):
+    contraction = generator.uniform(0, 0.25, 60)
+    pressure = 100 + 2000 * contraction
+    force = terms(pressure, contraction) @ PLANTED
+    model = LinearMuscleModel.fit(pressure, contraction, force)
+    assert model.rank == 4
+    assert model.repair
+    np.testing.assert_allclose(model.predict(pressure, contraction), force, rtol=1e-9)
+
+
+def test_six_samples_leave_no_standard_error(generator):
+    model = LinearMuscleModel.fit(*draw(generator, 6))
+    assert model.rank == 6
+    assert np.isnan(model.residual_sd_n)
+    assert np.isnan(model.standard_errors).all()
+
+
+@COMMON
+@given(
+    st.integers(1, 12).flatmap(
+        lambda n: arrays(
+            float,
+            (3, n),
+            elements=st.one_of(st.floats(-1e50, 1e50), st.floats(-10, 10), st.integers(-2, 2).map(float)),
+        )
+    )
+)
+def test_any_data_give_finite_coefficients_and_the_smallest_residuals(values):
+    model = LinearMuscleModel.fit(*values)
+    predicted = model.predict(*values[:2])
+    assert np.isfinite(model.coefficients).all()
+    assert np.isfinite(predicted).all()
+    assert (model.repair == "") == (model.rank == 6)
+    assert np.isfinite(model.condition)
+    assert (np.isnan(model.standard_errors) | (model.standard_errors >= 0)).all()
+    assert np.isnan(model.residual_sd_n) == (model.n == model.rank)
+    # not worse than predicting the mean force
+    size = np.abs(values[2]).max() or 1.0
+    error, plain = (np.linalg.norm((values[2] - each) / size) for each in (predicted, values[2].mean()))
+    assert error <= plain + 1e-6
+
+
+@COMMON
+@given(st.integers(-20, 20), st.integers(-20, 20), st.integers(-20, 20))
+def test_units_change_coefficients_and_nothing_else(of_pressure, of_contraction, of_force):
+    pressure, contraction, force = draw(np.random.default_rng(1), 30, noise=5.0)
+    model = LinearMuscleModel.fit(pressure, contraction, force)
+    units = np.ldexp(1.0, [of_pressure, of_contraction, of_force])
+    other = LinearMuscleModel.fit(pressure * units[0], contraction * units[1], force * units[2])
+    factor = units[2] / terms(units[0], units[1])
+    np.testing.assert_allclose(other.coefficients, model.coefficients * factor, rtol=1e-9)
+    np.testing.assert_allclose(other.standard_errors, model.standard_errors * factor, rtol=1e-9)
+    assert other.condition == pytest.approx(model.condition)
+
+
+def test_order_of_samples_and_a_second_copy_change_no_coefficient(generator):
+    data = np.stack(draw(generator, 50, noise=5.0))
+    model = LinearMuscleModel.fit(*data)
+    for other in (data[:, ::-1], np.tile(data, 2)):
+        np.testing.assert_allclose(LinearMuscleModel.fit(*other).coefficients, model.coefficients, rtol=1e-10)
+
+
+def test_predicts_any_shape_and_keeps_what_is_missing(generator):
+    model = LinearMuscleModel.fit(*draw(generator))
+    pressure, contraction = np.full((2, 3), 300.0), np.full((2, 3), 0.1)
+    pressure[0, 0] = np.nan
+    force = model.predict(pressure, contraction)
+    assert force.shape == (2, 3)
+    np.testing.assert_array_equal(np.isnan(force), np.isnan(pressure))
+    assert model.predict(300.0, 0.1) == pytest.approx(force[1, 1])
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ((np.zeros(2), np.zeros(3), np.zeros(2)), r"vectors of one length, not empty; got shapes \(2,\), \(3,\) and"),
+        ((np.zeros(0),) * 3, "not empty"),
+        ((np.zeros((2, 2)),) * 3, "vectors of one length"),
+        ((np.array([1.0, np.nan]), np.zeros(2), np.zeros(2)), r"a finite pressure within 1e\+50, got nan"),
+        ((np.zeros(2), np.array([np.inf, 0.0]), np.zeros(2)), r"a finite contraction within 1e\+50, got inf"),
+        ((np.zeros(2), np.zeros(2), np.array([1e60, 0.0])), r"a finite force within 1e\+50, got 1e\+60"),
+    ],
+)
+def test_absurd_data_are_refused_in_one_line(values, message):
+    with pytest.raises(ValueError, match=message) as error:
+        LinearMuscleModel.fit(*values)
+    assert "\n" not in str(error.value)
+
+
+def test_inputs_of_a_prediction_have_one_shape_and_are_sane(generator):
+    model = LinearMuscleModel.fit(*draw(generator))
+    with pytest.raises(ValueError, match=r"of one shape, got \(2,\) and \(3,\)"):
+        model.predict(np.zeros(2), np.zeros(3))
+    with pytest.raises(ValueError, match=r"^expected pressure and contraction within 1e\+50, got inf$"):
+        model.predict(np.array([np.inf, np.nan]), np.zeros(2))
+    assert model.predict(np.zeros(0), np.zeros(0)).shape == (0,)
