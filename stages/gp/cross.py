@@ -26,8 +26,8 @@ class Cross(Protocol):
     def covariance(self, block: slice, out: Array) -> Array:
         """Return the (M, B) covariance with a block of the data."""
 
-    def slopes(self, block: slice, weights: Array) -> tuple[Array, Array]:
-        """Return the weighted differences, (M, D), and their squares, (D,), under (M, B) weights."""
+    def slopes(self, block: slice, weights: Array) -> tuple[Array, Array, float]:
+        """Return the differences, (M, D), and squares, (D,), under (M, B) weights, and the weights' sum."""
 
 
 def choose_cross(pseudo: Array, columns: Array, signal_variance: float, noise_variance: float) -> Cross:
@@ -63,13 +63,13 @@ class ExpandedCross:
         np.matmul(self._left, self._rows[:, block], out=out)
         return np.exp(out, out=out)
 
-    def slopes(self, block: slice, weights: Array) -> tuple[Array, Array]:
-        """Return the weighted differences and squares."""
+    def slopes(self, block: slice, weights: Array) -> tuple[Array, Array, float]:
+        """Return the weighted differences and squares, and the sum."""
         d = self._pseudo.shape[1]
         moments = weights @ self._rows[:, block].T
         first, second, total = moments[:, :d], moments[:, d:-1], moments[:, -1:]
         differences = self._pseudo * total - first
-        return differences, np.asarray((self._pseudo * (differences - first) + second).sum(axis=0))
+        return differences, (self._pseudo * (differences - first) + second).sum(axis=0), float(total.sum())
 
 
 class DirectCross:
@@ -86,11 +86,11 @@ class DirectCross:
             out -= 0.5 * (own[:, None] - column) ** 2
         return np.exp(out, out=out)
 
-    def slopes(self, block: slice, weights: Array) -> tuple[Array, Array]:
-        """Return the weighted differences and squares."""
+    def slopes(self, block: slice, weights: Array) -> tuple[Array, Array, float]:
+        """Return the weighted differences and squares, and the sum."""
         differences, squares = np.empty(self._pseudo.shape), np.empty(self._pseudo.shape[1])
         for i, (own, column) in enumerate(zip(self._pseudo.T, self._columns[:, block], strict=True)):
             difference = own[:, None] - column
             differences[:, i] = np.einsum("mn,mn->m", weights, difference)
             squares[i] = np.einsum("mn,mn,mn->", weights, difference, difference)
-        return differences, squares
+        return differences, squares, float(weights.sum())

@@ -35,7 +35,7 @@ from stages.gp.posterior import check_data, check_points, check_prior, read_thet
 Array = NDArray[np.float64]
 
 RELATIVE_JITTER = 1e-10
-BLOCK = 1024
+BLOCK = 2000
 """Data at a time: what is worked on then stays in the processor's cache."""
 
 
@@ -155,25 +155,26 @@ class SparsePosterior:
         precision = at.inner.inverse.T @ at.inner.inverse
         upper = np.ascontiguousarray(at.factor.inverse.T)
         beta = at.beta
+        leading = np.column_stack([upper, upper @ beta])
         vgv, first, second, sums = np.zeros((m, m)), np.zeros((m, d)), np.zeros(d), np.zeros(3)
-        explained, t = np.empty((2, m, min(n, BLOCK)))
+        whole = min(n, BLOCK)
+        rows, spare = np.empty((m + 1, whole)), np.empty((m, whole))
         for block in blocks(n):
             own, lam = v[:, block], at.lam[block]
-            s, product = explained[:, : lam.size], t[:, : lam.size]
+            s, a, product = rows[:m, : lam.size], rows[m, : lam.size], spare[:, : lam.size]
             np.matmul(precision, own, out=s)
-            a = (at.residual[block] - beta @ own) / lam
+            np.divide(at.residual[block] - beta @ own, lam, out=a)
             g = a * a - (1.0 - np.einsum("mn,mn->n", own, s) / lam) / lam
             s /= -lam
             np.multiply(own, g, out=product)
             vgv += product @ own.T
             s -= product
-            np.matmul(upper, s, out=product)
-            product += np.outer(upper @ beta, a)
+            np.matmul(leading, rows[:, : lam.size], out=product)
             product *= k[:, block]
-            differences, squares = at.cross.slopes(block, product)
+            differences, squares, total = at.cross.slopes(block, product)
             first += differences
             second += squares
-            sums += product.sum(), g.sum(), a.sum()
+            sums += total, g.sum(), a.sum()
 
         vhv = np.outer(beta, beta) - np.eye(m) + precision - vgv
         squares_among = squared_differences(at.scaled)

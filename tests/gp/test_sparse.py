@@ -87,7 +87,7 @@ def test_likelihood_and_predictions_are_those_of_the_whole_covariance(mean, gene
 
 
 def test_blocks_add_up_to_the_whole(generator):
-    x, y, pseudo, theta = draw(generator, "constant", 1500)
+    x, y, pseudo, theta = draw(generator, "constant", 2100)
     dense, posterior = Dense(x, y, pseudo, theta), SparsePosterior(x, y, None, "constant")
     sparse = SparseGP(posterior, pseudo, theta)
     assert sparse.log_likelihood == pytest.approx(dense.log_likelihood, rel=1e-10)
