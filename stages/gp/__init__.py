@@ -5,6 +5,8 @@ A `Hyperprior` and standardised data flow into `fit`, which returns a `MarginalG
 predictions, and scores points by the `UTILITIES`; `trajectory_utility` scores a whole bank, `subsample` picks the
 samples of a recording. `Interaction` ties them into Algorithm 1: ask for a trajectory, tell what was recorded.
 
+For many data, `fit_sparse` returns a `SparseGP` of a few pseudo-inputs, which predicts alike.
+
 Inside, data flow `kernel` -> `factor` -> `posterior` -> `estimation` -> `laplace` -> `marginal` -> `utilities`;
 `marginal` predicts through `prediction`, whose matrix products are those of `distance` and `triangle`.
 """
@@ -16,6 +18,9 @@ from stages.gp.laplace import Laplace
 from stages.gp.marginal import MarginalGP, condition, fit
 from stages.gp.posterior import LogPosterior
 from stages.gp.scoring import trajectory_utility
+from stages.gp.sparse import SparsePosterior, SparseSlopes
+from stages.gp.sparse_fit import fit_sparse
+from stages.gp.sparse_model import SparseGP
 from stages.gp.subsample import subsample
 from stages.gp.utilities import UTILITIES
 
@@ -29,8 +34,12 @@ __all__ = [
     "Laplace",
     "LogPosterior",
     "MarginalGP",
+    "SparseGP",
+    "SparsePosterior",
+    "SparseSlopes",
     "condition",
     "fit",
+    "fit_sparse",
     "subsample",
     "trajectory_utility",
 ]

@@ -21,7 +21,7 @@ from stages.gp.factor import Factor, FactorisationError, factorise
 from stages.gp.hyperprior import Hyperprior
 from stages.gp.kernel import covariance_among, squared_differences
 from stages.gp.laplace import Laplace, accept, approximate
-from stages.gp.posterior import LogPosterior, find_bad_row
+from stages.gp.posterior import LogPosterior, check_points, find_bad_row
 from stages.gp.prediction import Predictor, chunk_rows, chunk_size
 from stages.gp.utilities import PredictiveTerms, find_utility
 
@@ -217,13 +217,7 @@ class MarginalGP:
         return Predictor(self.posterior, self.theta, self._factor, self._weights, size)
 
     def _check(self, points: Array) -> Array:
-        points = np.asarray(points, dtype=float)
-        if points.ndim != 2 or points.shape[1] != self.inputs.shape[1]:
-            raise ValueError(f"points: expected shape (B, {self.inputs.shape[1]}), got {points.shape}")
-        row = find_bad_row(np.isfinite(points))
-        if row is not None:
-            raise ValueError(f"points: expected finite values, got {points[row].tolist()} in row {row}")
-        return points
+        return check_points(points, self.inputs.shape[1])
 
 
 def condition(

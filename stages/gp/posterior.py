@@ -48,12 +48,7 @@ class LogPosterior:
 
     def __init__(self, inputs: Array, outputs: Array, prior: Hyperprior, mean: str = "zero"):
         self.inputs, self.outputs = check_data(inputs, outputs)
-        expected = count_hyperparameters(self.inputs.shape[1], mean)
-        if prior.mean.size != expected:
-            raise ValueError(
-                f"hyperprior: expected {expected} entries for {self.inputs.shape[1]} inputs and a {mean} mean, "
-                f"got {prior.mean.size}"
-            )
+        check_prior(prior, self.inputs.shape[1], mean)
         self.prior = prior
         self.mean = mean
         self._squares = squared_differences(self.inputs)
@@ -69,18 +64,7 @@ class LogPosterior:
         FactorisationError
             When it is out of a range that keeps all that follows from it finite.
         """
-        theta = np.asarray(theta, dtype=float)
-        if theta.shape != self.prior.mean.shape:
-            raise ValueError(f"theta: expected {self.prior.mean.size} entries, got shape {theta.shape}")
-        d = self.inputs.shape[1]
-        logs = theta[: d + 2]
-        if not (np.abs(logs) <= LARGEST_LOG).all():
-            raise FactorisationError(
-                f"theta: expected logarithms between -{LARGEST_LOG:g} and {LARGEST_LOG:g}, got {logs.tolist()}"
-            )
-        if not (np.abs(theta[d + 2 :]) <= LARGEST_VALUE).all():
-            raise FactorisationError(f"theta: expected a constant mean within {LARGEST_VALUE:g}, got {theta[-1]}")
-        return Hyperparameters.read(theta, d)
+        return read_theta(theta, self.inputs.shape[1], self.prior.mean.size)
 
     def covariance(self, theta: Array) -> Array:
         """Return K, (N, N), without noise."""
@@ -193,6 +177,61 @@ def _append_mean(gradient: Array, hessian: Array, ones: Array, pulled: Array, z:
     cross = -pulled @ ones
     bottom = np.append(cross, -ones @ ones)
     return np.append(gradient, ones @ z), np.vstack([np.column_stack([hessian, cross]), bottom])
+
+
+def read_theta(theta: Array, dimensions: int, size: int) -> Hyperparameters:
+    """Return a hyperparameter vector of `size` entries for D inputs, read.
+
+    Raises
+    ------
+    ValueError
+        When theta has the wrong shape.
+    FactorisationError
+        When it is out of a range that keeps all that follows from it finite.
+    """
+    theta = np.asarray(theta, dtype=float)
+    if theta.shape != (size,):
+        raise ValueError(f"theta: expected {size} entries, got shape {theta.shape}")
+    logs = theta[: dimensions + 2]
+    if not (np.abs(logs) <= LARGEST_LOG).all():
+        raise FactorisationError(
+            f"theta: expected logarithms between -{LARGEST_LOG:g} and {LARGEST_LOG:g}, got {logs.tolist()}"
+        )
+    if not (np.abs(theta[dimensions + 2 :]) <= LARGEST_VALUE).all():
+        raise FactorisationError(f"theta: expected a constant mean within {LARGEST_VALUE:g}, got {theta[-1]}")
+    return Hyperparameters.read(theta, dimensions)
+
+
+def check_prior(prior: Hyperprior, dimensions: int, mean: str) -> None:
+    """Refuse a hyperprior that does not fit.
+
+    Raises
+    ------
+    ValueError
+        When it has another number of entries than the mean and D inputs need.
+    """
+    expected = count_hyperparameters(dimensions, mean)
+    if prior.mean.size != expected:
+        raise ValueError(
+            f"hyperprior: expected {expected} entries for {dimensions} inputs and a {mean} mean, got {prior.mean.size}"
+        )
+
+
+def check_points(points: Array, dimensions: int, name: str = "points") -> Array:
+    """Return (B, D) points as a float64 array.
+
+    Raises
+    ------
+    ValueError
+        When they have another shape or are not finite.
+    """
+    points = np.asarray(points, dtype=float)
+    if points.ndim != 2 or points.shape[1] != dimensions:
+        raise ValueError(f"{name}: expected shape (B, {dimensions}), got {points.shape}")
+    row = find_bad_row(np.isfinite(points))
+    if row is not None:
+        raise ValueError(f"{name}: expected finite values, got {points[row].tolist()} in row {row}")
+    return points
 
 
 def check_data(inputs: Array, outputs: Array) -> tuple[Array, Array]:

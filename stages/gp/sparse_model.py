@@ -1,0 +1,79 @@
+"""A sparse GP at given pseudo-inputs and hyperparameters: its predictions.
+
+A `SparsePosterior`, pseudo-inputs and theta flow in, predictions at many points flow out. In the terms of `sparse`,
+with v = L^-1 k_m(x*):
+
+    mean        m + v' beta
+    variance    sf^2 - v'v + v' B^-1 v, of f; sn^2 more for y
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.gp.cross import choose_cross
+from stages.gp.posterior import check_points
+from stages.gp.sparse import SparsePosterior, blocks
+
+Array = NDArray[np.float64]
+
+
+class SparseGP:
+    """A sparse GP at given pseudo-inputs and hyperparameters.
+
+    Parameters
+    ----------
+    posterior : SparsePosterior
+        Data and hyperprior.
+    pseudo : (M, D) float array
+        Pseudo-inputs, in the units of the data's inputs.
+    theta : (P,) float array
+        Hyperparameters.
+
+    Raises
+    ------
+    ValueError
+        When a shape does not fit or a pseudo-input is not finite.
+    FactorisationError
+        When theta is out of range or the noise too low.
+    """
+
+    def __init__(self, posterior: SparsePosterior, pseudo: Array, theta: Array):
+        self.pseudo, self.theta = np.array(pseudo, dtype=float), np.array(theta, dtype=float)
+        self.log_posterior = posterior.value(self.pseudo, self.theta)
+        at = posterior.condition(self.pseudo, self.theta)
+        self.hyperparameters, self.log_likelihood = at.read, at.log_likelihood
+        self.repair = at.factor.repair
+        self._centre, self._scaled = posterior.centre, at.scaled
+        self._whiten, self._inner, self._beta = at.factor.inverse, at.inner.inverse, at.beta
+
+    @property
+    def noise_variance(self) -> float:
+        """sn^2."""
+        return self.hyperparameters.noise_variance
+
+    def predict_mean(self, points: Array) -> Array:
+        """Return the predictive mean of (B, D) points, (B,)."""
+        return self.predict(points)[0]
+
+    def predict(self, points: Array) -> tuple[Array, Array]:
+        """Return the predictive mean and variance of f at (B, D) points, (B,) each."""
+        points = check_points(points, self._centre.size)
+        read, m = self.hyperparameters, len(self.pseudo)
+        floor = m * np.finfo(float).eps * read.signal_variance
+        mean, variance = np.empty((2, len(points)))
+        for block in blocks(len(points)):
+            columns = ((points[block] - self._centre) / read.lengths).T
+            cross = choose_cross(self._scaled, columns, read.signal_variance, read.noise_variance)
+            v = self._whiten @ cross.covariance(slice(None), np.empty((m, columns.shape[1])))
+            w = self._inner @ v
+            mean[block] = self._beta @ v + read.mean
+            prior = np.maximum(read.signal_variance - np.einsum("mn,mn->n", v, v), floor)
+            variance[block] = prior + np.einsum("mn,mn->n", w, w)
+        return mean, variance
+
+    def predict_outputs(self, points: Array) -> tuple[Array, Array]:
+        """Return the predictive mean and variance of y, noise included, at (B, D) points, (B,) each."""
+        mean, variance = self.predict(points)
+        return mean, variance + self.noise_variance
