@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import Command
 
-STAGES = ["bank", "subsampling", "hyperprior", "hardware", "active_loop", "comparison"]
+STAGES = ["bank", "subsampling", "hyperprior", "hardware", "active_loop", "comparison", "participant_differences"]
 TABLES = {
     "bank",
     "candidates",
@@ -27,6 +27,7 @@ TABLES = {
     "learning_summary",
     "final_errors",
     "paired_comparison",
+    "participant_comparison",
 }
 
 
@@ -58,13 +59,15 @@ def test_runs_every_stage_and_leaves_every_table(finished):
     assert {path.name for path in (run / "figures").iterdir()} == {
         "learning_curve.png",
         "learning_curve.pdf",
+        "participants.png",
+        "participants.pdf",
         "selected_interactions.png",
         "selected_interactions.pdf",
     }
     assert "Error rate before and after" in result.stdout
     assert result.stderr == ""
     page = (run / "report.html").read_text()
-    assert page.count("data:image/png;base64,") == 2
+    assert page.count("data:image/png;base64,") == 3
     assert 'src="http' not in page
 
 

@@ -14,30 +14,40 @@ AVERAGE = "mean"
 COLOURS = ("#c1272d", "#3b6fb6", "#6b7480", "#d08a1d", "#4b8f5a", "#8059a5", "#2b2b2b")
 
 
-def draw_learning_curves(summary: pd.DataFrame, arms: Sequence[str], panels: Sequence[str]) -> Figure:
+def draw_learning_curves(
+    summary: pd.DataFrame,
+    lines: Sequence[str],
+    panels: Sequence[str],
+    by: str = "arm",
+    title: str = "trajectory chosen by",
+) -> Figure:
     """Draw mean and SD of the error rate over trials.
 
     Parameters
     ----------
     summary : DataFrame
-        Columns arm, trial, muscle, error_rate_mean and error_rate_sd.
-    arms : sequence of str
-        One line each, in this order.
+        Columns trial, muscle, error_rate_mean, error_rate_sd and the one named by `by`.
+    lines : sequence of str
+        Values of that column, one line each, in this order.
     panels : sequence of str
         Values of the muscle column, one panel each.
+    by : str
+        What tells the lines apart.
+    title : str
+        Of the legend.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
     columns = min(3, len(panels))
-    lines = -(-len(panels) // columns)
-    figure = Figure(figsize=(3.9 * columns, 3.1 * lines + 0.4), layout="constrained")
-    axes = figure.subplots(lines, columns, sharex=True, squeeze=False).ravel()
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(3.9 * columns, 3.1 * rows + 0.4), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     for axis, muscle in zip(axes, panels, strict=False):
-        for position, arm in enumerate(arms):
-            its = summary[(summary["muscle"] == muscle) & (summary["arm"] == arm)]
+        for position, line in enumerate(lines):
+            its = summary[(summary["muscle"] == muscle) & (summary[by] == line)]
             axis.errorbar(
-                its["trial"] + 0.09 * (position - (len(arms) - 1) / 2),
+                its["trial"] + 0.09 * (position - (len(lines) - 1) / 2),
                 100 * its["error_rate_mean"],
                 100 * its["error_rate_sd"].fillna(0.0),
                 color=COLOURS[position % len(COLOURS)],
@@ -46,7 +56,7 @@ def draw_learning_curves(summary: pd.DataFrame, arms: Sequence[str], panels: Seq
                 linewidth=1.4,
                 elinewidth=0.8,
                 capsize=2,
-                label=arm,
+                label=line,
             )
         axis.set(title="average of the muscles" if muscle == AVERAGE else muscle, ylabel="error rate (%)")
         axis.set_ylim(bottom=0)
@@ -60,7 +70,7 @@ def draw_learning_curves(summary: pd.DataFrame, arms: Sequence[str], panels: Seq
     spare = axes[len(panels)] if len(panels) < len(axes) else axes[0]
     spare.legend(
         *axes[0].get_legend_handles_labels(),
-        title="trajectory chosen by",
+        title=title,
         loc="center" if spare is not axes[0] else "best",
         frameon=False,
     )

@@ -1,0 +1,91 @@
+"""The comparison of participants against SciPy and statsmodels, with verdicts that planted data turn either way."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+from statsmodels.stats.weightstats import ttost_ind
+
+from stages.participant_differences import add_average, compare_participants, judge, summarise
+
+MUSCLES = ["mean", "pam1", "pam2"]
+
+
+def make_curve(generator, means, experiments=8, sd=0.002):
+    """Return error rates of each participant around a mean of their own."""
+    rows = [
+        (who, experiment, trial, muscle, mean + (0.05 if trial == 0 else 0.0) + sd * generator.standard_normal())
+        for who, mean in means.items()
+        for experiment in range(1, experiments + 1)
+        for trial in (0, 1)
+        for muscle in ("pam1", "pam2")
+    ]
+    curve = pd.DataFrame(rows, columns=["participant", "experiment", "trial", "muscle", "error_rate"])
+    return add_average(curve.assign(arm="y_y"))
+
+
+def compared(curve, margin=0.01):
+    people = list(curve["participant"].unique())
+    return compare_participants(curve, people, MUSCLES, margin).set_index(["first", "second", "muscle"])
+
+
+def test_agrees_with_scipy_and_statsmodels(generator):
+    curve = make_curve(generator, {"p1": 0.036, "p2": 0.039})
+    row = compared(curve).loc[("p1", "p2", "pam1")]
+    last = curve[(curve["trial"] == 1) & (curve["muscle"] == "pam1")]
+    first, second = (last.loc[last["participant"] == who, "error_rate"].to_numpy() for who in ("p1", "p2"))
+    told = stats.ttest_ind(first, second, equal_var=False)
+    assert row["p_welch"] == pytest.approx(told.pvalue, rel=1e-9)
+    assert (row["low"], row["high"]) == pytest.approx(tuple(told.confidence_interval(0.95)), rel=1e-9)
+    assert row["p_tost"] == pytest.approx(ttost_ind(first, second, -0.01, 0.01, usevar="unequal")[0], rel=1e-9)
+    assert (row["n_first"], row["n_second"]) == (8, 8)
+
+
+def test_the_average_is_that_of_the_muscles_and_only_the_last_trial_counts(generator):
+    curve = make_curve(generator, {"p1": 0.036, "p2": 0.039})
+    row = compared(curve).loc[("p1", "p2", "mean")]
+    last = curve[(curve["trial"] == 1) & (curve["muscle"] != "mean") & (curve["participant"] == "p1")]
+    assert row["first_mean"] == pytest.approx(last["error_rate"].mean(), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("means", "sd", "margin", "verdict"),
+    [
+        ({"p1": 0.03, "p2": 0.06}, 0.002, 0.01, "different"),
+        ({"p1": 0.03, "p2": 0.03}, 0.002, 0.01, "equivalent"),
+        ({"p1": 0.030, "p2": 0.036}, 0.001, 0.01, "different within the margin"),
+        ({"p1": 0.03, "p2": 0.03}, 0.03, 0.01, "undecided"),
+    ],
+)
+def test_planted_data_turn_the_verdict(means, sd, margin, verdict, generator):
+    told = compared(make_curve(generator, means, sd=sd), margin)
+    assert (told["verdict"] == verdict).all()
+    swapped = compared(make_curve(generator, dict(reversed(means.items())), sd=sd), margin)
+    assert (swapped["verdict"] == verdict).all()
+
+
+def test_holm_counts_every_row(generator):
+    told = compared(make_curve(generator, {"p1": 0.036, "p2": 0.037, "p3": 0.038}))
+    assert len(told) == 9
+    ordered = np.sort(told["p_welch"])
+    steps = np.minimum(1.0, np.maximum.accumulate(ordered * np.arange(9, 0, -1)))
+    np.testing.assert_allclose(np.sort(told["p_holm"]), steps, rtol=1e-12)
+
+
+def test_one_experiment_decides_nothing_and_one_person_has_no_row(generator):
+    told = compared(make_curve(generator, {"p1": 0.03, "p2": 0.06}, experiments=1))
+    assert (told["verdict"] == "undecided").all()
+    assert told[["low", "p_welch", "p_tost", "power", "n_needed"]].isna().all(axis=None)
+    assert compared(make_curve(generator, {"p1": 0.03})).empty
+
+
+def test_a_missing_p_value_decides_nothing():
+    assert judge(np.nan, np.nan) == "undecided"
+
+
+def test_curves_are_those_of_each_participant(generator):
+    curve = make_curve(generator, {"p1": 0.036, "p2": 0.039})
+    told = summarise(curve).set_index(["participant", "trial", "muscle"])
+    its = curve[(curve["participant"] == "p2") & (curve["trial"] == 1) & (curve["muscle"] == "pam2")]["error_rate"]
+    assert told.loc[("p2", 1, "pam2"), "error_rate_mean"] == pytest.approx(its.mean())
+    assert told.loc[("p2", 1, "pam2"), "error_rate_sd"] == pytest.approx(its.std(ddof=1))
