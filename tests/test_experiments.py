@@ -1,0 +1,34 @@
+"""Every named study: its first line is the command that runs it, and the command runs."""
+
+import shlex
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.conftest import ROOT
+
+EXPERIMENTS = sorted((ROOT / "conf" / "experiment").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.stem)
+def test_runs_by_the_command_that_it_begins_with(path, pamid):
+    package, command = path.read_text().splitlines()[:2]
+    assert package == "# @package _global_"
+    words = shlex.split(command.removeprefix("# "))
+    assert words[:3] == ["python", "-m", "pipeline"]
+    assert f"experiment={path.stem}" in words
+    result = pamid(*words[3:], "budget=tiny")
+    assert result.returncode == 0, result.stderr
+    assert "report: " in result.stdout
+
+
+def test_utilities_are_arms_from_the_same_initial_data(pamid):
+    result = pamid("experiment=utilities", "budget=tiny", "active_loop.trials=1")
+    assert result.returncode == 0, result.stderr
+    curve = pd.read_parquet(pamid.runs[0] / "tables/learning_curve.parquet")
+    assert list(curve["arm"].unique()) == ["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]
+    start = curve[curve["trial"] == 0].pivot(index="muscle", columns="arm", values="error_rate")
+    assert np.ptp(start.to_numpy(), axis=1).max() == 0
+    compared = pd.read_parquet(pamid.runs[0] / "tables/paired_comparison.parquet")
+    assert len(compared) == 12
