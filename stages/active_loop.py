@@ -25,14 +25,12 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.figures import draw_chosen_trials
 from stages.gp import Choice, Design, Interaction
-from stages.gp import Hyperprior as Prior
+from stages.identification import MuscleSet, spread_evenly, take
 from stages.plant import Exoskeleton
 from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, Rig, tidy, tracked_trial
-from stages.signals import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
 
 Array = NDArray[np.float64]
-
-CONSTANT_MEAN = "constant_mean"
 
 MOST_POINTS = 2000
 """Points of an exact GP, beyond which its covariance (8 N^2 bytes, 32 MB) and the N^3 / 3 operations of each of the
@@ -289,47 +287,6 @@ def choose_arms(section: ActiveLoop, real: bool) -> list[str]:
 
 
 @dataclass(frozen=True)
-class MuscleSet:
-    """What the loop knows of every muscle before it begins, in the order of the hyperprior table."""
-
-    names: list[str]
-    hyperparameters: list[str]
-    trajectories: list[int]
-    scalings: list[Scaling]
-    priors: list[Prior]
-    candidates: list[Array]
-
-    @classmethod
-    def read(cls, candidates: pd.DataFrame, hyperprior: pd.DataFrame, scaling: pd.DataFrame) -> MuscleSet:
-        """Gather the tables by muscle."""
-        names = list(hyperprior["muscle"].unique())
-        trajectories = [int(each) for each in candidates["trajectory"].unique()]
-        scalings, priors, inputs = [], [], []
-        for name in names:
-            rows = hyperprior[hyperprior["muscle"] == name]
-            priors.append(Prior(rows["mean"].to_numpy(), rows["variance"].to_numpy()))
-            scalings.append(Scaling.of_muscle(scaling, name))
-            samples = scalings[-1].inputs_of(candidates[candidates["muscle"] == name])
-            inputs.append(samples.reshape(len(trajectories), -1, len(MODEL_INPUTS)))
-        hyperparameters = list(hyperprior.loc[hyperprior["muscle"] == names[0], "hyperparameter"])
-        return cls(names, hyperparameters, trajectories, scalings, priors, inputs)
-
-    @property
-    def mean(self) -> str:
-        """``constant`` if Table 1 has a row for the models' constant mean, else ``zero``."""
-        return "constant" if CONSTANT_MEAN in self.hyperparameters else "zero"
-
-    def standardise(self, samples: pd.DataFrame) -> tuple[list[Array], list[Array]]:
-        """Return each muscle's inputs (N, 3) and outputs (N,) from rows with a muscle column."""
-        inputs, outputs = [], []
-        for name, constants in zip(self.names, self.scalings, strict=True):
-            rows = samples[samples["muscle"] == name]
-            inputs.append(constants.inputs_of(rows))
-            outputs.append(constants.output_of(rows))
-        return inputs, outputs
-
-
-@dataclass(frozen=True)
 class Loop:
     """One experiment's trials in one arm."""
 
@@ -474,25 +431,6 @@ class Loop:
             }
             frames.append(pd.DataFrame({**self.where(trial), **row}))
         return pd.concat(frames, ignore_index=True)
-
-
-def spread_evenly(executed: pd.DataFrame, count: int, muscles: Sequence[str]) -> pd.DataFrame:
-    """Return `count` samples of each muscle, evenly spread over the executed trials."""
-    frames = []
-    for name in muscles:
-        rows = executed[executed["muscle"] == name]
-        at = ((np.arange(count) + 0.5) * len(rows) / count).astype(int)
-        frames.append(rows.iloc[at].assign(pick=range(count)))
-    return pd.concat(frames, ignore_index=True)[["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]]
-
-
-def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequence[str]) -> pd.DataFrame:
-    """Return the picked samples of each muscle, in the order of picking."""
-    frames = [
-        samples[samples["muscle"] == name].iloc[at].assign(pick=range(len(at)))
-        for name, at in zip(muscles, picks, strict=True)
-    ]
-    return pd.concat(frames, ignore_index=True)[["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]]
 
 
 def group_muscles(rig: Rig) -> dict[str, list[str]]:

@@ -1,0 +1,10 @@
+"""Identification of all muscles together: what is known of each, and which samples its model stands on.
+
+Frames in the columns of the tables flow in; standardised arrays and frames of samples flow out. The science of one
+model is in `gp`; here it meets names, units and muscles.
+"""
+
+from stages.identification.muscle_set import MuscleSet
+from stages.identification.samples import spread_evenly, take
+
+__all__ = ["MuscleSet", "spread_evenly", "take"]

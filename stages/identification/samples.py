@@ -1,0 +1,32 @@
+"""The samples that models stand on, taken from what was executed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
+
+TAKEN = ["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]
+
+
+def spread_evenly(executed: pd.DataFrame, count: int, muscles: Sequence[str]) -> pd.DataFrame:
+    """Return `count` samples of each muscle, evenly spread over the executed trials."""
+    frames = []
+    for name in muscles:
+        rows = executed[executed["muscle"] == name]
+        at = ((np.arange(count) + 0.5) * len(rows) / count).astype(int)
+        frames.append(rows.iloc[at].assign(pick=range(count)))
+    return pd.concat(frames, ignore_index=True)[TAKEN]
+
+
+def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequence[str]) -> pd.DataFrame:
+    """Return the picked samples of each muscle, in the order of picking."""
+    frames = [
+        samples[samples["muscle"] == name].iloc[at].assign(pick=range(len(at)))
+        for name, at in zip(muscles, picks, strict=True)
+    ]
+    return pd.concat(frames, ignore_index=True)[TAKEN]
