@@ -8,7 +8,7 @@ and of its code, and the versions of its libraries.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pipeline.config import Study, find_target
@@ -56,6 +56,8 @@ class Ingredients:
         From `pipeline.sources`.
     measured : bool
         Whether the stage asks for real hardware: then a change of code or libraries makes nothing stale.
+    waiting : tuple of str
+        Tables that it reads and whose content is not known yet.
     """
 
     config: dict[str, Any]
@@ -63,6 +65,7 @@ class Ingredients:
     code: dict[str, str]
     libraries: dict[str, str]
     measured: bool
+    waiting: tuple[str, ...] = ()
 
     @property
     def fingerprint(self) -> str:
@@ -78,7 +81,7 @@ class Ingredients:
         differences = _config_differences(record["config"], self.config)
         if differences:
             told.append(f"config changed ({_some(differences)})")
-        told.extend(f"input {name} changed" for name in self._changed_inputs(record))
+        told.extend(f"input {name} {self._tell_input(name, record)}" for name in self._changed_inputs(record))
         told.extend(self.code_changes(record))
         return told
 
@@ -106,7 +109,14 @@ class Ingredients:
         return told
 
     def _changed_inputs(self, record: Mapping[str, Any]) -> list[str]:
-        return [name for name in self.inputs if record["inputs"].get(name) != self.inputs[name]]
+        gone = [name for name in record["inputs"] if name not in self.inputs and name not in self.waiting]
+        names = [*self.inputs, *gone]
+        return [name for name in names if record["inputs"].get(name) != self.inputs.get(name)]
+
+    def _tell_input(self, name: str, record: Mapping[str, Any]) -> str:
+        if name not in record["inputs"]:
+            return "is new"
+        return "changed" if name in self.inputs else "is no longer there"
 
 
 def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
@@ -219,8 +229,8 @@ def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) 
 
 def _plan_one(study: Study, stage: Stage, ledgers: Sequence[Ledger], hashes: Mapping[str, str | None]) -> Step:
     inputs = {name: digest for name in stage.reads if (digest := hashes[name])}
-    ingredients = gather(study, stage, inputs)
-    waiting = [name for name in stage.reads if hashes[name] is None]
+    waiting = tuple(name for name in stage.reads if hashes[name] is None)
+    ingredients = replace(gather(study, stage, inputs), waiting=waiting)
     if not waiting:
         return decide(stage, ingredients, ledgers)
     if not any(each.finished(stage.name) for each in ledgers):

@@ -1,7 +1,8 @@
 """A stage: a function plus the tables it reads and writes; its signature is the wiring.
 
 A decorated function flows in. Out flows a `Stage` that knows the config sections it reads (the fields of the model that
-annotates ``cfg``), the tables it reads (its other parameters) and the tables it writes (the decorator's arguments).
+annotates ``cfg``), the tables it reads (its other parameters; one whose default is None is read where the workflow has
+it, and None otherwise) and the tables it writes (the decorator's arguments).
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import inspect
 import pkgutil
 import typing
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
@@ -37,6 +38,8 @@ class Stage:
         Names of tables.
     writes : tuple of Table
         In the order in which the function returns them.
+    optional : tuple of str
+        Those of `reads` that a workflow may lack.
     """
 
     name: str
@@ -44,6 +47,7 @@ class Stage:
     config: type[BaseModel]
     reads: tuple[str, ...]
     writes: tuple[Table, ...]
+    optional: tuple[str, ...] = ()
 
     @property
     def module(self) -> str:
@@ -67,7 +71,8 @@ def stage(*writes: Table) -> Callable[[Callable[..., Any]], Stage]:
 
     def decorate(function: Callable[..., Any]) -> Stage:
         name = function.__name__
-        parameters = list(inspect.signature(function).parameters)
+        signature = inspect.signature(function).parameters
+        parameters = list(signature)
         hints = typing.get_type_hints(function)
         config = hints.get("cfg")
         if not (isinstance(config, type) and issubclass(config, BaseModel)) or "ctx" not in parameters:
@@ -75,7 +80,8 @@ def stage(*writes: Table) -> Callable[[Callable[..., Any]], Stage]:
                 f"stage {name}: expected parameters cfg (annotated with a pydantic model) and ctx, got {parameters}"
             )
         reads = tuple(each for each in parameters if each not in ("cfg", "ctx"))
-        return Stage(name, function, config, reads, writes)
+        optional = tuple(each for each in reads if signature[each].default is None)
+        return Stage(name, function, config, reads, writes, optional)
 
     return decorate
 
@@ -114,6 +120,8 @@ def load_stages(package: str, names: Sequence[str]) -> list[Stage]:
 def order_stages(stages: Sequence[Stage]) -> list[Stage]:
     """Return the stages so that each comes after those whose tables it reads.
 
+    A table that a stage can do without, and which no stage writes, is no longer among those that it reads.
+
     Raises
     ------
     WiringError
@@ -125,6 +133,7 @@ def order_stages(stages: Sequence[Stage]) -> list[Stage]:
             if table.name in writer:
                 raise WiringError(f"table {table.name} is written by {writer[table.name].name} and by {each.name}")
             writer[table.name] = each
+    stages = [_leave_out(each, [name for name in each.optional if name not in writer]) for each in stages]
     position = {each.name: index for index, each in enumerate(stages)}
     sorter: TopologicalSorter[str] = TopologicalSorter()
     for each in stages:
@@ -148,3 +157,7 @@ def order_stages(stages: Sequence[Stage]) -> list[Stage]:
         ordered.append(by_name[name])
         sorter.done(name)
     return ordered
+
+
+def _leave_out(stage: Stage, absent: Sequence[str]) -> Stage:
+    return replace(stage, reads=tuple(name for name in stage.reads if name not in absent)) if absent else stage

@@ -31,6 +31,11 @@ def third(cfg: Config, a, b, ctx):
     """Read a and b, write c."""
 
 
+@stage(table("d"))
+def easy(cfg: Config, a, ctx, b=None):
+    """Read a, and b where there is one, write d."""
+
+
 @stage(table("a"))
 def rival(cfg: Config, ctx):
     """Write a too."""
@@ -44,6 +49,15 @@ def circular(cfg: Config, b, ctx):
 def test_signature_is_the_wiring():
     assert third.reads == ("a", "b")
     assert [each.name for each in order_stages([third, second, first])] == ["first", "second", "third"]
+
+
+def test_an_optional_table_is_read_where_a_stage_writes_it():
+    alone = order_stages([easy, first])
+    assert [each.name for each in alone] == ["first", "easy"]
+    assert alone[1].reads == ("a",)
+    together = order_stages([easy, second, first])
+    assert [each.name for each in together] == ["first", "second", "easy"]
+    assert together[2].reads == ("a", "b")
 
 
 def test_refuses_two_writers_no_writer_and_cycles():
