@@ -63,8 +63,12 @@ def watch() -> Iterator[Watch]:
     try:
         yield kept
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler if kept.number is None else signal.SIG_IGN)
+        if kept.number is None:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+        else:
+            kept.stopping = True
+            ignore_from_now_on()
 
 
 def leave_at_once(command: str) -> None:
@@ -86,6 +90,14 @@ def leave_at_once(command: str) -> None:
 
 
 def ignore_from_now_on() -> None:
-    """Let neither signal change an exit code that is settled."""
+    """Let neither signal change an exit code that is settled.
+
+    Signals are blocked meanwhile: one that arrived but has not reached its handler yet would be told as lost.
+    """
+    can_block = hasattr(signal, "pthread_sigmask")
+    if can_block:
+        signal.pthread_sigmask(signal.SIG_BLOCK, WORDS)
     for number in WORDS:
         signal.signal(number, signal.SIG_IGN)
+    if can_block:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, WORDS)
