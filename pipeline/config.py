@@ -26,6 +26,8 @@ from pipeline.files import hash_json
 from pipeline.stage import Stage, load_stages, order_stages
 
 LONGEST_QUOTE = 80
+INCIDENTAL = ("plan", "workers", "outputs")
+"""Keys that change no result."""
 BEGINS_WITH_KEY = r"[\w.]+: "
 
 
@@ -90,6 +92,7 @@ class Settings(Section):
     seed: Annotated[int, Field(ge=0)]
     stages: list[str] | None
     plan: bool
+    workers: Annotated[int, Field(ge=1)] | None
     outputs: Text
 
 
@@ -110,8 +113,8 @@ class Study:
 
     @property
     def identity(self) -> str:
-        """Hash of everything that says what this study computes: all but ``plan`` and ``outputs``."""
-        return hash_json({key: value for key, value in self.values.items() if key not in ("plan", "outputs")})
+        """Hash of everything that says what this study computes: all but `INCIDENTAL`."""
+        return hash_json({key: value for key, value in self.values.items() if key not in INCIDENTAL})
 
     def slice(self, stage: Stage) -> dict[str, Any]:
         """Return the sections that a stage declares, as plain values."""

@@ -9,12 +9,12 @@ import hashlib
 import logging
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -22,12 +22,17 @@ import pandas as pd
 from pipeline.errors import TableError, WiringError
 from pipeline.files import TEMPORARY_SUFFIX, hash_file, sync_folder, write_atomically, write_json
 from pipeline.table import Table
+from pipeline.terminal import open_console
+from pipeline.workers import spread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
 
 log = logging.getLogger("pamid")
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
 
 
 @dataclass
@@ -47,7 +52,8 @@ class Record:
     folder: Path
     tables: Mapping[str, Table]
     check: Callable[[], None]
-    keys: list[str] = field(default_factory=list)
+    keys: dict[str, None] = field(default_factory=dict)
+    frames: dict[str, dict[str, pd.DataFrame]] = field(default_factory=dict)
 
     def part(self, key: tuple[object, ...], make: Callable[[], Mapping[str, pd.DataFrame]]) -> dict[str, pd.DataFrame]:
         """Return the tables of one turn of the loop: read if an earlier process landed them, else made and landed.
@@ -64,11 +70,11 @@ class Record:
         dict of str to DataFrame
             Read back from disk in either case, so that a resumed loop sees what an unbroken one saw.
         """
-        name = "~".join(str(each) for each in key)
-        self.keys.append(name)
+        name = self.name(key)
+        self.keys[name] = None
         place = self.folder / name
         if place.is_dir():
-            return self._read(place)
+            return self._read(name)
         self.check()
         frames = make()
         if set(frames) != set(self.tables):
@@ -77,22 +83,40 @@ class Record:
         shutil.rmtree(temporary, ignore_errors=True)
         for table_name, frame in frames.items():
             self.tables[table_name].write(frame, temporary / f"{table_name}.parquet")
-        temporary.rename(place)
+        try:
+            temporary.rename(place)
+        except OSError:
+            if not place.is_dir():
+                raise
+            shutil.rmtree(temporary, ignore_errors=True)  # a worker of an earlier process landed the same part
         sync_folder(self.folder)
-        return self._read(place)
+        return self._read(name)
+
+    @staticmethod
+    def name(key: tuple[object, ...]) -> str:
+        """Return the name of a turn's part."""
+        return "~".join(str(each) for each in key)
+
+    def include(self, keys: Iterable[str]) -> None:
+        """Count parts that other processes landed among those of this loop, in the order given."""
+        self.keys.update(dict.fromkeys(keys))
 
     def collect(self) -> dict[str, pd.DataFrame]:
         """Return the whole tables: the parts in the order in which the loop asked for them."""
-        parts = [self._read(self.folder / name) for name in self.keys]
+        parts = [self._read(name) for name in self.keys]
         return {name: pd.concat([part[name] for part in parts], ignore_index=True) for name in self.tables}
 
-    def has(self, *key: object) -> bool:
-        """Tell whether a turn has landed."""
-        return (self.folder / "~".join(str(each) for each in key)).is_dir()
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "check": _go_on, "keys": {}, "frames": {}}
 
-    def _read(self, place: Path) -> dict[str, pd.DataFrame]:
+    def _read(self, key: str) -> dict[str, pd.DataFrame]:
+        if key not in self.frames:
+            self.frames[key] = self._read_files(self.folder / key)
+        return self.frames[key]
+
+    def _read_files(self, place: Path) -> dict[str, pd.DataFrame]:
         try:
-            return {name: table.read(place / f"{name}.parquet") for name, table in self.tables.items()}
+            return {name: table.read_sealed(place / f"{name}.parquet") for name, table in self.tables.items()}
         except TableError as error:
             told = str(error).split("; remove it")[0]
             raise TableError(f"{told}; remove the folder {place}, and this turn of the loop is made again") from None
@@ -116,6 +140,12 @@ class Context:
         Where progress is drawn, if it is a terminal.
     rig : object
         What the stage asked for through a ``_target_`` section, else None.
+    workers : int
+        Processes over which `spread` spreads a loop.
+
+    Notes
+    -----
+    A copy in another process draws the same random numbers and lands parts in the same record; it shows nothing.
     """
 
     stage: str
@@ -124,6 +154,7 @@ class Context:
     record: Record
     console: Console
     rig: Any = None
+    workers: int = 1
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def generator(self, *key: int | str) -> np.random.Generator:
@@ -169,6 +200,25 @@ class Context:
 
             yield advance
 
+    def spread(self, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """Yield ``function(job)`` for each job, in order, computed in other processes where there are workers.
+
+        Parameters
+        ----------
+        function : callable
+            Can be pickled, as can jobs (this context may be part of them) and results; computes the same anywhere.
+        jobs : sequence
+            Independent of each other. On a real rig they are done one after the other, here.
+        """
+        workers = 1 if getattr(self.rig, "real", False) else self.workers
+        yield from spread(function, jobs, workers, self.record.check)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "console": None, "workers": 1}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, console=open_console(quiet=True))
+
     def figure(self, name: str, figure: Figure, caption: str) -> None:
         """Keep a matplotlib figure as PNG and PDF, with the caption that the report prints."""
         for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None, "Producer": None})):
@@ -190,3 +240,7 @@ class Context:
 
 def _digest(name: str) -> int:
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
+
+
+def _go_on() -> None:
+    """Stop nothing: the process that started this one stops it."""

@@ -22,6 +22,10 @@ class TableError(PipelineError):
     """A table does not keep its contract, or its file cannot be read or written."""
 
 
+class WorkerError(PipelineError):
+    """A process that shared the work is gone."""
+
+
 class WiringError(PipelineError):
     """The stages of a workflow do not fit together."""
 

@@ -35,6 +35,7 @@ from pipeline.runs import Claim, claim, list_ledgers
 from pipeline.stage import Stage
 from pipeline.table import measure_file
 from pipeline.terminal import open_console
+from pipeline.workers import count_cores
 
 log = logging.getLogger("pamid")
 
@@ -218,7 +219,8 @@ class Runner:
         record = Record(parts, {table.name: table for table in stage.writes}, signals.check)
         section = self.study.target(stage)
         rig = self.study.build(section) if section else None
-        return Context(stage.name, ledger.folder, seed, record, self.console, rig)
+        workers = self.study.settings.workers or count_cores()
+        return Context(stage.name, ledger.folder, seed, record, self.console, rig, workers)
 
     def _finished_run(self, steps: Sequence[Step]) -> Ledger | None:
         if not all(step.action in ("fresh", "kept") for step in steps):

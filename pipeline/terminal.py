@@ -12,8 +12,10 @@ from rich.console import Console
 PIPED_WIDTH = 160
 
 
-def open_console(stderr: bool = False, piped_width: int = PIPED_WIDTH) -> Console:
-    """Return a console: as wide as the terminal, or `piped_width` columns where there is none."""
+def open_console(stderr: bool = False, piped_width: int = PIPED_WIDTH, quiet: bool = False) -> Console:
+    """Return a console: as wide as the terminal, or `piped_width` columns where there is none; quiet, or not."""
+    if quiet:
+        return Console(file=io.StringIO(), quiet=True)
     stream = sys.stderr if stderr else sys.stdout
     if stream.isatty():
         return Console(stderr=stderr)

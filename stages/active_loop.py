@@ -8,7 +8,7 @@ the same initial data; controls differ from the design in how they choose trajec
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -238,12 +238,17 @@ def active_loop(
     arms = choose_arms(cfg.active_loop, ctx.rig.real)
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
-    with ctx.rig as rig, ctx.progress("trials", experiments.ngroups * len(arms) * cfg.active_loop.trials) as advance:
-        for (participant, experiment), initial in experiments:
-            executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
-            for arm in arms:
-                loop = Loop(cfg, ctx, rig, muscles, references, str(participant), int(str(experiment)), arm)
-                loop.run(executed, [int(each) for each in initial["trajectory"]], advance)
+    loops = []
+    for (participant, experiment), initial in experiments:
+        executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
+        start = spread_evenly(executed, cfg.active_loop.initial_points, muscles.names)
+        used = [int(each) for each in initial["trajectory"]]
+        for arm in arms:
+            loops.append(Loop(cfg, ctx, muscles, references, start, used, str(participant), int(str(experiment)), arm))
+    with ctx.progress("experiments", len(loops)) as advance:
+        for loop, keys in zip(loops, ctx.spread(Loop.run, loops), strict=True):
+            ctx.record.include(keys)
+            advance(f"{loop.participant} experiment {loop.experiment} {loop.arm}")
     tables = ctx.record.collect()
     first = tables["trials"].iloc[0]
     chosen = tables["trials"].query("participant == @first.participant and experiment == @first.experiment")
@@ -252,7 +257,7 @@ def active_loop(
         f"References and pressure commands chosen for {first.participant}, experiment {first.experiment}, "
         f"by {arms[0]}, in the order of the trials."
     )
-    ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, group_muscles(rig)), caption)
+    ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, group_muscles(ctx.rig)), caption)
     return tables
 
 
@@ -292,36 +297,36 @@ class Loop:
 
     cfg: Config
     ctx: Context
-    rig: Rig
     muscles: MuscleSet
     references: pd.DataFrame
+    start: pd.DataFrame
+    initial: list[int]
     participant: str
     experiment: int
     arm: str
 
-    def run(self, executed: pd.DataFrame, initial: list[int], advance: Callable[[str], None]) -> None:
-        """Run all trials, each from what the earlier ones left on disk."""
+    def run(self) -> list[str]:
+        """Run all trials, each from what the earlier ones left on disk; return the keys of their parts."""
         landed: list[dict[str, pd.DataFrame]] = []
-        for trial in range(1, self.cfg.active_loop.trials + 1):
-            key = (self.participant, self.experiment, self.arm, f"{trial:02d}")
-            part = self.ctx.record.part(key, partial(self.run_trial, trial, landed, executed, initial))
-            landed.append(part)
-            advance(f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}")
+        keys = []
+        with self.ctx.rig as rig:
+            for trial in range(1, self.cfg.active_loop.trials + 1):
+                key = (self.participant, self.experiment, self.arm, f"{trial:02d}")
+                landed.append(self.ctx.record.part(key, partial(self.run_trial, trial, landed, rig)))
+                keys.append(self.ctx.record.name(key))
+        return keys
 
-    def run_trial(
-        self, trial: int, landed: Sequence[dict[str, pd.DataFrame]], executed: pd.DataFrame, initial: list[int]
-    ) -> dict[str, pd.DataFrame]:
+    def run_trial(self, trial: int, landed: Sequence[dict[str, pd.DataFrame]], rig: Rig) -> dict[str, pd.DataFrame]:
         """Choose a trajectory, execute it, learn from it."""
         models, points = [], []
         if landed:
-            interaction = self.continue_from(landed, initial)
+            interaction = self.continue_from(landed)
         else:
-            start = spread_evenly(executed, self.cfg.active_loop.initial_points, self.muscles.names)
-            interaction = self.begin(start, initial)
-            points.append(self.label(start, 0))
+            interaction = self.begin()
+            points.append(self.label(self.start, 0))
             models.append(self.describe_models(interaction, 0))
         choice = interaction.ask(self.ctx.generator("random", self.participant, self.experiment, trial))
-        samples = self.execute(choice.trajectory, trial)
+        samples = self.execute(choice.trajectory, trial, rig)
         told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(samples), self.starts(trial))
         points.append(self.label(take(samples, picks, self.muscles.names), trial))
         models.append(self.describe_models(told, trial))
@@ -332,26 +337,26 @@ class Loop:
             POINTS.name: pd.concat(points, ignore_index=True)[list(POINTS.columns)],
         }
 
-    def begin(self, start: pd.DataFrame, initial: list[int]) -> Interaction:
+    def begin(self) -> Interaction:
         """Identify the models from the initial points."""
-        inputs, outputs = self.muscles.standardise(start)
+        inputs, outputs = self.muscles.standardise(self.start)
         return Interaction.begin(
             self.design(),
             self.muscles.candidates,
             self.muscles.priors,
             inputs,
             outputs,
-            self.indices(initial),
+            self.indices(self.initial),
             self.starts(0),
         )
 
-    def continue_from(self, landed: Sequence[dict[str, pd.DataFrame]], initial: list[int]) -> Interaction:
+    def continue_from(self, landed: Sequence[dict[str, pd.DataFrame]]) -> Interaction:
         """Rebuild the state from what the trials so far left on disk, and from nothing else."""
         inputs, outputs = self.muscles.standardise(pd.concat([part["points"] for part in landed], ignore_index=True))
         models = landed[-1]["models"]
         latest = models[models["trial"] == models["trial"].max()]
         thetas = [latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in self.muscles.names]
-        used = [*initial, *(int(part["trials"]["trajectory"].iloc[0]) for part in landed)]
+        used = [*self.initial, *(int(part["trials"]["trajectory"].iloc[0]) for part in landed)]
         return Interaction(
             self.design(),
             tuple(self.muscles.candidates),
@@ -387,13 +392,13 @@ class Loop:
         """Return positions in the bank."""
         return [self.muscles.trajectories.index(each) for each in trajectories]
 
-    def execute(self, index: int, trial: int) -> pd.DataFrame:
+    def execute(self, index: int, trial: int, rig: Rig) -> pd.DataFrame:
         """Execute a trajectory of the bank; arms share the person's and the sensors' noise at equal trial number."""
         samples = self.references[self.references["trajectory"] == self.muscles.trajectories[index]]
         label = f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}"
         generator = self.ctx.generator("rig", self.participant, self.experiment, trial)
-        recording = self.rig.execute(tracked_trial(samples, self.rig, self.participant, label), generator)
-        return pd.DataFrame(tidy(recording, self.rig))
+        recording = rig.execute(tracked_trial(samples, rig, self.participant, label), generator)
+        return pd.DataFrame(tidy(recording, rig))
 
     def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""

@@ -1,0 +1,137 @@
+"""A loop spread over processes: the same bytes as in one, and nothing lost whoever is killed."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from pipeline.workers import count_cores, spread
+from tests.conftest import Command
+from tests.faults import find_parts, ledger_of, tables_of, wait_until
+
+
+@pytest.fixture
+def split(tmp_path):
+    """The command with the spread workflow, on two processes."""
+    return Command(
+        tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=spread", "workers=2", "squaring.count=8"
+    )
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """The tables of a run in one process."""
+    alone = Command(
+        tmp_path_factory.mktemp("reference") / "outputs",
+        *("--config-dir", "tests/pipeline/conf", "workflow=spread", "workers=1", "squaring.count=8"),
+    )
+    assert alone().returncode == 0
+    return tables_of(alone.runs[0])
+
+
+def children_of(process):
+    """Return the processes that a living process started."""
+    found = []
+    for name in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{name}/stat") as stat:
+                parent = int(stat.read().rpartition(")")[2].split()[1])
+        except (OSError, ValueError):
+            continue
+        found += [int(name)] if parent == process.pid else []
+    return found
+
+
+def is_alive(number):
+    try:
+        with open(f"/proc/{number}/stat") as stat:
+            return stat.read().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def double(number):
+    return 2 * number
+
+
+def refuse(number):
+    if number == 3:
+        raise ArithmeticError("three")
+    return number
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_come_in_the_order_of_the_jobs(workers):
+    assert list(spread(double, range(20), workers)) == list(range(0, 40, 2))
+    assert list(spread(double, [], workers)) == []
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_a_job_raises_is_raised_here_after_the_results_before_it(workers):
+    found = []
+    with pytest.raises(ArithmeticError, match="three"):
+        found.extend(each for each in (spread(refuse, range(8), workers)))
+    results = spread(refuse, range(8), workers)
+    assert [next(results) for _ in range(3)] == [0, 1, 2]
+    with pytest.raises(ArithmeticError):
+        next(results)
+
+
+def test_counts_the_cores_that_may_be_used():
+    assert 1 <= count_cores() <= (os.cpu_count() or 1)
+
+
+def test_the_number_of_workers_changes_no_byte(split, reference):
+    result = split()
+    assert result.returncode == 0, result.stderr
+    assert tables_of(split.runs[0]) == reference
+    again = split("workers=1")
+    assert "everything is fresh" in again.stdout
+
+
+def test_a_fault_in_a_worker_is_told_with_its_traceback_and_mended_runs_go_on(split):
+    result = split("squaring.fail_at=5", "squaring.pause_s=0.05")
+    assert result.returncode == 1
+    (line,) = result.stderr.strip().splitlines()
+    assert "squaring failed: ArithmeticError: cannot square 5" in line
+    assert "in square" in (split.runs[0] / "log.txt").read_text()
+
+
+def test_a_killed_worker_loses_nothing(split, reference):
+    result = split("squaring.die_at=4")
+    assert result.returncode == 1
+    (line,) = result.stderr.strip().splitlines()
+    assert "a worker process was killed" in line
+    assert "workers=1" in line
+    assert ledger_of(split.runs[0])["status"] == "failed"
+    again = split("squaring.die_at=4")
+    assert again.returncode == 0, again.stderr
+    assert f"resuming {split.runs[0]}" in again.stdout
+    assert tables_of(split.runs[0]) == reference
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="processes cannot be seen here")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_the_run_that_started_them(split, reference, number):
+    slowly = "squaring.pause_s=0.3"
+    process = split.start(slowly)
+    wait_until(process, lambda: find_parts(split, "squaring"))
+    workers = children_of(process)
+    assert len(workers) >= 2
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == (-9 if number == signal.SIGKILL else 128 + number)
+    deadline = time.monotonic() + 10
+    while any(is_alive(each) for each in workers) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(is_alive(each) for each in workers)
+    if number != signal.SIGKILL:
+        (line,) = errors.strip().splitlines()
+        assert line.startswith("squaring interrupted: ")
+    landed = len(find_parts(split, "squaring"))
+    assert landed < 8
+    again = split(slowly)
+    assert again.returncode == 0, again.stderr
+    assert f"resuming {split.runs[0]}" in again.stdout
+    assert tables_of(split.runs[0]) == reference
