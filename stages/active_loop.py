@@ -103,6 +103,7 @@ class ActiveLoop(Section):
 
     utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]
     controls: list[Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]] | None
+    control_experiments: PositiveInt | None
     subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "random"]
     trials: Annotated[int, Field(gt=0, le=MOST_POINTS)]
     initial_points: Points
@@ -243,7 +244,8 @@ def active_loop(
         executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
         start = spread_evenly(executed, cfg.active_loop.initial_points, muscles.names)
         used = [int(each) for each in initial["trajectory"]]
-        for arm in arms:
+        count = cfg.active_loop.control_experiments
+        for arm in arms if count is None or int(str(experiment)) <= count else arms[:1]:
             loops.append(Loop(cfg, ctx, muscles, references, start, used, str(participant), int(str(experiment)), arm))
     with ctx.progress("experiments", len(loops)) as advance:
         for loop, keys in zip(loops, ctx.spread(Loop.run, loops), strict=True):

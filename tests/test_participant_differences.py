@@ -21,12 +21,12 @@ def make_curve(generator, means, experiments=8, sd=0.002):
         for muscle in ("pam1", "pam2")
     ]
     curve = pd.DataFrame(rows, columns=["participant", "experiment", "trial", "muscle", "error_rate"])
-    return add_average(curve.assign(arm="y_y"))
+    return add_average(curve.assign(arm="y_y", tested_on="bank"))
 
 
-def compared(curve, margin=0.01):
+def compared(curve, margin=0.01, sizes=(None,)):
     people = list(curve["participant"].unique())
-    return compare_participants(curve, people, MUSCLES, margin).set_index(["first", "second", "muscle"])
+    return compare_participants(curve, people, MUSCLES, margin, sizes).set_index(["first", "second", "muscle"])
 
 
 def test_agrees_with_scipy_and_statsmodels(generator):
@@ -70,6 +70,21 @@ def test_holm_counts_every_row(generator):
     ordered = np.sort(told["p_welch"])
     steps = np.minimum(1.0, np.maximum.accumulate(ordered * np.arange(9, 0, -1)))
     np.testing.assert_allclose(np.sort(told["p_holm"]), steps, rtol=1e-12)
+
+
+def test_each_size_and_test_set_is_a_family_of_its_own(generator):
+    curve = make_curve(generator, {"p1": 0.036, "p2": 0.037}, experiments=8)
+    both = pd.concat([curve, curve.assign(tested_on="unseen_bank", error_rate=curve["error_rate"] + 0.01)])
+    told = compared(both, sizes=(4, None, 50))
+    assert told.groupby(["tested_on", "n_first"]).size().to_dict() == {
+        (name, n): 3 for name in ("bank", "unseen_bank") for n in (4, 8)
+    }
+    few = compared(curve[curve["experiment"] <= 4])
+    its = told[(told["tested_on"] == "bank") & (told["n_first"] == 4)]
+    pd.testing.assert_frame_equal(its, few)
+    seen, unseen = (told[(told["tested_on"] == name) & (told["n_first"] == 8)] for name in ("bank", "unseen_bank"))
+    np.testing.assert_allclose(unseen["first_mean"], seen["first_mean"] + 0.01)
+    np.testing.assert_allclose(unseen["p_welch"], seen["p_welch"])
 
 
 def test_one_experiment_decides_nothing_and_one_person_has_no_row(generator):
