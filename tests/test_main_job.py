@@ -28,6 +28,7 @@ TABLES = {
     "final_errors",
     "paired_comparison",
     "participant_comparison",
+    "recommendation",
 }
 
 

@@ -1,0 +1,290 @@
+"""The paper's claims beside what this study found: holds, does not hold, or cannot be tested in simulation.
+
+In: whichever comparisons the workflow has. Out: `claims`, a row for each claim, setting and test set. Nothing is
+measured here and no verdict is written down: each follows from its statistics by one of four rules. A claim that
+something is better holds where the difference has that sign and its p-value, adjusted in the table that it comes from,
+is below 5 %. A claim that something does not matter holds where the test of equivalence is below 5 %; of several muscles
+or hyperparameters, where every one's is (the largest p-value of an intersection-union test). Everything else does not
+hold; the finding says whether the opposite was found, or nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.statistics import compare_pairs
+
+ALL_MUSCLES = "mean"
+LEVEL = 0.05
+
+HOLDS, FAILS, UNTESTABLE = "holds", "does not hold", "not testable in simulation"
+
+CLAIMS = Table(
+    "claims",
+    "A claim of the paper beside what this study found",
+    {
+        "claim": column(str, "short name"),
+        "paper": column(str, "what the paper says, and where"),
+        "setting": column(str, "what it was tested with; empty where there is one way only"),
+        "tested_on": column(str, "test set, as in learning_curve; empty where the claim is not about errors"),
+        "statistic": column(str, "test"),
+        "n": column(int, "units of the test (of the smaller group); 0 where nothing could be tested", low=0),
+        "estimate": column(float, "difference of error rates, negative = as claimed to be better", nullable=True),
+        "low": column(float, "lower end of its 95 % interval", nullable=True),
+        "high": column(float, "upper end of its 95 % interval", nullable=True),
+        "effect": column(float, "effect size, of the kind that the statistic names", nullable=True),
+        "p": column(float, "p-value that decides", low=0, high=1, nullable=True),
+        "verdict": column(str, f"at p below {LEVEL}", among=[HOLDS, FAILS, UNTESTABLE]),
+        "finding": column(str, "what was found, in words"),
+    },
+    key=("claim", "setting", "tested_on"),
+    brief=("claim", "setting", "tested_on", "n", "estimate", "low", "high", "effect", "p", "verdict"),
+)
+
+PAPER = {
+    "error_falls": "the models' error falls over the trials with a person moving (5.1, Fig. 6)",
+    "learns_faster_than_linear": "over the trials, the error is below the standard linear procedure's, which has no "
+    "interaction (5.1, Fig. 6)",
+    "better_than_linear": "after the last trial, the error is below the standard linear procedure's (5.2, Fig. 7)",
+    "better_than_sparse_gp": "after the last trial, the error is below that of a sparse GP on all data without "
+    "interaction (5.2, Fig. 7)",
+    "participants_comparable": "two participants give comparable models (5.2, Fig. 8)",
+    "robust_to_time_shift": "learning is robust against the participant's tracking error (5.3, Fig. 9)",
+    "best_without_time_shift": "without tracking error, learning is better (5.3, Fig. 9)",
+    "chosen_tell_more": "chosen trajectories hold more information than others (5.3): here, than those drawn at random",
+    "insensitive_to_prior_means": "performance is not highly sensitive to the hyperpriors' means (6.1)",
+    "insensitive_to_prior_variances": "performance is not highly sensitive to the hyperpriors' variances (6.1)",
+    "choices_are_consistent": "some trajectories are chosen again and again (6.2, Fig. 10)",
+    "sparse_model_gains": "a sparse model that keeps all samples would do better (7, future work)",
+    "works_on_a_real_robot": "the error falls on a real exoskeleton with two healthy adults (5.1)",
+}
+
+
+class Config(Section):
+    """What this stage reads: tables alone."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a comparison says about a claim.
+
+    Parameters
+    ----------
+    statistic : str
+        Test and effect size.
+    n : int
+        Units of the smaller group.
+    estimate, low, high : float
+        Difference with its 95 % interval; negative = as claimed to be better.
+    effect : float
+        Effect size.
+    p_different, p_equivalent : float
+        Of the test of difference, adjusted where it is one of many, and of that of equivalence; NaN where there is none.
+    """
+
+    statistic: str
+    n: int
+    estimate: float
+    low: float
+    high: float
+    effect: float
+    p_different: float
+    p_equivalent: float = np.nan
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What follows: the p-value that decided, the verdict, and the finding in words."""
+
+    p: float
+    verdict: str
+    finding: str
+
+
+def judge_better(evidence: Evidence) -> Verdict:
+    """Judge a claim that something is better."""
+    p = evidence.p_different
+    if not p < LEVEL:
+        return Verdict(p, FAILS, "not shown: no difference was found, which is not the same as none")
+    if evidence.estimate < 0:
+        return Verdict(p, HOLDS, "shown")
+    return Verdict(p, FAILS, "the opposite was found")
+
+
+def judge_same(evidence: Evidence) -> Verdict:
+    """Judge a claim that something does not matter."""
+    p, different = evidence.p_equivalent, evidence.p_different < LEVEL
+    if p < LEVEL:
+        return Verdict(p, HOLDS, "it matters, but by less than the margin" if different else "equivalent to the margin")
+    if different:
+        return Verdict(p, FAILS, "it matters" if evidence.estimate > 0 else "it matters, and improves")
+    return Verdict(p, FAILS, "undecided: neither a difference nor equivalence was found")
+
+
+def judge_concentrated(evidence: Evidence) -> Verdict:
+    """Judge a claim that choices agree more than by chance."""
+    p = evidence.p_different
+    if p < LEVEL:
+        return Verdict(p, HOLDS, "chosen more alike than at random")
+    return Verdict(p, FAILS, "not shown: choices as spread as at random")
+
+
+Judge = Callable[[Evidence], Verdict]
+"""A rule: evidence to verdict."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row to be: a claim, how and on what it was tested, what was found, and the rule that judges it."""
+
+    claim: str
+    setting: str
+    tested_on: str
+    evidence: Evidence
+    judge: Judge
+
+
+@stage(CLAIMS)
+def claims(
+    cfg: Config,
+    ctx: Context,
+    executed_by: pd.DataFrame | None = None,
+    learning_curve: pd.DataFrame | None = None,
+    paired_comparison: pd.DataFrame | None = None,
+    rival_comparison: pd.DataFrame | None = None,
+    participant_comparison: pd.DataFrame | None = None,
+    shift_comparison: pd.DataFrame | None = None,
+    sensitivity_comparison: pd.DataFrame | None = None,
+    choice_concentration: pd.DataFrame | None = None,
+    sparse_comparison: pd.DataFrame | None = None,
+) -> pd.DataFrame:
+    """Judge every claim that the workflow's comparisons bear on."""
+    sources: list[tuple[Callable[[pd.DataFrame], Iterator[Case]], pd.DataFrame | None]] = [
+        (weigh_fall, learning_curve),
+        (weigh_rivals, rival_comparison),
+        (weigh_participants, participant_comparison),
+        (weigh_time_shift, shift_comparison),
+        (weigh_choices_against_random, paired_comparison),
+        (weigh_hyperpriors, sensitivity_comparison),
+        (weigh_concentration, choice_concentration),
+        (weigh_sparse_model, sparse_comparison),
+    ]
+    rows = [describe(each) for weigh, frame in sources if frame is not None for each in weigh(frame)]
+    if executed_by is not None:
+        rows.append(tell_reality(bool(executed_by["real"].all()), rows))
+    return pd.DataFrame(rows, columns=list(CLAIMS.columns))
+
+
+def describe(case: Case) -> dict[str, Any]:
+    """Return the row of `claims`."""
+    found, told = case.evidence, case.judge(case.evidence)
+    return {
+        "claim": case.claim,
+        "paper": PAPER[case.claim],
+        "setting": case.setting,
+        "tested_on": case.tested_on,
+        "statistic": found.statistic,
+        "n": found.n,
+        "estimate": found.estimate,
+        "low": found.low,
+        "high": found.high,
+        "effect": found.effect,
+        "p": told.p,
+        "verdict": told.verdict,
+        "finding": told.finding,
+    }
+
+
+def tell_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the row of the claim about a real robot: that of `error_falls` if a real rig executed the trials."""
+    nothing = dict.fromkeys(("estimate", "low", "high", "effect", "p"), np.nan)
+    row = next((each for each in rows if each["claim"] == "error_falls"), None)
+    claim = {"claim": "works_on_a_real_robot", "paper": PAPER["works_on_a_real_robot"]}
+    if real and row is not None:
+        return {**row, **claim}
+    return {
+        **claim,
+        **nothing,
+        "setting": "",
+        "tested_on": "",
+        "statistic": "none",
+        "n": 0,
+        "verdict": UNTESTABLE,
+        "finding": "all trials were simulated" if not real else "no errors were measured",
+    }
+
+
+def weigh_fall(curve: pd.DataFrame) -> Iterator[Case]:
+    """Compare the design's error after the last trial with that of its initial data, paired over experiments."""
+    design = curve[curve["arm"] == curve["arm"].iloc[0]]
+    for tested_on, its in design.groupby("tested_on", sort=False):
+        means = its.groupby(["participant", "experiment", "trial"])["error_rate"].mean().unstack("trial")
+        told = compare_pairs(means[means.columns.max()].to_numpy(), means[0].to_numpy())
+        evidence = Evidence(
+            "paired t, d_z", told.n, told.difference, told.low, told.high, told.effect_size, told.t_p_value
+        )
+        yield Case("error_falls", "", str(tested_on), evidence, judge_better)
+
+
+def weigh_participants(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take the comparison of every two participants, over all muscles and their largest number of experiments."""
+    average = compared[compared["muscle"] == ALL_MUSCLES]
+    for (first, second, tested_on), its in average.groupby(["first", "second", "tested_on"], sort=False):
+        row = its.loc[its["n_first"].idxmax()]
+        n = int(min(row["n_first"], row["n_second"]))
+        evidence = Evidence(
+            f"Welch, TOST to {row['margin']:g}, Hedges g", n, *numbers(row, "hedges_g", "p_holm", "p_tost")
+        )
+        yield Case("participants_comparable", f"{first}, {second}", tested_on, evidence, judge_same)
+
+
+def weigh_time_shift(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take each amplitude's comparison: equivalence after the last trial, and the curve without shift against with."""
+    for row in rows_of(compared):
+        setting = f"up to {row['amplitude_s']:g} s"
+        if row["measure"] == "final":
+            evidence = Evidence(
+                f"paired t, TOST to {row['margin']:g}, d_z", row["n"], *numbers(row, "d_z", "p_holm", "p_tost")
+            )
+            yield Case("robust_to_time_shift", setting, row["tested_on"], evidence, judge_same)
+        else:
+            # the table tells the shift less none; the claim is about none
+            found = Evidence("paired t of the curve, d_z", row["n"], *numbers(row, "d_z", "p_holm"))
+            yield Case("best_without_time_shift", setting, row["tested_on"], turn(found), judge_better)
+
+
+def weigh_choices_against_random(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take the design's comparison with the control that chooses at random, over the largest number of experiments."""
+    its = compared[compared["control"] == "random"]
+    for (tested_on, measure), rows in its.groupby(["tested_on", "measure"], sort=False):
+        row = rows.loc[rows["n"].idxmax()]
+        evidence = Evidence("paired t, d_z", int(row["n"]), *numbers(row, "d_z", "p_holm"))
+        setting = "after the last trial" if measure == "final" else "over the curve"
+        yield Case("chosen_tell_more", setting, tested_on, evidence, judge_better)
+
+
+def numbers(row: Any, effect: str, p_different: str, p_equivalent: str | None = None) -> tuple[float, ...]:
+    """Return difference, interval, effect size and p-values of a comparison's row, in the order of `Evidence`."""
+    names = ["difference", "low", "high", effect, p_different, *([p_equivalent] if p_equivalent else [])]
+    return tuple(float(row[name]) for name in names)
+
+
+def turn(evidence: Evidence) -> Evidence:
+    """Return the same evidence for the second less the first."""
+    return replace(
+        evidence, estimate=-evidence.estimate, low=-evidence.high, high=-evidence.low, effect=-evidence.effect
+    )
+
+
+def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return a frame's rows as plain mappings."""
+    return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
