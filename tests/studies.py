@@ -4,23 +4,18 @@ import pandas as pd
 from hydra import compose, initialize_config_dir
 from rich.console import Console
 
-from pipeline.config import read_study
+from pipeline.config import Settings, read_study
 from pipeline.context import Context, Record
 from tests.conftest import ROOT
 
 
 def read_stages(stages, *overrides):
-    """Return the study of these stages, and the stages by name; what only other stages read may be quoted."""
-    line = [
-        "budget=tiny",
-        f"workflow.stages=[{','.join(stages)}]",
-        "workflow.headline=[]",
-        "workflow.quoted=[plant,participants,exoskeleton,rig,bank,subsampling,hyperprior,active_loop,"
-        "participant_differences]",
-        *overrides,
-    ]
+    """Return the study of these stages, and the stages by name; sections of other stages are quoted, not refused."""
+    line = ["budget=tiny", f"workflow.stages=[{','.join(stages)}]", "workflow.headline=[]", *overrides]
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        study, ordered = read_study(compose("config", overrides=line))
+        composed = compose("config", overrides=line)
+    composed.workflow.quoted = [str(name) for name in composed if name not in Settings.model_fields]
+    study, ordered = read_study(composed)
     return study, {stage.name: stage for stage in ordered}
 
 
