@@ -1,6 +1,8 @@
-"""Executes a given list of trials on the rig; here those that give each experiment its initial data.
+"""Executes given lists of trials on the rig: those that give each experiment its initial data, and a protocol's.
 
-In: `initial_trials`, `references`. Out: `hardware_recordings`, one part per trial.
+In: `initial_trials`, `references` and, where the workflow has a protocol, `protocol_commands`. Out, in parts:
+`hardware_recordings`, `protocol_recordings` (nobody moves; empty without a protocol) and `executed_by`, which says what
+the recordings come from.
 """
 
 from __future__ import annotations
@@ -14,7 +16,10 @@ from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.rig import MEASUREMENT_COLUMNS, Rig, tidy, tracked_trial
+from stages.rig import MEASUREMENT_COLUMNS, Rig, passive_trial, tidy, tracked_trial
+
+NOBODY = "nobody"
+"""Who is in a passive trial; no participant has this name."""
 
 HARDWARE_RECORDINGS = Table(
     "hardware_recordings",
@@ -28,6 +33,25 @@ HARDWARE_RECORDINGS = Table(
     },
     key=("participant", "experiment", "position", "muscle", "time_s"),
 )
+PROTOCOL_RECORDINGS = Table(
+    "protocol_recordings",
+    "A sample of a muscle in an executed trial of the automatic protocol, in which nobody moves",
+    {
+        "experiment": column(int, "sequence of trials", low=1),
+        "trial": column(int, "trial of this experiment", low=1),
+        **MEASUREMENT_COLUMNS,
+    },
+    key=("experiment", "trial", "muscle", "time_s"),
+)
+EXECUTED_BY = Table(
+    "executed_by",
+    "The rig that executed the trials",
+    {
+        "rig": column(str, "its class"),
+        "real": column(bool, "whether it is a machine, not a simulation"),
+        "sampling_rate_hz": column(float, "samples per second", unit="Hz", low=0),
+    },
+)
 
 
 class Config(Section):
@@ -37,26 +61,63 @@ class Config(Section):
     seed: int
 
 
-@stage(HARDWARE_RECORDINGS)
+@stage(HARDWARE_RECORDINGS, PROTOCOL_RECORDINGS, EXECUTED_BY)
 def hardware(
-    cfg: Config, initial_trials: pd.DataFrame, references: pd.DataFrame, ctx: Context
+    cfg: Config,
+    initial_trials: pd.DataFrame,
+    references: pd.DataFrame,
+    ctx: Context,
+    protocol_commands: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
-    """Execute each experiment's initial trials."""
-    with ctx.rig as rig, ctx.progress("trials", len(initial_trials)) as advance:
+    """Execute each experiment's initial trials, then those of the protocol."""
+    passive = split_turns(protocol_commands, ctx.rig.real)
+    with ctx.rig as rig, ctx.progress("trials", len(initial_trials) + len(passive)) as advance:
         for row in rows_of(initial_trials):
             key = (row["participant"], row["experiment"], row["position"])
-            ctx.record.part(key, partial(execute, row, references, rig, ctx.generator(*key)))
+            ctx.record.part(key, partial(execute_tracked, row, references, rig, ctx.generator(*key)))
             advance(f"{row['participant']} experiment {row['experiment']}")
-    return ctx.record.collect()
+        for turn, commands in passive.items():
+            ctx.record.part((NOBODY, *turn), partial(execute_passive, commands, rig, ctx))
+            advance(f"protocol experiment {turn[0]}")
+    executed_by = {"rig": [type(rig).__name__], "real": [rig.real], "sampling_rate_hz": [float(rig.sampling_rate_hz)]}
+    return {**ctx.record.collect(), EXECUTED_BY.name: pd.DataFrame(executed_by)}
 
 
-def execute(row: dict[str, Any], references: pd.DataFrame, rig: Rig, generator: Any) -> dict[str, pd.DataFrame]:
-    """Execute one row of the list."""
+def execute_tracked(row: dict[str, Any], references: pd.DataFrame, rig: Rig, generator: Any) -> dict[str, pd.DataFrame]:
+    """Execute one initial trial."""
     samples = references[references["trajectory"] == row["trajectory"]]
     label = f"{row['participant']} experiment {row['experiment']} initial {row['position']}"
     recording = rig.execute(tracked_trial(samples, rig, row["participant"], label), generator)
-    frame = pd.DataFrame(tidy(recording, rig)).assign(**row)
-    return {HARDWARE_RECORDINGS.name: frame[list(HARDWARE_RECORDINGS.columns)]}
+    return make_part(HARDWARE_RECORDINGS, pd.DataFrame(tidy(recording, rig)).assign(**row))
+
+
+def split_turns(commands: pd.DataFrame | None, real: bool) -> dict[tuple[int, ...], pd.DataFrame]:
+    """Return the protocol's commands by turn of the loop, named by experiment and, on a real rig, trial.
+
+    What a machine measured lands trial by trial. A simulation's trials land by experiment, as each is made sooner than
+    a part is written.
+    """
+    if commands is None:
+        return {}
+    by = ["experiment", "trial"] if real else ["experiment"]
+    return {tuple(int(str(each)) for each in key): rows for key, rows in commands.groupby(by, sort=False)}
+
+
+def execute_passive(commands: pd.DataFrame, rig: Rig, ctx: Context) -> dict[str, pd.DataFrame]:
+    """Execute trials of the protocol."""
+    frames = []
+    for (experiment, trial), samples in commands.groupby(["experiment", "trial"], sort=False):
+        turn = int(str(experiment)), int(str(trial))
+        label = "protocol experiment {} trial {}".format(*turn)
+        recording = rig.execute(passive_trial(samples, rig, label), ctx.generator(NOBODY, *turn))
+        frames.append(pd.DataFrame(tidy(recording, rig)).assign(experiment=turn[0], trial=turn[1]))
+    return make_part(PROTOCOL_RECORDINGS, pd.concat(frames, ignore_index=True))
+
+
+def make_part(table: Table, frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return the part of a trial: its rows for the table they belong to, none for the others."""
+    empty = {each.name: pd.DataFrame(columns=list(each.columns)) for each in hardware.writes}
+    return {**empty, table.name: frame[list(table.columns)]}
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:

@@ -19,6 +19,8 @@ TABLES = {
     "hyperprior",
     "scaling",
     "hardware_recordings",
+    "protocol_recordings",
+    "executed_by",
     "trials",
     "active_recordings",
     "models",

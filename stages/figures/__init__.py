@@ -2,5 +2,6 @@
 
 from stages.figures.chosen_trials import draw_chosen_trials
 from stages.figures.learning_curves import draw_learning_curves
+from stages.figures.protocol_commands import draw_protocol
 
-__all__ = ["draw_chosen_trials", "draw_learning_curves"]
+__all__ = ["draw_chosen_trials", "draw_learning_curves", "draw_protocol"]

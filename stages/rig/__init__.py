@@ -4,6 +4,22 @@ The rigs themselves are named by configuration and imported from there.
 """
 
 from stages.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, Recording, Rig, RigError, Trial, tidy
+from stages.rig.excitation import FreeMovements, RigWithLimits, check_levels
 from stages.rig.reference import tracked_trial
+from stages.rig.sweeps import Sweeps, passive_trial
 
-__all__ = ["MEASUREMENT_COLUMNS", "MOST_ROWS", "Recording", "Rig", "RigError", "Trial", "tidy", "tracked_trial"]
+__all__ = [
+    "MEASUREMENT_COLUMNS",
+    "MOST_ROWS",
+    "FreeMovements",
+    "Recording",
+    "Rig",
+    "RigError",
+    "RigWithLimits",
+    "Sweeps",
+    "Trial",
+    "check_levels",
+    "passive_trial",
+    "tidy",
+    "tracked_trial",
+]
