@@ -3,5 +3,13 @@
 from stages.figures.chosen_trials import draw_chosen_trials
 from stages.figures.learning_curves import draw_learning_curves
 from stages.figures.protocol_commands import draw_protocol
+from stages.figures.sensitivity import draw_sensitivity
+from stages.figures.shift_curves import draw_shift_curves
 
-__all__ = ["draw_chosen_trials", "draw_learning_curves", "draw_protocol"]
+__all__ = [
+    "draw_chosen_trials",
+    "draw_learning_curves",
+    "draw_protocol",
+    "draw_sensitivity",
+    "draw_shift_curves",
+]

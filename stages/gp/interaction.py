@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stages.gp.hyperprior import Hyperprior
 from stages.gp.marginal import MarginalGP, condition, fit
 from stages.gp.scoring import trajectory_utility
-from stages.gp.subsample import check_count, subsample
+from stages.gp.subsample import Displace, check_count, subsample
 
 Array = NDArray[np.float64]
 
@@ -186,6 +186,7 @@ class Interaction:
         inputs: Sequence[Array],
         outputs: Sequence[Array],
         generators: Sequence[np.random.Generator],
+        displace: Sequence[Displace] | None = None,
     ) -> tuple[Interaction, tuple[NDArray[np.intp], ...]]:
         """Take a trial's most informative samples and identify every model again.
 
@@ -197,13 +198,15 @@ class Interaction:
             What was recorded, standardised.
         generators : sequence of Generator
             For the starts of each muscle's search, and for its picks where they are random.
+        displace : sequence of callable, optional
+            For each muscle: takes another sample in place of each pick (see `subsample`).
 
         Returns
         -------
         Interaction
             With the picked samples appended.
         tuple over M muscles of (K,) int arrays
-            Indices of the picked samples in the recording, in the order of picking.
+            Indices of the samples taken from the recording, in the order of picking.
 
         Raises
         ------
@@ -213,9 +216,11 @@ class Interaction:
         _check_muscles(len(self.priors), inputs, outputs, generators)
         if not 0 <= trajectory < len(self.candidates[0]):
             raise ValueError(f"trajectory: expected 0 to {len(self.candidates[0]) - 1}, got {trajectory}")
+        ways: Sequence[Displace | None] = [None] * len(self.priors) if displace is None else displace
+        _check_muscles(len(self.priors), ways)
         picks = tuple(
-            self._pick(model, x, y, each)
-            for model, x, y, each in zip(self.models, inputs, outputs, generators, strict=True)
+            self._pick(model, x, y, each, way)
+            for model, x, y, each, way in zip(self.models, inputs, outputs, generators, ways, strict=True)
         )
         grown_inputs = tuple(np.vstack([old, x[at]]) for old, x, at in zip(self.inputs, inputs, picks, strict=True))
         grown_outputs = tuple(
@@ -232,11 +237,20 @@ class Interaction:
         told = replace(self, inputs=grown_inputs, outputs=grown_outputs, thetas=thetas, used=self.used | {trajectory})
         return told, picks
 
-    def _pick(self, model: MarginalGP, x: Array, y: Array, generator: np.random.Generator) -> NDArray[np.intp]:
-        check_count(self.design.points_per_trial, len(x))
-        if self.design.subsample_utility == "random":
-            return generator.choice(len(x), self.design.points_per_trial, replace=False)
-        return subsample(model, x, y, self.design.points_per_trial, self.design.subsample_utility)
+    def _pick(
+        self, model: MarginalGP, x: Array, y: Array, generator: np.random.Generator, displace: Displace | None
+    ) -> NDArray[np.intp]:
+        count, utility = self.design.points_per_trial, self.design.subsample_utility
+        check_count(count, len(x))
+        if utility != "random":
+            return subsample(model, x, y, count, utility, displace)
+        picks = generator.choice(len(x), count, replace=False)
+        if displace is None:
+            return picks
+        taken: list[int] = []
+        for row in picks:
+            taken.append(displace(int(row), taken))
+        return np.array(taken, dtype=np.intp)
 
 
 def _check_muscles(expected: int, *each: Sequence[object]) -> None:

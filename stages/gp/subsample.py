@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,8 +11,13 @@ from stages.gp.marginal import MarginalGP
 
 Array = NDArray[np.float64]
 
+Displace = Callable[[int, Sequence[int]], int]
+"""Returns the row to take in place of a picked one, given the rows taken so far, of which it is none."""
 
-def subsample(model: MarginalGP, inputs: Array, outputs: Array, count: int, utility: str) -> NDArray[np.intp]:
+
+def subsample(
+    model: MarginalGP, inputs: Array, outputs: Array, count: int, utility: str, displace: Displace | None = None
+) -> NDArray[np.intp]:
     """Pick samples one by one by their utility, each time given those picked before.
 
     theta_MAP and S are held; V and its derivatives need no output, the mean's derivatives use the picks' recorded one.
@@ -25,11 +32,13 @@ def subsample(model: MarginalGP, inputs: Array, outputs: Array, count: int, util
         How many to pick.
     utility : str
         A point utility.
+    displace : callable, optional
+        Takes another row in place of each pick; the later picks are then given that row.
 
     Returns
     -------
     (count,) int array
-        Rows of the recording, in the order of picking.
+        Rows of the recording that were taken, in the order of picking.
 
     Raises
     ------
@@ -45,6 +54,8 @@ def subsample(model: MarginalGP, inputs: Array, outputs: Array, count: int, util
         scores = model.utility(inputs, utility)
         scores[picks] = -np.inf
         best = int(np.argmax(scores))
+        if displace is not None:
+            best = displace(best, picks)
         picks.append(best)
         model = model.grow(inputs[best : best + 1], outputs[best : best + 1])
     return np.array(picks, dtype=np.intp)

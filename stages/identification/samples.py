@@ -13,13 +13,17 @@ from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
 TAKEN = ["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]
 
 
+def place_evenly(count: int, samples: int) -> NDArray[np.intp]:
+    """Return the (count,) rows that are evenly spread over so many samples."""
+    return ((np.arange(count) + 0.5) * samples / count).astype(np.intp)
+
+
 def spread_evenly(executed: pd.DataFrame, count: int, muscles: Sequence[str]) -> pd.DataFrame:
     """Return `count` samples of each muscle, evenly spread over the executed trials."""
     frames = []
     for name in muscles:
         rows = executed[executed["muscle"] == name]
-        at = ((np.arange(count) + 0.5) * len(rows) / count).astype(int)
-        frames.append(rows.iloc[at].assign(pick=range(count)))
+        frames.append(rows.iloc[place_evenly(count, len(rows))].assign(pick=range(count)))
     return pd.concat(frames, ignore_index=True)[TAKEN]
 
 
