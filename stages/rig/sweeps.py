@@ -162,7 +162,8 @@ def passive_trial(samples: pd.DataFrame, rig: Rig, label: str) -> Trial:
     ValueError
         When a muscle of the rig is not in the samples.
     """
-    missing = [name for name in rig.muscles if name not in set(samples["muscle"])]
+    commanded = set(samples["muscle"].unique())
+    missing = [name for name in rig.muscles if name not in commanded]
     if missing:
         raise ValueError(
             f"expected commands of every muscle of the rig ({', '.join(rig.muscles)}), got none of {missing}"
