@@ -1,6 +1,7 @@
 """Figures: frames flow in, matplotlib figures flow out."""
 
 from stages.figures.chosen_trials import draw_chosen_trials
+from stages.figures.error_bars import draw_error_bars
 from stages.figures.learning_curves import draw_learning_curves
 from stages.figures.protocol_commands import draw_protocol
 from stages.figures.sensitivity import draw_sensitivity
@@ -8,6 +9,7 @@ from stages.figures.shift_curves import draw_shift_curves
 
 __all__ = [
     "draw_chosen_trials",
+    "draw_error_bars",
     "draw_learning_curves",
     "draw_protocol",
     "draw_sensitivity",
