@@ -6,8 +6,8 @@ measured here and no verdict is written down: each follows from its statistics b
 A claim that something is better holds where the difference has that sign and its p-value, adjusted in the table that it
 comes from, is below 5 %. A claim that something does not matter holds where the test of equivalence is below 5 %; of
 several muscles, where every one's is (the largest p-value of an intersection-union test, Berger 1982). A claim that
-choices agree holds where they are more alike than at random. Everything else does not hold; the finding says whether the
-opposite was found, or nothing.
+choices agree holds where they are more alike than at random. Everything else does not hold; the finding says whether
+the opposite was found, or nothing.
 """
 
 from __future__ import annotations
