@@ -1,5 +1,6 @@
 """Figures: frames flow in, matplotlib figures flow out."""
 
+from stages.figures.agreement import draw_agreement
 from stages.figures.chosen_trials import draw_chosen_trials
 from stages.figures.error_bars import draw_error_bars
 from stages.figures.learning_curves import draw_learning_curves
@@ -8,6 +9,7 @@ from stages.figures.sensitivity import draw_sensitivity
 from stages.figures.shift_curves import draw_shift_curves
 
 __all__ = [
+    "draw_agreement",
     "draw_chosen_trials",
     "draw_error_bars",
     "draw_learning_curves",

@@ -5,6 +5,7 @@ A `Hyperprior` and standardised data flow into `fit`, which returns a `MarginalG
 predictions, and scores points by the `UTILITIES`; `trajectory_utility` scores a whole bank, `subsample` picks the
 samples of a recording. `Interaction` ties them into Algorithm 1: ask for a trajectory, tell what was recorded.
 
+`draw_models` with `point_information` and `path_information` estimate by Monte Carlo what the utilities approximate.
 For many data, `fit_sparse` returns a `SparseGP` of a few pseudo-inputs, which predicts alike.
 
 Inside, data flow `kernel` -> `factor` -> `posterior` -> `estimation` -> `laplace` -> `marginal` -> `utilities`;
@@ -16,6 +17,7 @@ from stages.gp.hyperprior import Hyperprior
 from stages.gp.interaction import Choice, Design, Interaction
 from stages.gp.laplace import Laplace
 from stages.gp.marginal import MarginalGP, condition, fit
+from stages.gp.mutual_information import Information, draw_models, path_information, point_information
 from stages.gp.posterior import LogPosterior
 from stages.gp.scoring import trajectory_utility
 from stages.gp.sparse import SparsePosterior, SparseSlopes
@@ -30,6 +32,7 @@ __all__ = [
     "Design",
     "FactorisationError",
     "Hyperprior",
+    "Information",
     "Interaction",
     "Laplace",
     "LogPosterior",
@@ -38,8 +41,11 @@ __all__ = [
     "SparsePosterior",
     "SparseSlopes",
     "condition",
+    "draw_models",
     "fit",
     "fit_sparse",
+    "path_information",
+    "point_information",
     "subsample",
     "trajectory_utility",
 ]

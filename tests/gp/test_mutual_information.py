@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from stages.gp import condition
+from stages.gp import Information, condition, draw_models, path_information, point_information
 from tests.gp.data import make_prior
 
 THETA = np.array([0.2, 0.3, 0.1, 0.2, np.log(0.3)])
@@ -77,3 +77,54 @@ def test_log_det_is_mutual_information_of_correlated_measurements(model, generat
     expected, error = estimate_information(model, path, generator)
     assert model.joint_information(path) == pytest.approx(expected, abs=3 * error + 0.03 * expected)
     assert model.utility(path, "y_y_theta").sum() > expected + 5 * error
+
+
+def test_estimates_by_draws_agree_with_the_textbook_estimate(model, generator):
+    points = generator.uniform(-1.5, 1.5, (6, 3))
+    models = draw_models(model, 600, generator)
+    densities = point_information(models, points)
+    assert densities.shape == (600, 6)
+    for index in range(6):
+        expected, error = estimate_information(model, points[index : index + 1], generator)
+        found = Information.of(densities[:, index])
+        assert found.value == pytest.approx(expected, abs=4 * np.hypot(error, found.standard_error))
+    time = np.linspace(0, 1, 5)
+    path = 0.8 * np.stack([np.sin(2 * time), np.cos(2 * time), time], axis=1)
+    expected, error = estimate_information(model, path, generator)
+    found = Information.of(path_information(models, path, generator.standard_normal((4, 600, 5))))
+    assert found.value == pytest.approx(expected, abs=4 * np.hypot(error, found.standard_error))
+    assert found.standard_error < 0.1 * found.value
+
+
+def test_information_of_one_point_is_the_same_alone_and_as_a_path(model, generator):
+    models = draw_models(model, 500, generator)
+    point = generator.uniform(-1.5, 1.5, (1, 3))
+    alone = Information.of(point_information(models, point)[:, 0])
+    path = Information.of(path_information(models, point, generator.standard_normal((40, 500, 1))))
+    assert path.value == pytest.approx(alone.value, abs=3 * path.standard_error)
+
+
+def test_known_hyperparameters_leave_nothing_to_tell(model, generator):
+    known = condition(model.inputs, model.posterior.outputs, THETA, make_prior(), covariance=np.full((5, 5), 0.0))
+    points = generator.uniform(-1.5, 1.5, (4, 3))
+    np.testing.assert_allclose(point_information(draw_models(known, 50, generator), points), 0.0, atol=1e-12)
+
+
+def test_noise_free_values_tell_more_than_measurements(model, generator):
+    models = draw_models(model, 300, generator)
+    points = generator.uniform(-1.5, 1.5, (20, 3))
+    noisy, free = (point_information(models, points, noisy=each).mean(axis=0) for each in (True, False))
+    assert (free > noisy).mean() > 0.9
+
+
+def test_information_does_not_depend_on_the_size_of_blocks(model, generator, monkeypatch):
+    models = draw_models(model, 40, generator)
+    points = generator.uniform(-1.5, 1.5, (30, 3))
+    whole = point_information(models, points)
+    monkeypatch.setattr("stages.gp.mutual_information.LARGEST_BLOCK", 40 * 40 * 7)
+    np.testing.assert_array_equal(point_information(models, points), whole)
+
+
+def test_refuses_a_single_draw(model, generator):
+    with pytest.raises(ValueError, match="draws: expected at least 2, got 1"):
+        draw_models(model, 1, generator)
