@@ -1,0 +1,210 @@
+"""Every verdict turns with planted data, either way; statistics are those of SciPy and statsmodels."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+from statsmodels.stats.weightstats import ttost_paired
+
+from stages.claims import CLAIMS, Evidence, claims, describe, judge_better, judge_concentrated, judge_same, weigh_fall
+from stages.comparison import pair_arms
+from stages.participant_differences import add_average, compare_participants
+from stages.rivals import compare_family
+
+
+def make_curve(generator, arms, sd=0.001, experiments=6, people=("p1", "p2"), start=0.07, offsets=None):
+    """Return error rates that fall from `start` to a mean of each arm's own."""
+    rows = [
+        (who, experiment, arm, trial, "bank", muscle, (start if trial == 0 else mean) + shift + sd * generator.normal())
+        for who in people
+        for shift in [(offsets or {}).get(who, 0.0)]
+        for experiment in range(1, experiments + 1)
+        for arm, mean in arms.items()
+        for trial in range(3)
+        for muscle in ("pam1", "pam2")
+    ]
+    names = ["participant", "experiment", "arm", "trial", "tested_on", "muscle", "error_rate"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def make_rival(generator, mean, name="linear", sd=0.001):
+    rows = [
+        (name, "nobody", experiment, trial, "bank", muscle, mean + sd * generator.normal())
+        for experiment in range(1, 7)
+        for trial in (1, 2)
+        for muscle in ("pam1", "pam2")
+    ]
+    return pd.DataFrame(
+        rows, columns=["rival", "participant", "experiment", "trial", "tested_on", "muscle", "error_rate"]
+    )
+
+
+def judged(**tables):
+    """Return verdicts by claim and setting."""
+    frame = claims.function(cfg=None, ctx=None, **tables)
+    checked = CLAIMS.check(frame, "test")
+    return checked.set_index(["claim", "setting"])
+
+
+@pytest.mark.parametrize(("end", "verdict", "word"), [(0.03, "holds", "shown"), (0.09, "does not hold", "opposite")])
+def test_error_falls_or_rises(end, verdict, word, generator):
+    curve = make_curve(generator, {"y_y": end})
+    row = judged(learning_curve=curve).loc[("error_falls", "")]
+    assert row["verdict"] == verdict
+    assert word in row["finding"]
+    means = curve.groupby(["participant", "experiment", "trial"])["error_rate"].mean().unstack("trial")
+    expected = stats.ttest_rel(means[2], means[0])
+    assert row["p"] == pytest.approx(expected.pvalue, rel=1e-6)
+    assert (row["low"], row["high"]) == pytest.approx(tuple(expected.confidence_interval()), rel=1e-9)
+    assert row["n"] == 12
+
+
+def test_nothing_found_is_not_an_opposite(generator):
+    row = judged(learning_curve=make_curve(generator, {"y_y": 0.07}, sd=0.02)).loc[("error_falls", "")]
+    assert row["verdict"] == "does not hold"
+    assert "no difference was found" in row["finding"]
+
+
+@pytest.mark.parametrize(("rival", "verdict"), [(0.06, "holds"), (0.01, "does not hold")])
+def test_rivals_are_worse_or_better(rival, verdict, generator):
+    curve = pd.concat([make_rival(generator, rival), make_rival(generator, rival, "sparse_gp")])
+    compared = compare_family(make_curve(generator, {"y_y": 0.03}), curve, ["pam1", "pam2"], "bank")
+    told = judged(rival_comparison=compared)
+    assert list(told.index.get_level_values(0)) == [
+        "better_than_linear",
+        "learns_faster_than_linear",
+        "better_than_sparse_gp",
+    ]
+    assert (told["verdict"] == verdict).all()
+    assert (told["n"] == 6).all()
+
+
+@pytest.mark.parametrize(
+    ("offset", "sd", "verdict", "word"),
+    [
+        (0.0, 0.001, "holds", "equivalent"),
+        (0.03, 0.001, "does not hold", "matters"),
+        (0.0, 0.05, "does not hold", "undecided"),
+        (0.004, 0.0005, "holds", "less than the margin"),
+    ],
+)
+def test_participants_are_comparable_or_not(offset, sd, verdict, word, generator):
+    curve = add_average(make_curve(generator, {"y_y": 0.03}, sd=sd, offsets={"p2": offset}))
+    compared = compare_participants(curve, ["p1", "p2"], ["mean", "pam1"], 0.01, [2, None])
+    row = judged(participant_comparison=compared).loc[("participants_comparable", "p1, p2")]
+    assert (row["verdict"], row["n"]) == (verdict, 6)
+    assert word in row["finding"]
+
+
+@pytest.mark.parametrize(("random", "verdict"), [(0.04, "holds"), (0.02, "does not hold"), (0.03, "does not hold")])
+def test_choices_tell_more_or_less_than_random_ones(random, verdict, generator):
+    compared = pair_arms(make_curve(generator, {"y_y": 0.03, "random": random}), ["y_y", "random"], [2, None])
+    told = judged(paired_comparison=compared)
+    assert (told["verdict"] == verdict).all()
+    assert (told["n"] == 12).all()
+
+
+def make_shift(difference, p_holm, p_tost, measure):
+    row = {"amplitude_s": 0.3, "tested_on": "bank", "measure": measure, "n": 20, "difference": difference}
+    row |= {"low": difference - 0.001, "high": difference + 0.002, "d_z": 2.0, "p_holm": p_holm}
+    return pd.DataFrame([row | {"p_tost": p_tost, "margin": 0.005}])
+
+
+@pytest.mark.parametrize(
+    ("p_holm", "p_tost", "verdict"),
+    [(0.5, 0.01, "holds"), (0.01, 0.01, "holds"), (0.01, 0.5, "does not hold"), (0.5, 0.5, "does not hold")],
+)
+def test_a_shift_matters_or_not(p_holm, p_tost, verdict):
+    told = judged(shift_comparison=make_shift(0.002, p_holm, p_tost, "final"))
+    assert told.loc[("robust_to_time_shift", "up to 0.3 s"), "verdict"] == verdict
+
+
+@pytest.mark.parametrize(
+    ("difference", "p_holm", "verdict"),
+    [(0.004, 0.01, "holds"), (0.004, 0.2, "does not hold"), (-0.004, 0.01, "does not hold")],
+)
+def test_no_shift_is_best_or_not(difference, p_holm, verdict):
+    row = judged(shift_comparison=make_shift(difference, p_holm, np.nan, "curve")).loc[
+        ("best_without_time_shift", "up to 0.3 s")
+    ]
+    assert row["verdict"] == verdict
+    assert row["estimate"] == pytest.approx(-difference)
+    assert row["low"] <= row["estimate"] <= row["high"]
+    assert row["effect"] == -2.0
+
+
+def make_sensitivity(kind, p_holms, p_tosts):
+    rows = [
+        {
+            "kind": kind,
+            "setting": 0.5,
+            "tested_on": "bank",
+            "muscle": muscle,
+            "n": 20,
+            "difference": 0.001,
+            "low": -0.001,
+            "high": 0.003,
+            "hedges_g": 0.2,
+            "rank_biserial": 0.3,
+            "p_holm": p_holm,
+            "p_tost": p_tost,
+            "margin": 0.005,
+        }
+        for muscle, p_holm, p_tost in zip(("pam1", "pam2", "mean"), p_holms, p_tosts, strict=True)
+    ]
+    return pd.DataFrame(rows)
+
+
+@pytest.mark.parametrize("kind", ["mean", "variance"])
+@pytest.mark.parametrize(
+    ("p_holms", "p_tosts", "verdict", "p"),
+    [
+        ((0.5, 0.5, 0.5), (0.01, 0.03, 0.9), "holds", 0.03),
+        ((0.5, 0.5, 0.5), (0.01, 0.2, 0.01), "does not hold", 0.2),
+        ((0.01, 0.5, 0.5), (0.2, 0.01, 0.01), "does not hold", 0.2),
+        ((0.5, 0.5, 0.5), (np.nan, 0.01, 0.01), "does not hold", np.nan),
+    ],
+)
+def test_priors_matter_if_one_muscle_says_so(kind, p_holms, p_tosts, verdict, p):
+    told = judged(sensitivity_comparison=make_sensitivity(kind, p_holms, p_tosts))
+    (row,) = told.reset_index().to_dict("records")
+    assert row["claim"] == f"insensitive_to_prior_{kind}s"
+    assert row["verdict"] == verdict
+    assert row["p"] == pytest.approx(p, nan_ok=True)
+
+
+def test_concentration_turns_with_its_p_value():
+    found = [judge_concentrated(Evidence("", 8, 0.0, 0.0, 0.0, 1.0, p)).verdict for p in (0.001, 0.2, np.nan)]
+    assert found == ["holds", "does not hold", "does not hold"]
+
+
+@pytest.mark.parametrize(("real", "verdict"), [(False, "not testable in simulation"), (True, "holds")])
+def test_a_real_robot_is_judged_where_one_was_there(real, verdict, generator):
+    rig = pd.DataFrame({"rig": ["Any"], "real": [real], "sampling_rate_hz": [250.0]})
+    told = judged(executed_by=rig, learning_curve=make_curve(generator, {"y_y": 0.03}))
+    assert told.loc[("works_on_a_real_robot", ""), "verdict"] == verdict
+    worse = judged(executed_by=rig, learning_curve=make_curve(generator, {"y_y": 0.09}))
+    assert worse.loc[("works_on_a_real_robot", ""), "verdict"] == ("does not hold" if real else verdict)
+
+
+def test_one_experiment_shows_nothing(generator):
+    curve = make_curve(generator, {"y_y": 0.03}, experiments=1, people=("p1",))
+    row = judged(learning_curve=curve).loc[("error_falls", "")]
+    assert (row["verdict"], row["n"]) == ("does not hold", 1)
+    assert np.isnan(row["p"])
+
+
+def test_rules_agree_with_statsmodels(generator):
+    first, second = generator.normal(0.03, 0.001, 12), generator.normal(0.0305, 0.001, 12)
+    p_tost = ttost_paired(first, second, -0.005, 0.005)[0]
+    p_different = stats.ttest_rel(first, second).pvalue
+    evidence = Evidence("", 12, float((first - second).mean()), 0.0, 0.0, 0.0, p_different, p_tost)
+    assert judge_same(evidence).p == p_tost
+    assert judge_same(evidence).verdict == "holds"
+    assert judge_better(evidence).p == p_different
+    (case,) = weigh_fall(make_curve(generator, {"y_y": 0.03}))
+    assert describe(case)["paper"].endswith("(5.1, Fig. 6)")
+
+
+def test_a_workflow_without_comparisons_has_no_claims():
+    assert claims.function(cfg=None, ctx=None).empty
