@@ -1,0 +1,68 @@
+"""The check of utilities: ranks against SciPy, regrets against closed forms, verdicts that planted data turn."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from stages.utility_check import CHOICES, TARGETS, UTILITY_AGREEMENT, UTILITY_SUMMARY, agree, forgo_at_random, summarise
+
+
+def test_ranks_and_regrets_are_those_of_the_definition(generator):
+    scores, information = generator.random(40), generator.random(40)
+    spearman, regret = agree(scores, information)
+    assert spearman == pytest.approx(stats.spearmanr(scores, information).statistic)
+    assert regret == pytest.approx(1 - information[np.argmax(scores)] / information.max())
+    assert agree(information**3, information) == (pytest.approx(1.0), 0.0)
+    assert agree(-information, information) == (
+        pytest.approx(-1.0),
+        pytest.approx(1 - information.min() / information.max()),
+    )
+
+
+def test_a_random_choice_forgoes_what_is_expected(generator):
+    information = generator.random(40)
+    drawn = 1 - information[generator.integers(40, size=200_000)] / information.max()
+    assert forgo_at_random(information) == pytest.approx(drawn.mean(), abs=4 * drawn.std() / np.sqrt(drawn.size))
+
+
+def test_equal_scores_have_no_rank(generator):
+    spearman, regret = agree(np.ones(5), np.arange(1.0, 6.0))
+    assert np.isnan(spearman)
+    assert regret == pytest.approx(0.8)
+    assert forgo_at_random(np.zeros(4)) == 0.0
+
+
+def plant(generator, regrets, experiments=6):
+    """Return `utility_agreement` with each utility's regret around a mean of its own."""
+    rows = [
+        (who, experiment, trial, target, name, 0.5, regrets.get(name, 0.3) + 0.005 * generator.random(), 2.0, 0.1)
+        for who in ("p1", "p2")
+        for experiment in range(1, experiments + 1)
+        for trial in (0, 5, 10)
+        for target in TARGETS
+        for name in CHOICES
+    ]
+    return UTILITY_AGREEMENT.check(pd.DataFrame(rows, columns=list(UTILITY_AGREEMENT.columns)), "test")
+
+
+@pytest.mark.parametrize(
+    ("regret", "verdict"),
+    [(0.1, "forgoes less than y_y"), (0.5, "forgoes more than y_y"), (0.3, "undecided")],
+)
+def test_planted_regrets_turn_the_verdict(regret, verdict, generator):
+    told = UTILITY_SUMMARY.check(summarise(plant(generator, {"variance": regret})), "test")
+    its = told[told["utility"] == "variance"]
+    assert (its["verdict"] == verdict).all()
+    assert (its["n"] == 12).all()
+    assert (told.loc[told["utility"] == "y_y", "verdict"] == "the design").all()
+
+
+def test_experiments_are_the_unit_and_agree_with_scipy(generator):
+    agreement = plant(generator, {"variance": 0.31})
+    told = summarise(agreement).set_index(["target", "utility"]).loc[("together", "variance")]
+    its = agreement[agreement["target"] == "together"]
+    means = its.groupby(["utility", "participant", "experiment"])["regret"].mean()
+    expected = stats.ttest_rel(means["variance"].to_numpy(), means["y_y"].to_numpy())
+    assert (told["low"], told["high"]) == pytest.approx(tuple(expected.confidence_interval()), rel=1e-9)
+    assert told["regret"] == pytest.approx(means["variance"].mean())
