@@ -54,20 +54,20 @@ CLAIMS = Table(
 
 PAPER = {
     "error_falls": "the models' error falls over the trials with a person moving (5.1, Fig. 6)",
-    "learns_faster_than_linear": "over the trials, the error is below the standard linear procedure's, which has no "
+    "beats_linear_over_trials": "over the trials, the error is below the standard linear procedure's, which has no "
     "interaction (5.1, Fig. 6)",
-    "better_than_linear": "after the last trial, the error is below the standard linear procedure's (5.2, Fig. 7)",
-    "better_than_sparse_gp": "after the last trial, the error is below that of a sparse GP on all data without "
+    "beats_linear": "after the last trial, the error is below the standard linear procedure's (5.2, Fig. 7)",
+    "beats_sparse_gp": "after the last trial, the error is below that of a sparse GP on all data without "
     "interaction (5.2, Fig. 7)",
-    "participants_comparable": "two participants give comparable models (5.2, Fig. 8)",
-    "robust_to_time_shift": "learning is robust against the participant's tracking error (5.3, Fig. 9)",
-    "best_without_time_shift": "without tracking error, learning is better (5.3, Fig. 9)",
-    "chosen_tell_more": "chosen trajectories hold more information than others (5.3): here, than those drawn at random",
-    "insensitive_to_prior_means": "performance is not highly sensitive to the hyperpriors' means (6.1)",
-    "insensitive_to_prior_variances": "performance is not highly sensitive to the hyperpriors' variances (6.1)",
-    "choices_are_consistent": "some trajectories are chosen again and again (6.2, Fig. 10)",
+    "participants_alike": "two participants give comparable models (5.2, Fig. 8)",
+    "robust_to_shift": "learning is robust against the participant's tracking error (5.3, Fig. 9)",
+    "best_without_shift": "without tracking error, learning is better (5.3, Fig. 9)",
+    "beats_random_choice": "chosen trajectories hold more information than others (5.3): here, than those drawn at random",
+    "prior_means_hardly_matter": "performance is not highly sensitive to the hyperpriors' means (6.1)",
+    "prior_variances_hardly_matter": "performance is not highly sensitive to the hyperpriors' variances (6.1)",
+    "choices_agree": "some trajectories are chosen again and again (6.2, Fig. 10)",
     "sparse_model_gains": "a sparse model that keeps all samples would do better (7, future work)",
-    "works_on_a_real_robot": "the error falls on a real exoskeleton with two healthy adults (5.1)",
+    "works_on_real_robot": "the error falls on a real exoskeleton with two healthy adults (5.1)",
 }
 
 
@@ -206,7 +206,7 @@ def tell_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the row of the claim about a real robot: that of `error_falls` if a real rig executed the trials."""
     nothing = dict.fromkeys(("estimate", "low", "high", "effect", "p"), np.nan)
     row = next((each for each in rows if each["claim"] == "error_falls"), None)
-    claim = {"claim": "works_on_a_real_robot", "paper": PAPER["works_on_a_real_robot"]}
+    claim = {"claim": "works_on_real_robot", "paper": PAPER["works_on_real_robot"]}
     if real and row is not None:
         return {**row, **claim}
     return {
@@ -242,9 +242,7 @@ def weigh_participants(compared: pd.DataFrame) -> Iterator[Case]:
         evidence = Evidence(
             f"Welch, TOST to {row['margin']:g}, Hedges g", n, *numbers(row, "hedges_g", "p_holm", "p_tost")
         )
-        yield Case(
-            "participants_comparable", f"{row['first']}, {row['second']}", row["tested_on"], evidence, judge_same
-        )
+        yield Case("participants_alike", f"{row['first']}, {row['second']}", row["tested_on"], evidence, judge_same)
 
 
 def weigh_time_shift(compared: pd.DataFrame) -> Iterator[Case]:
@@ -255,11 +253,11 @@ def weigh_time_shift(compared: pd.DataFrame) -> Iterator[Case]:
             evidence = Evidence(
                 f"paired t, TOST to {row['margin']:g}, d_z", row["n"], *numbers(row, "d_z", "p_holm", "p_tost")
             )
-            yield Case("robust_to_time_shift", setting, row["tested_on"], evidence, judge_same)
+            yield Case("robust_to_shift", setting, row["tested_on"], evidence, judge_same)
         else:
             # the table tells the shift less none; the claim is about none
             found = Evidence("paired t of the curve, d_z", row["n"], *numbers(row, "d_z", "p_holm"))
-            yield Case("best_without_time_shift", setting, row["tested_on"], turn(found), judge_better)
+            yield Case("best_without_shift", setting, row["tested_on"], turn(found), judge_better)
 
 
 def weigh_choices_against_random(compared: pd.DataFrame) -> Iterator[Case]:
@@ -269,7 +267,7 @@ def weigh_choices_against_random(compared: pd.DataFrame) -> Iterator[Case]:
         row = rows_of(rows.sort_values("n"))[-1]
         evidence = Evidence("paired t, d_z", int(row["n"]), *numbers(row, "d_z", "p_holm"))
         setting = "after the last trial" if row["measure"] == "final" else "over the curve"
-        yield Case("chosen_tell_more", setting, row["tested_on"], evidence, judge_better)
+        yield Case("beats_random_choice", setting, row["tested_on"], evidence, judge_better)
 
 
 def numbers(row: Any, effect: str, p_different: str, p_equivalent: str | None = None) -> tuple[float, ...]:
@@ -293,9 +291,9 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
 def weigh_rivals(compared: pd.DataFrame) -> Iterator[Case]:
     """Take the design's comparisons with the two rivals of the paper, over all muscles."""
     about = {
-        ("linear", "curve"): "learns_faster_than_linear",
-        ("linear", "final"): "better_than_linear",
-        ("sparse_gp", "final"): "better_than_sparse_gp",
+        ("linear", "curve"): "beats_linear_over_trials",
+        ("linear", "final"): "beats_linear",
+        ("sparse_gp", "final"): "beats_sparse_gp",
     }
     for row in rows_of(compared[compared["muscle"] == ALL_MUSCLES]):
         claim = about.get((row["rival"], row["measure"]))
@@ -308,8 +306,8 @@ def weigh_rivals(compared: pd.DataFrame) -> Iterator[Case]:
 def weigh_hyperpriors(compared: pd.DataFrame) -> Iterator[Case]:
     """Take each setting's comparison with Table 1: no muscle may be shown to differ, and all must be equivalent."""
     names = {
-        "mean": ("insensitive_to_prior_means", "drawn with {:g} of Table 1's SDs", "Welch", "hedges_g"),
-        "variance": ("insensitive_to_prior_variances", "{:g} of Table 1's", "Wilcoxon", "rank_biserial"),
+        "mean": ("prior_means_hardly_matter", "means by {:g} SD", "Welch", "hedges_g"),
+        "variance": ("prior_variances_hardly_matter", "variances x {:g}", "Wilcoxon", "rank_biserial"),
     }
     for _, rows in compared.groupby(["kind", "setting", "tested_on"], sort=False):
         claim, described, test, effect = names[str(rows["kind"].iloc[0])]
