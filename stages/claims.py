@@ -62,7 +62,7 @@ PAPER = {
     "participants_alike": "two participants give comparable models (5.2, Fig. 8)",
     "robust_to_shift": "learning is robust against the participant's tracking error (5.3, Fig. 9)",
     "best_without_shift": "without tracking error, learning is better (5.3, Fig. 9)",
-    "beats_random_choice": "chosen trajectories hold more information than others (5.3): here, than those drawn at random",
+    "beats_random_choice": "chosen trajectories hold more information than others (5.3); here, than random ones",
     "prior_means_hardly_matter": "performance is not highly sensitive to the hyperpriors' means (6.1)",
     "prior_variances_hardly_matter": "performance is not highly sensitive to the hyperpriors' variances (6.1)",
     "choices_agree": "some trajectories are chosen again and again (6.2, Fig. 10)",
