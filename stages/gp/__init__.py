@@ -15,14 +15,17 @@ Inside, data flow `kernel` -> `factor` -> `posterior` -> `estimation` -> `laplac
 
 from stages.gp.factor import FactorisationError
 from stages.gp.hyperprior import Hyperprior
-from stages.gp.interaction import Choice, Design, Interaction
+from stages.gp.interaction import Design, Interaction
+from stages.gp.knowledge import Choice, Knowledge
 from stages.gp.laplace import Laplace
 from stages.gp.marginal import MarginalGP, condition, fit
+from stages.gp.marginal_model import MarginalModel
 from stages.gp.mutual_information import Information, draw_models, path_information, point_information
 from stages.gp.posterior import LogPosterior
 from stages.gp.scoring import trajectory_utility
 from stages.gp.sparse import SparsePosterior, SparseSlopes
 from stages.gp.sparse_fit import fit_sparse
+from stages.gp.sparse_interaction import SparseDesign, SparseInteraction
 from stages.gp.sparse_marginal import SparseMarginalGP, condition_sparse
 from stages.gp.sparse_model import SparseGP, predict_weighted
 from stages.gp.subsample import subsample
@@ -36,10 +39,14 @@ __all__ = [
     "Hyperprior",
     "Information",
     "Interaction",
+    "Knowledge",
     "Laplace",
     "LogPosterior",
     "MarginalGP",
+    "MarginalModel",
+    "SparseDesign",
     "SparseGP",
+    "SparseInteraction",
     "SparseMarginalGP",
     "SparsePosterior",
     "SparseSlopes",
