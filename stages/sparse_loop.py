@@ -365,6 +365,11 @@ class Experiment:
             ),
         )
 
+    def keep_own(self, frame: pd.DataFrame, arm: str) -> pd.DataFrame:
+        """Return the rows of this experiment and an arm."""
+        same = (frame["participant"] == self.participant) & (frame["experiment"] == self.number)
+        return frame[same & (frame["arm"] == arm)]
+
     @staticmethod
     def keep_latest(frame: pd.DataFrame) -> pd.DataFrame:
         """Return the rows of the last trial."""
@@ -416,8 +421,7 @@ class Experiment:
         The exact models have as many points as the sparse ones have pseudo-inputs, evenly spread over the same samples.
         """
         section, arm = self.cfg.sparse_loop, self.arms[0]
-        where = "participant == @self.participant and experiment == @self.number and arm == @arm"
-        its = {name: rows.query(where) for name, rows in tables.items()}
+        its = {name: self.keep_own(rows, arm) for name, rows in tables.items()}
         earlier = {name: rows[rows["trial"] < section.trials] for name, rows in its.items()}
         known = self.continue_from(arm, earlier) if section.trials > 1 else self.begin(arm)
         kept = thin(self.keep_latest(its[SPARSE_RECORDINGS.name]), section.every, [])
