@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 AVERAGE = "mean"
 COLOURS = ("#c1272d", "#3b6fb6", "#6b7480", "#d08a1d", "#4b8f5a", "#8059a5", "#2b2b2b")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def draw_learning_curves(
@@ -51,7 +52,7 @@ def draw_learning_curves(
                 100 * its["error_rate_mean"],
                 100 * its["error_rate_sd"].fillna(0.0),
                 color=COLOURS[position % len(COLOURS)],
-                marker="o",
+                marker=MARKERS[position % len(MARKERS)],
                 markersize=3,
                 linewidth=1.4,
                 elinewidth=0.8,

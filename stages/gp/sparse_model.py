@@ -68,7 +68,7 @@ class SparseGP:
 
     def predict_mean(self, points: Array) -> Array:
         """Return the predictive mean of (B, D) points, (B,)."""
-        return predict_weighted(self.pseudo, self.weights, self.hyperparameters, points)
+        return predict_weighted(self.pseudo, self.weights, self.theta, points)
 
     def predict(self, points: Array) -> tuple[Array, Array]:
         """Return the predictive mean and variance of f at (B, D) points, (B,) each."""
@@ -92,7 +92,7 @@ class SparseGP:
         return mean, variance + self.noise_variance
 
 
-def predict_weighted(pseudo: Array, weights: Array, read: Hyperparameters, points: Array) -> Array:
+def predict_weighted(pseudo: Array, weights: Array, theta: Array, points: Array) -> Array:
     """Return the predictive mean that a sparse GP's weights stand for, without its data.
 
     Parameters
@@ -101,8 +101,8 @@ def predict_weighted(pseudo: Array, weights: Array, read: Hyperparameters, point
         Pseudo-inputs.
     weights : (M,) float array
         w.
-    read : Hyperparameters
-        theta.
+    theta : (P,) float array
+        Hyperparameters.
     points : (B, D) float array
         Where to predict.
 
@@ -116,7 +116,7 @@ def predict_weighted(pseudo: Array, weights: Array, read: Hyperparameters, point
     ValueError
         When the points have another shape or are not finite.
     """
-    points = check_points(points, read.lengths.size)
+    points, read = check_points(points, pseudo.shape[1]), Hyperparameters.read(theta, pseudo.shape[1])
     centre = pseudo.mean(axis=0)
     scaled = (pseudo - centre) / read.lengths
     mean = np.empty(len(points))

@@ -184,7 +184,7 @@ def test_working_memory_does_not_leak_into_a_model(generator):
 def test_the_mean_needs_pseudo_inputs_weights_and_theta_alone(mean, generator):
     x, y, pseudo, theta, model = make_models(generator, mean)
     sparse, points = model.sparse, places(x, pseudo, generator)
-    found = predict_weighted(pseudo, sparse.weights, sparse.hyperparameters, points)
+    found = predict_weighted(pseudo, sparse.weights, theta, points)
     np.testing.assert_allclose(found, Dense(x, y, pseudo, theta).predict(points)[0], atol=1e-8)
     np.testing.assert_array_equal(found, model.predict_mean(points))
 
