@@ -27,7 +27,6 @@ from stages.statistics import adjust_holm, compare_pairs, judge_paired_equivalen
 
 Array = NDArray[np.float64]
 
-ALL_MUSCLES = "mean"
 LEVEL = 0.05
 KEEPING, CHOOSING = "keeping all samples", "choosing by utility"
 
@@ -126,19 +125,16 @@ def sparse_comparison(
     if measured.empty:
         return measured, pd.DataFrame(columns=list(SPARSE_COMPARISON.columns))
     curve = join_exact(measured, learning_curve)
-    for tested_on in curve["tested_on"].unique():
-        its = label_lines(curve[curve["tested_on"] == tested_on])
-        lines, muscles = list(its["line"].unique()), list(its["muscle"].unique())
-        count = its.groupby("line")[["participant", "experiment"]].apply(lambda each: len(each.drop_duplicates()))
-        caption = (
-            "Error rate (RMSE over the largest force of the test data) after each trial, of sparse models that keep "
-            "all samples and of exact models of the most informative ones: mean and standard deviation over "
-            f"{count.min()} experiments, tested on {tested_on}. Both begin with the same initial trials, of which the "
-            "exact ones keep few samples."
-        )
-        name = "sparse_curve" if tested_on == "bank" else f"sparse_curve_{tested_on}"
-        figure = draw_learning_curves(summarise(its), lines, [ALL_MUSCLES, *muscles], "line", "model and choice")
-        ctx.figure(name, figure, caption)
+    labelled = label_lines(curve)
+    lines, panels = list(labelled["line"].unique()), [f"average of the muscles, {name}" for name in tests]
+    caption = (
+        "Error rate (RMSE over the largest force of the test data, averaged over muscles) after each trial, of sparse "
+        "models that keep all samples and of exact models of the most informative ones, for each test set: mean and "
+        f"standard deviation over {count_fewest(labelled)} experiments or more. Both begin with the same initial "
+        "trials, of which the exact ones keep few samples."
+    )
+    figure = draw_learning_curves(summarise(labelled), lines, panels, "line", "model and choice")
+    ctx.figure("sparse_curve", figure, caption)
     return curve, compare_ways(curve, cfg.sparse_comparison.margin)
 
 
@@ -216,11 +212,18 @@ def average_muscles(labelled: pd.DataFrame) -> pd.DataFrame:
     return labelled.groupby(keys, sort=False)["error_rate"].mean().reset_index()
 
 
+def count_fewest(labelled: pd.DataFrame) -> int:
+    """Return how many experiments the line with the fewest has."""
+    distinct = labelled[["line", "participant", "experiment"]].drop_duplicates()
+    return int(distinct["line"].value_counts().min())
+
+
 def summarise(labelled: pd.DataFrame) -> pd.DataFrame:
-    """Return mean and SD over experiments of one test set, for each muscle and their average."""
-    rows = pd.concat([labelled, average_muscles(labelled).assign(muscle=ALL_MUSCLES)], ignore_index=True)
-    told = rows.groupby(["line", "trial", "muscle"])["error_rate"].agg(["mean", "std"]).reset_index()
-    return told.rename(columns={"mean": "error_rate_mean", "std": "error_rate_sd"})
+    """Return mean and SD over experiments of the average over muscles, one panel for each test set."""
+    rows = average_muscles(labelled)
+    told = rows.groupby(["line", "trial", "tested_on"])["error_rate"].agg(["mean", "std"]).reset_index()
+    told = told.rename(columns={"mean": "error_rate_mean", "std": "error_rate_sd"})
+    return told.assign(muscle="average of the muscles, " + told["tested_on"])
 
 
 def pair_lines(curve: pd.DataFrame) -> list[tuple[str, str, str]]:
