@@ -24,10 +24,10 @@ from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.figures import draw_chosen_trials
-from stages.gp import Choice, Design, Interaction
-from stages.identification import MuscleSet, spread_evenly, take
+from stages.gp import Design, Interaction
+from stages.identification import MuscleSet, describe_choice, describe_models, spread_evenly, take
 from stages.plant import Exoskeleton
-from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, Rig, tidy, tracked_trial
+from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, Rig, track
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
 
 Array = NDArray[np.float64]
@@ -326,14 +326,14 @@ class Loop:
         else:
             interaction = self.begin()
             points.append(self.label(self.start, 0))
-            models.append(self.describe_models(interaction, 0))
+            models.append(self.label(describe_models(interaction.models, self.muscles), 0))
         choice = interaction.ask(self.ctx.generator("random", self.participant, self.experiment, trial))
         samples = self.execute(choice.trajectory, trial, rig)
         told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(samples), self.starts(trial))
         points.append(self.label(take(samples, picks, self.muscles.names), trial))
-        models.append(self.describe_models(told, trial))
+        models.append(self.label(describe_models(told.models, self.muscles), trial))
         return {
-            TRIALS.name: self.describe_choice(interaction, choice, trial),
+            TRIALS.name: self.label(pd.DataFrame([describe_choice(choice, interaction, self.muscles)]), trial),
             ACTIVE_RECORDINGS.name: self.label(samples, trial),
             MODELS.name: pd.concat(models, ignore_index=True),
             POINTS.name: pd.concat(points, ignore_index=True)[list(POINTS.columns)],
@@ -348,7 +348,7 @@ class Loop:
             self.muscles.priors,
             inputs,
             outputs,
-            self.indices(self.initial),
+            self.muscles.indices(self.initial),
             self.starts(0),
         )
 
@@ -366,7 +366,7 @@ class Loop:
             tuple(inputs),
             tuple(outputs),
             tuple(thetas),
-            frozenset(self.indices(used)),
+            frozenset(self.muscles.indices(used)),
         )
 
     def design(self) -> Design:
@@ -390,17 +390,12 @@ class Loop:
             self.ctx.generator("starts", self.participant, self.experiment, trial, name) for name in self.muscles.names
         ]
 
-    def indices(self, trajectories: Sequence[int]) -> list[int]:
-        """Return positions in the bank."""
-        return [self.muscles.trajectories.index(each) for each in trajectories]
-
     def execute(self, index: int, trial: int, rig: Rig) -> pd.DataFrame:
         """Execute a trajectory of the bank; arms share the person's and the sensors' noise at equal trial number."""
-        samples = self.references[self.references["trajectory"] == self.muscles.trajectories[index]]
         label = f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}"
         generator = self.ctx.generator("rig", self.participant, self.experiment, trial)
-        recording = rig.execute(tracked_trial(samples, rig, self.participant, label), generator)
-        return pd.DataFrame(tidy(recording, rig))
+        trajectory = self.muscles.trajectories[index]
+        return track(self.references, trajectory, rig, self.participant, label, generator)
 
     def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""
@@ -409,35 +404,6 @@ class Loop:
     def where(self, trial: int) -> dict[str, Any]:
         """Return the columns that say which trial this is."""
         return {"participant": self.participant, "experiment": self.experiment, "arm": self.arm, "trial": trial}
-
-    def describe_choice(self, interaction: Interaction, choice: Choice, trial: int) -> pd.DataFrame:
-        """Return the row of `trials`."""
-        best = runner_up = np.nan
-        if choice.scores is not None:
-            ranked = np.sort(choice.scores[np.isfinite(choice.scores)])[::-1]
-            best, runner_up = ranked[0], ranked[1] if ranked.size > 1 else np.nan
-        row = {
-            "trajectory": self.muscles.trajectories[choice.trajectory],
-            "utility": float(best),
-            "runner_up": float(runner_up),
-            "available": interaction.available.size,
-        }
-        return pd.DataFrame({**self.where(trial), **row}, index=[0])
-
-    def describe_models(self, interaction: Interaction, trial: int) -> pd.DataFrame:
-        """Return the rows of `models`."""
-        frames = []
-        for name, model in zip(self.muscles.names, interaction.models, strict=True):
-            row = {
-                "muscle": name,
-                "hyperparameter": self.muscles.hyperparameters,
-                "value": model.theta,
-                "sd": np.sqrt(np.diag(model.laplace.covariance)),
-                "log_posterior": model.log_posterior,
-                "repair": model.repair,
-            }
-            frames.append(pd.DataFrame({**self.where(trial), **row}))
-        return pd.concat(frames, ignore_index=True)
 
 
 def group_muscles(rig: Rig) -> dict[str, list[str]]:

@@ -15,94 +15,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.gp.hyperprior import Hyperprior
+from stages.gp.knowledge import Knowledge, Policy, check_muscles, check_trajectories
 from stages.gp.marginal import MarginalGP, condition, fit
-from stages.gp.scoring import trajectory_utility
 from stages.gp.subsample import Displace, check_count, subsample
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Design:
+class Design(Policy):
     """The choices that method and paper leave open.
 
     Parameters
     ----------
-    utility : str
-        What a trajectory is chosen by; a name in `UTILITIES`, or ``random``.
+    utility, reduce, reuse_trajectories, mean, memory_mb
+        As in `Policy`.
     subsample_utility : str
         What a recording's samples are picked by; a name in `UTILITIES`, or ``random``.
-    reduce : str
-        ``sum`` or ``max`` over a trajectory's samples.
     points_per_trial : int
         Samples that each muscle's model takes from a trial.
-    reuse_trajectories : bool
-        Whether an executed trajectory may be chosen again.
     log_det_every : int
         The ``log_det`` utility takes every so-many-th sample of a trajectory.
-    mean : str
-        ``zero`` or ``constant``.
     starts : int
         Starts of each MAP search beside the warm one.
-    memory_mb : float
-        Bound on the working memory of a bank's scores (MB).
     """
 
-    utility: str
     subsample_utility: str
-    reduce: str
     points_per_trial: int
-    reuse_trajectories: bool
     log_det_every: int
-    mean: str
     starts: int
-    memory_mb: float
 
 
 @dataclass(frozen=True)
-class Choice:
-    """What `Interaction.ask` answers.
-
-    Parameters
-    ----------
-    trajectory : int
-        Index into the bank.
-    scores : (R,) float array or None
-        Utility of each trajectory (nats for the information utilities); minus infinity where excluded. None when the
-        choice was random.
-    """
-
-    trajectory: int
-    scores: Array | None
-
-
-@dataclass(frozen=True)
-class Interaction:
-    """What is known before a trial.
-
-    Parameters
-    ----------
-    design : Design
-        How to choose.
-    candidates : tuple over M muscles of (R, T, D) float arrays
-        Inputs of every trajectory of the bank, standardised.
-    priors : tuple over M muscles of Hyperprior
-        Table 1.
-    inputs, outputs : tuples over M muscles of (N, D) and (N,) float arrays
-        The data so far, standardised.
-    thetas : tuple over M muscles of (P,) float arrays
-        The MAP of each muscle's hyperparameters, given the data.
-    used : frozenset of int
-        Trajectories executed so far.
-    """
+class Interaction(Knowledge):
+    """What is known before a trial, with exact models of a few picked samples; the parameters are `Knowledge`'s."""
 
     design: Design
-    candidates: tuple[Array, ...]
-    priors: tuple[Hyperprior, ...]
-    inputs: tuple[Array, ...]
-    outputs: tuple[Array, ...]
-    thetas: tuple[Array, ...]
-    used: frozenset[int]
 
     @classmethod
     def begin(
@@ -122,10 +70,8 @@ class Interaction:
         ValueError
             When a muscle is missing or a used trajectory is not in the bank.
         """
-        _check_muscles(len(priors), candidates, inputs, outputs, generators)
-        for trajectory in used:
-            if not 0 <= trajectory < len(candidates[0]):
-                raise ValueError(f"used: expected trajectories 0 to {len(candidates[0]) - 1}, got {trajectory}")
+        check_muscles(len(priors), candidates, inputs, outputs, generators)
+        check_trajectories("used: expected trajectories 0 to", used, candidates)
         thetas = tuple(
             fit(x, y, prior, mean=design.mean, generator=each, starts=design.starts).theta
             for x, y, prior, each in zip(inputs, outputs, priors, generators, strict=True)
@@ -141,44 +87,9 @@ class Interaction:
         )
 
     @property
-    def available(self) -> NDArray[np.intp]:
-        """Trajectories that may be chosen."""
-        count = len(self.candidates[0])
-        used = [] if self.design.reuse_trajectories else sorted(self.used)
-        return np.setdiff1d(np.arange(count), used)
-
-    def ask(self, generator: np.random.Generator) -> Choice:
-        """Choose the next trajectory.
-
-        Parameters
-        ----------
-        generator : Generator
-            Drawn from by the ``random`` control alone.
-
-        Raises
-        ------
-        ValueError
-            When no trajectory is left.
-        """
-        available = self.available
-        if not available.size:
-            raise ValueError(
-                f"expected a trajectory that was not executed yet, but all {len(self.used)} of the bank were; "
-                "record a larger bank or allow reuse"
-            )
-        if self.design.utility == "random":
-            return Choice(int(generator.choice(available)), None)
-        scores = trajectory_utility(
-            self.models,
-            self.candidates,
-            self.design.utility,
-            reduce=self.design.reduce,
-            memory_mb=self.design.memory_mb,
-            stride=self.design.log_det_every,
-        )
-        excluded = np.setdiff1d(np.arange(len(scores)), available)
-        scores[excluded] = -np.inf
-        return Choice(int(np.argmax(scores)), scores)
+    def stride(self) -> int:
+        """Samples of a trajectory to which a joint utility takes one."""
+        return self.design.log_det_every
 
     def tell(
         self,
@@ -213,11 +124,10 @@ class Interaction:
         ValueError
             When a muscle is missing, the trajectory is not in the bank, or the recording has too few samples.
         """
-        _check_muscles(len(self.priors), inputs, outputs, generators)
-        if not 0 <= trajectory < len(self.candidates[0]):
-            raise ValueError(f"trajectory: expected 0 to {len(self.candidates[0]) - 1}, got {trajectory}")
+        check_muscles(len(self.priors), inputs, outputs, generators)
+        check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
         ways: Sequence[Displace | None] = [None] * len(self.priors) if displace is None else displace
-        _check_muscles(len(self.priors), ways)
+        check_muscles(len(self.priors), ways)
         picks = tuple(
             self._pick(model, x, y, each, way)
             for model, x, y, each, way in zip(self.models, inputs, outputs, generators, ways, strict=True)
@@ -251,9 +161,3 @@ class Interaction:
         for row in picks:
             taken.append(displace(int(row), taken))
         return np.array(taken, dtype=np.intp)
-
-
-def _check_muscles(expected: int, *each: Sequence[object]) -> None:
-    for values in each:
-        if len(values) != expected:
-            raise ValueError(f"expected {expected} muscles, got {len(values)}")

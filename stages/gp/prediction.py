@@ -14,7 +14,6 @@ cancels.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,27 +48,23 @@ class Moments:
     variance_slope: Array
 
 
-def chunk_rows(count: int, rows: int, dimensions: int, memory_mb: float) -> Iterator[slice]:
-    """Split points into chunks; their size depends on the data and the memory alone.
+def chunk_size(rows: int, dimensions: int, memory_mb: float) -> int:
+    """Return how many points fit; it depends on the data and the memory alone.
 
     Parameters
     ----------
-    count : int
-        Points.
     rows, dimensions : int
         N and D of the data.
     memory_mb : float
         Bound on the working memory beyond the model's own matrices (MB); at least one point at a time.
     """
-    size = chunk_size(rows, dimensions, memory_mb)
-    for start in range(0, count, size):
-        yield slice(start, min(start + size, count))
-
-
-def chunk_size(rows: int, dimensions: int, memory_mb: float) -> int:
-    """Return how many points fit."""
     per_point = 8 * (2 * rows + count_numbers(rows, dimensions) + 12 * (dimensions + 3))
-    return int(max(1, min(LARGEST_CHUNK, memory_mb * 2**20 // per_point)))
+    return limit_chunk(per_point, memory_mb)
+
+
+def limit_chunk(bytes_per_point: int, memory_mb: float) -> int:
+    """Return how many points of so many bytes each are worked on at a time."""
+    return int(max(1, min(LARGEST_CHUNK, memory_mb * 2**20 // bytes_per_point)))
 
 
 class Predictor:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.gp.marginal import MarginalGP
-from stages.gp.utilities import TRAJECTORY_UTILITY, find_utility
+from stages.gp.utilities import TRAJECTORY_UTILITY, UTILITIES, find_utility
 
 Array = NDArray[np.float64]
 
@@ -18,8 +18,23 @@ MOST_THREADS = 4
 """Share the memory, however many run: the size of a chunk, and so the last bit of a result, does not depend on them."""
 
 
+class PointScorer(Protocol):
+    """A model that scores points one by one."""
+
+    def utility(self, points: Array, name: str, memory_mb: float = ...) -> Array:
+        """Return a point utility of (B, D) points, (B,), within so much working memory (MB)."""
+
+
+@runtime_checkable
+class JointScorer(Protocol):
+    """A model that scores points together."""
+
+    def joint_information(self, points: Array) -> float:
+        """Return what measurements at all (T, D) points together tell about theta (nats)."""
+
+
 def trajectory_utility(
-    models: Sequence[MarginalGP],
+    models: Sequence[PointScorer],
     candidates: Sequence[Array],
     utility: str,
     reduce: str = "sum",
@@ -31,8 +46,8 @@ def trajectory_utility(
 
     Parameters
     ----------
-    models : sequence over M muscles of MarginalGP
-        One for each muscle.
+    models : sequence over M muscles of PointScorer
+        One for each muscle, exact or sparse; ``log_det`` takes exact ones.
     candidates : sequence over M muscles of (R, T, D) float arrays
         Inputs along each trajectory, standardised.
     utility : str
@@ -54,7 +69,7 @@ def trajectory_utility(
     Raises
     ------
     ValueError
-        When a name is unknown or shapes do not fit.
+        When a name is unknown, shapes do not fit or a model has no joint information.
     """
     if reduce not in REDUCTIONS:
         raise ValueError(f"reduce: expected one of {', '.join(REDUCTIONS)}, got {reduce!r}")
@@ -69,8 +84,13 @@ def trajectory_utility(
     if utility != TRAJECTORY_UTILITY:
         find_utility(utility, also=(TRAJECTORY_UTILITY,))
 
-    def score(model: MarginalGP, inputs: Array) -> Array:
+    def score(model: PointScorer, inputs: Array) -> Array:
         if utility == TRAJECTORY_UTILITY:
+            if not isinstance(model, JointScorer):
+                raise ValueError(
+                    f"utility: {TRAJECTORY_UTILITY} takes exact models, got a {type(model).__name__}, which scores "
+                    f"points one by one; use one of {', '.join(UTILITIES)}"
+                )
             return np.array([model.joint_information(trajectory[::stride]) for trajectory in inputs])
         trajectories, samples, dimensions = inputs.shape
         points = model.utility(inputs.reshape(-1, dimensions), utility, memory_mb / MOST_THREADS)

@@ -4,10 +4,25 @@ Frames in the columns of the tables flow in; standardised arrays and frames of s
 model is in `gp`; here it meets names, units and muscles.
 """
 
+from stages.identification.cost import measure_cost
+from stages.identification.description import describe_choice, describe_models
 from stages.identification.force_test import ForceTest
 from stages.identification.loop_settings import LoopSettings
 from stages.identification.muscle_set import MuscleSet
 from stages.identification.replay import Replay, TimeShift
-from stages.identification.samples import place_evenly, spread_evenly, take
+from stages.identification.samples import place_evenly, spread_evenly, take, thin
 
-__all__ = ["ForceTest", "LoopSettings", "MuscleSet", "Replay", "TimeShift", "place_evenly", "spread_evenly", "take"]
+__all__ = [
+    "ForceTest",
+    "LoopSettings",
+    "MuscleSet",
+    "Replay",
+    "TimeShift",
+    "describe_choice",
+    "describe_models",
+    "measure_cost",
+    "place_evenly",
+    "spread_evenly",
+    "take",
+    "thin",
+]

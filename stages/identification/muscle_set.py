@@ -5,6 +5,7 @@ Rows of the tables flow in; arrays by muscle, in the order of the hyperprior, fl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,6 +66,10 @@ class MuscleSet:
     def mean(self) -> str:
         """``constant`` if Table 1 has a row for the models' constant mean, else ``zero``."""
         return "constant" if CONSTANT_MEAN in self.hyperparameters else "zero"
+
+    def indices(self, trajectories: Sequence[int]) -> list[int]:
+        """Return the positions of movements in the bank."""
+        return [self.trajectories.index(each) for each in trajectories]
 
     def standardise(self, samples: pd.DataFrame) -> tuple[list[Array], list[Array]]:
         """Return each muscle's inputs (N, 3) and outputs (N,) from rows with a muscle column."""

@@ -34,3 +34,9 @@ def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequ
         for name, at in zip(muscles, picks, strict=True)
     ]
     return pd.concat(frames, ignore_index=True)[TAKEN]
+
+
+def thin(executed: pd.DataFrame, every: int, trial: Sequence[str]) -> pd.DataFrame:
+    """Return the first of every so many samples of each muscle in each trial, named by so many columns."""
+    rank = executed.groupby([*trial, "muscle"], sort=False).cumcount()
+    return executed[rank % every == 0]

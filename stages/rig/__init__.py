@@ -5,7 +5,7 @@ The rigs themselves are named by configuration and imported from there.
 
 from stages.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, Recording, Rig, RigError, Trial, tidy
 from stages.rig.excitation import FreeMovements, RigWithLimits, check_levels
-from stages.rig.reference import tracked_trial
+from stages.rig.reference import track, tracked_trial
 from stages.rig.sweeps import Sweeps, passive_trial
 
 __all__ = [
@@ -21,5 +21,6 @@ __all__ = [
     "check_levels",
     "passive_trial",
     "tidy",
+    "track",
     "tracked_trial",
 ]

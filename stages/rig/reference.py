@@ -1,6 +1,7 @@
 """From recorded samples back to a trial that replays them.
 
-A movement's long table flows in; the `Trial` that displays its joint angles and plays its pressure commands flows out.
+A movement's long table flows in; the `Trial` that displays its joint angles and plays its pressure commands flows out,
+or what was measured when a rig executed it.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from stages.rig.contract import Rig, Trial
+from stages.rig.contract import Rig, Trial, tidy
 
 
 def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str) -> Trial:
@@ -42,3 +43,38 @@ def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str)
     return Trial(
         "tracked", participant, command.to_numpy(), np.ascontiguousarray(angle.to_numpy()[:, first_muscle]), label
     )
+
+
+def track(
+    references: pd.DataFrame, trajectory: int, rig: Rig, participant: str, label: str, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Let a participant track a movement, and return what was measured.
+
+    Parameters
+    ----------
+    references : DataFrame
+        Rows of all movements, with a column trajectory beside those that `tracked_trial` takes.
+    trajectory : int
+        The movement.
+    rig : Rig
+        Connected.
+    participant : str
+        Who tracks.
+    label : str
+        Names the trial for an operator.
+    generator : Generator
+        The only source of randomness.
+
+    Returns
+    -------
+    DataFrame
+        The columns of `MEASUREMENT_COLUMNS`.
+
+    Raises
+    ------
+    RigError, ValueError
+        As `Rig.execute` and `tracked_trial`.
+    """
+    samples = references[references["trajectory"] == trajectory]
+    recording = rig.execute(tracked_trial(samples, rig, participant, label), generator)
+    return pd.DataFrame(tidy(recording, rig))

@@ -42,6 +42,10 @@ class Scaling:
         """Return the (N, D) standardised inputs of a muscle's samples."""
         return (samples[list(MODEL_INPUTS)].to_numpy() - self.input_centre) / self.input_scale
 
+    def restore_inputs(self, standardised: Array) -> Array:
+        """Return (N, D) pressure (kPa), contraction (1) and contraction velocity (1/s)."""
+        return standardised * self.input_scale + self.input_centre
+
     def output_of(self, samples: pd.DataFrame) -> Array:
         """Return the (N,) standardised force of a muscle's samples."""
         return (samples[MODEL_OUTPUT].to_numpy() - self.force_centre_n) / self.force_scale_n
