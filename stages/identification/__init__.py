@@ -7,7 +7,18 @@ model is in `gp`; here it meets names, units and muscles.
 from stages.identification.force_test import ForceTest
 from stages.identification.loop_settings import LoopSettings
 from stages.identification.muscle_set import MuscleSet
+from stages.identification.recorded_models import RecordedModels
 from stages.identification.replay import Replay, TimeShift
 from stages.identification.samples import place_evenly, spread_evenly, take
 
-__all__ = ["ForceTest", "LoopSettings", "MuscleSet", "Replay", "TimeShift", "place_evenly", "spread_evenly", "take"]
+__all__ = [
+    "ForceTest",
+    "LoopSettings",
+    "MuscleSet",
+    "RecordedModels",
+    "Replay",
+    "TimeShift",
+    "place_evenly",
+    "spread_evenly",
+    "take",
+]
