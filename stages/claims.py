@@ -166,6 +166,8 @@ def claims(
     participant_comparison: pd.DataFrame | None = None,
     shift_comparison: pd.DataFrame | None = None,
     sensitivity_comparison: pd.DataFrame | None = None,
+    choice_concentration: pd.DataFrame | None = None,
+    sparse_comparison: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """Judge every claim that the workflow's comparisons bear on."""
     sources: list[tuple[Callable[[pd.DataFrame], Iterator[Case]], pd.DataFrame | None]] = [
@@ -175,6 +177,8 @@ def claims(
         (weigh_time_shift, shift_comparison),
         (weigh_choices_against_random, paired_comparison),
         (weigh_hyperpriors, sensitivity_comparison),
+        (weigh_concentration, choice_concentration),
+        (weigh_sparse_model, sparse_comparison),
     ]
     rows = [describe(each) for weigh, frame in sources if frame is not None for each in weigh(frame)]
     if executed_by is not None:
@@ -324,3 +328,28 @@ def weigh_hyperpriors(compared: pd.DataFrame) -> Iterator[Case]:
             float(its["p_tost"].max(skipna=False)),
         )
         yield Case(claim, described.format(row["setting"]), row["tested_on"], evidence, judge_same)
+
+
+def weigh_concentration(concentration: pd.DataFrame) -> Iterator[Case]:
+    """Take the design's test, the first of the arms."""
+    row = rows_of(concentration)[0]
+    evidence = Evidence(
+        "Monte Carlo test of dispersion, over its mean at random",
+        row["n"],
+        np.nan,
+        np.nan,
+        np.nan,
+        float(row["effect"]),
+        float(row["p_holm"]),
+    )
+    yield Case("choices_agree", "", "", evidence, judge_concentrated)
+
+
+def weigh_sparse_model(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take the comparison of a sparse model that keeps all samples with an exact one of few, after the last trial."""
+    its = compared[(compared["question"] == "keeping all samples") & (compared["measure"] == "final")]
+    for row in rows_of(its.drop_duplicates("tested_on")):  # the design's comparison stands first
+        evidence = Evidence("paired t, d_z", row["n"], *numbers(row, "d_z", "p_holm"))
+        yield Case(
+            "sparse_model_gains", f"{row['first']} less {row['second']}", row["tested_on"], evidence, judge_better
+        )

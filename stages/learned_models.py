@@ -250,8 +250,8 @@ def learned_models(
     told = calibrate(coverage, muscles)
     its = told[told["arm"] == design]
     caption = (
-        f"Share of the measured forces within the 95 % intervals of the plain and of the marginal GP, by {design}: mean "
-        f"and its 95 % interval over {its['n'].max()} experiments. 95 % would be right."
+        f"Share of the measured forces within the 95 % intervals of the plain and of the marginal GP, by {design}: "
+        f"mean and its 95 % interval over {its['n'].max()} experiments. 95 % would be right."
     )
     ctx.figure("calibration", draw_calibration(its, [ALL_MUSCLES, *muscles]), caption)
     return often, concentration, forces, coverage, told

@@ -173,6 +173,28 @@ def test_priors_matter_if_one_muscle_says_so(kind, p_holms, p_tosts, verdict, p)
     assert row["p"] == pytest.approx(p, nan_ok=True)
 
 
+@pytest.mark.parametrize(("p_holm", "verdict"), [(0.0001, "holds"), (0.3, "does not hold")])
+def test_choices_of_the_design_agree_or_not(p_holm, verdict):
+    row = {"arm": "y_y", "n": 40, "effect": 5.0, "p_holm": p_holm}
+    told = judged(choice_concentration=pd.DataFrame([row, row | {"arm": "random", "p_holm": 1 - p_holm}]))
+    (found,) = told.reset_index().to_dict("records")
+    assert (found["claim"], found["verdict"], found["n"]) == ("choices_agree", verdict, 40)
+
+
+@pytest.mark.parametrize(
+    ("difference", "p_holm", "verdict"),
+    [(-0.01, 0.001, "holds"), (0.01, 0.001, "does not hold"), (-0.01, 0.3, "does not hold")],
+)
+def test_a_sparse_model_gains_or_not(difference, p_holm, verdict):
+    row = {"question": "keeping all samples", "measure": "final", "tested_on": "bank", "first": "sparse y_y"}
+    row |= {"second": "exact y_y", "n": 8, "difference": difference, "low": difference - 0.001}
+    row |= {"high": difference + 0.001, "d_z": -1.0, "p_holm": p_holm}
+    others = [row | {"first": "sparse random", "p_holm": 1.0}, row | {"measure": "curve"}]
+    told = judged(sparse_comparison=pd.DataFrame([row, *others]))
+    (found,) = told.reset_index().to_dict("records")
+    assert (found["claim"], found["verdict"]) == ("sparse_model_gains", verdict)
+
+
 def test_concentration_turns_with_its_p_value():
     found = [judge_concentrated(Evidence("", 8, 0.0, 0.0, 0.0, 1.0, p)).verdict for p in (0.001, 0.2, np.nan)]
     assert found == ["holds", "does not hold", "does not hold"]
