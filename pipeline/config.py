@@ -15,7 +15,7 @@ import re
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
@@ -26,7 +26,7 @@ from pipeline.files import hash_json
 from pipeline.stage import Stage, load_stages, order_stages
 
 LONGEST_QUOTE = 80
-INCIDENTAL = ("plan", "workers", "outputs")
+INCIDENTAL = ("plan", "workers", "figures", "outputs")
 """Keys that change no result."""
 BEGINS_WITH_KEY = r"[\w.]+: "
 
@@ -93,6 +93,7 @@ class Settings(Section):
     stages: list[str] | None
     plan: bool
     workers: Annotated[int, Field(ge=1)] | None
+    figures: list[Literal["png", "pdf", "svg"]]
     outputs: Text
 
 

@@ -31,6 +31,13 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("pamid")
 
+UNDATED: dict[str, dict[str, Any]] = {
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Producer": None},
+    "svg": {"Date": None, "Creator": None},
+}
+"""Metadata that would differ between two files of the same figure."""
+
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
@@ -142,6 +149,8 @@ class Context:
         What the stage asked for through a ``_target_`` section, else None.
     workers : int
         Processes over which `spread` spreads a loop.
+    formats : sequence of str
+        In which figures are kept: png, pdf, svg.
 
     Notes
     -----
@@ -155,6 +164,7 @@ class Context:
     console: Console
     rig: Any = None
     workers: int = 1
+    formats: Sequence[str] = ("png",)
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def generator(self, *key: int | str) -> np.random.Generator:
@@ -220,11 +230,12 @@ class Context:
         vars(self).update(state, console=open_console(quiet=True))
 
     def figure(self, name: str, figure: Figure, caption: str) -> None:
-        """Keep a matplotlib figure as PNG and PDF, with the caption that the report prints."""
-        for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None, "Producer": None})):
-            path = self.folder / "figures" / f"{name}{suffix}"
-            write_atomically(path, partial(figure.savefig, dpi=150, metadata=metadata), final=True)
+        """Keep a matplotlib figure, with the caption that the report prints beside the PNG."""
+        for suffix in self.formats:
+            path = self.folder / "figures" / f"{name}.{suffix}"
+            write_atomically(path, partial(figure.savefig, dpi=150, metadata=UNDATED[suffix]), final=True)
             self._note(path, kind="figure", caption=caption)
+            figure.set_layout_engine("none")  # the next format has the layout of the first
         figure.clear()
 
     def document(self, name: str, mapping: Mapping[str, Any]) -> None:

@@ -130,14 +130,15 @@ def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
 
 
 def _figures(ledger: Ledger, stage: str) -> list[dict[str, str]]:
+    files = ledger.records[stage]["files"]
     return [
         {
             "name": Path(file).stem,
             "caption": facts["caption"],
             "data": _encode(ledger.folder / file),
-            "pdf": f"{file[:-4]}.pdf",
+            "files": ", ".join(each for each in files if Path(each).stem == Path(file).stem),
         }
-        for file, facts in ledger.records[stage]["files"].items()
+        for file, facts in files.items()
         if facts["kind"] == "figure" and file.endswith(".png")
     ]
 

@@ -220,7 +220,8 @@ class Runner:
         section = self.study.target(stage)
         rig = self.study.build(section) if section else None
         workers = self.study.settings.workers or count_cores()
-        return Context(stage.name, ledger.folder, seed, record, self.console, rig, workers)
+        formats = self.study.settings.figures
+        return Context(stage.name, ledger.folder, seed, record, self.console, rig, workers, formats)
 
     def _finished_run(self, steps: Sequence[Step]) -> Ledger | None:
         if not all(step.action in ("fresh", "kept") for step in steps):

@@ -65,17 +65,24 @@ def _closure(package: str, modules: tuple[str, ...]) -> tuple[Path, ...]:
     return tuple(sorted(found))
 
 
-def _files_of(package: str, module: str) -> list[Path]:
+@cache
+def _files_of(package: str, module: str) -> tuple[Path, ...]:
     folder = _package_folder(package)
     if module.startswith(f"{package}."):
         first = module.removeprefix(f"{package}.").split(".")[0]
         if (folder / first).is_dir():
-            return sorted((folder / first).rglob("*.py"))
-        return [folder / f"{first}.py"] if (folder / f"{first}.py").exists() else []
+            return _folder_files(folder / first)
+        return (folder / f"{first}.py",) if (folder / f"{first}.py").exists() else ()
     spec = importlib.util.find_spec(module)
-    return [Path(spec.origin)] if spec and spec.origin and spec.origin.endswith(".py") else []
+    return (Path(spec.origin),) if spec and spec.origin and spec.origin.endswith(".py") else ()
 
 
+@cache
+def _folder_files(folder: Path) -> tuple[Path, ...]:
+    return tuple(sorted(folder.rglob("*.py")))
+
+
+@cache
 def _package_folder(package: str) -> Path:
     spec = importlib.util.find_spec(package)
     if spec is None or not spec.submodule_search_locations:

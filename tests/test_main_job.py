@@ -37,7 +37,7 @@ TABLES = {
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """One finished run: the command, what it printed, and its folder."""
-    command = Command(tmp_path_factory.mktemp("main") / "outputs", "budget=tiny")
+    command = Command(tmp_path_factory.mktemp("main") / "outputs", "budget=tiny", "figures=[png,pdf]")
     result = command()
     assert result.returncode == 0, result.stderr
     return command, result, command.runs[0]
