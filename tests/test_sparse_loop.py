@@ -1,0 +1,338 @@
+"""The loop that keeps all samples, run in memory, and its comparison against SciPy and planted errors."""
+
+import json
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hydra import compose, initialize_config_dir
+from scipy import stats
+from statsmodels.stats.weightstats import ttost_paired
+
+from pipeline.config import read_study
+from pipeline.errors import ConfigError
+from stages.gp import condition_sparse
+from stages.identification import MuscleSet, thin
+from stages.signals import error_rate
+from stages.sparse_comparison import compare_ways, join_exact, judge, label_lines, summarise
+from tests.conftest import ROOT
+from tests.test_no_force_leak import run_in_memory
+
+SETTINGS = (
+    "budget=tiny",
+    "+sparse_loop=all_samples",
+    "+sparse_comparison=stated",
+    "workflow.stages=[bank,subsampling,hyperprior,hardware,active_loop,comparison,sparse_loop,sparse_comparison]",
+    "workflow.headline=[sparse_comparison]",
+    "~participant_differences",
+    "sparse_loop.trials=2",
+    "sparse_loop.first_iterations=15",
+    "sparse_loop.iterations=5",
+)
+KEPT = 50  # one in 20 of a trial's 1000 samples
+
+
+def read(*overrides):
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        study, stages = read_study(compose("config", overrides=[*SETTINGS, *overrides]))
+    return study, {stage.name: stage for stage in stages}
+
+
+@pytest.fixture(scope="module")
+def before(tmp_path_factory):
+    """The study and all tables that the loop reads."""
+    study, stages = read()
+    folder, tables = tmp_path_factory.mktemp("before"), {}
+    for name in ("bank", "subsampling", "hyperprior", "hardware"):
+        tables.update(run_in_memory(study, stages[name], folder, tables))
+    return study, stages, tables
+
+
+@pytest.fixture(scope="module")
+def after(before, tmp_path_factory):
+    """The tables with the loop's."""
+    study, stages, tables = before
+    folder = tmp_path_factory.mktemp("after")
+    return {**tables, **run_in_memory(study, stages["sparse_loop"], folder, tables)}, folder
+
+
+def test_the_loop_never_sees_the_banks_force(before):
+    _, stages, tables = before
+    loop = stages["sparse_loop"]
+    assert "bank" not in loop.reads
+    with_force = {name for name in loop.reads if "force_n" in tables[name]}
+    assert with_force == {"hardware_recordings"}
+
+
+def test_every_sample_of_every_trial_is_kept(after):
+    tables, _ = after
+    trials = tables["sparse_trials"]
+    assert trials["samples"].tolist() == [(2 + trial) * KEPT for trial in trials["trial"]]
+    assert len(trials) == 4
+    assert list(trials["arm"].unique()) == ["y_y", "random"]
+    counts = tables["sparse_recordings"].groupby(["arm", "trial", "muscle"]).size()
+    assert (counts == 1000).all()
+    initial = set(tables["initial_trials"]["trajectory"])
+    for _, its in trials.groupby("arm"):
+        assert its["trajectory"].is_unique
+        assert not initial & set(its["trajectory"])
+
+
+def test_recorded_models_stand_on_all_those_samples(after):
+    tables, _ = after
+    muscles = MuscleSet.read(tables["candidates"], tables["hyperprior"], tables["scaling"])
+    models, pseudo = tables["sparse_models"], tables["sparse_pseudo_inputs"]
+    for arm in ("y_y", "random"):
+        start = thin(tables["hardware_recordings"], 20, ["position"])
+        recorded = tables["sparse_recordings"].query(f"arm == '{arm}'")
+        later = recorded[recorded["time_s"].rank(method="dense").astype(int) % 20 == 1]
+        inputs, outputs = muscles.standardise(pd.concat([start, later]))
+        for m, name in enumerate(muscles.names):
+            where = f"arm == '{arm}' and trial == 2 and muscle == '{name}'"
+            row, at = models.query(where), pseudo.query(where)
+            assert len(outputs[m]) == 4 * KEPT
+            z, theta = muscles.scalings[m].inputs_of(at), row["value"].to_numpy()
+            model = condition_sparse(inputs[m], outputs[m], z, theta, muscles.priors[m])
+            assert model.log_posterior == pytest.approx(row["log_posterior"].iloc[0], rel=1e-6)
+            np.testing.assert_allclose(np.sqrt(np.diag(model.laplace.covariance)), row["sd"], rtol=1e-2)
+            points = muscles.candidates[m][0]
+            k = np.exp(-0.5 * (((points[:, None] - z) / np.exp(theta[:3])) ** 2).sum(axis=2) + 2 * theta[3])
+            np.testing.assert_allclose(k @ at["weight"].to_numpy(), model.predict_mean(points), atol=1e-5)
+
+
+def test_the_control_differs_in_its_choices_alone(after):
+    tables, _ = after
+    for name in ("sparse_models", "sparse_pseudo_inputs"):
+        first = tables[name].query("trial == 0")
+        arms = [its.drop(columns="arm").reset_index(drop=True) for _, its in first.groupby("arm")]
+        pd.testing.assert_frame_equal(*arms)
+    chosen = tables["sparse_trials"].set_index(["arm", "trial"])
+    assert chosen.loc["y_y", "utility"].notna().all()
+    assert chosen.loc["random", "utility"].isna().all()
+
+
+def test_costs_of_both_models_are_measured(after):
+    told = json.loads((after[1] / "documents" / "cost.json").read_text())
+    assert (told["sparse"]["samples"], told["exact"]["samples"]) == (4 * KEPT, 30)
+    for each in told.values():
+        assert each["seconds"] > 0
+        assert each["peak_memory_mb"] > 0
+
+
+class Stopped(Exception):
+    """Stands for a kill between two trials."""
+
+
+def test_a_killed_loop_goes_on_from_its_parts(before, after, tmp_path, monkeypatch):
+    study, stages, tables = before
+    loop = stages["sparse_loop"]
+    left = [3]
+
+    def stop_in_time(*arguments, **keywords):
+        left[0] -= 1
+        if left[0] < 0:
+            raise Stopped
+        return tracked(*arguments, **keywords)
+
+    module = __import__(loop.module, fromlist=["track"])
+    tracked = module.track
+    monkeypatch.setattr(module, "track", stop_in_time)
+    with pytest.raises(Stopped):
+        run_in_memory(study, loop, tmp_path, tables)
+    parts = sorted(path.name for path in (tmp_path / "parts" / "sparse_loop").iterdir())
+    assert parts == ["p1~1~random~01", "p1~1~y_y~01", "p1~1~y_y~02"]
+    left[0] = 1
+    resumed = run_in_memory(study, loop, tmp_path, tables)
+    assert left[0] == 0
+    for name, frame in resumed.items():
+        pd.testing.assert_frame_equal(frame, after[0][name])
+
+
+def test_a_real_rig_executes_nothing_unless_asked(before, tmp_path):
+    study, stages, tables = before
+    real = SimpleNamespace(real=True)
+    stand_in = SimpleNamespace(
+        slice=study.slice,
+        settings=study.settings,
+        config=study.config,
+        target=study.target,
+        build=lambda section: real,
+    )
+    found = run_in_memory(stand_in, stages["sparse_loop"], tmp_path, tables)
+    for table in stages["sparse_loop"].writes:
+        assert table.check(found[table.name], "here").empty
+    empty = {**tables, **found, "learning_curve": pd.DataFrame(columns=["arm"])}
+    nothing = run_in_memory(study, stages["sparse_comparison"], tmp_path, empty)
+    assert all(each.empty for each in nothing.values())
+
+
+def test_errors_are_those_of_the_models_and_exact_ones_stand_beside(before, after, tmp_path):
+    study, stages, _ = before
+    tables = after[0]
+    for name in ("active_loop", "comparison"):
+        tables = {**tables, **run_in_memory(study, stages[name], tmp_path, tables)}
+    found = run_in_memory(study, stages["sparse_comparison"], tmp_path, tables)
+    curve = stages["sparse_comparison"].writes[0].check(found["sparse_curve"], "here")
+    compared = stages["sparse_comparison"].writes[1].check(found["sparse_comparison"], "here")
+    muscles = MuscleSet.read(tables["candidates"], tables["hyperprior"], tables["scaling"])
+    start = thin(tables["hardware_recordings"], 20, ["position"])
+    inputs, outputs = muscles.standardise(start)
+    test_inputs, _ = muscles.standardise(tables["bank"])
+    for m, name in enumerate(muscles.names):
+        where = f"arm == 'y_y' and trial == 0 and muscle == '{name}'"
+        z = muscles.scalings[m].inputs_of(tables["sparse_pseudo_inputs"].query(where))
+        theta = tables["sparse_models"].query(where)["value"].to_numpy()
+        model = condition_sparse(inputs[m], outputs[m], z, theta, muscles.priors[m])
+        force_n = tables["bank"].query(f"muscle == '{name}'")["force_n"].to_numpy()
+        rate = error_rate(muscles.scalings[m].restore_force(model.predict_mean(test_inputs[m])), force_n)
+        row = curve.query(f"model == 'sparse' and {where}")
+        assert row["error_rate"].item() == pytest.approx(rate, rel=1e-5)
+        assert row["rmse_n"].item() == pytest.approx(rate * force_n.max(), rel=1e-5)
+    exact = curve[curve["model"] == "exact"].drop(columns="model").reset_index(drop=True)
+    theirs = tables["learning_curve"].query("arm in ['y_y', 'random']")[list(exact.columns)].reset_index(drop=True)
+    pd.testing.assert_frame_equal(exact, theirs)
+    assert len(compared) == 6
+    assert (compared["verdict"] == "undecided").all()
+    assert (tmp_path / "figures" / "sparse_curve.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("override", "told"),
+    [
+        ("sparse_loop.utility=log_det", "sparse_loop.utility: input should be 'y_y', "),
+        ("sparse_loop.controls=[random,random]", "controls: expected each control once, got random 2 times"),
+        ("sparse_loop.trials=7", "sparse_loop.trials: expected at most 6 (8 movements of the bank less 2 initial"),
+        ("sparse_loop.every=200", "sparse_loop.pseudo_inputs: expected at most the 10 samples that are kept of the 2"),
+        ("sparse_loop.pseudo_inputs=101", "sparse_loop.pseudo_inputs: expected at most the 100 samples"),
+        ("sparse_loop.pseudo_inputs=0", "sparse_loop.pseudo_inputs: input should be greater than or equal to 1"),
+        ("sparse_loop.starts=0", "sparse_loop.starts: input should be greater than or equal to 1"),
+        ("sparse_loop.experiments=0", "sparse_loop.experiments: input should be greater than 0"),
+        ("sparse_comparison.margin=0", "sparse_comparison.margin: input should be greater than 0"),
+        ("+sparse_loop.evry=2", "unknown key 'sparse_loop.evry': did you mean 'every'?"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(override, told):
+    with pytest.raises(ConfigError, match=re.escape(told)):
+        read(override)
+
+
+def test_what_does_not_fit_in_memory_is_refused():
+    many = ("sparse_loop.reuse_trajectories=true", "sparse_loop.trials=2000", "subsampling.every=1")
+    with pytest.raises(ConfigError, match=r"sparse_loop\.every: expected at most 25000000 pseudo-inputs x samples"):
+        read(*many)
+    with pytest.raises(ConfigError, match=r"sparse_loop\.experiments: expected recordings of at most 50000000 rows"):
+        read(*many, "subsampling.experiments=9", "sparse_loop.experiments=9")
+
+
+# the comparison, on planted errors
+
+ARMS = {("sparse", "y_y"): 0.0, ("sparse", "random"): 0.0, ("exact", "y_y"): 0.0, ("exact", "random"): 0.0}
+
+
+def make_curve(generator, shifts=None, experiments=4, sd=0.001, tests=("bank",)):
+    """Return error rates of each model and arm around a mean of its own after the first trial."""
+    means = {**ARMS, **(shifts or {})}
+    rows = [
+        (who, experiment, *line, trial, tested_on, muscle, 0.1 if trial == 0 else 0.05 + mean + sd * generator.normal())
+        for line, mean in means.items()
+        for who in ("p1", "p2")
+        for experiment in range(1, experiments + 1)
+        for trial in range(3)
+        for tested_on in tests
+        for muscle in ("pam1", "pam2")
+    ]
+    names = ["participant", "experiment", "model", "arm", "trial", "tested_on", "muscle", "error_rate"]
+    return pd.DataFrame(rows, columns=names).assign(rmse_n=1.0)
+
+
+def row_of(told, measure, second):
+    return told.set_index(["measure", "first", "second"]).loc[(measure, "sparse y_y", second)]
+
+
+def values_of(curve, model, arm, measure):
+    its = curve[(curve["model"] == model) & (curve["arm"] == arm)]
+    its = its[its["trial"] == 2] if measure == "final" else its[its["trial"] > 0]
+    return its.groupby(["participant", "experiment"])["error_rate"].mean().to_numpy()
+
+
+@pytest.mark.parametrize("measure", ["final", "curve"])
+def test_agrees_with_scipy_and_statsmodels(measure, generator):
+    curve = make_curve(generator, {("exact", "y_y"): 0.0007})
+    told = row_of(compare_ways(curve, 0.002), measure, "exact y_y")
+    first, second = values_of(curve, "sparse", "y_y", measure), values_of(curve, "exact", "y_y", measure)
+    expected = stats.ttest_rel(first, second)
+    assert told["n"] == 8
+    assert told["p_t"] == pytest.approx(expected.pvalue, rel=1e-9)
+    assert (told["low"], told["high"]) == pytest.approx(tuple(expected.confidence_interval()), rel=1e-9)
+    assert told["p_wilcoxon"] == pytest.approx(stats.wilcoxon(first, second).pvalue, rel=1e-9)
+    assert told["p_tost"] == pytest.approx(ttost_paired(first, second, -0.002, 0.002)[0], rel=1e-6)
+    assert told["d_z"] == pytest.approx((first - second).mean() / (first - second).std(ddof=1))
+    assert (told["first_mean"], told["second_mean"]) == pytest.approx((first.mean(), second.mean()))
+    assert told["wins"] == (first < second).sum()
+
+
+@pytest.mark.parametrize(
+    ("shift", "sd", "verdict"),
+    [
+        (0.03, 0.001, "first better"),
+        (-0.03, 0.001, "second better"),
+        (0.005, 0.0005, "first better within the margin"),
+        (-0.005, 0.0005, "second better within the margin"),
+        (0.0, 0.002, "equivalent"),
+        (0.0, 0.05, "undecided"),
+    ],
+)
+def test_planted_errors_turn_the_verdict(shift, sd, verdict, generator):
+    curve = make_curve(generator, {("exact", "y_y"): shift, ("sparse", "random"): shift}, sd=sd)
+    told = compare_ways(curve, 0.01)
+    for second in ("exact y_y", "sparse random"):
+        for measure in ("final", "curve"):
+            assert row_of(told, measure, second)["verdict"] == verdict
+
+
+def test_each_test_set_is_a_family_and_questions_are_told_apart(generator):
+    curve = make_curve(generator, {("exact", "y_y"): 0.001}, tests=("bank", "unseen_bank"))
+    told = compare_ways(curve, 0.01)
+    assert told.groupby(["tested_on", "question"]).size().to_dict() == {
+        (name, question): count
+        for name in ("bank", "unseen_bank")
+        for question, count in (("keeping all samples", 4), ("choosing by utility", 2))
+    }
+    for _, family in told.groupby("tested_on"):
+        ordered = np.sort(family["p_t"])
+        steps = np.minimum(1.0, np.maximum.accumulate(ordered * np.arange(6, 0, -1)))
+        np.testing.assert_allclose(np.sort(family["p_holm"]), steps, rtol=1e-12)
+
+
+def test_controls_of_fewer_experiments_are_paired_on_theirs(generator):
+    curve = make_curve(generator)
+    fewer = curve[~((curve["model"] == "exact") & (curve["arm"] == "random") & (curve["experiment"] > 2))]
+    told = compare_ways(fewer, 0.01).set_index(["measure", "first", "second"])["n"]
+    assert told[("final", "sparse random", "exact random")] == 4
+    assert told[("final", "sparse y_y", "exact y_y")] == 8
+
+
+def test_exact_errors_are_those_of_the_same_experiments(generator):
+    curve = make_curve(generator)
+    sparse = curve[(curve["model"] == "sparse") & (curve["experiment"] <= 2)]
+    exact = curve[curve["model"] == "exact"].drop(columns="model")
+    other = exact[exact["arm"] == "random"].assign(arm="variance")
+    joined = join_exact(sparse, pd.concat([exact, other]))
+    assert joined.groupby(["model", "arm"])["experiment"].agg(["min", "max"]).to_numpy().tolist() == [[1, 2]] * 4
+    assert "variance" not in set(joined["arm"])
+    alone = join_exact(sparse[sparse["arm"] == "y_y"], pd.concat([exact, other]))
+    assert list(alone["arm"].unique()) == ["y_y"]
+
+
+def test_curves_are_means_and_sds_of_the_muscles_average(generator):
+    curve = make_curve(generator, tests=("bank", "unseen_bank"))
+    told = summarise(label_lines(curve)).set_index(["line", "trial", "tested_on"])
+    values = values_of(curve[curve["tested_on"] == "bank"], "sparse", "y_y", "final")
+    assert told.loc[("sparse y_y", 2, "bank"), "error_rate_mean"] == pytest.approx(values.mean())
+    assert told.loc[("sparse y_y", 2, "bank"), "error_rate_sd"] == pytest.approx(values.std(ddof=1))
+
+
+def test_a_missing_p_value_decides_nothing():
+    assert judge(-0.1, np.nan, np.nan) == "undecided"
