@@ -9,6 +9,7 @@ from stages.identification.description import describe_choice, describe_models
 from stages.identification.force_test import ForceTest
 from stages.identification.loop_settings import LoopSettings
 from stages.identification.muscle_set import MuscleSet
+from stages.identification.recorded_models import RecordedModels
 from stages.identification.replay import Replay, TimeShift
 from stages.identification.samples import place_evenly, spread_evenly, take, thin
 
@@ -16,6 +17,7 @@ __all__ = [
     "ForceTest",
     "LoopSettings",
     "MuscleSet",
+    "RecordedModels",
     "Replay",
     "TimeShift",
     "describe_choice",

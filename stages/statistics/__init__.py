@@ -1,9 +1,10 @@
 """Comparison of methods and groups, tests of equivalence, power and coverage.
 
 Paired experiments: `paired`, `signed_rank`. Independent groups: `groups`. Equivalence for a margin: `equivalence`.
-Designs: `power`. Shares of values within intervals: `coverage`.
+Designs: `power`. Shares of values within intervals: `coverage`. Choices of experiments: `concentration`.
 """
 
+from stages.statistics.concentration import Choices, Concentration, judge_concentration
 from stages.statistics.coverage import BlockCoverage, Coverage, cover, cover_blocks
 from stages.statistics.equivalence import Equivalence, judge_equivalence, judge_paired_equivalence
 from stages.statistics.groups import GroupComparison, compare_groups
@@ -19,6 +20,8 @@ from stages.statistics.signed_rank import RankComparison, compare_ranks
 
 __all__ = [
     "BlockCoverage",
+    "Choices",
+    "Concentration",
     "Coverage",
     "Equivalence",
     "GroupComparison",
@@ -32,6 +35,7 @@ __all__ = [
     "cover",
     "cover_blocks",
     "find_smallest_n",
+    "judge_concentration",
     "judge_equivalence",
     "judge_paired_equivalence",
     "power_of_equivalence",
