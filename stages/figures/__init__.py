@@ -1,8 +1,11 @@
 """Figures: frames flow in, matplotlib figures flow out."""
 
 from stages.figures.agreement import draw_agreement
+from stages.figures.calibration import draw_calibration
 from stages.figures.chosen_trials import draw_chosen_trials
 from stages.figures.error_bars import draw_error_bars
+from stages.figures.force_surfaces import draw_force_surfaces
+from stages.figures.frequent_references import draw_frequent_references
 from stages.figures.learning_curves import draw_learning_curves
 from stages.figures.protocol_commands import draw_protocol
 from stages.figures.sensitivity import draw_sensitivity
@@ -10,8 +13,11 @@ from stages.figures.shift_curves import draw_shift_curves
 
 __all__ = [
     "draw_agreement",
+    "draw_calibration",
     "draw_chosen_trials",
     "draw_error_bars",
+    "draw_force_surfaces",
+    "draw_frequent_references",
     "draw_learning_curves",
     "draw_protocol",
     "draw_sensitivity",
