@@ -321,7 +321,7 @@ def show_references(cfg: Config, often: pd.DataFrame, references: pd.DataFrame, 
     shown = often.head(cfg.learned_models.shown)
     caption = (
         f"The {len(shown)} trajectories that {often['arm'].iloc[0]} chose most often, of {len(often)}: each joint's "
-        "reference and the pressure commands of its muscles. Above each: the experiments in which it was chosen."
+        "reference and the pressure commands of its muscles. Above each: in how many of the experiments it was chosen."
     )
     ctx.figure("frequent_references", draw_frequent_references(shown, references, groups), caption)
 
@@ -401,7 +401,8 @@ def show_forces(cfg: Config, forces: pd.DataFrame, last: Mapping[str, Any], poin
         f"Force of {muscle} by {last['arm']}'s model after trial {last['trial']} ({last['participant']}, experiment "
         f"{last['experiment']}) and its standard deviation with the hyperparameters marginalised. Above at the bank's "
         f"median contraction, {held:.3f}, below at velocity 0. The model's points lie at other values of the input "
-        f"that is held. Hatched: farther than {near:g} SDs of the bank from any of its samples."
+        f"that is held, and those beyond the bank's range are left out. Hatched: farther than {near:g} SDs of the bank "
+        "from any of its samples."
     )
     figure = draw_force_surfaces(its, known[known["muscle"] == muscle], SECTIONS, near)
     ctx.figure("force_surfaces", figure, caption)

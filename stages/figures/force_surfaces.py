@@ -50,7 +50,7 @@ def draw_force_surfaces(
             filled = axis.contourf(*at, tables[name].to_numpy(), levels=LEVELS, cmap=colours)
             figure.colorbar(filled, ax=axis, label=label)
             if far.max() > near:
-                axis.contourf(*at, far, levels=[near, np.inf], colors="none", hatches=["///"])
+                axis.contourf(*at, far, levels=[near, np.inf], colors="white", alpha=0.4, hatches=["///"])
                 axis.contour(*at, far, levels=[near], colors="white", linewidths=1.2)
             for chosen, marker, told in ((False, "o", "of the initial data"), (True, "^", "of designed trials")):
                 known = points[(points["trial"] > 0) == chosen]

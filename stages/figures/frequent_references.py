@@ -58,11 +58,12 @@ def draw_frequent_references(
             if position == 0:
                 angle.set_ylabel(f"{joint}\nangle (rad)")
                 pressure.set_ylabel(f"{joint}\npressure\ncommand (kPa)")
-                pressure.set_ylim(bottom=0)
             if position == len(chosen) - 1:
                 pressure.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
         axes[-1, position].set_xlabel("time (s)")
     for axis in axes.ravel():
         axis.grid(alpha=0.25)
+    for axis in axes[1::2, 0]:
+        axis.set_ylim(bottom=0)
     axes[0, 0].set_xlim(left=0)
     return figure

@@ -53,7 +53,7 @@ class RecordedModels:
         ValueError
             When the rows of `model` are those of several trials, or of none.
         """
-        trials = list(model["trial"].unique())
+        trials = [int(each) for each in model["trial"].unique()]
         if len(trials) != 1:
             raise ValueError(f"model: expected the rows of one trial, got those of trials {trials}")
         known = points[points["trial"] <= trials[0]]
