@@ -5,6 +5,7 @@ from stages.figures.chosen_trials import draw_chosen_trials
 from stages.figures.error_bars import draw_error_bars
 from stages.figures.learning_curves import draw_learning_curves
 from stages.figures.protocol_commands import draw_protocol
+from stages.figures.rival_curves import draw_rival_curves
 from stages.figures.sensitivity import draw_sensitivity
 from stages.figures.shift_curves import draw_shift_curves
 
@@ -14,6 +15,7 @@ __all__ = [
     "draw_error_bars",
     "draw_learning_curves",
     "draw_protocol",
+    "draw_rival_curves",
     "draw_sensitivity",
     "draw_shift_curves",
 ]
