@@ -8,6 +8,7 @@ from stages.figures.force_surfaces import draw_force_surfaces
 from stages.figures.frequent_references import draw_frequent_references
 from stages.figures.learning_curves import draw_learning_curves
 from stages.figures.protocol_commands import draw_protocol
+from stages.figures.rival_curves import draw_rival_curves
 from stages.figures.sensitivity import draw_sensitivity
 from stages.figures.shift_curves import draw_shift_curves
 
@@ -20,6 +21,7 @@ __all__ = [
     "draw_frequent_references",
     "draw_learning_curves",
     "draw_protocol",
+    "draw_rival_curves",
     "draw_sensitivity",
     "draw_shift_curves",
 ]

@@ -1,0 +1,437 @@
+"""The rivals against planted laws, NumPy and SciPy, with verdicts that planted data turn either way."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from pydantic import ValidationError
+from rich.console import Console
+from scipy import stats
+from scipy.special import gammaln
+
+from pipeline.context import Context, Record
+from pipeline.errors import WiringError
+from stages import rivals as module
+from stages.figures import draw_error_bars, draw_rival_curves
+from stages.rivals import Config, Rivals, compare_rivals, count_points, fit_law, predict_law, rivals
+from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
+from tests.conftest import ROOT
+from tests.identification.data import HYPERPARAMETERS
+
+LAW = np.array([6.0, -9.0, 1.2, -900.0, 150.0, -20.0])
+SECTION = {
+    "experiments": 8,
+    "slack_share": 0.01,
+    "sparse_starts": 2,
+    "sparse_trial_iterations": 2,
+    "sparse_best_iterations": 4,
+    "starts": 1,
+}
+NO_NOISE = 0.0
+
+
+def terms(samples):
+    """Return the six columns of the linear law as it is written."""
+    pressure, contraction = samples["pressure_kpa"].to_numpy(), samples["contraction"].to_numpy()
+    powers = np.stack([contraction**2, contraction, np.ones_like(contraction)], axis=-1)
+    return np.concatenate([pressure[:, None] * powers, powers], axis=-1)
+
+
+def follow_the_law(samples):
+    return np.maximum(terms(samples) @ LAW, 0.0)
+
+
+def bend(samples):
+    """Return forces that no polynomial of pressure and contraction tells: they depend on velocity."""
+    return 200 + 150 * np.tanh(4 * samples["contraction_velocity_per_s"].to_numpy())
+
+
+def record(generator, count, force=follow_the_law, noise=0.0, pressure_kpa=(50, 300), contraction=(0.0, 0.2)):
+    """Return so many samples of a muscle, anywhere in the given ranges."""
+    samples = pd.DataFrame(
+        {
+            "pressure_kpa": generator.uniform(*pressure_kpa, count),
+            "contraction": generator.uniform(*contraction, count),
+            "contraction_velocity_per_s": generator.uniform(-0.5, 0.5, count),
+        }
+    )
+    noisy = force(samples) + noise * generator.standard_normal(count)
+    return samples.assign(force_n=np.maximum(noisy, 0.0))
+
+
+def make_tables(generator, muscles=("pam1", "pam2", "pam3"), experiments=2, trials=3, samples=40, points=8, **law):
+    """Return all tables that the stage reads: recordings of a planted law, a design whose errors are drawn."""
+
+    def gather(keys, count, **how):
+        frames = [
+            record(generator, count, **{**law, **how}).assign(muscle=muscle, **key)
+            for key in keys
+            for muscle in muscles
+        ]
+        return pd.concat(frames, ignore_index=True)
+
+    turns = [{"experiment": e, "trial": t} for e in range(1, experiments + 1) for t in range(1, trials + 1)]
+    people = [{"participant": who, **turn} for who in ("p1", "p2") for turn in turns]
+    arms = [{**each, "arm": arm} for each in people for arm in ("y_y", "random")]
+    prior = [(muscle, name, mean, 0.5) for muscle in muscles for name, mean in HYPERPARAMETERS.items()]
+    constants = zip((*MODEL_INPUTS, MODEL_OUTPUT), (175, 0.1, 0.0, 200), (70, 0.06, 0.3, 100), strict=True)
+    scaling = [(muscle, *each) for each in list(constants) for muscle in muscles]
+    curve = [
+        {**each, "trial": trial, "tested_on": tested_on, "muscle": muscle, "rmse_n": 1.0}
+        for each in arms
+        if each["trial"] == 1
+        for trial in range(trials + 1)
+        for tested_on in ("bank", "unseen_bank")
+        for muscle in muscles
+    ]
+    curve = pd.DataFrame(curve).assign(error_rate=generator.uniform(0.09, 0.11, len(curve)))
+    return {
+        "bank": gather([{}], 50, noise=NO_NOISE),
+        "unseen_bank": gather([{}], 30, noise=NO_NOISE),
+        "protocol_recordings": gather(turns, samples),
+        "active_recordings": gather(arms, samples),
+        "hyperprior": pd.DataFrame(prior, columns=["muscle", "hyperparameter", "mean", "variance"]),
+        "scaling": pd.DataFrame(scaling, columns=["muscle", "quantity", "centre", "scale"]),
+        "points": pd.DataFrame([{**each, "muscle": m} for each in arms for m in muscles for _ in range(points)]).query(
+            f"trial == {trials}"
+        ),
+        "learning_curve": curve,
+    }
+
+
+class PickledContext(Context):
+    """A context that sends jobs as if to other processes, and draws without saving."""
+
+    def spread(self, function, jobs):
+        return super().spread(function, pickle.loads(pickle.dumps(jobs)))
+
+    def figure(self, name, figure, caption):
+        self.files[name] = {"caption": caption}
+
+
+def run_stage(folder, tables, seed=0, context=PickledContext, **section):
+    cfg = Config(rivals=Rivals(**{**SECTION, **section}), seed=seed)
+    ctx = context("rivals", folder, seed, Record(folder / "parts", {}, lambda: None), Console(quiet=True))
+    found = rivals.function(cfg=cfg, ctx=ctx, **tables)
+    return [table.check(frame, "in the test") for table, frame in zip(rivals.writes, found, strict=True)]
+
+
+def rates(curve, rival, **where):
+    its = curve[curve["rival"] == rival]
+    for name, value in where.items():
+        its = its[its[name] == value]
+    return its["error_rate"]
+
+
+@pytest.fixture(scope="module")
+def noisy(tmp_path_factory):
+    """Tables of the planted law with noise, the stage's tables and their folder."""
+    tables = make_tables(np.random.default_rng(11), noise=10.0)
+    folder = tmp_path_factory.mktemp("rivals")
+    return tables, *run_stage(folder, tables, context=Context), folder
+
+
+def test_every_rival_has_an_error_on_every_test_set(noisy):
+    tables, curve, compared, folder = noisy
+    counts = curve.groupby("rival", sort=False).size().to_dict()
+    assert counts == {"linear": 2 * 3 * 6, "sparse_gp": 2 * 6, "subset_gp": 2 * 6, "linear_interactive": 4 * 6}
+    assert set(curve.loc[curve["rival"] != "linear_interactive", "participant"]) == {"nobody"}
+    assert set(curve.loc[curve["rival"] == "linear_interactive", "participant"]) == {"p1", "p2"}
+    assert (curve.loc[curve["rival"] != "linear", "trial"] == 3).all()
+    for name, its in curve.groupby("tested_on"):
+        largest = tables[str(name)].groupby("muscle")["force_n"].max()
+        np.testing.assert_allclose(its["rmse_n"], its["error_rate"] * its["muscle"].map(largest), rtol=1e-12)
+    assert len(compared) == 2 * (2 + 3) * 4
+    assert sorted(path.name for path in (folder / "figures").glob("*.png")) == [
+        "learning_curves_rivals.png",
+        "rival_errors.png",
+    ]
+
+
+@pytest.mark.parametrize("tested_on", ["bank", "unseen_bank"])
+def test_linear_errors_are_those_of_numpys_least_squares(noisy, tested_on):
+    tables, curve = noisy[:2]
+    test = tables[tested_on].query("muscle == 'pam2'")
+    its = tables["protocol_recordings"].query("muscle == 'pam2' and experiment == 2")
+    designed = tables["active_recordings"].query("muscle == 'pam2' and experiment == 1 and participant == 'p2'")
+    data = [("linear", 2, trial, its[its["trial"] <= trial]) for trial in (1, 2, 3)]
+    data.append(("linear_interactive", 1, 3, designed[designed["arm"] == "y_y"]))
+    for rival, experiment, trial, samples in data:
+        taut = samples[samples["force_n"] >= 0.01 * samples["force_n"].max()]
+        weights = np.linalg.lstsq(terms(taut), taut["force_n"].to_numpy(), rcond=None)[0]
+        missed = np.maximum(terms(test) @ weights, 0.0) - test["force_n"]
+        where = {"experiment": experiment, "trial": trial, "tested_on": tested_on, "muscle": "pam2"}
+        if rival == "linear_interactive":
+            where["participant"] = "p2"
+        expected = np.sqrt((missed**2).mean()) / test["force_n"].max()
+        assert rates(curve, rival, **where).item() == pytest.approx(expected, rel=1e-7)
+
+
+def test_the_linear_law_is_found_where_slack_is_left_out(generator):
+    samples = record(generator, 400)
+    assert (samples["force_n"] == 0).mean() > 0.1
+    model = fit_law(samples, 0.01)
+    np.testing.assert_allclose(model.coefficients, LAW, rtol=1e-8)
+    np.testing.assert_allclose(predict_law(model, samples), samples["force_n"], atol=1e-8)
+    assert np.abs(fit_law(samples, 0.0).coefficients / LAW - 1).max() > 0.1
+
+
+def test_a_planted_law_is_found_by_the_linear_rivals_alone(generator, tmp_path):
+    curve, _ = run_stage(tmp_path, make_tables(generator))
+    assert rates(curve, "linear").max() < 1e-9
+    assert rates(curve, "linear_interactive").max() < 1e-9
+    assert rates(curve, "subset_gp").min() > 1e-3
+
+
+def test_what_depends_on_velocity_is_learned_by_the_gps_alone(generator, tmp_path):
+    tables = make_tables(generator, ("pam1",), force=bend, noise=1.0, points=16)
+    curve, _ = run_stage(tmp_path, tables, sparse_best_iterations=30)
+    assert rates(curve, "linear").min() > 0.2
+    assert rates(curve, "linear_interactive").min() > 0.2
+    assert rates(curve, "sparse_gp").max() < 0.05
+    assert rates(curve, "subset_gp").max() < 0.15
+
+
+@pytest.mark.parametrize(("spoiled", "sign"), [((), -1), ((2, 3), 1)])
+def test_the_linear_error_falls_with_trials_unless_they_mislead(spoiled, sign, generator, tmp_path):
+    tables = make_tables(generator, experiments=6, samples=12, noise=20.0)
+    its = tables["protocol_recordings"]
+    its.loc[its["trial"].isin(spoiled), "force_n"] *= 3.0
+    curve, compared = run_stage(tmp_path, tables)
+    means = curve[curve["rival"] == "linear"].groupby("trial")["error_rate"].mean()
+    assert (np.sign(np.diff(means)) == sign).all()
+    told = compared.query("rival == 'linear' and muscle == 'mean' and tested_on == 'bank'").set_index("measure")
+    seen = curve.query("rival == 'linear' and tested_on == 'bank'")
+    assert told.loc["curve", "rival_mean"] == pytest.approx(seen["error_rate"].mean())
+    assert told.loc["final", "rival_mean"] == pytest.approx(seen.query("trial == 3")["error_rate"].mean())
+
+
+def test_slack_is_judged_by_the_samples_learned_from_alone(generator, tmp_path):
+    tables = make_tables(generator, ("pam1",))
+    before, _ = run_stage(tmp_path / "before", tables)
+    its = tables["protocol_recordings"]
+    its.loc[its["trial"] == 3, "force_n"] *= 50.0
+    after, _ = run_stage(tmp_path / "after", tables)
+    for trial in (1, 2):
+        np.testing.assert_array_equal(rates(after, "linear", trial=trial), rates(before, "linear", trial=trial))
+    assert (rates(after, "linear", trial=3).to_numpy() > rates(before, "linear", trial=3).to_numpy()).all()
+
+
+def test_gps_take_as_many_points_as_the_design(noisy, tmp_path, monkeypatch):
+    seen = []
+    for name in ("fit", "fit_sparse"):
+        found = getattr(module, name)
+
+        def spy(inputs, *rest, found=found, name=name, **options):
+            seen.append((name, len(inputs), rest[1] if name == "fit_sparse" else len(inputs)))
+            return found(inputs, *rest, **options)
+
+        monkeypatch.setattr(module, name, spy)
+    run_stage(tmp_path, noisy[0])
+    assert set(seen) == {("fit", 8, 8), ("fit_sparse", 120, 8)}
+
+
+def test_points_are_counted_in_the_design_after_its_last_trial():
+    rows = [("y_y", 1, trial, muscle) for trial in (0, 0, 1, 2) for muscle in ("pam1", "pam2")]
+    rows += [("random", 1, trial, "pam1") for trial in range(9)]
+    points = pd.DataFrame(rows, columns=["arm", "experiment", "trial", "muscle"]).assign(participant="p1")
+    assert count_points(points, "y_y") == 4
+    assert count_points(points, "random") == 9
+
+
+def test_seeds_draw_subsets_and_starts_and_nothing_else(noisy, tmp_path):
+    tables, curve, compared, _ = noisy
+    again, again_compared = run_stage(tmp_path / "again", tables)
+    pd.testing.assert_frame_equal(again, curve)
+    pd.testing.assert_frame_equal(again_compared, compared)
+    other, _ = run_stage(tmp_path / "other", tables, seed=1)
+    same = other["error_rate"] == curve["error_rate"]
+    assert same.groupby(curve["rival"]).mean().to_dict() == pytest.approx(
+        {"linear": 1.0, "linear_interactive": 1.0, "sparse_gp": 0.0, "subset_gp": 0.0}
+    )
+
+
+def test_the_same_models_from_fewer_sequences_of_the_protocol(noisy, tmp_path):
+    tables, curve = noisy[:2]
+    fewer, compared = run_stage(tmp_path, tables, experiments=1)
+    kept = (curve["participant"] != "nobody") | (curve["experiment"] == 1)
+    pd.testing.assert_frame_equal(fewer, curve[kept].reset_index(drop=True))
+    its = compared[compared["rival"] == "linear"]
+    assert set(zip(its["n_design"], its["n_rival"], strict=True)) == {(4, 1)}
+    assert (its["verdict"] == "undecided").all()
+
+
+def test_one_trial_of_few_samples_decides_nothing(generator, tmp_path):
+    tables = make_tables(generator, experiments=1, trials=1, samples=5)
+    for name in ("active_recordings", "points", "learning_curve"):
+        tables[name] = tables[name][tables[name]["participant"] == "p1"]
+    del tables["unseen_bank"]
+    tables["learning_curve"] = tables["learning_curve"].query("tested_on == 'bank'")
+    curve, compared = run_stage(tmp_path, tables)
+    assert len(curve) == 4 * 3
+    assert np.isfinite(curve["error_rate"]).all()
+    assert (compared["verdict"] == "undecided").all()
+    assert compared[["low", "high", "effect", "p", "p_holm"]].isna().all(axis=None)
+
+
+@pytest.mark.parametrize(("protocol", "design"), [(2, 3), (3, 2)])
+def test_the_protocol_may_have_other_trials_than_the_design(protocol, design, generator, tmp_path):
+    tables = make_tables(generator, noise=10.0)
+    tables["protocol_recordings"] = tables["protocol_recordings"].query(f"trial <= {protocol}")
+    curve = tables["learning_curve"]
+    curve["error_rate"] = 0.1 + 0.01 * curve["trial"]
+    tables["learning_curve"] = curve[curve["trial"] <= design]
+    found, compared = run_stage(tmp_path, tables)
+    told = compared.query("rival == 'linear' and muscle == 'mean' and tested_on == 'bank'").set_index("measure")
+    assert told.loc["final", "design_mean"] == pytest.approx(0.1 + 0.01 * design)
+    assert told.loc["curve", "design_mean"] == pytest.approx(0.115)
+    linear = found.query("rival == 'linear' and tested_on == 'bank'")
+    assert told.loc["final", "rival_mean"] == pytest.approx(linear.query(f"trial == {protocol}")["error_rate"].mean())
+    assert told.loc["curve", "rival_mean"] == pytest.approx(linear.query("trial <= 2")["error_rate"].mean())
+
+
+def test_without_a_protocol_says_what_is_missing(noisy, tmp_path):
+    tables = {**noisy[0], "protocol_recordings": noisy[0]["protocol_recordings"].iloc[:0]}
+    with pytest.raises(WiringError, match=r"add the stage protocol to workflow\.stages"):
+        run_stage(tmp_path, tables)
+
+
+def make_curves(generator, means, experiments=6, sd=0.002, trials=2):
+    """Return error rates of the design and of each rival whose averages over experiments are the planted ones."""
+    frames = []
+    for rival, mean in {None: 0.05, **means}.items():
+        people = ["p1", "p2"] if rival in (None, "linear_interactive") else ["nobody"]
+        rows = [
+            (rival, who, experiment, trial, "bank", muscle)
+            for who in people
+            for experiment in range(1, experiments + 1)
+            for trial in range(0 if rival is None else 1 if rival == "linear" else trials, trials + 1)
+            for muscle in ("pam1", "pam2")
+        ]
+        frame = pd.DataFrame(rows, columns=["rival", "participant", "experiment", "trial", "tested_on", "muscle"])
+        noise = pd.Series(sd * generator.standard_normal(len(frame)))
+        centred = noise - noise.groupby([frame["trial"], frame["muscle"]]).transform("mean")
+        frames.append(frame.assign(error_rate=mean + centred))
+    return frames[0].drop(columns="rival"), pd.concat(frames[1:], ignore_index=True)
+
+
+RIVALS = ("linear", "sparse_gp", "subset_gp", "linear_interactive")
+
+
+@pytest.mark.parametrize(
+    ("mean", "sd", "verdict"),
+    [(0.08, 0.002, "design better"), (0.02, 0.002, "rival better"), (0.05, 0.002, "undecided")],
+)
+@pytest.mark.parametrize("rival", RIVALS)
+def test_planted_data_turn_the_verdict(rival, mean, sd, verdict, generator):
+    means = {**dict.fromkeys(RIVALS, 0.05), rival: mean}
+    told = compare_rivals(*make_curves(generator, means, sd=sd), ["pam1", "pam2"]).set_index("rival")
+    assert (told.loc[rival, "verdict"] == verdict).all()
+    assert (told.drop(index=rival)["verdict"] == "undecided").all()
+
+
+def test_groups_agree_with_scipy(generator):
+    design, curve = make_curves(generator, {"linear": 0.052, "sparse_gp": 0.049}, sd=0.003)
+    told = compare_rivals(design, curve, ["pam1", "pam2"]).set_index(["rival", "measure", "muscle"])
+    assert list(told.index[:3]) == [("linear", "final", each) for each in ("mean", "pam1", "pam2")]
+    for rival, measure in [("linear", "final"), ("linear", "curve"), ("sparse_gp", "final")]:
+        values = []
+        for frame in (design, curve[curve["rival"] == rival]):
+            its = frame.query("trial == 2" if measure == "final" else "trial >= 1")
+            values.append(its.groupby(["participant", "experiment"])["error_rate"].mean().to_numpy())
+        row, test = told.loc[(rival, measure, "mean")], stats.ttest_ind(*values, equal_var=False)
+        assert row["p"] == pytest.approx(test.pvalue, rel=1e-9)
+        assert (row["low"], row["high"]) == pytest.approx(tuple(test.confidence_interval(0.95)), rel=1e-9)
+        assert (row["n_design"], row["n_rival"], row["test"]) == (12, 6, "Welch")
+        pooled = np.sqrt((11 * values[0].var(ddof=1) + 5 * values[1].var(ddof=1)) / 16)
+        unbiased = np.exp(gammaln(8) - gammaln(7.5)) / np.sqrt(8)
+        assert row["effect"] == pytest.approx(unbiased * (values[0].mean() - values[1].mean()) / pooled, rel=1e-9)
+
+
+def test_the_same_interaction_is_paired_by_experiment(generator):
+    design, curve = make_curves(generator, {"linear_interactive": 0.051}, sd=0.003)
+    shuffled = curve.sample(frac=1.0, random_state=1).query("experiment < 6")
+    told = compare_rivals(design, shuffled, ["pam1", "pam2"]).set_index("muscle").loc["pam2"]
+    keys = ["participant", "experiment"]
+    first, second = (
+        frame.query("trial == 2 and muscle == 'pam2' and experiment < 6").set_index(keys)["error_rate"].sort_index()
+        for frame in (design, curve)
+    )
+    test = stats.ttest_rel(first, second)
+    assert told["p"] == pytest.approx(test.pvalue, rel=1e-9)
+    assert (told["low"], told["high"]) == pytest.approx(tuple(test.confidence_interval(0.95)), rel=1e-9)
+    assert told["effect"] == pytest.approx((first - second).mean() / (first - second).std(ddof=1), rel=1e-9)
+    assert (told["n_design"], told["n_rival"], told["test"]) == (10, 10, "paired t")
+
+
+def test_holm_counts_the_rows_of_each_test_set(generator):
+    design, curve = make_curves(generator, dict.fromkeys(RIVALS, 0.0505))
+    both = [pd.concat([each, each.assign(tested_on="unseen_bank")], ignore_index=True) for each in (design, curve)]
+    told = compare_rivals(*both, ["pam1", "pam2"])
+    assert told.groupby("tested_on").size().to_dict() == {"bank": 15, "unseen_bank": 15}
+    for _, family in told.groupby("tested_on"):
+        steps = np.minimum(1.0, np.maximum.accumulate(np.sort(family["p"]) * np.arange(15, 0, -1)))
+        np.testing.assert_allclose(np.sort(family["p_holm"]), steps, rtol=1e-12)
+
+
+def summarise(generator):
+    keys = [(line, tested_on, m) for line in "abcde" for tested_on in ("bank", "unseen_bank") for m in ("mean", "pam1")]
+    frame = pd.DataFrame(keys, columns=["line", "tested_on", "muscle"])
+    return frame.assign(error_rate_mean=generator.uniform(0.01, 0.1, len(frame)), error_rate_sd=np.nan)
+
+
+def test_bars_are_as_high_as_the_errors_and_told_apart(generator):
+    errors = summarise(generator)
+    (axis,) = draw_error_bars(errors, list("abcde"), ["mean", "pam1"]).axes
+    bars = [each for each in axis.containers if hasattr(each, "patches")]
+    assert len({(bar.patches[0].get_facecolor(), bar.patches[0].get_hatch()) for bar in bars}) == 5
+    means = errors.set_index(["tested_on", "line", "muscle"])["error_rate_mean"].sort_index()
+    for line, bar in zip("abcde", bars, strict=True):
+        expected = 100 * means.loc["bank", line].to_numpy()
+        np.testing.assert_allclose([patch.get_height() for patch in bar.patches], expected)
+    diamonds = [np.asarray(each.get_ydata()) for each in axis.lines if each.get_marker() == "D"]
+    np.testing.assert_allclose(np.concatenate(diamonds), 100 * means.loc["unseen_bank"].to_numpy())
+    (without,) = draw_error_bars(errors.query("tested_on == 'bank'"), list("abcde"), ["mean", "pam1"]).axes
+    assert not [each for each in without.lines if each.get_marker() == "D"]
+
+
+def test_curves_have_a_panel_for_each_muscle_and_two_lines(generator):
+    trials = pd.DataFrame({"trial": [0, 1, 2, 1, 2], "line": ["design"] * 3 + ["rival"] * 2})
+    frame = trials.merge(pd.DataFrame({"muscle": ["mean", "pam1"]}), how="cross")
+    frame = frame.assign(error_rate_mean=generator.uniform(0.01, 0.1, len(frame)), error_rate_sd=0.01)
+    axes = draw_rival_curves(frame, ["design", "rival"], ["mean", "pam1"]).axes
+    assert [axis.get_title() for axis in axes[:2]] == ["average of the muscles", "pam1"]
+    design, rival = (container.lines[0] for container in axes[1].containers)
+    assert list(design.get_xdata()) == [0, 1, 2]
+    assert list(rival.get_xdata()) == [1, 2]
+    expected = 100 * frame.query("line == 'rival' and muscle == 'pam1'")["error_rate_mean"].to_numpy()
+    np.testing.assert_allclose(np.asarray(rival.get_ydata(), dtype=float), expected)
+    assert {design.get_marker(), design.get_linestyle()}.isdisjoint({rival.get_marker(), rival.get_linestyle()})
+
+
+def test_the_stated_settings_follow_the_budget():
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composed = compose("config", overrides=["+rivals=stated", "budget=tiny"])
+    section = Rivals.model_validate(OmegaConf.to_container(composed.rivals, resolve=True))
+    assert section.starts == 2
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"experiments": 0}, "greater than 0"),
+        ({"slack_share": 1.0}, "less than 1"),
+        ({"slack_share": -0.1}, "greater than or equal to 0"),
+        ({"sparse_starts": 0}, "greater than or equal to 1"),
+        ({"sparse_trial_iterations": 0}, "greater than or equal to 1"),
+        ({"sparse_best_iterations": -1}, "greater than or equal to 0"),
+        ({"starts": -1}, "greater than or equal to 0"),
+        ({"pseudo_inputs": 30}, "Extra inputs"),
+    ],
+)
+def test_nonsense_is_refused(changed, message):
+    with pytest.raises(ValidationError, match=message):
+        Rivals.model_validate({**SECTION, **changed})
