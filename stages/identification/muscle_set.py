@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stages.gp import Hyperprior
-from stages.signals import MODEL_INPUTS, Scaling
+from stages.signals import MODEL_INPUTS, MODEL_OUTPUT, Scaling
 
 Array = NDArray[np.float64]
 
@@ -74,6 +74,7 @@ class MuscleSet:
     def standardise(self, samples: pd.DataFrame) -> tuple[list[Array], list[Array]]:
         """Return each muscle's inputs (N, 3) and outputs (N,) from rows with a muscle column."""
         inputs, outputs = [], []
+        samples = samples[["muscle", *MODEL_INPUTS, MODEL_OUTPUT]]
         for name, constants in zip(self.names, self.scalings, strict=True):
             rows = samples[samples["muscle"] == name]
             inputs.append(constants.inputs_of(rows))

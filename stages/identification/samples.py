@@ -29,8 +29,9 @@ def spread_evenly(executed: pd.DataFrame, count: int, muscles: Sequence[str]) ->
 
 def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequence[str]) -> pd.DataFrame:
     """Return the picked samples of each muscle, in the order of picking."""
+    measured = samples[[name for name in TAKEN if name != "pick"]]
     frames = [
-        samples[samples["muscle"] == name].iloc[at].assign(pick=range(len(at)))
+        measured[measured["muscle"] == name].iloc[at].assign(pick=range(len(at)))
         for name, at in zip(muscles, picks, strict=True)
     ]
     return pd.concat(frames, ignore_index=True)[TAKEN]

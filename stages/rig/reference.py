@@ -32,7 +32,8 @@ def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str)
     ValueError
         When a muscle of the rig is not in the samples.
     """
-    missing = [name for name in rig.muscles if name not in set(samples["muscle"])]
+    sampled = set(samples["muscle"].unique())
+    missing = [name for name in rig.muscles if name not in sampled]
     if missing:
         raise ValueError(
             f"expected samples of every muscle of the rig ({', '.join(rig.muscles)}), got none of {missing}"
