@@ -443,7 +443,7 @@ def draw(ctx: Context, design: pd.DataFrame, curve: pd.DataFrame, arm: str, musc
         "learning_curves_rivals",
         draw_rival_curves(told[told["tested_on"] == "bank"], [ours, linear], panels),
         "Error rate (RMSE over the largest force of the test data) after each designed trial, and of the linear law "
-        f"after each trial of the protocol in which nobody moves, tested on the bank: {spread}.",
+        f"after each trial of the protocol in which nobody moves, tested on the bank: {spread} (cut where large).",
     )
     last = told[told["trial"] == told.groupby("line")["trial"].transform("max")]
     unseen = " Diamonds: tested on the bank that nothing else saw." if len(tests) > 1 else ""

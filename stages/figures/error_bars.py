@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -36,15 +36,17 @@ def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence
     axis: Axes = figure.subplots()
     width = 0.84 / len(lines)
     at = np.arange(len(groups))
+    means = 100 * errors.set_index(["tested_on", "muscle", "line"])["error_rate_mean"].unstack("line")
+    spread = 100 * errors.set_index(["tested_on", "muscle", "line"])["error_rate_sd"].unstack("line").fillna(0.0)
+    handles: list[Any] = []
+    places = []
     for position, (line, (colour, hatch)) in enumerate(zip(lines, BARS, strict=False)):
-        places = at + (position - (len(lines) - 1) / 2) * width
-        its = errors[errors["line"] == line].set_index(["tested_on", "muscle"])
-        seen = its.loc["bank"].loc[list(groups)]
-        axis.bar(
-            places,
-            100 * seen["error_rate_mean"],
+        places.append(at + (position - (len(lines) - 1) / 2) * width)
+        bars = axis.bar(
+            places[-1],
+            means.loc["bank"].loc[list(groups), line],
             width,
-            yerr=100 * seen["error_rate_sd"].fillna(0.0),
+            yerr=spread.loc["bank"].loc[list(groups), line],
             color=colour,
             hatch=hatch,
             edgecolor=INK,
@@ -52,22 +54,21 @@ def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence
             error_kw={"elinewidth": 0.9, "capsize": 2},
             label=line,
         )
-        if "unseen_bank" in its.index:
-            unseen = its.loc["unseen_bank"].loc[list(groups)]
-            label = "tested on the unseen bank" if position == len(lines) - 1 else None
-            axis.plot(
-                places,
-                100 * unseen["error_rate_mean"],
-                "D",
-                color="white",
-                markeredgecolor=INK,
-                markersize=4.5,
-                zorder=3,
-                label=label,
-            )
+        handles.append(bars)
+    if "unseen_bank" in means.index:
+        handles += axis.plot(
+            np.ravel(places),
+            means.loc["unseen_bank"].loc[list(groups), list(lines)].to_numpy().T.ravel(),
+            "D",
+            color="white",
+            markeredgecolor=INK,
+            markersize=4.5,
+            zorder=3,
+            label="tested on the unseen bank",
+        )
     axis.set_xticks(at, ["average of\nthe muscles" if name == AVERAGE else name for name in groups])
     axis.set(ylabel="error rate (%)", ylim=(0, None))
     axis.grid(axis="y", alpha=0.25)
     axis.set_axisbelow(True)
-    figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize=9)
+    figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
     return figure

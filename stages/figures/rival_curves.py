@@ -52,7 +52,7 @@ def draw_rival_curves(summary: pd.DataFrame, lines: Sequence[str], panels: Seque
                 label=line,
             )
         axis.set(title="average of the muscles" if muscle == AVERAGE else muscle, ylabel="error rate (%)")
-        axis.set_ylim(bottom=0)
+        axis.set_ylim(0, 115 * panel["error_rate_mean"].max())  # SDs beyond it are cut, not the means made flat
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.tick_params(labelbottom=True)
         axis.grid(alpha=0.25)
