@@ -426,9 +426,11 @@ class Experiment:
         known = self.continue_from(arm, earlier) if section.trials > 1 else self.begin(arm)
         kept = thin(self.keep_latest(its[SPARSE_RECORDINGS.name]), section.every, [])
         trajectory = self.muscles.indices(self.keep_latest(its[SPARSE_TRIALS.name])["trajectory"].tolist())[0]
-        told = partial(known.tell, trajectory, *self.muscles.standardise(kept))
-        everything = told(self.starts(section.trials))
-        samples = len(everything.outputs[0])
+        recorded = self.muscles.standardise(kept)
+        told = partial(known.tell, trajectory, *recorded)
+        inputs = [np.concatenate(each) for each in zip(known.inputs, recorded[0], strict=True)]
+        outputs = [np.concatenate(each) for each in zip(known.outputs, recorded[1], strict=True)]
+        samples = len(outputs[0])
         at = np.linspace(0, samples - 1, section.pseudo_inputs).astype(int)
         utility = "y_y" if arm == "random" else arm
 
@@ -440,7 +442,7 @@ class Experiment:
 
         def iterate_exactly() -> object:
             generators, starts = self.starts(section.trials), section.exact_starts
-            data = zip(everything.inputs, everything.outputs, known.priors, generators, strict=True)
+            data = zip(inputs, outputs, known.priors, generators, strict=True)
             fitted = [fit(x[at], y[at], p, known.design.mean, generator=g, starts=starts) for x, y, p, g in data]
             return score(fitted)
 
