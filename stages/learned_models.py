@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import Field, PositiveInt, model_validator
 from scipy.spatial import KDTree
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtrit
 
 from pipeline.config import Section, View
 from pipeline.context import Context
@@ -472,31 +472,32 @@ def gather(
 def measure_coverage(job: Job) -> list[tuple[Any, ...]]:
     """Return the rows of `coverage` of one muscle in one experiment."""
     points_of: dict[Any, pd.DataFrame] = dict(list(job.points.groupby("arm", sort=False)))
-    rows = []
+    found: dict[bytes, list[tuple[Any, ...]]] = {}
+    rows: list[tuple[Any, ...]] = []
     for (arm, trial), model in job.models.groupby(["arm", "trial"], sort=False):
         gp = job.recorded.rebuild(model, points_of[arm])
-        for tested_on, test in job.tests.items():
-            mean_n, half_widths_n = predict_intervals(gp, job.recorded.scaling, test.inputs)
-            for name, half_n in half_widths_n.items():
-                told = cover_blocks(test.force_n, mean_n - half_n, mean_n + half_n, test.trajectory)
-                rows.append(
-                    (
-                        job.participant,
-                        job.experiment,
-                        arm,
-                        trial,
-                        tested_on,
-                        job.muscle,
-                        name,
-                        told.n,
-                        told.blocks,
-                        told.share,
-                        told.low,
-                        told.high,
-                        float(half_n.mean()),
-                    )
-                )
+        same = gp.theta.tobytes() + gp.inputs.tobytes() + gp.posterior.outputs.tobytes()
+        if same not in found:  # arms share the model of the initial data
+            found[same] = list(cover_forces(gp, job))
+        where = (job.participant, job.experiment, arm, trial)
+        rows += [(*where, *told) for told in found[same]]
     return rows
+
+
+def cover_forces(gp: MarginalGP, job: Job) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of `coverage` of one model, from the test set on."""
+    mean_n, half_widths_n = predict_intervals(
+        gp, job.recorded.scaling, np.concatenate([test.inputs for test in job.tests.values()])
+    )
+    start = 0
+    for tested_on, test in job.tests.items():
+        its = slice(start, start + len(test.force_n))
+        start = its.stop
+        for name, halves_n in half_widths_n.items():
+            half_n = halves_n[its]
+            told = cover_blocks(test.force_n, mean_n[its] - half_n, mean_n[its] + half_n, test.trajectory)
+            shares = (told.n, told.blocks, told.share, told.low, told.high)
+            yield (tested_on, job.muscle, name, *shares, float(half_n.mean()))
 
 
 def predict_intervals(gp: MarginalGP, scaling: Scaling, inputs: Array) -> tuple[Array, dict[str, Array]]:
@@ -536,27 +537,28 @@ def calibrate(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
             "wider": pairs["half_width_n"][MARGINAL] / pairs["half_width_n"][PLAIN],
         }
     ).reset_index()
-    average = frame.groupby([name for name in where if name != "muscle"]).mean(numeric_only=True).reset_index()
-    rows = pd.concat([frame, average.assign(muscle=ALL_MUSCLES)], ignore_index=True)
+    of_all = frame.groupby([name for name in where if name != "muscle"]).mean(numeric_only=True).reset_index()
+    rows = pd.concat([frame, of_all.assign(muscle=ALL_MUSCLES)], ignore_index=True)
     families = []
     for arm in coverage["arm"].unique():
         for tested_on in coverage["tested_on"].unique():
             family = rows[(rows["arm"] == arm) & (rows["tested_on"] == tested_on)]
-            groups: dict[Any, pd.DataFrame] = dict(list(family.groupby(["muscle", "trial"])))
-            families.append(compare_models(groups, [ALL_MUSCLES, *muscles]).assign(arm=arm, tested_on=tested_on))
+            compared = compare_models(family, [ALL_MUSCLES, *muscles])
+            families.append(compared.assign(arm=arm, tested_on=tested_on))
     return pd.concat(families, ignore_index=True)[list(CALIBRATION.columns)]
 
 
-def compare_models(groups: Mapping[Any, pd.DataFrame], muscles: Sequence[str]) -> pd.DataFrame:
+def compare_models(family: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
     """Return the rows of one arm and test set, whose p-values are adjusted together.
 
     Parameters
     ----------
-    groups : mapping of (muscle, trial) to DataFrame
-        A row for each experiment.
+    family : DataFrame
+        A row for each muscle, trial and experiment.
     muscles : sequence of str
         In the order of the rows.
     """
+    groups: dict[Any, pd.DataFrame] = dict(list(family.groupby(["muscle", "trial"])))
     found = []
     for muscle, trial in sorted(groups, key=lambda each: (muscles.index(each[0]), each[1])):
         its = groups[(muscle, trial)]
@@ -576,10 +578,18 @@ def compare_models(groups: Mapping[Any, pd.DataFrame], muscles: Sequence[str]) -
             "p_wilcoxon": told.wilcoxon_p_value,
         }
         for name in (PLAIN, MARGINAL):
-            share = compare_pairs(its[f"{name}_share"].to_numpy(), np.zeros(len(its)))
-            row |= {f"{name}_share": share.mean_first, f"{name}_low": share.low, f"{name}_high": share.high}
+            row |= dict(
+                zip((f"{name}_share", f"{name}_low", f"{name}_high"), average(its[f"{name}_share"]), strict=True)
+            )
         found.append(row)
     frame = pd.DataFrame(found)
     adjusted = adjust_holm(frame["p_t"].to_numpy(dtype=float))
     closer = np.where(frame["difference"] < 0, "marginal closer", "plain closer")
     return frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, closer, "undecided"))
+
+
+def average(values: pd.Series[float]) -> tuple[float, float, float]:
+    """Return the mean and the ends of its 95 % interval (Student's t), NaN where there is one value."""
+    mean, count = float(values.mean()), len(values)
+    half = float(stdtrit(count - 1, 0.5 + NOMINAL / 2) * values.std() / np.sqrt(count)) if count > 1 else np.nan
+    return mean, mean - half, mean + half
