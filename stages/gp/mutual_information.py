@@ -1,9 +1,8 @@
 """What measurements tell about the hyperparameters, by Monte Carlo: the yardstick of the utilities.
 
-A `MarginalGP` and draws of theta from its Laplace approximation flow in; for each draw the information density
-log p(y | theta) - log p(y) of outputs drawn at it flows out, whose mean over draws is I(y; theta) in nats. p(y) is
-the mean of p(y | theta) over the same draws (nested Monte Carlo), so that no estimate exceeds the logarithm of their
-number.
+A `MarginalGP` flows in; for each draw of theta from its Laplace approximation the information density
+log p(y | theta) - log p(y) of outputs at that draw flows out, whose mean over draws is I(y; theta) in nats. p(y) is the
+mean of p(y | theta) over the same draws (nested Monte Carlo): no estimate exceeds the logarithm of their number.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from stages.gp.factor import Factor, factorise
 from stages.gp.kernel import Hyperparameters
 from stages.gp.marginal import MarginalGP
-from stages.gp.posterior import check_points
+from stages.gp.posterior import LogPosterior, check_points
 
 Array = NDArray[np.float64]
 
@@ -51,7 +50,7 @@ class Information:
         return cls(float(densities.mean()), float(densities.std(ddof=1) / np.sqrt(densities.size)))
 
 
-def draw_models(model: MarginalGP, draws: int, generator: np.random.Generator) -> list[MarginalGP]:
+def draw_models(model: MarginalGP, draws: int, generator: np.random.Generator) -> list[Draw]:
     """Return the model at each of many draws of theta from its Laplace approximation.
 
     Raises
@@ -64,15 +63,15 @@ def draw_models(model: MarginalGP, draws: int, generator: np.random.Generator) -
     if draws < SMALLEST_DRAWS:
         raise ValueError(f"draws: expected at least {SMALLEST_DRAWS}, got {draws}")
     steps = generator.standard_normal((draws, model.theta.size)) @ model.laplace.root.T
-    return [MarginalGP(model.posterior, model.theta + step, model.laplace.covariance) for step in steps]
+    return [Draw.at(model.posterior, model.theta + step) for step in steps]
 
 
-def point_information(models: list[MarginalGP], points: Array, noisy: bool = True) -> Array:
+def point_information(models: list[Draw], points: Array, noisy: bool = True) -> Array:
     """Return the information densities of one measurement at each of (B, D) points, (S, B), in nats.
 
     Parameters
     ----------
-    models : list of MarginalGP
+    models : list of Draw
         At S draws of theta.
     points : (B, D) float array
         Standardised.
@@ -85,8 +84,7 @@ def point_information(models: list[MarginalGP], points: Array, noisy: bool = Tru
     """
     points = check_points(points, models[0].inputs.shape[1])
     means, variances = np.empty((2, len(models), len(points)))
-    for index, each in enumerate(models):
-        draw = Draw.of(each)
+    for index, draw in enumerate(models):
         v = draw.whiten(points)
         means[index] = draw.predict(v)
         explained = np.einsum("nb,nb->b", v, v)
@@ -109,12 +107,12 @@ def point_information(models: list[MarginalGP], points: Array, noisy: bool = Tru
     return densities
 
 
-def path_information(models: list[MarginalGP], paths: Array, noise: Array) -> Array:
+def path_information(models: list[Draw], paths: Array, noise: Array) -> Array:
     """Return the information densities of noisy measurements at all T points of each path together, (S, R), in nats.
 
     Parameters
     ----------
-    models : list of MarginalGP
+    models : list of Draw
         At S draws of theta.
     paths : (R, T, D) float array
         Standardised.
@@ -123,10 +121,9 @@ def path_information(models: list[MarginalGP], paths: Array, noise: Array) -> Ar
     """
     count, samples, dimensions = paths.shape
     check_points(paths.reshape(-1, dimensions), models[0].inputs.shape[1])
-    draws = [Draw.of(each) for each in models]
     densities = np.empty((len(models), count))
     for block in split(count, len(models) * samples**2):
-        found = [each.predict_jointly(paths[block]) for each in draws]
+        found = [each.predict_jointly(paths[block]) for each in models]
         means, roots = (np.array(each) for each in zip(*found, strict=True))
         inverses = np.linalg.inv(roots)
         for index in range(means.shape[1]):
@@ -183,10 +180,10 @@ class Draw:
     residual: Array
 
     @classmethod
-    def of(cls, model: MarginalGP) -> Draw:
+    def at(cls, posterior: LogPosterior, theta: Array) -> Draw:
         """Factorise once for all predictions."""
-        factor = model.posterior.factor(model.theta)
-        return cls(model.inputs, model.hyperparameters, factor, factor.whiten(model.posterior.residual(model.theta)))
+        factor = posterior.factor(theta)
+        return cls(posterior.inputs, posterior.read(theta), factor, factor.whiten(posterior.residual(theta)))
 
     @property
     def floor(self) -> float:
