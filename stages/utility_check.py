@@ -59,6 +59,13 @@ UTILITY_AGREEMENT = Table(
         "regret": column(
             float, "share of the best trajectory's information that the utility's choice forgoes", low=0, high=1
         ),
+        "reliability": column(
+            float,
+            "of the yardstick itself: rank correlation of its two halves of draws, stepped up to all of them",
+            low=-1,
+            high=1,
+            nullable=True,
+        ),
         "information": column(float, "of the best trajectory, over all muscles", unit="nat"),
         "standard_error": column(float, "of that, over draws", unit="nat", low=0),
     },
@@ -74,6 +81,9 @@ UTILITY_SUMMARY = Table(
         "spearman": column(float, "mean rank correlation", low=-1, high=1, nullable=True),
         "spearman_low": column(float, "lower end of its 95 % interval (t)", nullable=True),
         "spearman_high": column(float, "upper end of its 95 % interval (t)", nullable=True),
+        "reliability": column(
+            float, "of the yardstick itself; a perfect utility's rank correlation is its root", nullable=True
+        ),
         "regret": column(float, "mean share of information forgone", low=0, high=1),
         "difference": column(float, "regret less that of y_y", nullable=True),
         "low": column(float, "lower end of its 95 % interval (t)", nullable=True),
@@ -142,6 +152,7 @@ class Check:
         for target, densities in told.items():
             information = densities.mean(axis=0)
             best = Information.of(densities[:, int(np.argmax(information))])
+            reliability = rely(densities)
             for name in CHOICES:
                 agreement = (0.0, forgo_at_random(information)) if name == RANDOM else agree(scores[name], information)
                 rows.append(
@@ -152,6 +163,7 @@ class Check:
                         target,
                         name,
                         *agreement,
+                        reliability,
                         best.value,
                         best.standard_error,
                     )
@@ -169,8 +181,7 @@ class Check:
             densities = point_information(drawn, its.reshape(-1, dimensions))
             alone += densities.reshape(self.cfg.draws, trajectories, samples).sum(axis=2)
             noise = generator.standard_normal((self.cfg.outputs, self.cfg.draws, samples))
-            for index, path in enumerate(its):
-                together[:, index] += path_information(drawn, path, noise)
+            together += path_information(drawn, its, noise)
         return alone, together
 
 
@@ -227,6 +238,19 @@ def agree(scores: Array, information: Array) -> tuple[float, float]:
     return float(spearmanr(scores, information).statistic), regret
 
 
+def rely(densities: Array) -> float:
+    """Return how well (S, R) densities rank R trajectories, from the rank correlation r of the means of their halves.
+
+    2 r / (1 + r) for all draws, after Spearman and Brown (1910), and r itself where that is negative. NaN where a half
+    does not tell trajectories apart.
+    """
+    halves = [densities[start::2].mean(axis=0) for start in (0, 1)]
+    if any(np.ptp(each) == 0 for each in halves):
+        return np.nan
+    r = float(spearmanr(*halves).statistic)
+    return r if r < 0 else 2 * r / (1 + r)
+
+
 def forgo_at_random(information: Array) -> float:
     """Return the regret that a random choice is expected to have."""
     best = information.max()
@@ -236,7 +260,7 @@ def forgo_at_random(information: Array) -> float:
 def summarise(agreement: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of `utility_summary`."""
     keys = ["target", "utility", "participant", "experiment"]
-    means = agreement.groupby(keys, sort=False)[["spearman", "regret"]].mean().reset_index()
+    means = agreement.groupby(keys, sort=False)[["spearman", "reliability", "regret"]].mean().reset_index()
     frames = []
     for target, its in means.groupby("target", sort=False):
         of = {name: rows.sort_values(["participant", "experiment"]) for name, rows in its.groupby("utility")}
@@ -252,6 +276,7 @@ def summarise(agreement: pd.DataFrame) -> pd.DataFrame:
                 "spearman": spread.mean_first,
                 "spearman_low": spread.low,
                 "spearman_high": spread.high,
+                "reliability": of[name]["reliability"].mean(),
                 "regret": told.mean_first,
                 "difference": told.difference,
                 "low": told.low,

@@ -5,7 +5,16 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from stages.utility_check import CHOICES, TARGETS, UTILITY_AGREEMENT, UTILITY_SUMMARY, agree, forgo_at_random, summarise
+from stages.utility_check import (
+    CHOICES,
+    TARGETS,
+    UTILITY_AGREEMENT,
+    UTILITY_SUMMARY,
+    agree,
+    forgo_at_random,
+    rely,
+    summarise,
+)
 
 
 def test_ranks_and_regrets_are_those_of_the_definition(generator):
@@ -36,7 +45,7 @@ def test_equal_scores_have_no_rank(generator):
 def plant(generator, regrets, experiments=6):
     """Return `utility_agreement` with each utility's regret around a mean of its own."""
     rows = [
-        (who, experiment, trial, target, name, 0.5, regrets.get(name, 0.3) + 0.005 * generator.random(), 2.0, 0.1)
+        (who, experiment, trial, target, name, 0.5, regrets.get(name, 0.3) + 0.005 * generator.random(), 0.9, 2.0, 0.1)
         for who in ("p1", "p2")
         for experiment in range(1, experiments + 1)
         for trial in (0, 5, 10)
@@ -66,3 +75,16 @@ def test_experiments_are_the_unit_and_agree_with_scipy(generator):
     expected = stats.ttest_rel(means["variance"].to_numpy(), means["y_y"].to_numpy())
     assert (told["low"], told["high"]) == pytest.approx(tuple(expected.confidence_interval()), rel=1e-9)
     assert told["regret"] == pytest.approx(means["variance"].mean())
+
+
+def test_reliability_is_the_agreement_of_two_estimates(generator):
+    information = generator.random(400)
+    for sd in (0.5, 3.0):
+        densities = information + sd * generator.standard_normal((2, 64, 400))
+        first, second = (each.mean(axis=0) for each in densities)
+        again = stats.spearmanr(first, second).statistic
+        assert rely(densities[0]) == pytest.approx(again, abs=0.1)
+    assert rely(np.tile(information, (8, 1))) == pytest.approx(1.0)
+    assert np.isnan(rely(np.ones((8, 5))))
+    opposed = np.where(np.arange(8)[:, None] % 2, information[:5], -information[:5])
+    assert rely(opposed) == pytest.approx(-1.0)

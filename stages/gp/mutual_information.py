@@ -1,33 +1,30 @@
 """What measurements tell about the hyperparameters, by Monte Carlo: the yardstick of the utilities.
 
-A `MarginalGP` and draws of theta from its Laplace approximation flow in; for each draw the information density
-log p(y | theta) - log p(y) of outputs drawn at it flows out, whose mean over draws is I(y; theta) in nats. p(y) is
-the mean of p(y | theta) over the same draws (nested Monte Carlo), so that no estimate exceeds the logarithm of their
-number.
+A `MarginalGP` flows in; for each draw of theta from its Laplace approximation the information density
+log p(y | theta) - log p(y) of outputs at that draw flows out, whose mean over draws is I(y; theta) in nats. p(y) is the
+mean of p(y | theta) over the same draws (nested Monte Carlo): no estimate exceeds the logarithm of their number.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
 
-from stages.gp.factor import factorise
-from stages.gp.kernel import Hyperparameters, covariance_among, squared_differences
+from stages.gp.factor import Factor, factorise
+from stages.gp.kernel import Hyperparameters
 from stages.gp.marginal import MarginalGP
-from stages.gp.posterior import check_points
+from stages.gp.posterior import LogPosterior, check_points
 
 Array = NDArray[np.float64]
 
 NODES = 6
 """Of the Gauss-Hermite rule over the output at one point, exact for polynomials of degree 11."""
 
-LARGEST_BLOCK = 4_000_000
-"""Densities that are held at a time, 32 MB."""
+LARGEST_BLOCK = 500_000
+"""Numbers that an intermediate array holds where it can be split, 4 MB: about a processor's cache."""
 
 SMALLEST_DRAWS = 2
 
@@ -53,7 +50,7 @@ class Information:
         return cls(float(densities.mean()), float(densities.std(ddof=1) / np.sqrt(densities.size)))
 
 
-def draw_models(model: MarginalGP, draws: int, generator: np.random.Generator) -> list[MarginalGP]:
+def draw_models(model: MarginalGP, draws: int, generator: np.random.Generator) -> list[Draw]:
     """Return the model at each of many draws of theta from its Laplace approximation.
 
     Raises
@@ -66,15 +63,15 @@ def draw_models(model: MarginalGP, draws: int, generator: np.random.Generator) -
     if draws < SMALLEST_DRAWS:
         raise ValueError(f"draws: expected at least {SMALLEST_DRAWS}, got {draws}")
     steps = generator.standard_normal((draws, model.theta.size)) @ model.laplace.root.T
-    return [MarginalGP(model.posterior, model.theta + step, model.laplace.covariance) for step in steps]
+    return [Draw.at(model.posterior, model.theta + step) for step in steps]
 
 
-def point_information(models: list[MarginalGP], points: Array, noisy: bool = True) -> Array:
+def point_information(models: list[Draw], points: Array, noisy: bool = True) -> Array:
     """Return the information densities of one measurement at each of (B, D) points, (S, B), in nats.
 
     Parameters
     ----------
-    models : list of MarginalGP
+    models : list of Draw
         At S draws of theta.
     points : (B, D) float array
         Standardised.
@@ -85,71 +82,149 @@ def point_information(models: list[MarginalGP], points: Array, noisy: bool = Tru
     -----
     The output at one draw is normal, so that its density is integrated by Gauss and Hermite's rule instead of drawn.
     """
-    found = np.array([each.predict(points) for each in models])
-    means, variances = found[:, 0], found[:, 1]
-    if noisy:
-        variances = variances + np.array([each.noise_variance for each in models])[:, None]
-    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    points = check_points(points, models[0].inputs.shape[1])
+    means, variances = np.empty((2, len(models), len(points)))
+    for index, draw in enumerate(models):
+        v = draw.whiten(points)
+        means[index] = draw.predict(v)
+        explained = np.einsum("nb,nb->b", v, v)
+        variances[index] = np.maximum(draw.read.signal_variance - explained, draw.floor)
+        variances[index] += draw.read.noise_variance if noisy else 0.0
+    means -= means.mean(axis=0)
+    roots, weights = np.polynomial.hermite_e.hermegauss(NODES)
     weights = weights / weights.sum()
-    entropies = 0.5 * (1.0 + np.log(2 * np.pi * variances))
-    densities = np.empty_like(means)
-    edges = np.append(np.arange(0, means.shape[1], max(1, LARGEST_BLOCK // len(models) ** 2)), means.shape[1])
-    for start, stop in pairwise(edges):
-        block = slice(start, stop)
-        mean, variance = means[:, block], variances[:, block]
-        marginal = np.zeros_like(mean)
-        for node, weight in zip(nodes, weights, strict=True):
-            outputs = mean + node * np.sqrt(variance)
-            squares = (outputs[:, None] - mean[None]) ** 2 / variance[None]
-            logs = -0.5 * (squares + np.log(2 * np.pi * variance)[None])
-            marginal += weight * (logsumexp(logs, axis=1) - np.log(len(models)))
-        densities[:, block] = -entropies[:, block] - marginal
+    densities = np.zeros_like(means)
+    for block in split(len(points), len(models) ** 2):
+        mean, variance = means[:, block].T, variances[:, block].T
+        # log p(y | theta_j) = c0_j + c1_j y + c2_j y^2
+        constants = -0.5 * (mean**2 / variance + np.log(variance))
+        coefficients = np.stack([constants, mean / variance, -0.5 / variance], axis=1)
+        for root, weight in zip(roots, weights, strict=True):
+            outputs = mean + root * np.sqrt(variance)
+            logs = np.stack([np.ones_like(outputs), outputs, outputs**2], axis=2) @ coefficients
+            logs -= -0.5 * (root**2 + np.log(variance))[:, :, None]
+            densities[:, block] -= weight * np.log(np.exp(logs, out=logs).mean(axis=2)).T
     return densities
 
 
-def path_information(models: list[MarginalGP], path: Array, noise: Array) -> Array:
-    """Return the information densities of noisy measurements at all (T, D) points together, (S,), in nats.
+def path_information(models: list[Draw], paths: Array, noise: Array) -> Array:
+    """Return the information densities of noisy measurements at all T points of each path together, (S, R), in nats.
 
     Parameters
     ----------
-    models : list of MarginalGP
+    models : list of Draw
         At S draws of theta.
-    path : (T, D) float array
+    paths : (R, T, D) float array
         Standardised.
     noise : (K, S, T) float array
-        Standard normal draws: K outputs at each draw of theta, the same for paths that are to be compared.
+        Standard normal draws: K outputs at each draw of theta, the same for all paths.
     """
-    moments = [predict_jointly(each, path) for each in models]
-    means = np.array([each[0] for each in moments])
-    roots = np.array([each[1] for each in moments])
-    halves = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-    densities = np.empty(noise.shape[:2])
-    for k, drawn in enumerate(noise):
-        outputs = means + np.einsum("sij,sj->si", roots, drawn)
-        logs = np.empty((len(models), len(models)))
-        for s, root in enumerate(roots):
-            whitened = solve_triangular(root, (outputs - means[s]).T, lower=True)
-            logs[:, s] = -halves[s] - 0.5 * np.square(whitened).sum(axis=0)
-        own = -halves - 0.5 * np.square(drawn).sum(axis=1)
-        densities[k] = own - (logsumexp(logs, axis=1) - np.log(len(models)))
-    mean: Array = densities.mean(axis=0)
-    return mean
+    count, samples, dimensions = paths.shape
+    check_points(paths.reshape(-1, dimensions), models[0].inputs.shape[1])
+    densities = np.empty((len(models), count))
+    for block in split(count, len(models) * samples**2):
+        found = [each.predict_jointly(paths[block]) for each in models]
+        means, roots = (np.array(each) for each in zip(*found, strict=True))
+        inverses = np.linalg.inv(roots)
+        for index in range(means.shape[1]):
+            told = compare_outputs(means[:, index], roots[:, index], inverses[:, index], noise)
+            densities[:, block.start + index] = told.mean(axis=0)
+    return densities
 
 
-def predict_jointly(model: MarginalGP, path: Array) -> tuple[Array, Array]:
-    """Return the mean (T,) of the noisy outputs along a path, and the lower factor (T, T) of their covariance."""
-    path = check_points(path, model.inputs.shape[1])
-    read = model.hyperparameters
-    factor = model.posterior.factor(model.theta)
-    cross = covariance_between(model.inputs, path, read)
-    v = factor.whiten(cross)
-    covariance = covariance_among(squared_differences(path), read) - v.T @ v
-    covariance.flat[:: len(path) + 1] += read.noise_variance
-    mean = v.T @ factor.whiten(model.posterior.residual(model.theta)) + read.mean
-    return mean, factorise(covariance, path / read.lengths).lower
+def compare_outputs(means: Array, roots: Array, inverses: Array, noise: Array) -> Array:
+    """Return log p(y | theta) - log p(y) of outputs along one path, (K, S).
+
+    Parameters
+    ----------
+    means : (S, T) float array
+        At each draw of theta.
+    roots, inverses : (S, T, T) float arrays
+        Lower factor of the outputs' covariance, and its inverse.
+    noise : (K, S, T) float array
+        Gives K outputs at each draw.
+    """
+    outputs = (means + np.einsum("sij,ksj->ksi", roots, noise)).reshape(-1, means.shape[1])
+    halves = np.log(np.diagonal(inverses, axis1=1, axis2=2)).sum(axis=1)
+    logs = np.empty((len(means), len(outputs)))
+    for block in split(len(means), outputs.size):
+        whitened = inverses[block] @ outputs.T
+        whitened -= inverses[block] @ means[block, :, None]
+        logs[block] = halves[block, None] - 0.5 * np.einsum("sto,sto->so", whitened, whitened)
+    own = (halves - 0.5 * np.square(noise).sum(axis=2)).ravel()
+    logs -= own
+    largest = logs.max(axis=0)
+    told: Array = -largest - np.log(np.exp(logs - largest).mean(axis=0))
+    return told.reshape(noise.shape[:2])
 
 
-def covariance_between(left: Array, right: Array, read: Hyperparameters) -> Array:
-    """Return the (N, T) covariance between two sets of rows."""
-    squares = np.square((left[:, None] - right[None]) / read.lengths).sum(axis=2)
-    return np.asarray(read.signal_variance * np.exp(-0.5 * squares))
+@dataclass(frozen=True)
+class Draw:
+    """What a model at one draw of theta predicts with.
+
+    Parameters
+    ----------
+    inputs : (N, D) float array
+        Standardised.
+    read : Hyperparameters
+        The draw.
+    factor : Factor
+        Of the noisy covariance, L.
+    residual : (N,) float array
+        L^-1 (y - m).
+    """
+
+    inputs: Array
+    read: Hyperparameters
+    factor: Factor
+    residual: Array
+
+    @classmethod
+    def at(cls, posterior: LogPosterior, theta: Array) -> Draw:
+        """Factorise once for all predictions."""
+        factor = posterior.factor(theta)
+        return cls(posterior.inputs, posterior.read(theta), factor, factor.whiten(posterior.residual(theta)))
+
+    @property
+    def floor(self) -> float:
+        """Rounding error of a variance."""
+        return len(self.inputs) * float(np.finfo(float).eps) * self.read.signal_variance
+
+    def whiten(self, points: Array) -> Array:
+        """Return v = L^-1 k of (B, D) points, (N, B)."""
+        return self.factor.whiten(self.covariance(self.inputs, points))
+
+    def predict(self, v: Array) -> Array:
+        """Return the mean, (B,), from v (N, B)."""
+        mean: Array = self.residual @ v + self.read.mean
+        return mean
+
+    def predict_jointly(self, paths: Array) -> tuple[Array, Array]:
+        """Return the mean (R, T) of the noisy outputs along paths, and the lower factors (R, T, T) of covariances."""
+        count, samples, dimensions = paths.shape
+        v = self.whiten(paths.reshape(-1, dimensions))
+        along = v.reshape(-1, count, samples).transpose(1, 2, 0)
+        covariance = self.covariance(paths, paths) - along @ along.transpose(0, 2, 1)
+        covariance[:, range(samples), range(samples)] += self.read.noise_variance
+        try:
+            roots = np.asarray(np.linalg.cholesky(covariance), dtype=float)
+        except np.linalg.LinAlgError:
+            pairs = zip(covariance, paths, strict=True)
+            roots = np.array([factorise(each, path / self.read.lengths).lower for each, path in pairs])
+        mean: Array = self.predict(v).reshape(count, samples)
+        return mean, roots
+
+    def covariance(self, left: Array, right: Array) -> Array:
+        """Return the (..., N, B) covariance between rows (..., N, D) and (..., B, D)."""
+        exponent = np.zeros((*left.shape[:-1], right.shape[-2]))
+        for index, length in enumerate(self.read.lengths):
+            difference = (left[..., :, None, index] - right[..., None, :, index]) / length
+            exponent -= 0.5 * np.square(difference, out=difference)
+        return np.asarray(self.read.signal_variance * np.exp(exponent, out=exponent))
+
+
+def split(count: int, numbers: int) -> Iterator[slice]:
+    """Yield blocks of `count` things, each of which takes so many numbers of working memory."""
+    size = max(1, LARGEST_BLOCK // max(1, numbers))
+    for start in range(0, count, size):
+        yield slice(start, min(start + size, count))

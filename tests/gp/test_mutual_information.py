@@ -91,7 +91,7 @@ def test_estimates_by_draws_agree_with_the_textbook_estimate(model, generator):
     time = np.linspace(0, 1, 5)
     path = 0.8 * np.stack([np.sin(2 * time), np.cos(2 * time), time], axis=1)
     expected, error = estimate_information(model, path, generator)
-    found = Information.of(path_information(models, path, generator.standard_normal((4, 600, 5))))
+    found = Information.of(path_information(models, path[None], generator.standard_normal((4, 600, 5)))[:, 0])
     assert found.value == pytest.approx(expected, abs=4 * np.hypot(error, found.standard_error))
     assert found.standard_error < 0.1 * found.value
 
@@ -100,7 +100,7 @@ def test_information_of_one_point_is_the_same_alone_and_as_a_path(model, generat
     models = draw_models(model, 500, generator)
     point = generator.uniform(-1.5, 1.5, (1, 3))
     alone = Information.of(point_information(models, point)[:, 0])
-    path = Information.of(path_information(models, point, generator.standard_normal((40, 500, 1))))
+    path = Information.of(path_information(models, point[None], generator.standard_normal((40, 500, 1)))[:, 0])
     assert path.value == pytest.approx(alone.value, abs=3 * path.standard_error)
 
 
