@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 AVERAGE = "mean"
 COLOURS = ("#c1272d", "#3b6fb6", "#6b7480", "#d08a1d", "#4b8f5a", "#8059a5", "#2b2b2b")
+MOST_BARS = 4
+"""Lines beyond which only the first has bars: more would hide each other."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
@@ -22,7 +24,7 @@ def draw_learning_curves(
     by: str = "arm",
     title: str = "trajectory chosen by",
 ) -> Figure:
-    """Draw mean and SD of the error rate over trials.
+    """Draw the mean of the error rate over trials, and its SD: of every line, or of the first one of many.
 
     Parameters
     ----------
@@ -50,7 +52,7 @@ def draw_learning_curves(
             axis.errorbar(
                 its["trial"] + 0.09 * (position - (len(lines) - 1) / 2),
                 100 * its["error_rate_mean"],
-                100 * its["error_rate_sd"].fillna(0.0),
+                100 * its["error_rate_sd"].fillna(0.0) if len(lines) <= MOST_BARS or position == 0 else None,
                 color=COLOURS[position % len(COLOURS)],
                 marker=MARKERS[position % len(MARKERS)],
                 markersize=3.5,
