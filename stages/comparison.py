@@ -170,7 +170,8 @@ def comparison(
         caption = (
             "Error rate (RMSE over the largest force of the test data) after each trial, for every muscle and their "
             f"average: mean and standard deviation (of {arms[0]}, where there are many arms) over "
-            f"{its['experiments'].max()} experiments, tested on {DESCRIBED[tested_on]}. Trial 0 is the initial data, the same for every arm."
+            f"{its['experiments'].max()} experiments, tested on {DESCRIBED[tested_on]}. Trial 0 is the initial data, "
+            "the same for every arm."
         )
         name = "learning_curve" if tested_on == "bank" else f"learning_curve_{tested_on}"
         ctx.figure(name, draw_learning_curves(its, arms, [ALL_MUSCLES, *muscles]), caption)
