@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 NODES = 6
 """Of the Gauss-Hermite rule over the output at one point, exact for polynomials of degree 11."""
 
-LARGEST_BLOCK = 500_000
-"""Numbers that an intermediate array holds where it can be split, 4 MB: about a processor's cache."""
+LARGEST_BLOCK = 200_000
+"""Numbers that an intermediate array holds where it can be split, 1.6 MB: about a processor's cache."""
 
 SMALLEST_DRAWS = 2
 
@@ -144,12 +144,14 @@ def compare_outputs(means: Array, roots: Array, inverses: Array, noise: Array) -
     noise : (K, S, T) float array
         Gives K outputs at each draw.
     """
-    outputs = (means + np.einsum("sij,ksj->ksi", roots, noise)).reshape(-1, means.shape[1])
+    samples = means.shape[1]
+    outputs = (means + np.einsum("sij,ksj->ksi", roots, noise)).reshape(-1, samples)
     halves = np.log(np.diagonal(inverses, axis1=1, axis2=2)).sum(axis=1)
+    centres = inverses @ means[:, :, None]
     logs = np.empty((len(means), len(outputs)))
     for block in split(len(means), outputs.size):
-        whitened = inverses[block] @ outputs.T
-        whitened -= inverses[block] @ means[block, :, None]
+        whitened = (inverses[block].reshape(-1, samples) @ outputs.T).reshape(-1, samples, len(outputs))
+        whitened -= centres[block]
         logs[block] = halves[block, None] - 0.5 * np.einsum("sto,sto->so", whitened, whitened)
     own = (halves - 0.5 * np.square(noise).sum(axis=2)).ravel()
     logs -= own
