@@ -56,7 +56,7 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path:
         run=ledger.name,
         facts=ledger.facts,
         workflow=study.settings.workflow.name,
-        headline=[_table(ledger, table, table.brief) for table in headline],
+        headline=[_table(ledger, table) for table in headline],
         headline_figures=[figure for name in telling for figure in _figures(ledger, name)],
         stages=[{**_stage(ledger, each), "told_above": each.name in telling} for each in done],
         config=OmegaConf.to_yaml(OmegaConf.create(study.values)),
@@ -143,9 +143,8 @@ def _figures(ledger: Ledger, stage: str) -> list[dict[str, str]]:
     ]
 
 
-def _table(ledger: Ledger, table: Table, brief: Sequence[str] = ()) -> dict[str, Any]:
+def _table(ledger: Ledger, table: Table) -> dict[str, Any]:
     frame = read_frame(ledger.folder / "tables" / f"{table.name}.parquet")
-    frame = frame[list(brief or table.columns)]
     short = len(frame) <= ROWS_SHOWN_WHOLE
     shown = frame if short else frame.head(ROWS_OF_A_LONG_TABLE)
     return {

@@ -84,7 +84,7 @@ class Table:
     key : tuple of str
         Columns whose values together name a row once; empty for no such promise.
     brief : tuple of str
-        Columns that terminal and report show first of a headline table; empty for all.
+        Columns that the terminal shows of a headline table; empty for all.
     """
 
     name: str

@@ -38,15 +38,15 @@ CLAIMS = Table(
         "paper": column(str, "what the paper says, and where"),
         "setting": column(str, "what it was tested with; empty where there is one way only"),
         "tested_on": column(str, "test set, as in learning_curve; empty where the claim is not about errors"),
-        "statistic": column(str, "test"),
+        "verdict": column(str, f"at p below {LEVEL}", among=[HOLDS, FAILS, UNTESTABLE]),
+        "finding": column(str, "what was found, in words"),
         "n": column(int, "units of the test (of the smaller group); 0 where nothing could be tested", low=0),
         "estimate": column(float, "difference of error rates, negative = as claimed to be better", nullable=True),
         "low": column(float, "lower end of its 95 % interval", nullable=True),
         "high": column(float, "upper end of its 95 % interval", nullable=True),
         "effect": column(float, "effect size, of the kind that the statistic names", nullable=True),
         "p": column(float, "p-value that decides", low=0, high=1, nullable=True),
-        "verdict": column(str, f"at p below {LEVEL}", among=[HOLDS, FAILS, UNTESTABLE]),
-        "finding": column(str, "what was found, in words"),
+        "statistic": column(str, "test, and kind of effect size"),
     },
     key=("claim", "setting", "tested_on"),
     brief=("claim", "setting", "tested_on", "n", "estimate", "low", "high", "effect", "p", "verdict"),
@@ -54,7 +54,7 @@ CLAIMS = Table(
 
 PAPER = {
     "error_falls": "the models' error falls over the trials with a person moving (5.1, Fig. 6)",
-    "beats_linear_over_trials": "over the trials, the error is below the standard linear procedure's, which has no "
+    "beats_linear_all_along": "over the trials, the error is below the standard linear procedure's, which has no "
     "interaction (5.1, Fig. 6)",
     "beats_linear": "after the last trial, the error is below the standard linear procedure's (5.2, Fig. 7)",
     "beats_sparse_gp": "after the last trial, the error is below that of a sparse GP on all data without "
@@ -63,8 +63,8 @@ PAPER = {
     "robust_to_shift": "learning is robust against the participant's tracking error (5.3, Fig. 9)",
     "best_without_shift": "without tracking error, learning is better (5.3, Fig. 9)",
     "beats_random_choice": "chosen trajectories hold more information than others (5.3); here, than random ones",
-    "prior_means_hardly_matter": "performance is not highly sensitive to the hyperpriors' means (6.1)",
-    "prior_variances_hardly_matter": "performance is not highly sensitive to the hyperpriors' variances (6.1)",
+    "robust_to_prior_means": "performance is not highly sensitive to the hyperpriors' means (6.1)",
+    "robust_to_prior_spread": "performance is not highly sensitive to the hyperpriors' variances (6.1)",
     "choices_agree": "some trajectories are chosen again and again (6.2, Fig. 10)",
     "sparse_model_gains": "a sparse model that keeps all samples would do better (7, future work)",
     "works_on_real_robot": "the error falls on a real exoskeleton with two healthy adults (5.1)",
@@ -295,7 +295,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
 def weigh_rivals(compared: pd.DataFrame) -> Iterator[Case]:
     """Take the design's comparisons with the two rivals of the paper, over all muscles."""
     about = {
-        ("linear", "curve"): "beats_linear_over_trials",
+        ("linear", "curve"): "beats_linear_all_along",
         ("linear", "final"): "beats_linear",
         ("sparse_gp", "final"): "beats_sparse_gp",
     }
@@ -310,8 +310,8 @@ def weigh_rivals(compared: pd.DataFrame) -> Iterator[Case]:
 def weigh_hyperpriors(compared: pd.DataFrame) -> Iterator[Case]:
     """Take each setting's comparison with Table 1: no muscle may be shown to differ, and all must be equivalent."""
     names = {
-        "mean": ("prior_means_hardly_matter", "means by {:g} SD", "Welch", "hedges_g"),
-        "variance": ("prior_variances_hardly_matter", "variances x {:g}", "Wilcoxon", "rank_biserial"),
+        "mean": ("robust_to_prior_means", "means by {:g} SD", "Welch", "hedges_g"),
+        "variance": ("robust_to_prior_spread", "variances x {:g}", "Wilcoxon", "rank_biserial"),
     }
     for _, rows in compared.groupby(["kind", "setting", "tested_on"], sort=False):
         claim, described, test, effect = names[str(rows["kind"].iloc[0])]
@@ -350,6 +350,4 @@ def weigh_sparse_model(compared: pd.DataFrame) -> Iterator[Case]:
     its = compared[(compared["question"] == "keeping all samples") & (compared["measure"] == "final")]
     for row in rows_of(its.drop_duplicates("tested_on")):  # the design's comparison stands first
         evidence = Evidence("paired t, d_z", row["n"], *numbers(row, "d_z", "p_holm"))
-        yield Case(
-            "sparse_model_gains", f"{row['first']} less {row['second']}", row["tested_on"], evidence, judge_better
-        )
+        yield Case("sparse_model_gains", f"{row['first']} - {row['second']}", row["tested_on"], evidence, judge_better)

@@ -72,7 +72,7 @@ def test_rivals_are_worse_or_better(rival, verdict, generator):
     told = judged(rival_comparison=compared)
     assert list(told.index.get_level_values(0)) == [
         "beats_linear",
-        "beats_linear_over_trials",
+        "beats_linear_all_along",
         "beats_sparse_gp",
     ]
     assert (told["verdict"] == verdict).all()
@@ -168,7 +168,7 @@ def make_sensitivity(kind, p_holms, p_tosts):
 def test_priors_matter_if_one_muscle_says_so(kind, p_holms, p_tosts, verdict, p):
     told = judged(sensitivity_comparison=make_sensitivity(kind, p_holms, p_tosts))
     (row,) = told.reset_index().to_dict("records")
-    assert row["claim"] == f"prior_{kind}s_hardly_matter"
+    assert row["claim"] == {"mean": "robust_to_prior_means", "variance": "robust_to_prior_spread"}[kind]
     assert row["verdict"] == verdict
     assert row["p"] == pytest.approx(p, nan_ok=True)
 
