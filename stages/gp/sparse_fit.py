@@ -12,7 +12,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, minimize
 
 from stages.gp.factor import FactorisationError
 from stages.gp.hyperprior import Hyperprior
@@ -151,6 +150,8 @@ def climb_sparse(posterior: SparsePosterior, start: Start, hold_pseudo: bool, it
     relative = ((start[0] - posterior.centre) / scale).ravel()[:size]
     lower, upper = _bounds(posterior, start[1])
     box = np.full(size, 3.0)
+    from scipy.optimize import Bounds, minimize  # a fifth of a second that most commands need not wait for
+
     bounds = Bounds(
         np.append(np.minimum(-box, relative), lower),
         np.append(np.maximum(box, relative), upper),
