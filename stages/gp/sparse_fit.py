@@ -125,6 +125,8 @@ def climb_sparse(posterior: SparsePosterior, start: Start, hold_pseudo: bool, it
     FactorisationError
         When the likelihood cannot be evaluated at the start.
     """
+    from scipy.optimize import Bounds, minimize  # a fifth of a second that most commands need not wait for
+
     shape, size = start[0].shape, 0 if hold_pseudo else start[0].size
     scale = np.abs(posterior.inputs - posterior.centre).max(axis=0)
     scale[scale == 0] = 1.0
@@ -150,8 +152,6 @@ def climb_sparse(posterior: SparsePosterior, start: Start, hold_pseudo: bool, it
     relative = ((start[0] - posterior.centre) / scale).ravel()[:size]
     lower, upper = _bounds(posterior, start[1])
     box = np.full(size, 3.0)
-    from scipy.optimize import Bounds, minimize  # a fifth of a second that most commands need not wait for
-
     bounds = Bounds(
         np.append(np.minimum(-box, relative), lower),
         np.append(np.maximum(box, relative), upper),

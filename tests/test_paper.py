@@ -1,0 +1,101 @@
+"""The paper's study in its tiny budget: everything is there, on any number of workers; one analysis reruns alone."""
+
+import json
+
+import pandas as pd
+import pytest
+
+from tests.conftest import Command
+from tests.faults import tables_of
+
+ANALYSES = {
+    "rivals": {"rival_curve", "rival_comparison"},
+    "learned_models": {"chosen_often", "choice_concentration", "force_surfaces", "coverage", "calibration"},
+    "utility_check": {"utility_agreement", "utility_summary"},
+    "time_shift": {"shift_curve", "shift_comparison"},
+    "hyperprior_sensitivity": {"sensitivity_errors", "sensitivity_comparison", "sensitivity_hyperpriors"},
+    "sparse_comparison": {"sparse_curve", "sparse_comparison"},
+    "claims": {"claims"},
+}
+FIGURES = {
+    "selected_interactions",
+    "learning_curve",
+    "learning_curve_unseen_bank",
+    "learning_curves_rivals",
+    "rival_errors",
+    "participants",
+    "time_shift",
+    "hyperprior_sensitivity",
+    "frequent_references",
+    "force_surfaces",
+    "calibration",
+    "utility_agreement",
+    "sparse_curve",
+    "protocol",
+}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """One finished run: the command, what it printed, and its folder."""
+    command = Command(tmp_path_factory.mktemp("paper") / "outputs", "experiment=paper", "budget=tiny")
+    result = command()
+    assert result.returncode == 0, result.stderr
+    return command, result, command.runs[0]
+
+
+def records_of(run):
+    return json.loads((run / "run.json").read_text())["stages"]
+
+
+def test_every_figure_and_table_is_there(finished):
+    _, result, run = finished
+    records = records_of(run)
+    for stage, tables in ANALYSES.items():
+        assert tables <= set(records[stage]["tables"])
+    assert {path.stem for path in (run / "figures").glob("*.png")} == FIGURES
+    page = (run / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == len(FIGURES)
+    assert "the error falls on a real exoskeleton" in page
+    assert result.stderr == ""
+
+
+def test_claims_are_printed_whole_and_follow_from_what_was_measured(finished):
+    _, result, run = finished
+    claims = pd.read_parquet(run / "tables/claims.parquet")
+    assert claims["claim"].nunique() == 12  # all but that about two participants: there is one
+    for name in claims["claim"].unique():
+        assert name in result.stdout
+    judged = claims.set_index(["claim", "tested_on"])["verdict"]
+    assert judged.loc["works_on_real_robot"].to_list() == ["not testable in simulation"]
+    assert judged.loc[("error_falls", "bank")] == "does not hold"  # one experiment shows nothing
+    assert set(claims["tested_on"]) == {"", "bank", "unseen_bank"}
+
+
+def test_errors_on_the_unseen_bank_are_its_own(finished):
+    _, _, run = finished
+    bank, unseen = (pd.read_parquet(run / f"tables/{name}.parquet") for name in ("bank", "unseen_bank"))
+    assert set(bank["force_n"]).isdisjoint(unseen.loc[unseen["force_n"] > 0, "force_n"])
+    curve = pd.read_parquet(run / "tables/learning_curve.parquet")
+    both = curve.pivot_table(index=["arm", "trial", "muscle"], columns="tested_on", values="rmse_n")
+    assert (both["bank"] != both["unseen_bank"]).all()
+
+
+def test_one_analysis_reruns_alone_and_touches_nothing_else(finished):
+    command, _, run = finished
+    before = tables_of(run)
+    result = command("stages=[time_shift]", "time_shift.amplitudes_s=[0.2]")
+    assert result.returncode == 0, result.stderr
+    records = records_of(command.runs[-1])
+    shift = pd.read_parquet(command.runs[-1] / "tables/shift_curve.parquet")
+    assert sorted(shift["amplitude_s"].unique()) == [0.0, 0.2]
+    assert {name for name, record in records.items() if record["origin"] != run.name} == {"time_shift"}
+    assert tables_of(run) == before
+
+
+@pytest.mark.slow
+def test_the_number_of_workers_changes_no_byte(finished, tmp_path):
+    _, _, run = finished
+    command = Command(tmp_path / "outputs", "experiment=paper", "budget=tiny")
+    assert command("workers=2").returncode == 0
+    assert tables_of(command.runs[0]) == tables_of(run)
