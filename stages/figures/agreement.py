@@ -40,7 +40,8 @@ def draw_agreement(agreement: pd.DataFrame, utilities: Sequence[str], targets: S
             colour = COLOURS[0] if position == 0 else COLOURS[1]
             axis.errorbar(position, regret.mean(), half, fmt="_", color=colour, markersize=18, capsize=4, zorder=3)
         axis.set_xticks(range(len(utilities)), utilities, rotation=30, ha="right")
-        axis.set(title=f"samples {target}", ylim=(0, None))
+        axis.set_title(f"samples {target}")
         axis.grid(axis="y", alpha=0.25)
     panels[0].set_ylabel("information forgone (%)")
+    panels[0].set_ylim(bottom=0)
     return figure
