@@ -22,13 +22,12 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.figures import draw_learning_curves
-from stages.gp import Hyperprior, condition
-from stages.signals import Scaling, error_rate
+from stages.identification import RecordedModels
+from stages.signals import error_rate
 from stages.statistics import adjust_holm, compare_pairs
 
 Array = NDArray[np.float64]
 
-CONSTANT_MEAN = "constant_mean"
 ALL_MUSCLES = "mean"
 LEVEL = 0.05
 DESCRIBED = {
@@ -187,9 +186,7 @@ class Job:
     participant: str
     experiment: int
     muscle: str
-    prior: Hyperprior
-    mean: str
-    scaling: Scaling
+    recorded: RecordedModels
     tests: Mapping[str, tuple[Array, Array]]
     models: pd.DataFrame
     points: pd.DataFrame
@@ -205,20 +202,17 @@ def gather(
 ) -> Iterator[Job]:
     """Yield the job of every muscle and experiment."""
     for muscle in muscles:
-        rows = hyperprior[hyperprior["muscle"] == muscle]
-        prior = Hyperprior(rows["mean"].to_numpy(), rows["variance"].to_numpy())
-        mean = "constant" if CONSTANT_MEAN in set(rows["hyperparameter"]) else "zero"
-        constants = Scaling.of_muscle(scaling, muscle)
+        recorded = RecordedModels.read(hyperprior, scaling, muscle)
         its_tests = {}
         for name, frame in tests.items():
             its = frame[frame["muscle"] == muscle]
-            its_tests[name] = (constants.inputs_of(its), its["force_n"].to_numpy())
+            its_tests[name] = (recorded.scaling.inputs_of(its), its["force_n"].to_numpy())
         who = ["participant", "experiment"]
         its_points: dict[Any, pd.DataFrame] = dict(list(points[points["muscle"] == muscle].groupby(who, sort=False)))
         for key, its_models in models[models["muscle"] == muscle].groupby(who, sort=False):
             participant, experiment = str(key[0]), int(str(key[1]))
             found = its_points[(participant, experiment)]
-            yield Job(participant, experiment, muscle, prior, mean, constants, its_tests, its_models, found)
+            yield Job(participant, experiment, muscle, recorded, its_tests, its_models, found)
 
 
 def measure_errors(job: Job) -> list[tuple[Any, ...]]:
@@ -226,12 +220,9 @@ def measure_errors(job: Job) -> list[tuple[Any, ...]]:
     rows = []
     points_of: dict[Any, pd.DataFrame] = dict(list(job.points.groupby("arm", sort=False)))
     for (arm, trial), model in job.models.groupby(["arm", "trial"], sort=False):
-        known = points_of[arm]
-        known = known[known["trial"] <= trial]
-        inputs, force = job.scaling.inputs_of(known), job.scaling.output_of(known)
-        gp = condition(inputs, force, model["value"].to_numpy(), job.prior, mean=job.mean)
+        gp = job.recorded.rebuild(model, points_of[arm])
         for tested_on, (test_inputs, test_force) in job.tests.items():
-            rate = error_rate(job.scaling.restore_force(gp.predict_mean(test_inputs)), test_force)
+            rate = error_rate(job.recorded.scaling.restore_force(gp.predict_mean(test_inputs)), test_force)
             rmse_n = rate * float(test_force.max())
             rows.append((job.participant, job.experiment, arm, trial, tested_on, job.muscle, rmse_n, rate))
     return rows
