@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import Field, PositiveInt, model_validator
+from pydantic import PositiveInt, model_validator
 
 from pipeline.config import Section, Target, View
 from pipeline.context import Context
@@ -25,18 +25,12 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.figures import draw_chosen_trials
 from stages.gp import Design, Interaction
-from stages.identification import MuscleSet, describe_choice, describe_models, spread_evenly, take
+from stages.identification import DesignSettings, MuscleSet, describe_choice, describe_models, spread_evenly, take
 from stages.plant import Exoskeleton
 from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, Rig, track
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
 
 Array = NDArray[np.float64]
-
-MOST_POINTS = 2000
-"""Points of an exact GP, beyond which its covariance (8 N^2 bytes, 32 MB) and the N^3 / 3 operations of each of the
-thousands of steps in which hyperparameters are sought take a day for each trial of each arm."""
-
-Points = Annotated[int, Field(ge=1, le=MOST_POINTS)]
 
 WHERE = {
     "participant": column(str, "who tracked"),
@@ -94,25 +88,11 @@ POINTS = Table(
 )
 
 
-class ActiveLoop(Section):
-    """Config group ``active_loop``.
+class ActiveLoop(DesignSettings):
+    """Config group ``active_loop``."""
 
-    Trials and points are bounded by what an exact GP can hold, ``starts`` by the maxima that a posterior of six
-    hyperparameters can have, ``memory_mb`` by a terabyte.
-    """
-
-    utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]
     controls: list[Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]] | None
     control_experiments: PositiveInt | None
-    subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "random"]
-    trials: Annotated[int, Field(gt=0, le=MOST_POINTS)]
-    initial_points: Points
-    points_per_trial: Points
-    reduce: Literal["sum", "max"]
-    reuse_trajectories: bool
-    log_det_every: PositiveInt
-    starts: Annotated[int, Field(ge=0, le=1000)]
-    memory_mb: Annotated[float, Field(gt=0, le=2**20)]
 
     @model_validator(mode="after")
     def _name_controls_once(self) -> Self:
@@ -122,17 +102,6 @@ class ActiveLoop(Section):
             raise ValueError(
                 f"controls: expected each control once, got {twice[0]} {controls.count(twice[0])} times; "
                 f"set active_loop.controls=[{','.join(dict.fromkeys(controls))}]"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _keep_the_gp_exact(self) -> Self:
-        points = self.initial_points + self.trials * self.points_per_trial
-        if points > MOST_POINTS:
-            raise ValueError(
-                f"points_per_trial: expected at most {MOST_POINTS} points in the end (initial_points + trials x "
-                f"points_per_trial), beyond which an exact GP takes days, got {self.initial_points} + {self.trials} x "
-                f"{self.points_per_trial} = {points}; lower one of them"
             )
         return self
 
@@ -371,18 +340,7 @@ class Loop:
 
     def design(self) -> Design:
         """Return the arm's way of choosing."""
-        section = self.cfg.active_loop
-        return Design(
-            utility=self.arm,
-            subsample_utility=section.subsample_utility,
-            reduce=section.reduce,
-            points_per_trial=section.points_per_trial,
-            reuse_trajectories=section.reuse_trajectories,
-            log_det_every=section.log_det_every,
-            mean=self.muscles.mean,
-            starts=section.starts,
-            memory_mb=section.memory_mb,
-        )
+        return self.cfg.active_loop.design(self.muscles.mean, self.arm)
 
     def starts(self, trial: int) -> list[np.random.Generator]:
         """Return a generator for each muscle's MAP search; arms share them."""

@@ -1,4 +1,4 @@
-"""How Algorithm 1 is set where recordings stand for a rig: the section ``loop`` of the offline analyses.
+"""How Algorithm 1 is set: the section ``active_loop``, and ``loop`` of the analyses where recordings stand for a rig.
 
 Values of the configuration flow in; a `Design` of the GP's flows out.
 """
@@ -12,12 +12,13 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
 from stages.gp import Design
 
 MOST_POINTS = 2000
-"""Points of an exact GP, as in the loop that drives a rig."""
+"""Points of an exact GP, beyond which its covariance (8 N^2 bytes, 32 MB) and the N^3 / 3 operations of each of the
+thousands of steps in which hyperparameters are sought take a day for each trial of each arm."""
 
 Points = Annotated[int, Field(ge=1, le=MOST_POINTS)]
 
 
-class LoopSettings(BaseModel):
+class DesignSettings(BaseModel):
     """Trials, points and the choices of a `Design`; all required, none unknown.
 
     Trials and points are bounded by what an exact GP can hold, ``starts`` by the maxima that a posterior of six
@@ -26,12 +27,11 @@ class LoopSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
-    trials: Points
-    initial_trials: PositiveInt
-    initial_points: Points
-    points_per_trial: Points
     utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]
     subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "random"]
+    trials: Annotated[int, Field(gt=0, le=MOST_POINTS)]
+    initial_points: Points
+    points_per_trial: Points
     reduce: Literal["sum", "max"]
     reuse_trajectories: bool
     log_det_every: PositiveInt
@@ -48,6 +48,26 @@ class LoopSettings(BaseModel):
                 f"{self.points_per_trial} = {points}; lower one of them"
             )
         return self
+
+    def design(self, mean: str, utility: str | None = None) -> Design:
+        """Return the choices, with the models' mean (``zero`` or ``constant``), and another utility if given."""
+        return Design(
+            utility=utility or self.utility,
+            subsample_utility=self.subsample_utility,
+            reduce=self.reduce,
+            points_per_trial=self.points_per_trial,
+            reuse_trajectories=self.reuse_trajectories,
+            log_det_every=self.log_det_every,
+            mean=mean,
+            starts=self.starts,
+            memory_mb=self.memory_mb,
+        )
+
+
+class LoopSettings(DesignSettings):
+    """The same where recordings stand for a rig, with the initial trials that are drawn from them."""
+
+    initial_trials: PositiveInt
 
     def check_against(self, section: str, movements: int, samples: int) -> Self:
         """Return the settings if a bank can serve them.
@@ -82,17 +102,3 @@ class LoopSettings(BaseModel):
                 f"{self.initial_trials} initial trials, got {self.initial_points}; lower it"
             )
         return self
-
-    def design(self, mean: str) -> Design:
-        """Return the choices, with the models' mean: ``zero`` or ``constant``."""
-        return Design(
-            utility=self.utility,
-            subsample_utility=self.subsample_utility,
-            reduce=self.reduce,
-            points_per_trial=self.points_per_trial,
-            reuse_trajectories=self.reuse_trajectories,
-            log_det_every=self.log_det_every,
-            mean=mean,
-            starts=self.starts,
-            memory_mb=self.memory_mb,
-        )
