@@ -39,8 +39,12 @@ class Scaling:
         return cls(inputs[:, 0].copy(), inputs[:, 1].copy(), float(output[0]), float(output[1]))
 
     def inputs_of(self, samples: pd.DataFrame) -> Array:
-        """Return the (N, D) standardised inputs of a muscle's samples."""
-        return (samples[list(MODEL_INPUTS)].to_numpy() - self.input_centre) / self.input_scale
+        """Return the (N, D) standardised inputs of a muscle's samples.
+
+        They are C-contiguous, however the frame holds them: products of the same numbers in another layout differ in
+        their last bits.
+        """
+        return np.ascontiguousarray((samples[list(MODEL_INPUTS)].to_numpy() - self.input_centre) / self.input_scale)
 
     def restore_inputs(self, standardised: Array) -> Array:
         """Return (N, D) pressure (kPa), contraction (1) and contraction velocity (1/s)."""
