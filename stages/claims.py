@@ -6,14 +6,15 @@ measured here and no verdict is written down: each follows from its statistics b
 A claim that something is better holds where the difference has that sign and its p-value, adjusted in the table that it
 comes from, is below 5 %. A claim that something does not matter holds where the test of equivalence is below 5 %; of
 several muscles, where every one's is (the largest p-value of an intersection-union test, Berger 1982). A claim that
-choices agree holds where they are more alike than at random. Everything else does not hold; the finding says whether
-the opposite was found, or nothing.
+choices agree holds where they are more alike than at random. What was tested otherwise does not hold; the finding says
+whether the opposite was found, or nothing. What was not tested, for want of experiments or of an arm, is called that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from stages.statistics import compare_pairs
 ALL_MUSCLES = "mean"
 LEVEL = 0.05
 
-HOLDS, FAILS, UNTESTABLE = "holds", "does not hold", "not testable in simulation"
+HOLDS, FAILS, UNTESTED, UNTESTABLE = "holds", "does not hold", "not tested", "not testable in simulation"
 
 CLAIMS = Table(
     "claims",
@@ -38,14 +39,14 @@ CLAIMS = Table(
         "paper": column(str, "what the paper says, and where"),
         "setting": column(str, "what it was tested with; empty where there is one way only"),
         "tested_on": column(str, "test set, as in learning_curve; empty where the claim is not about errors"),
-        "verdict": column(str, f"at p below {LEVEL}", among=[HOLDS, FAILS, UNTESTABLE]),
+        "verdict": column(str, f"at p below {LEVEL}", among=[HOLDS, FAILS, UNTESTED, UNTESTABLE]),
         "finding": column(str, "what was found, in words"),
         "n": column(int, "units of the test (of the smaller group); 0 where nothing could be tested", low=0),
+        "p": column(float, "p-value that decides", low=0, high=1, nullable=True),
         "estimate": column(float, "difference of error rates, negative = as claimed to be better", nullable=True),
         "low": column(float, "lower end of its 95 % interval", nullable=True),
         "high": column(float, "upper end of its 95 % interval", nullable=True),
         "effect": column(float, "effect size, of the kind that the statistic names", nullable=True),
-        "p": column(float, "p-value that decides", low=0, high=1, nullable=True),
         "statistic": column(str, "test, and kind of effect size"),
     },
     key=("claim", "setting", "tested_on"),
@@ -69,6 +70,9 @@ PAPER = {
     "sparse_model_gains": "a sparse model that keeps all samples would do better (7, future work)",
     "works_on_real_robot": "the error falls on a real exoskeleton with two healthy adults (5.1)",
 }
+
+
+ABSENT = "this study has no comparison for it: an arm, a second participant or an analysis is missing"
 
 
 class Config(Section):
@@ -112,9 +116,14 @@ class Verdict:
     finding: str
 
 
+TOO_FEW = Verdict(np.nan, UNTESTED, "too few experiments for a test")
+
+
 def judge_better(evidence: Evidence) -> Verdict:
     """Judge a claim that something is better."""
     p = evidence.p_different
+    if np.isnan(p):
+        return TOO_FEW
     if not p < LEVEL:
         return Verdict(p, FAILS, "not shown: no difference was found, which is not the same as none")
     if evidence.estimate < 0:
@@ -125,6 +134,8 @@ def judge_better(evidence: Evidence) -> Verdict:
 def judge_same(evidence: Evidence) -> Verdict:
     """Judge a claim that something does not matter."""
     p, different = evidence.p_equivalent, evidence.p_different < LEVEL
+    if np.isnan(p):
+        return TOO_FEW
     if p < LEVEL:
         return Verdict(p, HOLDS, "it matters, but by less than the margin" if different else "equivalent to the margin")
     if different:
@@ -132,9 +143,22 @@ def judge_same(evidence: Evidence) -> Verdict:
     return Verdict(p, FAILS, "undecided: neither a difference nor equivalence was found")
 
 
+def judge_all_same(evidence: Evidence, differing: Sequence[str]) -> Verdict:
+    """Judge a claim that something matters to none of several muscles, of which some were shown to differ."""
+    told = judge_same(evidence)
+    if told.verdict == HOLDS:
+        more = f"; within it, it matters to {', '.join(differing)}" if differing else ""
+        return Verdict(told.p, HOLDS, f"equivalent to the margin for every muscle{more}")
+    if told.verdict == FAILS and differing:
+        return Verdict(told.p, FAILS, f"it matters to {', '.join(differing)}, and is not equivalent for every muscle")
+    return told
+
+
 def judge_concentrated(evidence: Evidence) -> Verdict:
     """Judge a claim that choices agree more than by chance."""
     p = evidence.p_different
+    if np.isnan(p):
+        return TOO_FEW
     if p < LEVEL:
         return Verdict(p, HOLDS, "chosen more alike than at random")
     return Verdict(p, FAILS, "not shown: choices as spread as at random")
@@ -183,6 +207,7 @@ def claims(
     rows = [describe(each) for weigh, frame in sources if frame is not None for each in weigh(frame)]
     if executed_by is not None:
         rows.append(tell_reality(bool(executed_by["real"].all()), rows))
+        rows += [leave_open(claim, UNTESTED, ABSENT) for claim in PAPER if claim not in {row["claim"] for row in rows}]
     return pd.DataFrame(rows, columns=list(CLAIMS.columns))
 
 
@@ -208,20 +233,26 @@ def describe(case: Case) -> dict[str, Any]:
 
 def tell_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the row of the claim about a real robot: that of `error_falls` if a real rig executed the trials."""
-    nothing = dict.fromkeys(("estimate", "low", "high", "effect", "p"), np.nan)
     row = next((each for each in rows if each["claim"] == "error_falls"), None)
-    claim = {"claim": "works_on_real_robot", "paper": PAPER["works_on_real_robot"]}
     if real and row is not None:
-        return {**row, **claim}
+        return {**row, "claim": "works_on_real_robot", "paper": PAPER["works_on_real_robot"]}
+    if real:
+        return leave_open("works_on_real_robot", UNTESTED, ABSENT)
+    return leave_open("works_on_real_robot", UNTESTABLE, "all trials were simulated")
+
+
+def leave_open(claim: str, verdict: str, finding: str) -> dict[str, Any]:
+    """Return the row of a claim about which nothing was measured."""
     return {
-        **claim,
-        **nothing,
+        **dict.fromkeys(("estimate", "low", "high", "effect", "p"), np.nan),
+        "claim": claim,
+        "paper": PAPER[claim],
         "setting": "",
         "tested_on": "",
-        "statistic": "none",
+        "verdict": verdict,
+        "finding": finding,
         "n": 0,
-        "verdict": UNTESTABLE,
-        "finding": "all trials were simulated" if not real else "no errors were measured",
+        "statistic": "none",
     }
 
 
@@ -252,7 +283,7 @@ def weigh_participants(compared: pd.DataFrame) -> Iterator[Case]:
 def weigh_time_shift(compared: pd.DataFrame) -> Iterator[Case]:
     """Take each amplitude's comparison: equivalence after the last trial, and the curve without shift against with."""
     for row in rows_of(compared):
-        setting = f"up to {row['amplitude_s']:g} s"
+        setting = f"up to {plain(row['amplitude_s'])} s"
         if row["measure"] == "final":
             evidence = Evidence(
                 f"paired t, TOST to {row['margin']:g}, d_z", row["n"], *numbers(row, "d_z", "p_holm", "p_tost")
@@ -308,26 +339,38 @@ def weigh_rivals(compared: pd.DataFrame) -> Iterator[Case]:
 
 
 def weigh_hyperpriors(compared: pd.DataFrame) -> Iterator[Case]:
-    """Take each setting's comparison with Table 1: no muscle may be shown to differ, and all must be equivalent."""
+    """Take each setting's comparison with Table 1, of the muscle that is least surely equivalent."""
     names = {
-        "mean": ("robust_to_prior_means", "means by {:g} SD", "Welch", "hedges_g"),
-        "variance": ("robust_to_prior_spread", "variances x {:g}", "Wilcoxon", "rank_biserial"),
+        "mean": ("robust_to_prior_means", "means with SD {}", "Welch, Welch's TOST", "hedges_g", "difference"),
+        "variance": (
+            "robust_to_prior_spread",
+            "variances x {}",
+            "Wilcoxon, paired t TOST",
+            "rank_biserial",
+            "hodges_lehmann",
+        ),
     }
     for _, rows in compared.groupby(["kind", "setting", "tested_on"], sort=False):
-        claim, described, test, effect = names[str(rows["kind"].iloc[0])]
-        row = rows_of(rows[rows["muscle"] == ALL_MUSCLES])[0]
-        its = rows[rows["muscle"] != ALL_MUSCLES]
+        claim, described, test, effect, estimate = names[str(rows["kind"].iloc[0])]
+        its = rows[rows["muscle"] != ALL_MUSCLES].sort_values("p_tost", na_position="last")
+        row = rows_of(its)[-1]
         evidence = Evidence(
-            f"{test} of each muscle, TOST to {row['margin']:g}, {effect} of their average",
+            f"{test} to {row['margin']:g}, {effect}: of {row['muscle']}, least surely equivalent",
             int(row["n"]),
-            float(row["difference"]),
+            float(row[estimate]),
             float(row["low"]),
             float(row["high"]),
             float(row[effect]),
             float(its["p_holm"].min()),
-            float(its["p_tost"].max(skipna=False)),
+            float(row["p_tost"]),
         )
-        yield Case(claim, described.format(row["setting"]), row["tested_on"], evidence, judge_same)
+        judge = partial(judge_all_same, differing=sorted(its.loc[its["p_holm"] < LEVEL, "muscle"]))
+        yield Case(claim, described.format(plain(row["setting"])), row["tested_on"], evidence, judge)
+
+
+def plain(value: float) -> str:
+    """Return a number with all the digits that tell it from others."""
+    return repr(float(value)).removesuffix(".0")
 
 
 def weigh_concentration(concentration: pd.DataFrame) -> Iterator[Case]:

@@ -6,7 +6,17 @@ import pytest
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_paired
 
-from stages.claims import CLAIMS, Evidence, claims, describe, judge_better, judge_concentrated, judge_same, weigh_fall
+from stages.claims import (
+    CLAIMS,
+    PAPER,
+    Evidence,
+    claims,
+    describe,
+    judge_better,
+    judge_concentrated,
+    judge_same,
+    weigh_fall,
+)
 from stages.comparison import pair_arms
 from stages.participant_differences import add_average, compare_participants
 from stages.rivals import compare_family
@@ -144,6 +154,7 @@ def make_sensitivity(kind, p_holms, p_tosts):
             "difference": 0.001,
             "low": -0.001,
             "high": 0.003,
+            "hodges_lehmann": 0.002,
             "hedges_g": 0.2,
             "rank_biserial": 0.3,
             "p_holm": p_holm,
@@ -162,7 +173,8 @@ def make_sensitivity(kind, p_holms, p_tosts):
         ((0.5, 0.5, 0.5), (0.01, 0.03, 0.9), "holds", 0.03),
         ((0.5, 0.5, 0.5), (0.01, 0.2, 0.01), "does not hold", 0.2),
         ((0.01, 0.5, 0.5), (0.2, 0.01, 0.01), "does not hold", 0.2),
-        ((0.5, 0.5, 0.5), (np.nan, 0.01, 0.01), "does not hold", np.nan),
+        ((0.01, 0.5, 0.5), (0.02, 0.01, 0.9), "holds", 0.02),
+        ((0.5, 0.5, 0.5), (np.nan, 0.01, 0.01), "not tested", np.nan),
     ],
 )
 def test_priors_matter_if_one_muscle_says_so(kind, p_holms, p_tosts, verdict, p):
@@ -171,6 +183,10 @@ def test_priors_matter_if_one_muscle_says_so(kind, p_holms, p_tosts, verdict, p)
     assert row["claim"] == {"mean": "robust_to_prior_means", "variance": "robust_to_prior_spread"}[kind]
     assert row["verdict"] == verdict
     assert row["p"] == pytest.approx(p, nan_ok=True)
+    assert ("matters to pam1" in row["finding"]) == (p_holms[0] < 0.05)
+    assert row["estimate"] == (0.001 if kind == "mean" else 0.002)
+    least = "pam1" if not p_tosts[0] < p_tosts[1] else "pam2"
+    assert f"of {least}, least surely" in row["statistic"]
 
 
 @pytest.mark.parametrize(("p_holm", "verdict"), [(0.0001, "holds"), (0.3, "does not hold")])
@@ -197,7 +213,7 @@ def test_a_sparse_model_gains_or_not(difference, p_holm, verdict):
 
 def test_concentration_turns_with_its_p_value():
     found = [judge_concentrated(Evidence("", 8, 0.0, 0.0, 0.0, 1.0, p)).verdict for p in (0.001, 0.2, np.nan)]
-    assert found == ["holds", "does not hold", "does not hold"]
+    assert found == ["holds", "does not hold", "not tested"]
 
 
 @pytest.mark.parametrize(("real", "verdict"), [(False, "not testable in simulation"), (True, "holds")])
@@ -212,8 +228,23 @@ def test_a_real_robot_is_judged_where_one_was_there(real, verdict, generator):
 def test_one_experiment_shows_nothing(generator):
     curve = make_curve(generator, {"y_y": 0.03}, experiments=1, people=("p1",))
     row = judged(learning_curve=curve).loc[("error_falls", "")]
-    assert (row["verdict"], row["n"]) == ("does not hold", 1)
+    assert (row["verdict"], row["n"]) == ("not tested", 1)
+    assert "too few" in row["finding"]
     assert np.isnan(row["p"])
+
+
+def test_a_claim_without_a_comparison_is_told_as_not_tested(generator):
+    rig = pd.DataFrame({"rig": ["Any"], "real": [False], "sampling_rate_hz": [250.0]})
+    told = judged(executed_by=rig, learning_curve=make_curve(generator, {"y_y": 0.03})).reset_index()
+    assert set(told["claim"]) == set(PAPER)
+    others = told[~told["claim"].isin(["error_falls", "works_on_real_robot"])]
+    assert (others["verdict"] == "not tested").all()
+    assert (others["n"] == 0).all()
+
+
+def test_amplitudes_that_nearly_agree_are_told_apart():
+    both = pd.concat([make_shift(0.002, 0.5, 0.01, "final").assign(amplitude_s=a) for a in (0.1, 0.1000001)])
+    assert list(judged(shift_comparison=both).index.get_level_values(1)) == ["up to 0.1 s", "up to 0.1000001 s"]
 
 
 def test_rules_agree_with_statsmodels(generator):
