@@ -130,16 +130,17 @@ def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
 
 
 def _figures(ledger: Ledger, stage: str) -> list[dict[str, str]]:
+    """Return a stage's figures; one that was not kept as PNG has no data."""
     files = ledger.records[stage]["files"]
+    captions = {Path(file).stem: str(facts["caption"]) for file, facts in files.items() if facts["kind"] == "figure"}
     return [
         {
-            "name": Path(file).stem,
-            "caption": facts["caption"],
-            "data": _encode(ledger.folder / file),
-            "files": ", ".join(each for each in files if Path(each).stem == Path(file).stem),
+            "name": name,
+            "caption": caption,
+            "data": _encode(ledger.folder / shown) if (shown := f"figures/{name}.png") in files else "",
+            "files": ", ".join(each for each in files if Path(each).stem == name),
         }
-        for file, facts in files.items()
-        if facts["kind"] == "figure" and file.endswith(".png")
+        for name, caption in captions.items()
     ]
 
 

@@ -281,7 +281,7 @@ def change_prior(prior: Hyperprior, kind: str, setting: float, generator: np.ran
 
 def describe_setting(kind: str, setting: float) -> str:
     """Return what a figure calls a setting."""
-    return {TABLE_1: "Table 1", MEAN: f"means\n±{setting:g} SD", VARIANCE: f"variances\n×{setting:g}"}[kind]
+    return {TABLE_1: "Table 1", MEAN: f"means drawn\nwith {setting:g} SD", VARIANCE: f"variances\n×{setting:g}"}[kind]
 
 
 def sort_settings(frame: pd.DataFrame, section: HyperpriorSensitivity, columns: Sequence[str]) -> pd.DataFrame:

@@ -130,7 +130,7 @@ def sparse_comparison(
     caption = (
         "Error rate (RMSE over the largest force of the test data, averaged over muscles) after each trial, of sparse "
         "models that keep all samples and of exact models of the most informative ones, for each test set: mean and "
-        f"standard deviation over {count_fewest(labelled)} experiments or more. Both begin with the same initial "
+        f"standard deviation over at least {count_fewest(labelled)} experiments. Both begin with the same initial "
         "trials, of which the exact ones keep few samples."
     )
     figure = draw_learning_curves(summarise(labelled), lines, panels, "line", "model and choice")
