@@ -88,6 +88,9 @@ def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], consol
 def print_frame(title: str, frame: pd.DataFrame, console: Console, limit: int = ROWS_SHOWN_WHOLE) -> None:
     """Print a frame as a terminal table, its first rows where it is long."""
     console.print(title, style="bold", soft_wrap=True, highlight=False, markup=False)
+    if frame.empty:
+        console.print("  no rows\n", highlight=False)
+        return
     shown = rich.table.Table(header_style="bold", box=rich.box.SIMPLE_HEAD)
     for name in frame.columns:
         numeric = pd.api.types.is_numeric_dtype(frame[name])
