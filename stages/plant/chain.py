@@ -1,4 +1,4 @@
-"""The chain of one muscle after another: command, valve, pressure, tension, cable.
+"""The chain of one muscle after another: command, valve, pressure, tension, cable, sensors.
 
 Arrays over time flow in and out; the last axis is always the muscle, and axes between time and muscle (trials, say) are
 simulated side by side. Effects are applied at their sites in the order in which the plant lists them.
@@ -6,16 +6,16 @@ simulated side by side. Effects are applied at their sites in the order in which
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from stages.plant.effect import ChainEffect, State
+from stages.plant.effect import ChainEffect, Signal, State
 from stages.plant.exoskeleton import Exoskeleton
 from stages.plant.muscle import MuscleConstants, compute_tension
+from stages.plant.passage import Everywhere, Passage
 from stages.plant.plant import AppliedEffect, Plant, collect_constants
-from stages.plant.valve import respond
 from stages.signals.trajectories import Array
+
+BENDING = ("acting_pressure_kpa", "contraction", "force_n", "tension_n")
 
 
 class Chain:
@@ -27,6 +27,8 @@ class Chain:
         The machine's rows.
     plant : Plant
         Constants and effects.
+    start_s : float
+        When the trial began in the session, s.
 
     Raises
     ------
@@ -34,16 +36,17 @@ class Chain:
         When the plant does not fit the machine.
     """
 
-    def __init__(self, exoskeleton: Exoskeleton, plant: Plant):
+    def __init__(self, exoskeleton: Exoskeleton, plant: Plant, start_s: float = 0.0):
         plant.check_against(exoskeleton)
         self.step_s = 1.0 / exoskeleton.sampling_rate_hz
+        self.start_s = start_s
         self.constants = collect_constants(exoskeleton, plant)
-        self.effects = [_Placed(entry, exoskeleton) for entry in plant.effects if isinstance(entry.effect, ChainEffect)]
+        self.effects = [_place(entry, exoskeleton) for entry in plant.effects if isinstance(entry.effect, ChainEffect)]
 
     @property
     def bends_force(self) -> bool:
-        """Whether an effect lets tension at the joint differ from the static law at the sensed pressure."""
-        return any(placed.signal not in ("pressure_command_kpa", "pressure_kpa") for placed in self.effects)
+        """Whether an effect lets tension at the joint differ from the static law at the valve's pressure."""
+        return any(effect.signal in BENDING for effect in self.effects)
 
     def pressurise(self, command_kpa: Array) -> Array:
         """Return the pressure at the valves that a held command brings.
@@ -59,11 +62,7 @@ class Chain:
             Pressure, kPa gauge.
         """
         command = self._flatten(command_kpa)
-        muscles = self._repeat(command.shape[1])
-        command = self._apply("pressure_command_kpa", command, lambda: self._upstream(muscles, command, command))
-        pressure = respond(command, muscles.valve_tau_s, muscles.valve_tau_s, self.step_s)
-        pressure = self._apply("pressure_kpa", pressure, lambda: self._upstream(muscles, command, pressure))
-        return pressure.reshape(command_kpa.shape)
+        return self._pass(command).pressurise(command).reshape(command_kpa.shape)
 
     def pull(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> tuple[Array, Array]:
         """Return the tension at both ends of the cables.
@@ -81,13 +80,7 @@ class Chain:
             Tension at the muscle's tip and at the joint's end, N.
         """
         pressure, contraction, velocity = map(self._flatten, (pressure_kpa, contraction, velocity_per_s))
-        muscles = self._repeat(pressure.shape[1])
-        state = State(self.step_s, muscles, pressure, pressure, contraction, velocity)
-        acting = self._apply("acting_pressure_kpa", pressure, lambda: state)
-        stretched = self._apply("contraction", contraction, lambda: state)
-        state = State(self.step_s, muscles, pressure, acting, stretched, velocity)
-        force = self._bend("force_n", compute_tension(acting, stretched, velocity, muscles), state)
-        tension = self._bend("tension_n", force, state)
+        force, tension = self._pass(pressure).pull(pressure, contraction, velocity)
         return force.reshape(pressure_kpa.shape), tension.reshape(pressure_kpa.shape)
 
     def pull_nominally(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
@@ -96,18 +89,19 @@ class Chain:
         tension = compute_tension(pressure, contraction, velocity, self._repeat(pressure.shape[1]))
         return tension.reshape(pressure_kpa.shape)
 
-    def _apply(self, signal: str, values: Array, state: Callable[[], State]) -> Array:
-        for placed in self.effects:
-            if placed.signal == signal:
-                values = placed.apply(values, state())
-        return values
+    def sense_pressure(self, pressure_kpa: Array) -> Array:
+        """Return what the pressure sensors show, kPa gauge; shapes as in `pressurise`."""
+        pressure = self._flatten(pressure_kpa)
+        return self._pass(pressure).sense_pressure(pressure).reshape(pressure_kpa.shape)
 
-    def _bend(self, signal: str, tension: Array, state: State) -> Array:
-        bent = self._apply(signal, tension, lambda: state)
-        return tension if bent is tension else np.maximum(bent, 0.0)
+    def sense_force(self, force_n: Array, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
+        """Return what the load cells show, N, of the forces on them; shapes as in `pull`."""
+        flat = [self._flatten(each) for each in (force_n, pressure_kpa, contraction, velocity_per_s)]
+        return self._pass(flat[0]).sense_force(*flat).reshape(force_n.shape)
 
-    def _upstream(self, muscles: MuscleConstants, command: Array, pressure: Array) -> State:
-        return State(self.step_s, muscles, command, pressure, np.zeros_like(command), np.zeros_like(command))
+    def _pass(self, values: Array) -> Passage:
+        columns = values.shape[1]
+        return Passage(self._repeat(columns), self.effects, self.step_s, np.full(columns, self.start_s))
 
     def _flatten(self, values: Array) -> Array:
         muscles = len(self.constants.area_n_per_kpa)
@@ -122,30 +116,25 @@ class Chain:
         return MuscleConstants(*(np.tile(column, copies) for column in self.constants))
 
 
-class _Placed:
-    """A chain effect on its muscles."""
+class _OnSome:
+    """An effect on some muscles of every trial."""
 
-    def __init__(self, entry: AppliedEffect, exoskeleton: Exoskeleton):
-        assert isinstance(entry.effect, ChainEffect)
-        self.effect = entry.effect
-        self.signal = self.effect.signal
-        self.parameters = entry.parameters
-        self.everywhere = entry.muscles is None
-        chosen = exoskeleton.muscle_names if entry.muscles is None else entry.muscles
-        self.mask = np.array([name in chosen for name in exoskeleton.muscle_names])
+    def __init__(self, effect: Everywhere, chosen: list[str], muscles: list[str]):
+        self.effect = effect
+        self.mask = np.array([name in chosen for name in muscles])
+
+    @property
+    def signal(self) -> Signal:
+        return self.effect.signal
 
     def apply(self, values: Array, state: State) -> Array:
-        if self.everywhere:
-            return self.effect.apply(values, state, self.parameters)
         mask = np.tile(self.mask, values.shape[1] // self.mask.size)
-        part = State(
-            state.step_s,
-            MuscleConstants(*(column[mask] for column in state.muscles)),
-            *(
-                np.ascontiguousarray(each[:, mask])
-                for each in (state.command_kpa, state.pressure_kpa, state.contraction, state.velocity_per_s)
-            ),
-        )
         changed = values.copy()
-        changed[:, mask] = self.effect.apply(np.ascontiguousarray(values[:, mask]), part, self.parameters)
+        changed[:, mask] = self.effect.apply(np.ascontiguousarray(values[:, mask]), state.select(mask))
         return changed
+
+
+def _place(entry: AppliedEffect, exoskeleton: Exoskeleton) -> Everywhere | _OnSome:
+    assert isinstance(entry.effect, ChainEffect)
+    everywhere = Everywhere(entry.effect, entry.parameters)
+    return everywhere if entry.muscles is None else _OnSome(everywhere, entry.muscles, exoskeleton.muscle_names)

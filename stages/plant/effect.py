@@ -1,7 +1,8 @@
-"""What a named effect is: a site, parameters with their priors, a source, and one of two forms.
+"""What a named effect is: a site, parameters with their priors, a source, and one of two shapes.
 
 A chain effect maps whole arrays at its site; a joint effect adds to the terms of the one compiled integrator. In both,
-the first parameter is the magnitude, and zero magnitude means that the effect is absent.
+the first parameter is the magnitude, and zero magnitude means that the effect is absent. An effect may have several
+forms in the literature: they share its name, and the module of that name lists them.
 """
 
 from __future__ import annotations
@@ -9,16 +10,28 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from stages.plant.declaration import nearest
 from stages.plant.muscle import MuscleConstants
 from stages.signals.trajectories import Array
 
-Site = Literal["command", "valve", "pressure", "muscle", "transmission", "joint"]
-Signal = Literal["pressure_command_kpa", "pressure_kpa", "acting_pressure_kpa", "contraction", "force_n", "tension_n"]
+Site = Literal["command", "valve", "pressure", "muscle", "transmission", "joint", "sensor"]
+Signal = Literal[
+    "pressure_command_kpa",
+    "pressure_kpa",
+    "sensed_pressure_kpa",
+    "acting_pressure_kpa",
+    "contraction",
+    "force_n",
+    "tension_n",
+    "sensed_force_n",
+]
 
 
 @dataclass(frozen=True)
@@ -37,6 +50,8 @@ class Parameter:
         Of a Gaussian prior, cut at the bounds.
     description : str
         One line.
+    starts : tuple of float
+        Where a fit begins, within the bounds; of the magnitude, none is zero.
     """
 
     name: str
@@ -46,11 +61,12 @@ class Parameter:
     prior_mean: float
     prior_sd: float
     description: str
+    starts: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class State:
-    """What a chain effect may look at beside the signal that it maps; every array has the signal's shape (T, K).
+    """What a chain effect may look at beside the signal that it maps; arrays have the signal's shape (T, K).
 
     Parameters
     ----------
@@ -61,6 +77,10 @@ class State:
     command_kpa, pressure_kpa, contraction, velocity_per_s : (T, K) ndarray
         Signals at this point of the chain. Upstream of the muscle the last two are zero; from there on the first is the
         pressure at the valve, and the second the pressure that acts.
+    time_s : (T,) ndarray
+        Time within the trial.
+    start_s : (K,) ndarray
+        When each column's trial began in the session; zero where that is not known.
     """
 
     step_s: float
@@ -69,27 +89,72 @@ class State:
     pressure_kpa: Array
     contraction: Array
     velocity_per_s: Array
+    time_s: Array
+    start_s: Array
+
+    def select(self, columns: NDArray[np.bool_]) -> State:
+        """Return the state of some columns; `columns` is a (K,) mask."""
+        return replace(
+            self,
+            muscles=MuscleConstants(*(constant[columns] for constant in self.muscles)),
+            command_kpa=np.ascontiguousarray(self.command_kpa[:, columns]),
+            pressure_kpa=np.ascontiguousarray(self.pressure_kpa[:, columns]),
+            contraction=np.ascontiguousarray(self.contraction[:, columns]),
+            velocity_per_s=np.ascontiguousarray(self.velocity_per_s[:, columns]),
+            start_s=self.start_s[columns],
+        )
 
 
 @dataclass(frozen=True)
 class ChainEffect:
-    """An effect that maps whole arrays: ``apply(signal, state, parameters)`` returns the changed signal."""
+    """An effect that maps whole arrays: ``apply(signal, state, parameters)`` returns the changed signal.
+
+    Parameters
+    ----------
+    name, form : str
+        The effect, and the literature's form of it.
+    site, signal : str
+        Where it acts, and what it maps.
+    parameters : tuple of Parameter
+        The magnitude first.
+    source : str
+        Where the form comes from.
+    signature : str
+        What its absence from a model leaves in the residual, in one sentence.
+    split_by : str
+        The experiment that tells it from its nearest relatives.
+    relatives : tuple of str
+        Names of effects that ordinary excitation may not tell from it.
+    apply : callable
+        Returns a new array of the signal's shape.
+    """
 
     name: str
+    form: str
     site: Site
     signal: Signal
     parameters: tuple[Parameter, ...]
     source: str
+    signature: str
+    split_by: str
+    relatives: tuple[str, ...]
     apply: Callable[[Array, State, Mapping[str, float]], Array]
 
 
 @dataclass(frozen=True)
 class JointEffect:
-    """An effect inside the joint's motion: ``terms(parameters)`` returns what it adds to the integrator's terms."""
+    """An effect inside the joint's motion: ``terms(parameters)`` returns what it adds to the integrator's terms.
+
+    The other fields are those of `ChainEffect`.
+    """
 
     name: str
+    form: str
     parameters: tuple[Parameter, ...]
     source: str
+    signature: str
+    split_by: str
+    relatives: tuple[str, ...]
     terms: Callable[[Mapping[str, float]], dict[str, float]]
     site: Site = "joint"
 
@@ -104,16 +169,32 @@ def list_effects() -> tuple[str, ...]:
     return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
 
 
-def find_effect(name: str) -> Effect:
-    """Return an effect by name.
+@cache
+def list_forms(name: str) -> tuple[Effect, ...]:
+    """Return an effect's forms, the usual one first.
+
+    Raises
+    ------
+    ValueError
+        When there is no such effect, offering the nearest name.
+    """
+    known = list_effects()
+    if name not in known:
+        raise ValueError(f"unknown effect '{name}': {nearest(name, known)}")
+    forms: tuple[Effect, ...] = importlib.import_module(f"stages.plant.effects.{name}").FORMS
+    return forms
+
+
+def find_effect(name: str, form: str | None = None) -> Effect:
+    """Return an effect by name, in the form given or its usual one.
 
     Raises
     ------
     ValueError
         When there is none, offering the nearest name.
     """
-    known = list_effects()
-    if name not in known:
-        raise ValueError(f"unknown effect '{name}': {nearest(name, known)}")
-    effect: Effect = importlib.import_module(f"stages.plant.effects.{name}").EFFECT
-    return effect
+    forms = list_forms(name)
+    for effect in forms:
+        if form is None or effect.form == form:
+            return effect
+    raise ValueError(f"effect {name} has no form '{form}': {nearest(str(form), [each.form for each in forms])}")

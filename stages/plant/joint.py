@@ -213,7 +213,8 @@ def integrate_joints(
         Angle, rad, and velocity, rad/s.
     """
     drive = np.stack([pressure_kpa, deviation_n, drag_n_s], axis=1)
-    rows = np.stack(muscles[:7] + muscles[8:11], axis=1)
+    area = muscles.area_n_per_kpa * muscles.area_factor
+    rows = np.stack((area, *muscles[1:7], *muscles[8:11]), axis=1)
     angle, velocity = np.empty_like(intention.angle_rad), np.empty_like(intention.angle_rad)
     for j, joint in enumerate(joints):
         on_joint = np.array(joint_of_muscle) == j

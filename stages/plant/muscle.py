@@ -15,7 +15,11 @@ from stages.signals.trajectories import Array
 
 
 class MuscleConstants(NamedTuple):
-    """Constants of K muscles, (K,) arrays, as compiled code takes them."""
+    """Constants of K muscles, (K,) arrays, as compiled code takes them.
+
+    `area_n_per_kpa` is the nominal area; `area_factor` makes it the effective one. `full_force_n` is nominal, so that
+    what is given as a share of it keeps its size while other constants are adjusted.
+    """
 
     area_n_per_kpa: Array
     braid_a: Array
@@ -29,6 +33,10 @@ class MuscleConstants(NamedTuple):
     contraction_per_rad: Array
     torque_arm_m: Array
     full_force_n: Array
+    area_factor: Array
+    regulator_gain: Array
+    regulator_offset_kpa: Array
+    force_offset_n: Array
 
 
 def braid_coefficients(angle_deg: float) -> tuple[float, float]:
@@ -73,7 +81,7 @@ def _pull_columns(pressure: Array, contraction: Array, velocity: Array, muscles:
                 pressure[k, m],
                 contraction[k, m],
                 velocity[k, m],
-                muscles.area_n_per_kpa[m],
+                muscles.area_n_per_kpa[m] * muscles.area_factor[m],
                 muscles.braid_a[m],
                 muscles.braid_b[m],
                 muscles.contraction_factor[m],

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_serializer, model_validator
 
 from stages.plant.declaration import Declared, nearest
-from stages.plant.effect import Effect, Parameter, find_effect
+from stages.plant.effect import Effect, Parameter, find_effect, list_forms
 from stages.plant.exoskeleton import Exoskeleton, Muscle
 from stages.plant.muscle import MuscleConstants, braid_coefficients
 
@@ -32,6 +32,10 @@ class MuscleModel(Declared):
     damping_n_s: float = Field(ge=0.0, le=1e5, description="tension lost per contraction velocity, N s")
     pressure_noise_kpa: float = Field(ge=0.0, le=100.0, description="standard deviation of the pressure sensor, kPa")
     force_noise_n: float = Field(ge=0.0, le=1000.0, description="standard deviation of the load cell, N")
+    area_factor: float = Field(ge=0.5, le=2.0, description="effective over nominal area, 1")
+    regulator_gain: float = Field(ge=0.5, le=2.0, description="settled pressure per command, 1")
+    regulator_offset_kpa: float = Field(ge=-100.0, le=100.0, description="settled pressure at no command, kPa")
+    force_offset_n: float = Field(ge=-1000.0, le=1000.0, description="load cell's reading at no tension, N")
 
 
 class Encoder(Declared):
@@ -42,9 +46,13 @@ class Encoder(Declared):
 
 
 class AppliedEffect(Declared):
-    """One entry of the plant's list: an effect by name, where it is, and its parameters, written flat in YAML."""
+    """One entry of the plant's list: an effect by name, where it is, and its parameters, written flat in YAML.
+
+    `form` is the first that the entry's place (muscles or joints) admits, where the entry does not say.
+    """
 
     name: str
+    form: str
     muscles: list[str] | None
     joints: list[str] | None
     parameters: dict[str, float]
@@ -56,27 +64,47 @@ class AppliedEffect(Declared):
             return entry
         if "name" not in entry:
             raise ValueError("an effect needs a name")
-        try:
-            effect = find_effect(str(entry["name"]))
-        except ValueError as error:
-            raise ValueError(f"name: {error}") from None
-        place, other = ("joints", "muscles") if effect.site == "joint" else ("muscles", "joints")
+        effect = _choose_form(entry)
+        place, other = _places_of(effect)
         if place not in entry:
             raise ValueError(f"effect {effect.name}: missing key '{place}' (a list of {place}, or null for all)")
         if entry.get(other) is not None:
             raise ValueError(f"effect {effect.name} acts at the {effect.site}: choose {place}, not {other}")
-        numbers = {key: value for key, value in entry.items() if key not in ("name", "muscles", "joints")}
-        return {"name": effect.name, place: entry[place], other: None, "parameters": check_parameters(effect, numbers)}
+        numbers = {key: value for key, value in entry.items() if key not in ("name", "form", "muscles", "joints")}
+        return {
+            "name": effect.name,
+            "form": effect.form,
+            place: entry[place],
+            other: None,
+            "parameters": check_parameters(effect, numbers),
+        }
 
     @model_serializer
     def _write(self) -> dict[str, Any]:
-        place = "joints" if self.effect.site == "joint" else "muscles"
-        return {"name": self.name, place: getattr(self, place), **self.parameters}
+        place = _places_of(self.effect)[0]
+        written = {"name": self.name, place: getattr(self, place)}
+        form = {} if _choose_form(written) is self.effect else {"form": self.form}
+        return {"name": self.name, **form, place: getattr(self, place), **self.parameters}
 
     @property
     def effect(self) -> Effect:
         """The effect itself."""
-        return find_effect(self.name)
+        return find_effect(self.name, self.form)
+
+
+def _places_of(effect: Effect) -> tuple[str, str]:
+    return ("joints", "muscles") if effect.site == "joint" else ("muscles", "joints")
+
+
+def _choose_form(entry: Mapping[str, Any]) -> Effect:
+    name = str(entry["name"])
+    try:
+        forms = list_forms(name)
+    except ValueError as error:
+        raise ValueError(f"name: {error}") from None
+    if entry.get("form") is not None:
+        return find_effect(name, str(entry["form"]))
+    return next((effect for effect in forms if _places_of(effect)[0] in entry), forms[0])
 
 
 def check_parameters(effect: Effect, values: Mapping[str, Any]) -> dict[str, float]:
@@ -197,4 +225,8 @@ def _constants_of(muscle: Muscle, model: MuscleModel) -> tuple[float, ...]:
         muscle.contraction_per_rad,
         muscle.torque_arm_m,
         area * muscle.max_pressure_kpa * (a - b),
+        model.area_factor,
+        model.regulator_gain,
+        model.regulator_offset_kpa,
+        model.force_offset_n,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from stages.plant.chain import Chain
 from stages.plant.exoskeleton import Exoskeleton
 from stages.plant.interaction import Motion
 from stages.plant.plant import Encoder, Plant
@@ -13,7 +14,12 @@ from stages.signals.trajectories import Array
 
 
 def record(
-    motion: Motion, command_kpa: Array, exoskeleton: Exoskeleton, plant: Plant, generator: np.random.Generator
+    motion: Motion,
+    command_kpa: Array,
+    exoskeleton: Exoskeleton,
+    plant: Plant,
+    generator: np.random.Generator,
+    start_s: float = 0.0,
 ) -> Recording:
     """Return the recording of a motion.
 
@@ -29,13 +35,21 @@ def record(
         Sensor constants.
     generator : numpy.random.Generator
         The only source of randomness.
+    start_s : float
+        When the trial began in the session, s.
+
+    Notes
+    -----
+    Noise comes before the effects of a sensor, which may round or clip it.
     """
+    chain = Chain(exoskeleton, plant, start_s)
     models = [plant.model_of(muscle) for muscle in exoskeleton.muscles]
-    pressure = motion.pressure_kpa + _white(
-        generator, motion.pressure_kpa, [each.pressure_noise_kpa for each in models]
+    pressure = chain.sense_pressure(
+        motion.pressure_kpa + _white(generator, motion.pressure_kpa, [each.pressure_noise_kpa for each in models])
     )
     pulled = motion.force_n if exoskeleton.load_cell_site == "muscle_tip" else motion.tension_n
-    force = np.maximum(pulled + _white(generator, pulled, [each.force_noise_n for each in models]), 0.0)
+    noisy = pulled + _white(generator, pulled, [each.force_noise_n for each in models])
+    shown = chain.sense_force(noisy, motion.pressure_kpa, motion.contraction, motion.velocity_per_s)
     angle = read_encoder(motion.joint_angle_rad, plant.encoder, generator)
     rate, window = exoskeleton.sampling_rate_hz, exoskeleton.velocity_filter
     velocity = differentiate(angle, rate, window.window_s, window.order)
@@ -48,7 +62,7 @@ def record(
         pressure_kpa=pressure,
         contraction=at_zero + per_rad * angle[:, joint],
         contraction_velocity_per_s=per_rad * velocity[:, joint],
-        force_n=force,
+        force_n=np.maximum(shown, 0.0),
         joint_angle_rad=angle,
         joint_velocity_rad_per_s=velocity,
     )

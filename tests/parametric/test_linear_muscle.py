@@ -54,7 +54,7 @@ def test_recovers_planted_coefficients(generator):
 def test_recovers_the_muscle_of_the_plant(generator):
     a, b = braid_coefficients(25.0)
     area, factor, linear, quadratic = 0.1, 1.2, 30.0, 200.0
-    constants = (area, a, b, factor, linear, quadratic, 0.0, 0.1, 0.0, 1.0, 1.0, 1.0)
+    constants = (area, a, b, factor, linear, quadratic, 0.0, 0.1, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0)
     muscle = MuscleConstants(*(np.array([each]) for each in constants))
     pressure, contraction = generator.uniform(100, 600, (200, 1)), generator.uniform(0.0, 0.15, (200, 1))
     force = compute_tension(pressure, contraction, np.zeros((200, 1)), muscle)

@@ -32,13 +32,13 @@ def test_every_value_has_a_comment_and_every_number_its_unit_and_source(path):
     [
         ({"name": "hysterisis", "muscles": None}, "unknown effect 'hysterisis': did you mean 'hysteresis'?"),
         (HYSTERESIS | {"shares": 1.0}, "effect hysteresis has no parameter 'shares': did you mean 'share'?"),
-        (HYSTERESIS | {"share": 0.5}, "effect hysteresis, share: expected a number from 0.0 to 0.2, got 0.5"),
+        (HYSTERESIS | {"share": 0.5}, "effect hysteresis, share: expected a number from 0.0 to 0.3, got 0.5"),
         (
             {"name": "coulomb_friction", "joints": None, "torque_nm": 99.0, "sliding_rad_per_s": 0.1},
             "effect coulomb_friction, torque_nm: expected a number from 0.0 to 10.0 N m, got 99.0; change it in",
         ),
-        (HYSTERESIS | {"share": "a lot"}, "expected a number from 0.0 to 0.2, got 'a lot'"),
-        (HYSTERESIS | {"share": float("nan")}, "expected a number from 0.0 to 0.2, got nan"),
+        (HYSTERESIS | {"share": "a lot"}, "expected a number from 0.0 to 0.3, got 'a lot'"),
+        (HYSTERESIS | {"share": float("nan")}, "expected a number from 0.0 to 0.3, got nan"),
         (
             {"name": "hysteresis", "muscles": None, "share": 0.1},
             "missing parameter 'width' (contraction over which the widest element turns)",

@@ -47,7 +47,7 @@ def test_without_rubber_and_taper_the_law_is_virtual_work_on_the_braid():
     zero = np.zeros(1)
     a, b = braid_coefficients(24.0)
     area = 1000 * np.pi * radius**2
-    braid = MuscleConstants(*(x * one for x in (area, a, b, 1.0)), *([zero] * 8))
+    braid = MuscleConstants(*(x * one for x in (area, a, b, 1.0)), *([zero] * 8), one, one, zero, zero)
     for contraction in (0.0, 0.1, 0.2):
         at, step = length * (1 - contraction), 1e-6
         work = -300e3 * (volume(at + step) - volume(at - step)) / (2 * step)

@@ -22,17 +22,39 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
 
 EFFECT = ChainEffect(
     name="capstan_friction",
+    form="exponential",
     site="transmission",
     signal="tension_n",
     parameters=(
         Parameter(
-            "friction_times_wrap", "1", 0.0, 1.0, 0.12, 0.08, "friction coefficient times the sheath's total bend"
+            "friction_times_wrap",
+            "1",
+            0.0,
+            1.0,
+            0.12,
+            0.08,
+            "friction coefficient times the sheath's total bend",
+            (0.1, 0.35),
         ),
-        Parameter("sliding_per_s", "1/s", 0.001, 0.1, 0.01, 0.01, "contraction velocity at which the cable slides"),
+        Parameter(
+            "sliding_per_s",
+            "1/s",
+            0.001,
+            0.1,
+            0.01,
+            0.01,
+            "contraction velocity at which the cable slides",
+            (0.005, 0.02),
+        ),
     ),
     source=(
         "Kaneko, Yamashita, Tanie, Basic considerations on transmission characteristics for tendon drive robots, "
         "Int. Conf. Advanced Robotics (1991): the capstan equation along a sheath"
     ),
+    signature="force at the joint is short by a share of itself while the muscle shortens, and over while it lengthens",
+    split_by="slow reversals at two pressures: the step at reversal grows with tension",
+    relatives=("coulomb_friction", "stribeck_friction"),
     apply=apply,
 )
+
+FORMS = (EFFECT,)

@@ -24,15 +24,23 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
 
 EFFECT = ChainEffect(
     name="creep",
+    form="maxwell_element",
     site="muscle",
     signal="force_n",
     parameters=(
-        Parameter("share", "1", 0.0, 1.0, 0.1, 0.1, "slow stiffness per contraction over the largest force"),
-        Parameter("tau_s", "s", 0.3, 30.0, 2.0, 2.0, "time constant of the slow element"),
+        Parameter(
+            "share", "1", 0.0, 1.0, 0.1, 0.1, "slow stiffness per contraction over the largest force", (0.1, 0.5)
+        ),
+        Parameter("tau_s", "s", 0.3, 30.0, 2.0, 2.0, "time constant of the slow element", (0.5, 2.0, 8.0)),
     ),
     source=(
         "Vo-Minh, Kamers, Ramon, Van Brussel, Modeling and control of a pneumatic artificial muscle manipulator joint, "
         "part I, accounting for creep effect, Mechatronics 22 (2012)"
     ),
+    signature="force overshoots after a reach and drifts back within seconds, while nothing moves",
+    split_by="a step of contraction held for ten seconds at constant pressure",
+    relatives=("hysteresis", "sensor_drift"),
     apply=apply,
 )
+
+FORMS = (EFFECT,)

@@ -41,15 +41,25 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
 
 EFFECT = ChainEffect(
     name="hysteresis",
+    form="maxwell_slip",
     site="muscle",
     signal="force_n",
     parameters=(
-        Parameter("share", "1", 0.0, 0.2, 0.03, 0.03, "friction over the force at this pressure and rest length"),
-        Parameter("width", "1", 0.002, 0.1, 0.02, 0.01, "contraction over which the widest element turns"),
+        Parameter(
+            "share", "1", 0.0, 0.3, 0.03, 0.03, "friction over the force at this pressure and rest length", (0.03, 0.12)
+        ),
+        Parameter(
+            "width", "1", 0.002, 0.1, 0.02, 0.01, "contraction over which the widest element turns", (0.008, 0.03)
+        ),
     ),
     source=(
         "Vo-Minh, Tjahjowidodo, Ramon, Van Brussel, A new approach to modeling hysteresis in a pneumatic artificial "
         "muscle using the Maxwell-slip model, IEEE/ASME Trans. Mechatronics 16 (2011)"
     ),
+    signature="a loop of force over contraction, whatever the speed, that turns within a small way after each reversal",
+    split_by="small reversals inside a large one, slow, at constant pressure",
+    relatives=("coulomb_friction", "creep"),
     apply=apply,
 )
+
+FORMS = (EFFECT,)

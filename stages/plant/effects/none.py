@@ -13,4 +13,17 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
     return signal
 
 
-EFFECT = ChainEffect(name="none", site="muscle", signal="force_n", parameters=(), source="nothing", apply=apply)
+EFFECT = ChainEffect(
+    name="none",
+    form="identity",
+    site="muscle",
+    signal="force_n",
+    parameters=(),
+    source="nothing",
+    signature="nothing beyond noise and wander",
+    split_by="no experiment",
+    relatives=(),
+    apply=apply,
+)
+
+FORMS = (EFFECT,)

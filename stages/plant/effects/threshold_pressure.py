@@ -18,12 +18,20 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
 
 EFFECT = ChainEffect(
     name="threshold_pressure",
+    form="hinge",
     site="pressure",
     signal="acting_pressure_kpa",
-    parameters=(Parameter("threshold_kpa", "kPa", 0.0, 100.0, 10.0, 10.0, "pressure that expands the tube alone"),),
+    parameters=(
+        Parameter("threshold_kpa", "kPa", 0.0, 100.0, 10.0, 10.0, "pressure that expands the tube alone", (8.0, 30.0)),
+    ),
     source=(
         "Klute, Hannaford, Accounting for elastic energy storage in McKibben artificial muscle actuators, J. Dyn. "
         "Syst. Meas. Control 122 (2000): the bladder takes part of the pressure"
     ),
+    signature="force is short by a constant share of the area times pressure, at every pressure beyond the threshold",
+    split_by="a slow sweep of pressure from zero at constant contraction",
+    relatives=("pressure_dead_band", "sensor_offset"),
     apply=apply,
 )
+
+FORMS = (EFFECT,)

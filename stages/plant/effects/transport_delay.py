@@ -22,9 +22,15 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
 
 EFFECT = ChainEffect(
     name="transport_delay",
+    form="fractional_delay",
     site="command",
     signal="pressure_command_kpa",
-    parameters=(Parameter("delay_s", "s", 0.0, 0.2, 0.01, 0.01, "from command to valve"),),
+    parameters=(Parameter("delay_s", "s", 0.0, 0.2, 0.01, 0.01, "from command to valve", (0.01, 0.04, 0.1)),),
     source="Astrom, Hagglund, PID controllers: theory, design and tuning (1995), chapter 2: first order with dead time",
+    signature="pressure lags behind the command by the same time at every rate of change",
+    split_by="steps of command, or a chirp to 10 Hz: a delay keeps the amplitude",
+    relatives=("valve_lag",),
     apply=apply,
 )
+
+FORMS = (EFFECT,)

@@ -22,14 +22,22 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
 
 EFFECT = ChainEffect(
     name="valve_asymmetry",
+    form="two_time_constants",
     site="valve",
     signal="pressure_kpa",
     parameters=(
-        Parameter("asymmetry", "1", -0.6, 1.5, 0.2, 0.3, "venting's time constant over the nominal one, less 1"),
+        Parameter(
+            "asymmetry", "1", -0.6, 1.5, 0.2, 0.3, "venting's time constant over the nominal one, less 1", (0.3, -0.25)
+        ),
     ),
     source=(
         "Tassa, Wu, Movellan, Todorov, Modeling and identification of pneumatic actuators, IEEE ICMA (2013): filling "
         "and venting flows differ"
     ),
+    signature="pressure errs after steps up and after steps down with the same sign: one is slow, the other quick",
+    split_by="equal steps of command up and down",
+    relatives=("valve_rate_limit", "valve_lag"),
     apply=apply,
 )
+
+FORMS = (EFFECT,)
