@@ -22,6 +22,10 @@ class TableError(PipelineError):
     """A table does not keep its contract, or its file cannot be read or written."""
 
 
+class InputError(PipelineError):
+    """A file that a person brought does not hold what it should."""
+
+
 class WorkerError(PipelineError):
     """A process that shared the work is gone."""
 

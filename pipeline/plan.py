@@ -14,6 +14,7 @@ from typing import Any
 from pipeline.config import Study, find_target
 from pipeline.errors import ConfigError
 from pipeline.files import hash_json
+from pipeline.inputs import hash_inputs
 from pipeline.ledger import Ledger
 from pipeline.sources import hash_sources, library_versions
 from pipeline.stage import Stage
@@ -51,7 +52,7 @@ class Ingredients:
     config : dict
         The stage's slice of the configuration.
     inputs : dict of str to str
-        Content hash of each table it reads.
+        Content hash of each table it reads, and of each file that its configuration names.
     code, libraries : dict of str to str
         From `pipeline.sources`.
     measured : bool
@@ -120,7 +121,19 @@ class Ingredients:
 
 
 def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
-    """Return the ingredients of a stage, given the content hashes of its inputs."""
+    """Return the ingredients of a stage, given the content hashes of its tables.
+
+    Parameters
+    ----------
+    study : Study
+        The validated configuration.
+    stage : Stage
+        The stage.
+    inputs : dict of str to str
+        Of the tables that it reads; whatever else is there is left out, and the files that its configuration names are
+        hashed anew.
+    """
+    read = {name: digest for name, digest in inputs.items() if name in stage.reads}
     package = study.settings.workflow.package
     modules = [stage.module]
     section = study.target(stage)
@@ -130,7 +143,11 @@ def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
         modules.append(target.__module__)
         measured = bool(getattr(study.build(section), "real", False))
     return Ingredients(
-        study.slice(stage), inputs, hash_sources(package, modules), library_versions(package, modules), measured
+        study.slice(stage),
+        {**read, **hash_inputs(study.config(stage))},
+        hash_sources(package, modules),
+        library_versions(package, modules),
+        measured,
     )
 
 

@@ -1,0 +1,77 @@
+"""Files that a person brings: a path in the configuration flows in, the hash of the bytes that lie there flows out.
+
+A stage whose model has an `InputPath` reads what lies at that path. Its bytes count in the stage's freshness, so that
+other bytes at the same path are another study's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from pipeline.errors import PipelineError
+from pipeline.files import hash_file
+
+
+class InputPath(str):
+    """The path of a file or folder that is there, from where the command is typed.
+
+    As a field of a stage's model, it makes the stage read those files: of a folder, the ones directly in it, but for
+    hidden ones.
+    """
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: type, handler: GetCoreSchemaHandler) -> CoreSchema:
+        text = core_schema.str_schema(strict=True, min_length=1)
+        return core_schema.no_info_after_validator_function(cls._find, text)
+
+    @classmethod
+    def _find(cls, text: str) -> InputPath:
+        if not Path(text).exists():
+            raise ValueError(f"expected the path of a file or folder, got {text!r}, which is not in {Path.cwd()}")
+        if not cls(text).files:
+            raise ValueError(f"expected files in the folder {text!r}, got none")
+        return cls(text)
+
+    @property
+    def files(self) -> list[Path]:
+        """The file itself, or those in the folder, by name."""
+        path = Path(self)
+        if not path.is_dir():
+            return [path]
+        return sorted(each for each in path.iterdir() if each.is_file() and not each.name.startswith("."))
+
+
+def hash_inputs(config: BaseModel) -> dict[str, str]:
+    """Return the hash of every file that a stage's configuration names, by key and file name.
+
+    Raises
+    ------
+    PipelineError
+        When a file cannot be read.
+    """
+    hashes = {}
+    for key, path in _find_paths(dict(config), ""):
+        for file in path.files:
+            try:
+                hashes[f"{key}/{file.name}"] = hash_file(file)
+            except OSError as error:
+                raise PipelineError(f"{key}={path}: cannot read {file} ({error.strerror or error})") from None
+    return hashes
+
+
+def _find_paths(value: Any, key: str) -> Iterator[tuple[str, InputPath]]:
+    if isinstance(value, InputPath):
+        yield key, value
+    elif isinstance(value, BaseModel):
+        yield from _find_paths(dict(value), key)
+    elif isinstance(value, Mapping):
+        for name, each in value.items():
+            yield from _find_paths(each, f"{key}.{name}" if key else str(name))
+    elif isinstance(value, list | tuple):
+        for index, each in enumerate(value):
+            yield from _find_paths(each, f"{key}.{index}")
