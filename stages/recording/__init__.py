@@ -1,0 +1,33 @@
+"""Recordings that others made: foreign columns, units, clocks and gaps.
+
+Frames as they were read flow in, with what is known of the machine; tidy frames in this project's names and units flow
+out, or a `RecordingError` that names column and rows. No path is known here.
+"""
+
+from stages.recording.blocks import cut_blocks, split_records
+from stages.recording.clock import find_rate, regularise
+from stages.recording.columns import RecordingError, adopt, check_rows, tell_rows
+from stages.recording.completion import derive_contraction, derive_velocity
+from stages.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
+from stages.recording.plausibility import check_plausible
+from stages.recording.units import known_units, own_unit
+
+__all__ = [
+    "MUSCLE_COLUMNS",
+    "RecordingError",
+    "Session",
+    "adopt",
+    "check_plausible",
+    "check_rows",
+    "cut_blocks",
+    "derive_contraction",
+    "derive_velocity",
+    "describe_muscles",
+    "find_rate",
+    "known_units",
+    "own_unit",
+    "read_session",
+    "regularise",
+    "split_records",
+    "tell_rows",
+]
