@@ -1,0 +1,121 @@
+"""What is fitted: one channel of one element, simulated from measured upstream signals, trial by trial.
+
+A cell knows its measured signal, the constants of its nominal model and which effects can act in it; given values for
+all of these it simulates. Nothing else of the workflow knows what machine it looks at.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.plant.effect import Parameter
+from stages.signals.trajectories import Array
+
+
+@dataclass(frozen=True)
+class Form:
+    """One literature form of a named effect, as a cell offers it.
+
+    Parameters
+    ----------
+    name, form : str
+        Of the effect and of its form.
+    site : str
+        Where it acts.
+    parameters : tuple of Parameter
+        The first is the magnitude.
+    effect : object
+        What the cell's `simulate` takes.
+    """
+
+    name: str
+    form: str
+    site: str
+    parameters: tuple[Parameter, ...]
+    effect: object
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A measured signal that may explain a residual.
+
+    Parameters
+    ----------
+    name : str
+        With its unit.
+    values : (T, K) ndarray
+        Without gaps.
+    own : bool
+        Whether it belongs to this element; others' get fewer features.
+    rate : bool
+        Whether its sign is a direction of motion.
+    """
+
+    name: str
+    values: Array
+    own: bool = True
+    rate: bool = False
+
+
+class Cell(ABC):
+    """One channel of one element over K trials of at most T samples.
+
+    Attributes
+    ----------
+    channel, element : str
+        Names as in the verdict, for example ``force_n`` and ``pam1``.
+    step_s : float
+        Time between samples, s.
+    measured : (T, K) ndarray
+        Without gaps; meaningless where not present.
+    present : (T, K) ndarray of bool
+        Where the channel and all that it is simulated from were measured.
+    start_s : (K,) ndarray
+        Start of each trial in the session, s.
+    """
+
+    channel: str
+    element: str
+    step_s: float
+    measured: Array
+    present: NDArray[np.bool_]
+    start_s: Array
+
+    @property
+    @abstractmethod
+    def constants(self) -> tuple[Parameter, ...]:
+        """Nominal constants with bounds and priors; a fit begins at the priors' means."""
+
+    @property
+    @abstractmethod
+    def forms(self) -> tuple[Form, ...]:
+        """Effects that can act in this channel."""
+
+    @abstractmethod
+    def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
+        """Return the channel, (T, K), under constants and effects."""
+
+    @abstractmethod
+    def drivers(self) -> list[Driver]:
+        """Return the signals from which a flexible model may explain what is left."""
+
+    @abstractmethod
+    def take(self, trials: Sequence[int]) -> Self:
+        """Return the cell with some of its trials, by position."""
+
+    @property
+    def trials(self) -> int:
+        """Number of trials, K."""
+        return self.measured.shape[1]
+
+    @property
+    def range(self) -> float:
+        """Largest less smallest measured value; gaps are told over it."""
+        values = self.measured[self.present]
+        return float(np.ptp(values)) if values.size else 0.0

@@ -1,0 +1,114 @@
+"""A cheap look at every form: how much of what is left it could take away, and what the constants absorb.
+
+A fitted model flows in. Each form is simulated once from each of its starts; the change that it makes, less what the
+free constants could imitate, is regressed on the residual, trials left out in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from stages.discrepancy.cell import Form
+from stages.discrepancy.fitting import Fit, Grams, collect_grams
+from stages.discrepancy.noise import Noise, whiten
+from stages.signals.trajectories import Array
+
+MOST_STARTS = 12
+
+
+@dataclass(frozen=True)
+class Screened:
+    """What one form promises in one cell.
+
+    Parameters
+    ----------
+    form : Form
+        Which.
+    start : dict of str to float
+        The best of its starts, its magnitude scaled to the residual.
+    white : (K,) ndarray
+        Whitened sums of squares of trials left out.
+    absorbed : float
+        Share of its change, squared, that the free constants imitate, at this start.
+    """
+
+    form: Form
+    start: dict[str, float]
+    white: Array
+    absorbed: float
+
+
+def list_starts(form: Form) -> list[dict[str, float]]:
+    """Return values to begin at: all combinations of the parameters' starts, thinned evenly if there are many."""
+    names = [each.name for each in form.parameters]
+    grid = [dict(zip(names, chosen, strict=True)) for chosen in product(*(each.starts for each in form.parameters))]
+    if len(grid) <= MOST_STARTS:
+        return grid
+    return [grid[round(index)] for index in np.linspace(0, len(grid) - 1, MOST_STARTS)]
+
+
+def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
+    """Return what each form promises, from the best of its starts."""
+    cell = fit.model.cell
+    present = cell.present
+    constants, placed = fit.model.name_values(fit.values)
+    simulated = cell.simulate(constants, placed)
+    owners, starts, changes = [], [], []
+    for form in forms:
+        for start in list_starts(form):
+            change = cell.simulate(constants, [*placed, (form, start)]) - simulated
+            if np.isfinite(change).all() and np.abs(change[present]).max(initial=0.0) > 0.0:
+                owners.append(form)
+                starts.append(start)
+                changes.append(np.where(present, change, 0.0))
+    if not changes:
+        return []
+    slopes = np.where(present[:, :, None], fit.model.differentiate(fit.values, simulated), 0.0)
+    columns = np.concatenate([slopes, np.stack(changes, axis=2), fit.residual[:, :, None]], axis=2)
+    white = whiten(columns, present, noise, cell.step_s)
+    grams = collect_grams(white[:, :, :-1], white[:, :, -1], present)
+    known = len(fit.values)
+    best: dict[tuple[str, str], tuple[float, Screened]] = {}
+    for index, (form, start) in enumerate(zip(owners, starts, strict=True)):
+        found = _regress(fit, grams, known + index, form.parameters[0].low < 0.0)
+        if found is None:
+            continue
+        gain, scale, left, absorbed = found
+        first = form.parameters[0]
+        magnitude = float(np.clip(scale * start[first.name], first.low, first.high))
+        started = {**start, first.name: magnitude if magnitude != 0.0 else start[first.name]}
+        key = (form.name, form.form)
+        if key not in best or gain > best[key][0]:
+            best[key] = (gain, Screened(form, started, left, absorbed))
+    return [each for _, each in best.values()]
+
+
+def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, float, Array, float] | None:
+    """Return the gain of one change beside the free constants: in all, its scale, trials left out, share absorbed."""
+    free = np.flatnonzero(fit.free)
+    chosen = np.append(free, column)
+    precision = np.append(fit.precision[free], 0.0)
+    mean = fit.model.prior[0]
+    pull = np.append((mean - fit.values)[free] * fit.precision[free], 0.0)
+    slopes = grams.slopes[:, chosen[:, None], chosen]
+    cross = grams.cross[:, chosen]
+    total = slopes.sum(axis=0)
+    size = total[-1, -1]
+    if size <= 0.0:
+        return None
+    shared = total[:-1, -1]
+    own = size - shared @ np.linalg.solve(total[:-1, :-1] + 1e-12 * np.diag(np.diag(total[:-1, :-1])), shared)
+    absorbed = 1.0 - max(own, 0.0) / size
+    curvature = total + np.diag(precision) + np.diag(np.append(np.zeros(len(free)), 1e-9 * size))
+    whole = np.linalg.solve(curvature, cross.sum(axis=0) + pull)
+    if whole[-1] <= 0.0 and not signed:
+        return None
+    changes = np.stack(
+        [np.linalg.solve(curvature - slopes[k], (cross.sum(axis=0) - cross[k]) + pull) for k in range(len(slopes))]
+    )
+    left = Grams(slopes, cross, grams.square, grams.samples).left_out(changes)
+    return float(grams.square.sum() - left.sum()), float(whole[-1]), left, absorbed
