@@ -64,7 +64,7 @@ class Model:
 
     def differentiate(self, values: Array, simulated: Array) -> Array:
         """Return the derivatives of the channel by each value, (T, K, P)."""
-        low, high = self.bounds
+        high = self.bounds[1]
         slopes = np.empty((*simulated.shape, len(values)))
         for index, sd in enumerate(self.prior[1]):
             step = STEP * sd if values[index] + STEP * sd <= high[index] else -STEP * sd

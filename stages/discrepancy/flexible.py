@@ -92,7 +92,8 @@ def _leave_each_out(white: Array, raw: Array, first: int, precision: Array) -> L
             best = (float(left.sum()), left, weights)
     assert best is not None
     _, left, weights = best
-    residual = raw[:, :, -1] - np.einsum("tkf,kf->tk", raw[:, :, :-1], weights / scale)
+    explained = np.matmul(raw[:, :, :-1].transpose(1, 0, 2), (weights / scale)[:, :, None])[:, :, 0]
+    residual = raw[:, :, -1] - explained.T
     return Leftover(left, (residual**2).sum(axis=0), residual)
 
 

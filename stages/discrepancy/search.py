@@ -190,7 +190,6 @@ def rank(
     temper = settings.temper
     none = [score_trials(state.current.white, state.samples, temper) for state in found.cells]
     scores: dict[tuple[str, str], list[Array]] = {}
-    squares: dict[tuple[str, str], list[Array]] = {}
     for place, (state, listed) in enumerate(zip(found.cells, candidates, strict=True)):
         for each in listed:
             key = (each.form.name, each.form.form)

@@ -1,0 +1,221 @@
+"""The two channels of a muscle: pressure from the command, and force from the measured pressure and contraction.
+
+Each is fed with measured signals from upstream, so that a fault shows where it arises. Recorded trials of one muscle
+flow in; cells flow out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from stages.plant.passage import predict_force, predict_pressure
+
+from stages.discrepancy.cell import Cell, Driver, Form
+from stages.plant.effect import ChainEffect, Parameter, list_effects, list_forms
+from stages.plant.muscle import MuscleConstants, braid_coefficients
+from stages.signals.trajectories import Array
+
+PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
+
+
+@dataclass(frozen=True)
+class Build:
+    """What is known of a muscle before anything is fitted."""
+
+    name: str
+    area_n_per_kpa: float
+    max_pressure_kpa: float
+    contraction_at_angle_0: float
+    contraction_per_rad: float
+    torque_arm_m: float
+
+
+@dataclass(frozen=True)
+class Records:
+    """Trials of one muscle, gaps filled; (T, K) arrays, and (K,) for the trials' starts.
+
+    Parameters
+    ----------
+    step_s : float
+        Time between samples, s.
+    start_s : (K,) ndarray
+        Start of each trial in the session, s.
+    command_kpa, pressure_kpa, contraction, velocity_per_s, force_n : (T, K) ndarray
+        As measured; where a gap was, a bridge.
+    known : mapping of str to (T, K) ndarray of bool
+        By signal, where it was measured.
+    others : mapping of str to (T, K) ndarray
+        Signals of other muscles and joints.
+    """
+
+    step_s: float
+    start_s: Array
+    command_kpa: Array
+    pressure_kpa: Array
+    contraction: Array
+    velocity_per_s: Array
+    force_n: Array
+    known: Mapping[str, NDArray[np.bool_]]
+    others: Mapping[str, Array]
+
+    def take(self, trials: Sequence[int]) -> Records:
+        """Return some of the trials."""
+        chosen = list(trials)
+        signals = ("command_kpa", "pressure_kpa", "contraction", "velocity_per_s", "force_n")
+        return replace(
+            self,
+            start_s=self.start_s[chosen],
+            **{name: np.ascontiguousarray(getattr(self, name)[:, chosen]) for name in signals},
+            known={name: values[:, chosen] for name, values in self.known.items()},
+            others={name: values[:, chosen] for name, values in self.others.items()},
+        )
+
+
+@dataclass(frozen=True)
+class MuscleCell(Cell):
+    """A channel of one muscle."""
+
+    build: Build
+    records: Records
+    tolerances: tuple[Parameter, ...]
+    load_cell_site: Literal["muscle_tip", "joint_end"]
+
+    @property
+    def element(self) -> str:  # type: ignore[override]
+        """The muscle's name."""
+        return self.build.name
+
+    @property
+    def step_s(self) -> float:  # type: ignore[override]
+        """Time between samples, s."""
+        return self.records.step_s
+
+    @property
+    def start_s(self) -> Array:  # type: ignore[override]
+        """Start of each trial in the session, s."""
+        return self.records.start_s
+
+    @property
+    def constants(self) -> tuple[Parameter, ...]:
+        """Nominal constants of this channel."""
+        return self.tolerances
+
+    def take(self, trials: Sequence[int]) -> Self:
+        """Return the cell with some of its trials."""
+        return replace(self, records=self.records.take(trials))
+
+    def _collect(self, constants: Mapping[str, float]) -> MuscleConstants:
+        build = self.build
+        a, b = braid_coefficients(constants.get("braid_angle_deg", 25.0))
+        area = build.area_n_per_kpa * constants.get("area_factor", 1.0)
+        given = {
+            "area_n_per_kpa": area,
+            "braid_a": a,
+            "braid_b": b,
+            "contraction_at_angle_0": build.contraction_at_angle_0,
+            "contraction_per_rad": build.contraction_per_rad,
+            "torque_arm_m": build.torque_arm_m,
+            "full_force_n": area * build.max_pressure_kpa * (a - b),
+            **constants,
+        }
+        columns = len(self.records.start_s)
+        return MuscleConstants(*(np.full(columns, given.get(name, 0.0)) for name in MuscleConstants._fields))
+
+
+class PressureCell(MuscleCell):
+    """Sensed pressure from the command."""
+
+    channel = "pressure_kpa"
+
+    @property
+    def measured(self) -> Array:  # type: ignore[override]
+        """Sensed pressure, kPa."""
+        return self.records.pressure_kpa
+
+    @property
+    def present(self) -> NDArray[np.bool_]:  # type: ignore[override]
+        """Where command and pressure were measured."""
+        return self.records.known["command_kpa"] & self.records.known["pressure_kpa"]
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """Effects between command and sensed pressure."""
+        return _offer(PRESSURE_SITES, "sensed_pressure_kpa")
+
+    def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
+        """Return the sensed pressure, kPa."""
+        placed = [(form.effect, values) for form, values in effects]
+        records = self.records
+        return predict_pressure(records.command_kpa, self._collect(constants), placed, records.step_s, records.start_s)
+
+    def drivers(self) -> list[Driver]:
+        """Return the command, how it changes, and the other muscles' commands."""
+        records = self.records
+        rate = np.gradient(records.command_kpa, records.step_s, axis=0)
+        own = [Driver("pressure_command_kpa", records.command_kpa), Driver("command_rate", rate, rate=True)]
+        return own + [Driver(name, v, own=False) for name, v in records.others.items() if "command" in name]
+
+
+class ForceCell(MuscleCell):
+    """Sensed force from measured pressure and contraction."""
+
+    channel = "force_n"
+
+    @property
+    def measured(self) -> Array:  # type: ignore[override]
+        """Sensed force, N."""
+        return self.records.force_n
+
+    @property
+    def present(self) -> NDArray[np.bool_]:  # type: ignore[override]
+        """Where force, pressure, contraction and its velocity were measured."""
+        known = self.records.known
+        return known["force_n"] & known["pressure_kpa"] & known["contraction"] & known["velocity_per_s"]
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """Effects between pressure, contraction and sensed force; at the muscle's tip no cable is felt."""
+        sites = FORCE_SITES if self.load_cell_site == "joint_end" else FORCE_SITES[:2]
+        return _offer(sites, "sensed_force_n")
+
+    def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
+        """Return the sensed force, N."""
+        placed = [(form.effect, values) for form, values in effects]
+        records = self.records
+        return predict_force(
+            records.pressure_kpa,
+            records.contraction,
+            records.velocity_per_s,
+            self._collect(constants),
+            placed,
+            records.step_s,
+            records.start_s,
+            self.load_cell_site,
+        )
+
+    def drivers(self) -> list[Driver]:
+        """Return pressure, contraction, their rates, and the other muscles' pressures and joints' angles."""
+        records = self.records
+        rate = np.gradient(records.pressure_kpa, records.step_s, axis=0)
+        own = [
+            Driver("pressure_kpa", records.pressure_kpa),
+            Driver("contraction", records.contraction),
+            Driver("contraction_velocity_per_s", records.velocity_per_s, rate=True),
+            Driver("pressure_rate", rate, rate=True),
+        ]
+        return own + [Driver(name, v, own=False) for name, v in records.others.items() if "command" not in name]
+
+
+def _offer(sites: Sequence[str], sensed: str) -> tuple[Form, ...]:
+    found = []
+    for name in list_effects():
+        for effect in list_forms(name):
+            if not isinstance(effect, ChainEffect) or not effect.parameters:
+                continue
+            if effect.site in sites or (effect.site == "sensor" and effect.signal == sensed):
+                found.append(Form(name, effect.form, effect.site, effect.parameters, effect))
+    return tuple(found)

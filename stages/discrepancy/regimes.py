@@ -1,0 +1,77 @@
+"""Where in the regimes of motion and time a gap lies.
+
+A cell flows in; out flow the samples of each regime, by name, and the residual's frequency bands.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.discrepancy.cell import Cell
+from stages.signals.trajectories import Array
+
+Mask = NDArray[np.bool_]
+
+AROUND_REVERSAL_S = 0.1
+BANDS_HZ = ((0.0, 1.0), (1.0, 5.0), (5.0, None))
+
+
+def find_regimes(cell: Cell) -> dict[str, Mask]:
+    """Return for each regime the samples in it, (T, K) ndarrays of bool.
+
+    Regimes come from the cell's own drivers: the sign of each rate and the moments at which it turns, each signal's
+    high and low half, time within the trial, and the trial's place in the session.
+    """
+    present = cell.present
+    regimes: dict[str, Mask] = {}
+    for driver in [each for each in cell.drivers() if each.own]:
+        name = _tell(driver.name)
+        if driver.rate:
+            moving = 0.05 * float(np.abs(driver.values[present]).max(initial=0.0))
+            regimes[f"{name} rising"] = driver.values > moving
+            regimes[f"{name} falling"] = driver.values < -moving
+            regimes[f"{name} reversal"] = _around_reversals(driver.values, moving, cell.step_s)
+        else:
+            middle = float(np.median(driver.values[present])) if present.any() else 0.0
+            regimes[f"{name} high"] = driver.values > middle
+            regimes[f"{name} low"] = driver.values <= middle
+    samples, trials = cell.measured.shape
+    early = np.arange(samples)[:, None] < 0.5 * samples
+    regimes["early in the trial"] = np.repeat(early, trials, axis=1)
+    regimes["late in the trial"] = ~regimes["early in the trial"]
+    first = np.arange(trials)[None, :] < 0.5 * trials
+    regimes["early in the session"] = np.repeat(first, samples, axis=0)
+    regimes["late in the session"] = ~regimes["early in the session"]
+    return {name: mask & present for name, mask in regimes.items()}
+
+
+def split_bands(residual: Array, step_s: float) -> dict[str, Array]:
+    """Return a residual's parts by frequency band; they sum to it."""
+    spectrum = np.fft.rfft(residual, axis=0)
+    frequency = np.fft.rfftfreq(len(residual), step_s)
+    parts = {}
+    for low, high in BANDS_HZ:
+        inside = (frequency >= low) & (frequency < (np.inf if high is None else high))
+        name = f"above {low:g} Hz" if high is None else f"{low:g} to {high:g} Hz"
+        parts[name] = np.fft.irfft(spectrum * inside[:, None], n=len(residual), axis=0)
+    return parts
+
+
+def _tell(name: str) -> str:
+    """Return a driver's name in words, without its unit."""
+    words = {"contraction_velocity_per_s": "velocity", "pressure_command_kpa": "command", "pressure_kpa": "pressure"}
+    return words.get(name, name.replace("_", " "))
+
+
+def _around_reversals(rate: Array, moving: float, step_s: float) -> Mask:
+    """Return the samples within a moment of a change of sign between two movements."""
+    around = max(round(AROUND_REVERSAL_S / step_s), 1)
+    mask = np.zeros(rate.shape, dtype=bool)
+    for k in range(rate.shape[1]):
+        direction = np.where(np.abs(rate[:, k]) > moving, np.sign(rate[:, k]), 0.0)
+        at = np.flatnonzero(direction)
+        turned = np.flatnonzero(np.diff(direction[at]) != 0.0)
+        for left, right in zip(at[turned], at[turned + 1], strict=True):
+            mask[max(left - around, 0) : right + around, k] = True
+    return mask
