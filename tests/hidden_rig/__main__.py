@@ -1,0 +1,91 @@
+"""``python -m tests.hidden_rig FOLDER effect=hysteresis magnitude=medium seed=3 muscles=pam1``; ``--list`` shows what.
+
+Keys: effect (two joined by +, or none), magnitude (weak, medium, strong), seed, muscles (joined by +, or all), trials,
+load_cell_site (muscle_tip, joint_end), noise (on, off).
+"""
+
+import sys
+from pathlib import Path
+
+from tests.hidden_rig.dataset import simulate, write
+from tests.hidden_rig.effects import EFFECTS
+from tests.hidden_rig.machine import MUSCLES
+from tests.hidden_rig.scenarios import MAGNITUDES, TRIALS, Scenario, default_catalogue, load_cell_for
+
+DEFAULTS = {
+    "effect": "none",
+    "magnitude": "medium",
+    "seed": "0",
+    "muscles": "all",
+    "trials": str(TRIALS),
+    "load_cell_site": "auto",
+    "noise": "on",
+}
+CHOICES = {"magnitude": MAGNITUDES, "load_cell_site": ("auto", "muscle_tip", "joint_end"), "noise": ("on", "off")}
+
+
+def parse(words: list[str]) -> Scenario:
+    """A scenario from ``key=value`` words.
+
+    Raises
+    ------
+    ValueError
+        A word that is not understood, with what would be.
+    """
+    asked = dict(DEFAULTS)
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or key not in DEFAULTS:
+            raise ValueError(f"{word!r} is not understood; give key=value with a key of: {', '.join(DEFAULTS)}")
+        if value not in CHOICES.get(key, (value,)):
+            raise ValueError(f"{key}={value}: one of {', '.join(CHOICES[key])}")
+        if key in ("seed", "trials") and not value.isdecimal():
+            raise ValueError(f"{key}={value}: a whole number of at least 0")
+        asked[key] = value
+    effects = () if asked["effect"] == "none" else tuple(asked["effect"].split("+"))
+    unknown = [key for key in effects if key not in EFFECTS]
+    if unknown:
+        raise ValueError(f"unknown effect {unknown[0]!r}; there are: none, {', '.join(EFFECTS)}")
+    muscles = MUSCLES if asked["muscles"] == "all" else tuple(asked["muscles"].replace(",", "+").split("+"))
+    seed, site = int(asked["seed"]), asked["load_cell_site"]
+    return Scenario(
+        effects,
+        asked["magnitude"],
+        seed,
+        muscles,
+        int(asked["trials"]),
+        load_cell_for(effects, seed) if site == "auto" else site,
+        asked["noise"] == "on",
+    )
+
+
+def list_effects() -> str:
+    """Every effect on a line, then the default catalogue's size."""
+    lines = [
+        f"{effect.key:24s}{effect.channel:14s}{effect.site:16s}up to {effect.largest:g} {effect.unit}"
+        f"{', outsider' if effect.outsider else ''}{', one form only' if effect.only_form else ''}"
+        for effect in EFFECTS.values()
+    ]
+    return "\n".join([*lines, f"none{'':20s}the default catalogue holds {len(default_catalogue())} scenarios"])
+
+
+def main(words: list[str]) -> int:
+    """Runs the command; 2 for words that are not understood."""
+    if words == ["--list"]:
+        print(list_effects())
+        return 0
+    if not words or words[0].startswith("-") or "=" in words[0]:
+        print(__doc__, file=sys.stderr)
+        return 2
+    try:
+        dataset = simulate(parse(words[1:]))
+        write(dataset, Path(words[0]))
+    except (ValueError, FileExistsError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(f"{words[0]}: {dataset.meta['trials']} trials; the truth is sealed in {words[0].rstrip('/')}.truth.json")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

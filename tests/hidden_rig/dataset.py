@@ -1,0 +1,179 @@
+"""Writes a measured dataset, and the truth sealed beside it.
+
+Flows in: a scenario, a folder. Flows out: ``FOLDER/samples.parquet``, ``FOLDER/meta.json`` and, outside the folder,
+``FOLDER.truth.json``. The folder appears whole or not at all.
+"""
+
+import json
+import os
+import shutil
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tests.hidden_rig.calibration import CHANNELS, NominalFit, Size, size_effect
+from tests.hidden_rig.chain import RATE_HZ, Readings
+from tests.hidden_rig.effects import EFFECTS
+from tests.hidden_rig.machine import (
+    BRAID_ANGLE_DEG,
+    CONTRACTION_FACTOR,
+    DATA_SHEET,
+    JOINT_OF_MUSCLE,
+    MUSCLES,
+    VALVE_TAU_S,
+    Array,
+)
+from tests.hidden_rig.scenarios import Scenario
+from tests.hidden_rig.session import TRIAL_S, Session, build_session, observe
+
+TIMING = "command u[k] is held over [t_k, t_k+1); sensors sample at t_k, before u[k] acts"
+GEOMETRY = "eps0 + sign*r/L0*joint_angle (constant moment arm)"
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """What is handed over, and what is sealed."""
+
+    samples: pd.DataFrame
+    meta: dict[str, Any]
+    truth: dict[str, Any]
+
+
+def simulate(scenario: Scenario) -> Dataset:
+    """The dataset of a scenario; sizes are set on noisy data even where ``noisy`` is false."""
+    refuse_nonsense(scenario)
+    session = build_session(scenario.seed, scenario.trials, scenario.load_cell_site)
+    fit = NominalFit(session)
+    carries = np.array([float(muscle in scenario.muscles) for muscle in MUSCLES])
+    sizes = {key: size_effect(fit, EFFECTS[key], carries, scenario.magnitude) for key in scenario.effects}
+    carried = tuple((EFFECTS[key], sized.size) for key, sized in sizes.items())
+    noisy = observe(session, carried)
+    shown = session
+    if not scenario.noisy:
+        shown = build_session(scenario.seed, scenario.trials, scenario.load_cell_site, noisy=False)
+    readings = noisy if scenario.noisy else observe(shown, carried)
+    return Dataset(tabulate(shown, readings), describe(shown), seal(scenario, fit, sizes, noisy))
+
+
+def refuse_nonsense(scenario: Scenario) -> None:
+    """One line for what cannot be simulated.
+
+    Raises
+    ------
+    ValueError
+        Unknown effect or muscle, two effects that both replace the valve, fewer than one trial, a negative seed.
+    """
+    for kind, asked, known in (("effect", scenario.effects, EFFECTS), ("muscle", scenario.muscles, MUSCLES)):
+        unknown = [each for each in asked if each not in known]
+        if unknown:
+            raise ValueError(f"unknown {kind} {unknown[0]!r}; there are: {', '.join(known)}")
+    if sum(EFFECTS[key].site == "valve" for key in scenario.effects) > 1:
+        raise ValueError(f"{' and '.join(scenario.effects)} both replace the valve: hide one of them")
+    if scenario.trials < 1 or scenario.seed < 0 or not scenario.muscles:
+        raise ValueError(f"need a trial, a muscle and a seed of at least 0, not {scenario}")
+
+
+def tabulate(session: Session, readings: Readings) -> pd.DataFrame:
+    """One row per (trial, time, muscle)."""
+    command = session.stimulus.command_kpa
+    muscles, trials, samples = command.shape
+    columns = {
+        "pressure_command_kpa": command,
+        "pressure_kpa": readings.pressure_kpa,
+        "contraction": session.contraction,
+        "contraction_velocity_per_s": session.contraction_velocity_per_s,
+        "force_n": readings.force_n,
+        "joint_angle_rad": session.joint_rad[JOINT_OF_MUSCLE],
+        "joint_velocity_rad_per_s": session.joint_rad_per_s[JOINT_OF_MUSCLE],
+    }
+    return pd.DataFrame(
+        {
+            "trial": np.repeat(np.arange(trials, dtype=np.int64), samples * muscles),
+            "time_s": np.tile(np.repeat(np.arange(samples) / RATE_HZ, muscles), trials),
+            "muscle": np.tile(np.array(MUSCLES, dtype=object), trials * samples),
+            **{name: np.moveaxis(values, 0, -1).ravel() for name, values in columns.items()},
+        }
+    )
+
+
+def describe(session: Session) -> dict[str, Any]:
+    """``meta.json``: what a user would know."""
+    sheets = {muscle: asdict(sheet) for muscle, sheet in DATA_SHEET.items()}
+    damping = {muscle: sheet.pop("damping_n_s") for muscle, sheet in sheets.items()}
+    return {
+        "sampling_rate_hz": RATE_HZ,
+        "trial_s": TRIAL_S,
+        "trials": session.stimulus.start_s.size,
+        "trial_start_s": session.stimulus.start_s.tolist(),
+        "timing": TIMING,
+        "load_cell_site": session.load_cell_site,
+        "contraction_column": GEOMETRY,
+        "muscles": sheets,
+        "nominal": {
+            "valve_tau_s": VALVE_TAU_S,
+            "braid_angle_deg": BRAID_ANGLE_DEG,
+            "contraction_factor": CONTRACTION_FACTOR,
+            "damping_n_s": damping,
+        },
+        "description": "2-DoF upper-limb exoskeleton, a person moving the joints, commanded PAM pressures",
+    }
+
+
+def seal(scenario: Scenario, fit: NominalFit, sizes: dict[str, Size], readings: Readings) -> dict[str, Any]:
+    """``truth.json``: the scenario, what is hidden and how large, floors, gaps and the machine's true constants."""
+    machine = {name: np.asarray(value).tolist() for name, value in vars(fit.session.machine).items()}
+    machine = {name: value for name, value in machine.items() if "filter" not in name}
+    return {
+        "scenario": asdict(scenario),
+        "name": scenario.name,
+        "effects": [tell(key, sized, scenario.muscles) for key, sized in sizes.items()],
+        "floor": {channel: by_muscle(fit.floor[channel]) for channel in CHANNELS},
+        "gap_over_floor": {channel: by_muscle(fit.ratio(readings, channel)) for channel in CHANNELS},
+        "machine": machine,
+    }
+
+
+def tell(key: str, sized: Size, muscles: tuple[str, ...]) -> dict[str, Any]:
+    """One hidden effect; its numbers for the muscles that carry it."""
+    effect = EFFECTS[key]
+    facts = {
+        name: getattr(effect, name) for name in ("key", "name", "site", "channel", "unit", "only_form", "outsider")
+    }
+    numbers = {"size": sized.size, "gap_over_floor": sized.ratio, "absorbed_share": sized.absorbed}
+    told = {name: {m: by_muscle(values)[m] for m in muscles} for name, values in numbers.items()}
+    return {**facts, "muscles": list(muscles), **told, "reached": sized.reached}
+
+
+def by_muscle(values: Array) -> dict[str, float]:
+    """(4,) by muscle."""
+    return dict(zip(MUSCLES, map(float, values), strict=True))
+
+
+def write(dataset: Dataset, folder: Path) -> None:
+    """Writes the folder, then the seal beside it.
+
+    Raises
+    ------
+    FileExistsError
+        The folder or the seal is there already: nothing is written over.
+    """
+    sealed = folder.parent / f"{folder.name}.truth.json"
+    for path in (folder, sealed):
+        if path.exists():
+            raise FileExistsError(f"{path} is there already: nothing is written over")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    made = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        dataset.samples.to_parquet(made / "samples.parquet", index=False)
+        (made / "meta.json").write_text(json.dumps(dataset.meta, indent=1) + "\n")
+        (made / "truth").write_text(json.dumps(dataset.truth, indent=1) + "\n")
+        os.replace(made / "truth", sealed)
+        made.chmod(0o755)
+        os.replace(made, folder)
+    except BaseException:
+        shutil.rmtree(made, ignore_errors=True)
+        raise

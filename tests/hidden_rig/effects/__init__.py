@@ -1,0 +1,5 @@
+"""Every hidden effect by its key."""
+
+from tests.hidden_rig.effects import cable, muscle, sensor, valve
+
+EFFECTS = {effect.key: effect for module in (valve, muscle, cable, sensor) for effect in module.EFFECTS}

@@ -1,0 +1,90 @@
+"""The catalogue: which datasets a scorecard is made of.
+
+Flows in: lists of effects, magnitudes and seeds. Flows out: ``Scenario``, all that a dataset depends on.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Literal
+
+from tests.hidden_rig.effects import EFFECTS
+from tests.hidden_rig.machine import MUSCLES
+from tests.hidden_rig.signals import LoadCellSite
+
+Magnitude = Literal["weak", "medium", "strong"]
+
+MAGNITUDES: tuple[Magnitude, ...] = ("weak", "medium", "strong")
+TRIALS = 16
+MAIN = (
+    "hysteresis", "coulomb_friction", "stribeck_friction", "capstan_friction", "transport_delay", "valve_lag",
+    "valve_rate_limit", "valve_asymmetry", "threshold_pressure", "creep", "series_elasticity", "sensor_drift",
+    "cubic_stiffness", "channel_misalignment",
+)  # fmt: skip
+PAIRS = (
+    ("hysteresis", "transport_delay"), ("coulomb_friction", "valve_asymmetry"), ("creep", "valve_rate_limit"),
+    ("sensor_drift", "transport_delay"), ("capstan_friction", "valve_lag"),
+    ("cubic_stiffness", "sensor_drift_pressure"),
+    ("hysteresis", "sensor_drift"), ("series_elasticity", "valve_asymmetry"), ("threshold_pressure", "transport_delay"),
+    ("channel_misalignment", "valve_asymmetry"), ("end_stiffening", "coulomb_friction"), ("creep", "sensor_drift"),
+)  # fmt: skip
+SEEDS_OF = {"none": 1000, "main": 2000, "outsider": 3000, "pair": 4000, "one_muscle": 5000}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A dataset in words: keys of the hidden effects (none, one or two), size, carriers, seed, trials, load cell."""
+
+    effects: tuple[str, ...]
+    magnitude: Magnitude
+    seed: int
+    muscles: tuple[str, ...] = MUSCLES
+    trials: int = TRIALS
+    load_cell_site: LoadCellSite = "joint_end"
+    noisy: bool = True
+
+    @property
+    def name(self) -> str:
+        """For folders: effect, magnitude, carriers if not all, seed."""
+        hidden = f"{'+'.join(self.effects)}-{self.magnitude}" if self.effects else "none"
+        where = "" if self.muscles == MUSCLES else "-" + "+".join(self.muscles)
+        return f"{hidden}{where}-{self.seed}"
+
+
+def load_cell_for(effects: Sequence[str], seed: int) -> LoadCellSite:
+    """At the joint's end where a cable effect must show; otherwise one seed in two sits at the muscle's tip."""
+    cable = any(EFFECTS[key].site == "cable" for key in effects)
+    return "joint_end" if cable or seed % 2 == 0 else "muscle_tip"
+
+
+def scenario(effects: Sequence[str], magnitude: Magnitude, seed: int, muscles: Sequence[str] = MUSCLES) -> Scenario:
+    """A scenario of the catalogue's usual length, the load cell where the effect can show."""
+    return Scenario(tuple(effects), magnitude, seed, tuple(muscles), load_cell_site=load_cell_for(effects, seed))
+
+
+def catalogue(effects: Sequence[str], magnitudes: Sequence[Magnitude], seeds: Sequence[int]) -> list[Scenario]:
+    """Every effect in every magnitude; no two effects share a seed, so that no machine is met twice."""
+    keys = list(EFFECTS)
+    return [
+        scenario((key,), magnitude, seed + 100_000 * (1 + keys.index(key)))
+        for key, magnitude, seed in product(effects, magnitudes, seeds)
+    ]
+
+
+def default_catalogue() -> list[Scenario]:
+    """The scorecard's 314: 60 none, 14 effects x 3 x 5, 20 outsiders, 12 pairs, 12 on one muscle."""
+    outsiders = [key for key, effect in EFFECTS.items() if effect.outsider]
+    none = [scenario((), "medium", SEEDS_OF["none"] + k) for k in range(60)]
+    main = catalogue(MAIN, MAGNITUDES, range(SEEDS_OF["main"], SEEDS_OF["main"] + 5))
+    foreign = [
+        scenario(
+            (outsiders[k % len(outsiders)],), ("medium", "strong")[k // len(outsiders) % 2], SEEDS_OF["outsider"] + k
+        )
+        for k in range(20)
+    ]
+    pairs = [scenario(pair, "strong", SEEDS_OF["pair"] + k) for k, pair in enumerate(PAIRS)]
+    single = [
+        scenario((key,), "strong", SEEDS_OF["one_muscle"] + k, (MUSCLES[k % len(MUSCLES)],))
+        for k, key in enumerate(MAIN[:12])
+    ]
+    return none + main + foreign + pairs + single
