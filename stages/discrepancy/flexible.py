@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
+from numba import njit
 
 from stages.discrepancy.cell import Cell, Driver
 from stages.discrepancy.fitting import Fit, Grams
@@ -18,8 +19,8 @@ from stages.discrepancy.noise import Noise, whiten
 from stages.signals.trajectories import Array
 
 LAGS_S = (0.02, 0.06, 0.2, 0.6, 2.0)
-WIDTHS = (0.15, 0.5, 1.5)
-"""Half-widths of play operators, in standard deviations of the signal."""
+WIDTHS = (0.03, 0.1, 0.3, 1.0)
+"""Half-widths of stop operators, in standard deviations of the signal."""
 KINKS = (-1.0, 0.0, 1.0)
 PENALTIES = (1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)
 
@@ -98,33 +99,32 @@ def _leave_each_out(white: Array, raw: Array, first: int, precision: Array) -> L
 
 
 def build_features(cell: Cell) -> Array:
-    """Return generic features of a cell's drivers, (T, K, F): powers, products, lags, play, directions, time."""
+    """Return generic features of a cell's drivers, (T, K, F): powers, products, lags, stops, directions, time."""
     drivers = cell.drivers()
-    own = {each.name: _standardise(each.values) for each in drivers if each.own}
+    own = [(each, _standardise(each.values)) for each in drivers if each.own]
     columns: list[Array] = []
     for degree in (1, 2, 3):
-        for chosen in combinations_with_replacement(own, degree):
-            columns.append(np.prod([own[name] for name in chosen], axis=0))
-    for each in drivers:
-        columns += _remember(each, own[each.name] if each.own else _standardise(each.values), cell.step_s)
-    first = next(iter(own.values()))
-    for each in [driver for driver in drivers if driver.rate]:
-        for width in (0.1, 0.5):
-            direction = np.tanh(own[each.name] / width)
-            columns += [direction, direction * first, direction * first**2]
-    columns += _session(cell, first)
+        for chosen in combinations_with_replacement([signal for _, signal in own], degree):
+            columns.append(np.prod(chosen, axis=0))
+    scales = [np.ones_like(own[0][1]), *(signal for driver, signal in own if not driver.rate)]
+    for driver, signal in own:
+        remembered = _remember(driver, signal, cell.step_s)
+        columns += [each * scale for each in remembered for scale in scales]
+    for each in [driver for driver in drivers if not driver.own]:
+        signal = _standardise(each.values)
+        columns += [signal, signal**2, _lag(signal, LAGS_S[1], cell.step_s), _lag(signal, LAGS_S[3], cell.step_s)]
+    columns += _session(cell, own[0][1])
     return np.stack([_standardise(column) for column in columns], axis=2)
 
 
 def _remember(driver: Driver, signal: Array, step_s: float) -> list[Array]:
-    lags = [_lag(signal, tau, step_s) for tau in LAGS_S]
-    if not driver.own:
-        return [signal, lags[1], lags[3], signal**2]
+    """Return what one signal was: recent means, and stops that follow its changes up to a width; or its direction."""
     if driver.rate:
-        return [lags[0], lags[1], lags[2], signal * np.abs(signal)]
-    plays = [_play(signal, width) for width in WIDTHS]
+        directions = [np.tanh(signal / width) for width in (0.1, 0.5)]
+        return [*directions, signal * np.abs(signal), _lag(signal, LAGS_S[0], step_s), _lag(signal, LAGS_S[1], step_s)]
+    lags = [_lag(signal, tau, step_s) for tau in LAGS_S]
     kinks = [np.maximum(signal - kink, 0.0) for kink in KINKS]
-    return [*lags, *(each * signal for each in lags), *plays, *(each * signal for each in plays), *kinks]
+    return [*lags, *(_stop(signal, width) for width in WIDTHS), *kinks]
 
 
 def _session(cell: Cell, first: Array) -> list[Array]:
@@ -149,9 +149,10 @@ def _lag(signal: Array, tau_s: float, step_s: float) -> Array:
     return lagged
 
 
-def _play(signal: Array, width: float) -> Array:
-    held = np.empty_like(signal)
-    held[0] = signal[0]
-    for t in range(1, len(signal)):
-        held[t] = np.minimum(np.maximum(held[t - 1], signal[t] - width), signal[t] + width)
-    return held
+@njit(cache=True, error_model="numpy")
+def _stop(signal: Array, width: float) -> Array:
+    stop = np.zeros_like(signal)
+    for t in range(1, signal.shape[0]):
+        for k in range(signal.shape[1]):
+            stop[t, k] = min(max(stop[t - 1, k] + signal[t, k] - signal[t - 1, k], -width), width)
+    return stop

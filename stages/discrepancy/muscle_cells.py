@@ -111,7 +111,7 @@ class MuscleCell(Cell):
     def _collect(self, constants: Mapping[str, float]) -> MuscleConstants:
         build = self.build
         a, b = braid_coefficients(constants.get("braid_angle_deg", 25.0))
-        area = build.area_n_per_kpa * constants.get("area_factor", 1.0)
+        area = build.area_n_per_kpa
         given = {
             "area_n_per_kpa": area,
             "braid_a": a,
@@ -119,6 +119,8 @@ class MuscleCell(Cell):
             "contraction_at_angle_0": build.contraction_at_angle_0,
             "contraction_per_rad": build.contraction_per_rad,
             "torque_arm_m": build.torque_arm_m,
+            "area_factor": 1.0,
+            "regulator_gain": 1.0,
             "full_force_n": area * build.max_pressure_kpa * (a - b),
             **constants,
         }

@@ -79,9 +79,10 @@ class CellState:
         least = min(self.leftover.raw.sum(), self.current.raw.sum(), self.nominal.raw.sum())
         return float(np.sqrt(least / self.samples.sum()))
 
-    def ratio(self, raw: Array) -> float:
-        """Return a gap over the floor."""
-        return float(np.sqrt(raw.sum() / self.samples.sum())) / self.floor
+    def ratio(self, raw: Array, best: Array | None = None) -> float:
+        """Return a gap over the floor, or over what the best fit known leaves, if that is less."""
+        floor = self.floor if best is None else min(self.floor, float(np.sqrt(best.sum() / self.samples.sum())))
+        return float(np.sqrt(raw.sum() / self.samples.sum())) / floor
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,10 @@ def prepare(cell: Cell) -> CellState:
     model = Model(cell)
     plain = Noise(max(0.01 * cell.range, 1e-9), 1e-12, 0.03, 1e-12, 1.0)
     rough = fit(model, plain, begin(model))
-    noise = estimate_noise(explain_residual(rough, None).residual, cell.present, cell.step_s)
+    noise: Noise | None = None
+    for _ in range(2):  # the better the noise is known, the better the flexible model tells it from the rest
+        noise = estimate_noise(explain_residual(rough, noise).residual, cell.present, cell.step_s)
+    assert noise is not None
     nominal = assess(fit(model, noise, rough.values))
     return CellState(cell, noise, nominal, nominal, explain_residual(nominal.fit, noise))
 
@@ -327,8 +331,10 @@ def _carriers(
         fitted = choices[place].get(key)
         if fitted is None or verdicts.carries[name][place] <= 0.5:
             continue
-        before, after = state.ratio(state.current.raw), state.ratio(fitted.raw)
-        initial = state.ratio(state.nominal.raw) - 1.0
+        before, after, initial = (
+            state.ratio(raw, fitted.raw) for raw in (state.current.raw, fitted.raw, state.nominal.raw)
+        )
+        initial -= 1.0
         if before - after > max(settings.least_gain, settings.least_share * initial):
             gains[place] = before
     channel = {found.cells[place].cell.channel for place in gains}
@@ -342,8 +348,16 @@ def _add(found: Search, named: Named, choices: Sequence[Choice]) -> None:
     key = (named.name, named.form)
     for place, state in enumerate(found.cells):
         if state.cell.channel == named.channel and state.cell.element in named.elements:
-            current = choices[place][key]
-            found.cells[place] = replace(state, current=current, leftover=explain_residual(current.fit, state.noise))
+            found.cells[place] = _update(state, choices[place][key].fit)
+
+
+def _update(state: CellState, found: Fit) -> CellState:
+    """Go on from a fit: estimate the noise anew from what a flexible model leaves of it, and fit once more."""
+    cell = state.cell
+    noise = estimate_noise(explain_residual(found, state.noise).residual, cell.present, cell.step_s)
+    current = assess(fit(found.model, noise, found.values))
+    nominal = assess(fit(state.nominal.fit.model, noise, state.nominal.fit.values))
+    return CellState(cell, noise, nominal, current, explain_residual(current.fit, noise))
 
 
 def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
@@ -394,7 +408,7 @@ def unexplained_share(
         initial = _drawn_gap(states, weights, lambda state: state.nominal.raw)
         now = _drawn_gap(states, weights, lambda state: state.current.raw)
         least = _drawn_gap(states, weights, lambda state: state.leftover.raw)
-        share = (now - least) / np.maximum(initial - least, 1e-9)
+        share = np.where(initial > least, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
         matters = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
         shares[channel] = (float(np.median(share)), float(matters.mean()))
     return shares
