@@ -21,6 +21,7 @@ from tests.hidden_rig.signals import Effect
 TAU_S = (0.01, 0.2)
 RATIOS = {"weak": 1.3, "medium": 2.5, "strong": 6.0}
 SHARE_OF_LARGEST = {"weak": 0.25, "medium": 0.5, "strong": 1.0}
+UNSEEN = 1.05
 CLOSE_ENOUGH = 0.01
 HALVINGS = 16
 CHANNELS = ("pressure_kpa", "force_n")
@@ -67,7 +68,9 @@ class NominalFit:
 
     def force_rms(self, muscle: int, readings: Readings) -> float:
         """Linear regression."""
-        basis, force = self.force_basis(muscle, readings), readings.force_n[muscle].ravel()
+        same = np.array_equal(readings.pressure_kpa[muscle], self.without.pressure_kpa[muscle])
+        basis = self.bases_without[muscle] if same else self.force_basis(muscle, readings)
+        force = readings.force_n[muscle].ravel()
         return float(np.sqrt(np.mean((force - basis @ (basis.T @ force)) ** 2)))
 
     def force_basis(self, muscle: int, readings: Readings) -> Array:
@@ -80,6 +83,11 @@ class NominalFit:
     def without(self) -> Readings:
         """The session's readings with nothing hidden."""
         return observe(self.session, ())
+
+    @cached_property
+    def bases_without(self) -> list[Array]:
+        """The force's basis of each muscle with nothing hidden."""
+        return [self.force_basis(muscle, self.without) for muscle in range(len(MUSCLES))]
 
     @cached_property
     def floor(self) -> dict[str, Array]:
@@ -97,7 +105,7 @@ class NominalFit:
 
     def share_spanned(self, muscle: int, change: Array, channel: str) -> float:
         """Energy of the projection over all energy; zero for no change."""
-        basis = self.force_basis(muscle, self.without) if channel == "force_n" else self.pressure_basis(muscle)
+        basis = self.bases_without[muscle] if channel == "force_n" else self.pressure_basis(muscle)
         energy = change @ change
         return float(np.sum((basis.T @ change) ** 2) / energy) if energy else 0.0
 
@@ -118,7 +126,8 @@ def lag(command_kpa: Array, tau_s: float) -> Array:
 def size_effect(fit: NominalFit, effect: Effect, carries: Array, magnitude: str) -> Size:
     """Sizes that bring the carrying muscles' gap to the magnitude's ratio, by bisection, each muscle on its own.
 
-    Where even the largest size stays below (the constants absorb it), a stated share of the largest is taken.
+    Where even the largest size stays below the target, it is taken; where it stays within ``UNSEEN`` of the floor (the
+    constants absorb it), the magnitude's share of it.
     """
     target = RATIOS[magnitude]
 
@@ -126,8 +135,10 @@ def size_effect(fit: NominalFit, effect: Effect, carries: Array, magnitude: str)
         return fit.ratio(observe(fit.session, ((effect, size),)), effect.channel)
 
     low, high = effect.largest * 1e-5 * carries, effect.largest * carries
-    reachable = ratio_at(high) >= target
-    size = np.where(reachable, np.sqrt(low * high), SHARE_OF_LARGEST[magnitude] * high)
+    farthest = ratio_at(high)
+    reachable = farthest >= target
+    nearest = np.where(farthest > UNSEEN, high, SHARE_OF_LARGEST[magnitude] * high)
+    size = np.where(reachable, np.sqrt(low * high), nearest)
     for _ in range(HALVINGS):
         ratio = ratio_at(size)
         off = reachable & (carries > 0.0) & (np.abs(ratio / target - 1.0) > CLOSE_ENOUGH)

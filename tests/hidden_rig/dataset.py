@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from tests.hidden_rig.calibration import CHANNELS, NominalFit, Size, size_effect
 from tests.hidden_rig.chain import RATE_HZ, Readings
@@ -46,6 +47,12 @@ class Dataset:
 def simulate(scenario: Scenario) -> Dataset:
     """The dataset of a scenario; sizes are set on noisy data even where ``noisy`` is false."""
     refuse_nonsense(scenario)
+    with threadpool_limits(1, user_api="blas"):
+        return simulate_possible(scenario)
+
+
+def simulate_possible(scenario: Scenario) -> Dataset:
+    """The dataset of a scenario that makes sense."""
     session = build_session(scenario.seed, scenario.trials, scenario.load_cell_site)
     fit = NominalFit(session)
     carries = np.array([float(muscle in scenario.muscles) for muscle in MUSCLES])

@@ -7,7 +7,7 @@ import numpy as np
 
 from tests.hidden_rig.machine import DATA_SHEET, MUSCLES, Array
 
-LOWEST_KPA = 45.0
+LOWEST_KPA = (15.0, 120.0)
 CEILING_KPA = {"agonist": (250.0, 500.0), "antagonist": (300.0, 600.0)}
 
 
@@ -19,7 +19,7 @@ def command_pressures(rng: np.random.Generator, trials: int, time_s: Array) -> A
     for index, muscle in enumerate(MUSCLES):
         lowest, highest = CEILING_KPA[DATA_SHEET[muscle].role]
         for trial in range(trials):
-            low, high = rng.uniform(LOWEST_KPA, 130.0), rng.uniform(lowest, highest)
+            low, high = rng.uniform(*LOWEST_KPA), rng.uniform(lowest, highest)
             maker = smooth if natural[trial] else abrupt[rng.integers(len(abrupt))]
             commands[index, trial] = low + (high - low) * maker(rng, time_s)
     return commands

@@ -54,7 +54,11 @@ JOINT_OF_MUSCLE = np.array([JOINTS.index(DATA_SHEET[muscle].joint) for muscle in
 
 @dataclass(frozen=True)
 class Machine:
-    """True constants, (4,) each; ``passive_share`` is (4, 4): the sleeve's cubic in contraction over full force."""
+    """True constants, (4,) each.
+
+    ``passive_share`` is (4, 4): the sleeve's cubic in contraction over full force; ``hand``, of -1 and 1, is the way in
+    which an effect that could go either way goes.
+    """
 
     diameter_m: Array
     braid_rad: Array
@@ -72,6 +76,7 @@ class Machine:
     force_zero_share: Array
     pressure_filter_hz: Array
     force_filter_hz: Array
+    hand: Array
 
     @property
     def full_force_n(self) -> Array:
@@ -117,11 +122,11 @@ def build_machine(rng: np.random.Generator, varied: bool = True) -> Machine:
     ideal_hz = np.full(4, np.inf)
     filters_hz = 400.0 * np.exp(np.clip(0.05 * rng.standard_normal((2, 4)), -0.1, 0.1))
     return Machine(
-        diameter_m=sheet_column("nominal_diameter_m") * (1.0 + vary(0.01)),
+        diameter_m=sheet_column("nominal_diameter_m") * (1.0 + vary(0.008)),
         braid_rad=np.deg2rad(BRAID_ANGLE_DEG + vary(0.25)),
         contraction_factor=CONTRACTION_FACTOR * (1.0 + vary(0.01)),
         damping_n_s=sheet_column("damping_n_s") * (1.0 + vary(0.15)),
-        passive_share=vary(1.0, (4, 4)) * np.array([3e-4, 3e-4, 2e-4, 3e-5]),
+        passive_share=vary(1.0, (4, 4)) * np.array([3e-4, 3e-4, 2e-4, 2e-5]),
         arm_error=vary(0.01),
         zero_error=vary(0.0015),
         valve_tau_s=VALVE_TAU_S * (1.0 + vary(0.06)),
@@ -133,4 +138,5 @@ def build_machine(rng: np.random.Generator, varied: bool = True) -> Machine:
         force_zero_share=vary(0.0005),
         pressure_filter_hz=filters_hz[0] if varied else ideal_hz,
         force_filter_hz=filters_hz[1] if varied else ideal_hz,
+        hand=rng.choice([-1.0, 1.0], 4),
     )

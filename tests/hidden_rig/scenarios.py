@@ -21,11 +21,12 @@ MAIN = (
     "valve_rate_limit", "valve_asymmetry", "threshold_pressure", "creep", "series_elasticity", "sensor_drift",
     "cubic_stiffness", "channel_misalignment",
 )  # fmt: skip
+NEARLY_ABSORBED = ("series_elasticity", "threshold_pressure")
 PAIRS = (
     ("hysteresis", "transport_delay"), ("coulomb_friction", "valve_asymmetry"), ("creep", "valve_rate_limit"),
     ("sensor_drift", "transport_delay"), ("capstan_friction", "valve_lag"),
     ("cubic_stiffness", "sensor_drift_pressure"),
-    ("hysteresis", "sensor_drift"), ("series_elasticity", "valve_asymmetry"), ("threshold_pressure", "transport_delay"),
+    ("hysteresis", "sensor_drift"), ("pressure_dead_band", "valve_asymmetry"), ("stribeck_friction", "transport_delay"),
     ("channel_misalignment", "valve_asymmetry"), ("end_stiffening", "coulomb_friction"), ("creep", "sensor_drift"),
 )  # fmt: skip
 SEEDS_OF = {"none": 1000, "main": 2000, "outsider": 3000, "pair": 4000, "one_muscle": 5000}
@@ -82,9 +83,9 @@ def default_catalogue() -> list[Scenario]:
         )
         for k in range(20)
     ]
-    pairs = [scenario(pair, "strong", SEEDS_OF["pair"] + k) for k, pair in enumerate(PAIRS)]
+    pairs = [scenario(pair, MAGNITUDES[1 + k % 2], SEEDS_OF["pair"] + k) for k, pair in enumerate(PAIRS)]
     single = [
-        scenario((key,), "strong", SEEDS_OF["one_muscle"] + k, (MUSCLES[k % len(MUSCLES)],))
-        for k, key in enumerate(MAIN[:12])
+        scenario((key,), MAGNITUDES[1 + k // 4 % 2], SEEDS_OF["one_muscle"] + k, (MUSCLES[k % len(MUSCLES)],))
+        for k, key in enumerate(key for key in MAIN if key not in NEARLY_ABSORBED)
     ]
     return none + main + foreign + pairs + single

@@ -5,6 +5,7 @@ noise lies on data with and without an effect) and readings at the sampling rate
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.signal import cont2discrete, lfilter, lfiltic, savgol_filter
@@ -97,12 +98,18 @@ def second_order(rows: Array, corner_hz: float, step_s: float) -> Array:
     """Butterworth-damped second-order filter, settled on each row's first sample."""
     if not np.isfinite(corner_hz):
         return rows
+    top, bottom = discretise(corner_hz, step_s)
+    settled = lfiltic(top, bottom, np.ones(2), np.ones(2))
+    return lfilter(top, bottom, rows, axis=-1, zi=settled * rows[:, :1])[0]
+
+
+@lru_cache(maxsize=64)
+def discretise(corner_hz: float, step_s: float) -> tuple[Array, Array]:
+    """Numerator and denominator at a step, the input taken as straight between samples."""
     natural = 2.0 * np.pi * corner_hz
     system = ([natural**2], [1.0, np.sqrt(2.0) * natural, natural**2])
     top, bottom, _ = cont2discrete(system, step_s, method="foh")
-    top = top.ravel()
-    settled = lfiltic(top, bottom, np.ones(2), np.ones(2))
-    return lfilter(top, bottom, rows, axis=-1, zi=settled * rows[:, :1])[0]
+    return top.ravel(), bottom
 
 
 def read_encoder(angle_rad: Array, step_s: float, noise: Noise) -> tuple[Array, Array]:

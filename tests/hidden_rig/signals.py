@@ -61,6 +61,11 @@ class Signals:
         return self.machine.full_force_n[:, None, None]
 
     @property
+    def hand(self) -> Array:
+        """The way in which an effect goes that could go either way, (4, 1, 1)."""
+        return self.machine.hand[:, None, None]
+
+    @property
     def session_s(self) -> Array:
         """Time since the session began, s, (trials, fine samples)."""
         return self.start_s[:, None] + self.time_s

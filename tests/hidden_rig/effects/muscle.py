@@ -5,15 +5,15 @@ samples); a muscle that shortens against an effect loses tension.
 """
 
 import numpy as np
+from scipy.special import expit
 
 from tests.hidden_rig.kernels import bouc_wen, fill_first_order
-from tests.hidden_rig.machine import Array, arm_over_length, column
+from tests.hidden_rig.machine import Array, arm_over_length
 from tests.hidden_rig.signals import Effect, Signals
 
 YIELD_CONTRACTION = np.array([0.011, 0.0095, 0.0105, 0.009])
 BRANCHES = ((0.12, 0.25), (0.6, 0.45), (2.5, 0.3))
-TAKE_UP_KPA = 6.0
-GATE_KPA = 8.0
+SOFT_SHARE = 0.12
 
 
 def hysteresis(s: Signals, share: Array) -> Array:
@@ -55,12 +55,14 @@ def tendon_compliance(load: Array) -> Array:
 
 def take_up(s: Signals, threshold_kpa: Array) -> Array:
     """The sleeve takes up the first pressure, softly."""
-    return TAKE_UP_KPA * np.logaddexp(0.0, (s.acting_kpa - threshold_kpa) / TAKE_UP_KPA)
+    soft = np.maximum(SOFT_SHARE * threshold_kpa, 1e-6)
+    return soft * np.logaddexp(0.0, (s.acting_kpa - threshold_kpa) / soft)
 
 
 def gate(s: Signals, threshold_kpa: Array) -> Array:
     """No pull below a pressure; above it, all of it."""
-    return s.acting_kpa / (1.0 + np.exp(-(s.acting_kpa - threshold_kpa) / GATE_KPA))
+    soft = np.maximum(SOFT_SHARE * threshold_kpa, 1e-6)
+    return s.acting_kpa * expit((s.acting_kpa - threshold_kpa) / soft)
 
 
 def harden(s: Signals, share: Array) -> Array:
@@ -76,7 +78,7 @@ def stiffen_at_end(s: Signals, share: Array) -> Array:
 def cam(s: Signals, share: Array) -> Array:
     """The moment arm varies with the angle as an eccentric pulley's: r (1 + share cos(3 angle + 0.6))."""
     swing = np.sin(3.0 * s.travel_rad + 0.6) / 3.0
-    return s.contraction + arm_over_length()[:, None, None] * share * (swing - np.sin(0.6) / 3.0)
+    return s.contraction + arm_over_length()[:, None, None] * s.hand * share * (swing - np.sin(0.6) / 3.0)
 
 
 def soften_with_work(s: Signals, share: Array) -> Array:
@@ -95,15 +97,15 @@ def catch(s: Signals, share: Array) -> Array:
 
 def bulge(s: Signals, share: Array) -> Array:
     """The bladder bulges between the strands: the pull bends with pressure."""
-    return s.tension_n * (1.0 + share * ((s.acting_kpa - 280.0) / 200.0) ** 2)
+    return s.tension_n * (1.0 + s.hand * share * ((s.acting_kpa - 280.0) / 200.0) ** 2)
 
 
 def slacken(s: Signals, slack: Array) -> Array:
     """A slack cable hangs until the muscle has shortened by ``slack``; a muscle that cannot passes no tension."""
-    soft = 0.004 * s.full_n
-    loose = s.machine.static_force(s.acting_kpa, s.contraction + slack)
-    damped = loose - column(s.machine.damping_n_s, loose) * s.velocity_per_s
-    return soft * np.logaddexp(0.0, damped / soft)
+    soft = 0.002 * s.full_n
+    looser = s.machine.static_force(s.acting_kpa, s.contraction + slack)
+    loose = s.tension_n + looser - s.machine.static_force(s.acting_kpa, s.contraction)
+    return soft * np.logaddexp(0.0, loose / soft)
 
 
 EFFECTS = (
@@ -113,7 +115,7 @@ EFFECTS = (
     Effect("threshold_pressure", "threshold_pressure", "acting_pressure", "force_n", "kpa", 150.0, take_up),
     Effect("pressure_dead_band", "pressure_dead_band", "acting_pressure", "force_n", "kpa", 150.0, gate),
     Effect("cubic_stiffness", "cubic_stiffness", "muscle", "force_n", "share", 0.1, harden),
-    Effect("end_stiffening", "end_stiffening", "muscle", "force_n", "share", 0.3, stiffen_at_end),
+    Effect("end_stiffening", "end_stiffening", "muscle", "force_n", "share", 0.6, stiffen_at_end),
     Effect("moment_arm_variation", "moment_arm_variation", "geometry", "force_n", "share", 0.4, cam),
     Effect("work_softening", "work_softening", "muscle", "force_n", "share", 0.6, soften_with_work, outsider=True),
     Effect("catch", "catch", "muscle", "force_n", "share", 0.5, catch, outsider=True),

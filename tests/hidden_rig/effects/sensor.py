@@ -32,12 +32,12 @@ def offset_pressure(s: Signals, kpa: Array) -> Array:
 
 def gain_force(s: Signals, share: Array) -> Array:
     """The load cell's gain."""
-    return s.sensed_n * (1.0 + share)
+    return s.sensed_n * (1.0 + s.hand * share)
 
 
 def gain_pressure(s: Signals, share: Array) -> Array:
     """The pressure sensor's gain."""
-    return s.sensed_kpa * (1.0 + share)
+    return s.sensed_kpa * (1.0 + s.hand * share)
 
 
 def drift_force(s: Signals, share: Array) -> Array:
@@ -68,12 +68,12 @@ def clip_force(s: Signals, share: Array) -> Array:
 
 def neighbour_pressure(s: Signals, share: Array) -> Array:
     """The pressure of the other muscle on the joint leaks into the load cell."""
-    return s.sensed_n + share * s.full_n * (s.pressure_kpa[NEIGHBOUR] - 250.0) / 250.0
+    return s.sensed_n + s.hand * share * s.full_n * (s.pressure_kpa[NEIGHBOUR] - 250.0) / 250.0
 
 
 def other_joint(s: Signals, share: Array) -> Array:
     """The other joint's angle bends the load cell's bracket."""
-    return s.sensed_n + share * s.full_n * np.sin(2.0 * s.other_rad)
+    return s.sensed_n + s.hand * share * s.full_n * np.sin(2.0 * s.other_rad)
 
 
 def hum(s: Signals, share: Array) -> Array:
@@ -113,5 +113,5 @@ EFFECTS = (
     ),
     Effect("other_joint", "other_joint", "force_wire", "force_n", "share", 0.2, other_joint, outsider=True),
     Effect("mains_hum", "mains_hum", "force_wire", "force_n", "share", 0.1, hum, outsider=True),
-    Effect("valve_current", "valve_current", "force_wire", "force_n", "share", 0.1, valve_current, outsider=True),
+    Effect("valve_current", "valve_current", "force_wire", "force_n", "share", 0.3, valve_current, outsider=True),
 )

@@ -56,7 +56,7 @@ def sag_supply(s: Signals, share: Array) -> Array:
 
 EFFECTS = (
     Effect("transport_delay", "transport_delay", "command", "pressure_kpa", "s", 0.15, delay_command, only_form=True),
-    Effect("valve_lag", "valve_lag", "valve", "pressure_kpa", "s", 0.15, add_tube),
+    Effect("valve_lag", "valve_lag", "valve", "pressure_kpa", "s", 0.4, add_tube),
     Effect("valve_rate_limit", "valve_rate_limit", "valve", "pressure_kpa", "s", 3.0, limit_flow),
     Effect("valve_asymmetry", "valve_asymmetry", "valve", "pressure_kpa", "log_ratio", 1.8, vent_slower),
     Effect("leakage", "leakage", "valve", "pressure_kpa", "per_s", 3.0, leak, only_form=True),
