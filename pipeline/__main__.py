@@ -20,16 +20,19 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn
 
 import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
+from pipeline.choices import read_choices
 from pipeline.command import command_line
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.interruption import Interrupted, ignore_from_now_on
@@ -47,6 +50,8 @@ def main() -> int:
     begun: list[bool] = []
     codes: list[int] = []
     faults: list[PipelineError | OmegaConfBaseException] = []
+    typed = sys.argv[1:]
+    files: dict[str, dict[str, str]] = {}
 
     @hydra.main(version_base="1.3", config_path=str(CONFIG_FOLDER), config_name="config")
     def task(composed: DictConfig) -> None:
@@ -54,14 +59,20 @@ def main() -> int:
 
         begun.append(True)
         try:
-            codes.append(run_study(composed, sys.argv[1:]))
+            chosen = HydraConfig.get().runtime.choices.values()
+            given = [files[each] for each in chosen if each in files]
+            codes.append(run_study(composed, typed, given))
+        except ConfigError as error:
+            faults.append(name_file(error, given))
         except (PipelineError, OmegaConfBaseException) as error:
             faults.append(error)
         if codes and codes[-1] > SIGNALLED:
             raise SystemExit(codes[-1])
 
     try:
-        sys.argv[1:] = put_options_first(sys.argv[1:])
+        typed = put_options_first(typed)
+        sys.argv[1:], found = read_choices(typed, list_groups(typed))
+        files.update(found)
         task()
         for fault in faults:
             raise fault
@@ -71,7 +82,7 @@ def main() -> int:
         complain(explain(error))
         return 2
     except Interrupted as stop:
-        line = f"{stop}; to continue, type: {command_line(sys.argv[1:])}"
+        line = f"{stop}; to continue, type: {command_line(typed)}"
         complain(line)
         return stop.code
     except Exception as error:
@@ -81,10 +92,16 @@ def main() -> int:
             complain(f"{explain(error)}; python -m pipeline --help shows what can be set")
             return 2
         line = f"{type(error).__name__}: {error}".splitlines()[0]
-        command = f"HYDRA_FULL_ERROR=1 {command_line(sys.argv[1:])}"
+        command = f"HYDRA_FULL_ERROR=1 {command_line(typed)}"
         complain(f"{line}; for the traceback, type: {command}")
         return 1
     return max(codes, default=0)
+
+
+def name_file(error: ConfigError, given: Sequence[Mapping[str, str]]) -> ConfigError:
+    """Return the error with the file that gave the group whose key it is about."""
+    told = [each["file"] for each in given if re.search(rf"(?<![\w.]){each['group']}\.", str(error))]
+    return ConfigError(f"{error} (read from {told[0]})") if told else error
 
 
 def put_options_first(arguments: list[str]) -> list[str]:
@@ -151,6 +168,13 @@ def explain(error: Exception) -> str:
     return "; ".join(lines[:2])
 
 
+def list_groups(arguments: list[str]) -> list[str]:
+    """Return the names of all config groups, those of ``--config-dir`` among them."""
+    own = get_args_parser().parse_args(arguments).config_dir
+    folders = [CONFIG_FOLDER, *([Path(own)] if own and Path(own).is_dir() else [])]
+    return [each.name for folder in folders for each in folder.iterdir() if each.is_dir() and each.name != "hydra"]
+
+
 def _known_keys(path: str) -> list[str]:
     """Return the keys beside the one at `path`, in the configuration that the rest of the command line composes."""
     parser = get_args_parser()
@@ -168,7 +192,7 @@ def _known_keys(path: str) -> list[str]:
         if not isinstance(node, DictConfig) or part not in node:
             return []
         node = node[part]
-    groups = [each.name for each in CONFIG_FOLDER.iterdir() if each.is_dir() and each.name != "hydra"]
+    groups = list_groups(sys.argv[1:])
     keys = [str(key) for key in node] if isinstance(node, DictConfig) else []
     return keys if "." in path else [*keys, *groups]
 

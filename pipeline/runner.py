@@ -57,6 +57,8 @@ class Runner:
         Overrides as typed, for the command that resumes.
     console, errors : Console
         Standard output and standard error.
+    given : sequence of dict
+        Files that gave options of config groups, as of `pipeline.choices`, for the ledger.
     """
 
     study: Study
@@ -64,6 +66,7 @@ class Runner:
     arguments: list[str]
     console: Console
     errors: Console
+    given: Sequence[dict[str, str]] = ()
 
     @property
     def outputs(self) -> str:
@@ -74,6 +77,7 @@ class Runner:
         """Print what would run and why; write nothing."""
         steps = make_plan(self.study, self.stages, list_ledgers(self.outputs))
         self._print_steps(steps)
+        self._print_previews(steps)
         if all(step.action in ("fresh", "kept") for step in steps):
             self._say("everything is fresh: nothing would run")
         else:
@@ -111,10 +115,14 @@ class Runner:
     def _run_claimed(self, held: Claim, stages: Sequence[Stage], signals: Watch) -> int:
         ledger, stage = held.ledger, stages[0]
         try:
+            if self.given:
+                ledger.facts["given"] = list(self.given)
             ledger.save()
             write_text(ledger.folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(self.study.values)))
             self._say(f"{'resuming' if held.resumed else 'run'} {ledger.folder}")
             log.info("%s: %s", "resumed" if held.resumed else "begun", command_line(self.arguments))
+            for each in self.given:
+                log.info("%s is %s (SHA-256 %s)", each["group"], each["file"], each["sha256"])
             for stage in stages:
                 self._do(stage, ledger, signals)
                 signals.check()
@@ -275,6 +283,11 @@ class Runner:
         for step in steps:
             self._print_step(step)
 
+    def _print_previews(self, steps: Sequence[Step]) -> None:
+        for stage in [step.stage for step in steps]:
+            for line in stage.preview(self.study.config(stage)) if stage.preview else []:
+                self._say(f"  {line}")
+
     def _print_step(self, step: Step) -> None:
         width = max(len(each.name) for each in self.stages)
         colour = {"fresh": "green", "kept": "green", "ran": "cyan", "run": "cyan", "wait": "yellow"}[step.action]
@@ -297,7 +310,7 @@ class Runner:
         yield
 
 
-def run_study(composed: DictConfig, arguments: list[str]) -> int:
+def run_study(composed: DictConfig, arguments: list[str], given: Sequence[dict[str, str]] = ()) -> int:
     """Validate a composed configuration, then plan or run it.
 
     Parameters
@@ -306,6 +319,8 @@ def run_study(composed: DictConfig, arguments: list[str]) -> int:
         What Hydra composed.
     arguments : list of str
         Overrides as typed.
+    given : sequence of dict
+        As of `Runner`.
 
     Returns
     -------
@@ -318,7 +333,7 @@ def run_study(composed: DictConfig, arguments: list[str]) -> int:
         When the configuration is wrong or the run cannot begin.
     """
     study, stages = read_study(composed)
-    runner = Runner(study, stages, arguments, open_console(), open_console(stderr=True))
+    runner = Runner(study, stages, arguments, open_console(), open_console(stderr=True), given)
     if study.settings.plan:
         runner.show_plan()
         return 0
