@@ -40,6 +40,8 @@ class Stage:
         In the order in which the function returns them.
     optional : tuple of str
         Those of `reads` that a workflow may lack.
+    preview : callable or None
+        Takes the stage's config and returns lines that the plan shows, of what it would make of files that it reads.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Stage:
     reads: tuple[str, ...]
     writes: tuple[Table, ...]
     optional: tuple[str, ...] = ()
+    preview: Callable[[Any], Sequence[str]] | None = None
 
     @property
     def module(self) -> str:
@@ -60,8 +63,10 @@ class Stage:
         return (inspect.getdoc(self.function) or self.name).splitlines()[0]
 
 
-def stage(*writes: Table) -> Callable[[Callable[..., Any]], Stage]:
-    """Make a function a stage that writes the given tables.
+def stage(
+    *writes: Table, preview: Callable[[Any], Sequence[str]] | None = None
+) -> Callable[[Callable[..., Any]], Stage]:
+    """Make a function a stage that writes the given tables and, if it has a preview, shows it in the plan.
 
     Raises
     ------
@@ -81,7 +86,7 @@ def stage(*writes: Table) -> Callable[[Callable[..., Any]], Stage]:
             )
         reads = tuple(each for each in parameters if each not in ("cfg", "ctx"))
         optional = tuple(each for each in reads if signature[each].default is None)
-        return Stage(name, function, config, reads, writes, optional)
+        return Stage(name, function, config, reads, writes, optional, preview)
 
     return decorate
 

@@ -1,0 +1,116 @@
+"""Files that a person brings count by their bytes."""
+
+import os
+
+import pandas as pd
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.inputs import read_foreign, read_header, read_json
+from tests.conftest import Command
+
+
+@pytest.fixture
+def scales(tmp_path):
+    """The command with the workflow that weighs files, and a folder with two of them."""
+    folder = tmp_path / "goods"
+    folder.mkdir()
+    (folder / "a.txt").write_text("aaa")
+    (folder / "b.txt").write_text("b")
+    return Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=scales"), folder
+
+
+def test_changed_bytes_at_the_same_path_rerun_the_stage_and_the_plan_says_which(scales):
+    command, folder = scales
+    what = f"weighing.what={folder}"
+    assert command(what).returncode == 0
+    assert pd.read_parquet(command.runs[0] / "tables/weights.parquet")["bytes"].tolist() == [3, 1]
+    plan = command(what, "plan=true").stdout
+    assert "weighing  fresh" in plan
+    assert "weighs 2 files" in plan
+    (folder / "a.txt").write_text("AAA")
+    assert "input weighing.what/a.txt changed" in command(what, "plan=true").stdout
+    assert command(what).returncode == 0
+    assert len(command.runs) == 2
+    (folder / "a.txt").write_text("aaa")
+    assert "everything is fresh" in command(what, "plan=true").stdout
+
+
+def test_touched_and_hidden_files_make_nothing_stale_but_new_and_lost_ones_do(scales):
+    command, folder = scales
+    what = f"weighing.what={folder}"
+    command(what)
+    os.utime(folder / "a.txt", (0, 0))
+    (folder / ".hidden").write_text("x")
+    assert "weighing  fresh" in command(what, "plan=true").stdout
+    (folder / "c.txt").write_text("c")
+    assert "input weighing.what/c.txt is new" in command(what, "plan=true").stdout
+    (folder / "c.txt").unlink()
+    (folder / "b.txt").unlink()
+    assert "input weighing.what/b.txt is no longer there" in command(what, "plan=true").stdout
+
+
+def test_files_in_lists_count_too(scales):
+    command, folder = scales
+    arguments = f"weighing.what={folder}", f"weighing.others=[{folder / 'a.txt'}]"
+    command(*arguments)
+    (folder / "a.txt").write_text("other")
+    assert "input weighing.others.0/a.txt changed" in command(*arguments, "plan=true").stdout
+
+
+@pytest.mark.parametrize(
+    ("what", "told"),
+    [
+        ("nowhere", "weighing.what: expected the path of a file or folder, got 'nowhere', which is not in "),
+        ("{}/empty", "weighing.what: expected files in the folder '"),
+        ("''", "weighing.what: string should have at least 1 character"),
+        ("7", "weighing.what: input should be a valid string, got 7"),
+    ],
+)
+def test_refuses_a_path_without_files_before_anything_is_written(scales, what, told):
+    command, folder = scales
+    (folder / "empty").mkdir()
+    result = command(f"weighing.what={what.format(folder)}")
+    assert result.returncode == 2
+    assert told in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not command.outputs.exists()
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_reads_a_csv_file_whatever_separates_its_columns(tmp_path, separator):
+    frame = pd.DataFrame({"t, s": [0.0, 0.5], "F": [1.25, None]}) if separator != "," else pd.DataFrame({"F": [1.0]})
+    path = tmp_path / "x.csv"
+    frame.to_csv(path, sep=separator, index=False, encoding="utf-8-sig")
+    pd.testing.assert_frame_equal(read_foreign(path), frame)
+    assert read_header(path) == list(frame)
+
+
+def test_reads_a_parquet_file_whatever_its_index(tmp_path):
+    frame = pd.DataFrame({"F": [1.0, 2.0]}, index=[7, 3])
+    frame.to_parquet(tmp_path / "x.parquet")
+    pd.testing.assert_frame_equal(read_foreign(tmp_path / "x.parquet"), frame.reset_index(drop=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("x.parquet", b"no", "x.parquet: cannot be read as PARQUET ("),
+        ("x.csv", b"\xff\xfe\x00", "x.csv: cannot be read as CSV ("),
+        ("x.csv", b"", "x.csv: cannot be read as CSV (No columns"),
+        ("x.csv", b"a,b\n1,2\n1,2,3\n", "Expected 2 fields in line 3, saw 3"),
+        ("x.xlsx", b"", "x.xlsx: expected a .parquet or .csv file, got 'x.xlsx'"),
+    ],
+)
+def test_refuses_what_is_no_table_in_one_line(tmp_path, name, content, told):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError) as refused:
+        read_foreign(tmp_path / name)
+    assert told in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_refuses_what_is_no_json_with_its_line(tmp_path):
+    (tmp_path / "x.json").write_text('{\n"a": 1,\n')
+    with pytest.raises(InputError, match=r"x\.json: expected JSON, got .* in line"):
+        read_json(tmp_path / "x.json")
