@@ -9,47 +9,56 @@ or derived. A file that does not hold what it should is refused in one line.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 import pandas as pd
-import pyarrow
 from pydantic import Field, model_validator
 
 from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.errors import InputError, suggest
-from pipeline.inputs import InputPath
+from pipeline.inputs import InputPath, read_foreign, read_header, read_json
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton
 from stages.recording import (
+    WHOLE,
+    Notes,
     RecordingError,
+    Session,
     adopt,
     check_plausible,
     check_rows,
-    derive_contraction,
-    derive_velocity,
+    choose_muscles,
+    complete,
     describe_muscles,
     find_rate,
+    list_blocks,
+    number_blocks,
+    own_unit,
+    read_parts,
     read_session,
     regularise,
+    split_records,
     tell_rows,
 )
+
+SAMPLES, META = "samples.parquet", "meta.json"
+"""Files of a measured folder."""
+
+HELD = "command held until the next sample; sensors sample before the command acts"
+"""Timing of every rig."""
 
 NAMES = ("muscle", "part", "record")
 """Columns of text."""
 
 NEEDED = ("trial", "muscle", "time_s", "pressure_kpa", "force_n")
 """Columns without which muscles cannot be judged."""
-
-WITHOUT_PART = "given"
-"""Part of a trial that the file does not say."""
 
 MEASURED = Table(
     "measured",
@@ -194,7 +203,7 @@ class Config(Section):
 
 @dataclass(frozen=True)
 class Source:
-    """Samples as they were read, and what is known of the machine.
+    """Samples of muscles as they were read, and what is known of the machine.
 
     Parameters
     ----------
@@ -206,35 +215,73 @@ class Source:
         This project's columns; its index counts the file's rows.
     muscles : DataFrame
         A row for each that may be there.
+    told_in : str
+        What describes the muscles, for messages.
     load_cell_site, timing : str
         As told.
     rate_hz : float or None
         As told; None where the times must say.
-    starts : callable
-        Returns the start of each trial, or nan, from their numbers.
-    told_in : str
-        What describes the muscles, for messages.
+    session : Session or None
+        What meta.json says, if there is one.
     """
 
     name: str
     file: str
     samples: pd.DataFrame
     muscles: pd.DataFrame
+    told_in: str
     load_cell_site: str
     timing: str
     rate_hz: float | None
-    starts: Any
-    told_in: str
+    session: Session | None
 
 
-@stage(MEASURED, MEASURED_SIGNALS, MEASURED_TRIALS, MEASURED_MUSCLES, MEASURED_SESSION, MEASURED_NOTES)
+def show_map(cfg: Config) -> list[str]:
+    """Return a line for each column: where it comes from, and in which unit."""
+    if cfg.measured is None:
+        return ["measured=null: from hardware_recordings"]
+    file = find_samples(cfg.measured)
+    header = read_header(file)
+    wanted = [name for name in cfg.columns if cfg.columns[name] or name in header or name in needed_columns(cfg)]
+    absent = [name for name in cfg.columns if name not in wanted]
+    lines = [f"{file}:", *(f"  {name:<26} <- {tell_origin(name, cfg, header)}" for name in wanted)]
+    if absent:
+        lines.append(f"  not there, not needed: {', '.join(absent)}")
+    taken = [cfg.columns[name] or name for name in wanted]
+    unused = [name for name in header if name not in taken]
+    return [*lines, f"  left alone: {', '.join(unused)}"] if unused else lines
+
+
+def tell_origin(name: str, cfg: Config, header: Sequence[str]) -> str:
+    """Return which column of a file gives one of this project's, and how it is converted."""
+    source = cfg.columns[name] or name
+    if source not in header:
+        return f"MISSING ({source}); say which with columns.{name}=NAME"
+    unit, own = cfg.units.get(name), own_unit(name)
+    return f"{source}, {unit} -> {own}" if unit and unit != own else source
+
+
+@stage(
+    MEASURED,
+    MEASURED_SIGNALS,
+    MEASURED_TRIALS,
+    MEASURED_MUSCLES,
+    MEASURED_SESSION,
+    MEASURED_NOTES,
+    preview=show_map,
+)
 def measurement(cfg: Config, ctx: Context, hardware_recordings: pd.DataFrame | None = None) -> dict[str, pd.DataFrame]:
     """Read what was measured, under this project's names and units."""
-    if cfg.measurement.kind == "records":
-        raise InputError("measurement.kind: records cannot be read yet")
+    if cfg.measured is not None and cfg.measurement.kind == "records":
+        return fill_in(tabulate_records(cfg.measured, cfg))
     source = read_recordings(hardware_recordings, cfg) if cfg.measured is None else read_muscles(cfg.measured, cfg)
     with about(source.file):
-        return tabulate(source, cfg)
+        return fill_in(tabulate_muscles(source, cfg))
+
+
+def fill_in(tables: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+    """Return all tables of this stage, empty where there is nothing to put in."""
+    return {each.name: tables.get(each.name, pd.DataFrame(columns=list(each.columns))) for each in measurement.writes}
 
 
 @contextmanager
@@ -246,206 +293,138 @@ def about(file: str) -> Iterator[None]:
         raise InputError(f"{file}: {error}") from None
 
 
+def needed_columns(cfg: Config) -> Sequence[str]:
+    """Return the columns that a file must have."""
+    if cfg.measurement.kind == "muscles":
+        return NEEDED
+    return [name for name in cfg.columns if name not in NAMES]
+
+
+def find_samples(path: InputPath) -> Path:
+    """Return the file that holds the samples."""
+    return Path(path) / SAMPLES if Path(path).is_dir() else Path(path)
+
+
 def read_muscles(path: InputPath, cfg: Config) -> Source:
-    """Read a folder with samples.parquet and meta.json, or one file and the configured exoskeleton."""
-    if not Path(path).is_dir():
-        samples = adopt_muscles(Path(path), cfg)
-        known = describe_muscles(cfg.exoskeleton)
-        site = cfg.exoskeleton.load_cell_site
-        return Source(Path(path).name, path, samples, known, site, "", None, None, "exoskeleton.muscles")
-    file, meta = Path(path) / "samples.parquet", Path(path) / "meta.json"
+    """Read a folder with samples and meta.json, or one file for the configured exoskeleton."""
+    if Path(path).is_dir():
+        return read_folder(Path(path), cfg)
+    known, site = describe_muscles(cfg.exoskeleton), cfg.exoskeleton.load_cell_site
+    samples, name = adopt_muscles(Path(path), cfg), Path(path).name
+    return Source(name, path, samples, known, "exoskeleton.muscles", site, "", None, None)
+
+
+def read_folder(folder: Path, cfg: Config) -> Source:
+    """Read a folder that describes its own machine."""
+    file, meta = folder / SAMPLES, folder / META
     for each in (file, meta):
         if not each.is_file():
-            raise InputError(f"{path}: expected samples.parquet and meta.json in this folder, {each.name} is missing")
+            raise InputError(f"{folder}: expected {SAMPLES} and {META} in this folder, {each.name} is missing")
     with about(str(meta)):
         session = read_session(read_json(meta))
-    return Source(
-        Path(path).resolve().name,
-        str(file),
-        adopt_muscles(file, cfg),
-        session.describe(),
-        session.load_cell_site,
-        session.timing,
-        session.sampling_rate_hz,
-        session.starts_of,
-        str(meta),
-    )
+    name, samples = folder.resolve().name, adopt_muscles(file, cfg)
+    site, timing, rate = session.load_cell_site, session.timing, session.sampling_rate_hz
+    return Source(name, str(file), samples, session.describe(), str(meta), site, timing, rate, session)
 
 
 def adopt_muscles(file: Path, cfg: Config) -> pd.DataFrame:
     """Read a file's columns of muscles and check their rows."""
-    columns = {name: cfg.columns.get(name) for name in ("trial", "part", *tuple(MEASURED.columns)[1:])}
-    frame = read_file(file)
+    samples = adopt_file(file, cfg, ("trial", "muscle", "time_s"))
+    with about(str(file)):
+        wrong = (samples["trial"] % 1.0 != 0.0) | (samples["trial"] < 0.0)
+        if wrong.any():
+            raise RecordingError(f"column trial: expected whole numbers from 0, got others in {tell_rows(wrong)}")
+        for name in READINGS:
+            if name in samples:
+                check_plausible(samples[name], name, *bounds_of(name), cfg.units.get(name))
+    return samples.astype({"trial": int})
+
+
+def adopt_file(file: Path, cfg: Config, key: Sequence[str]) -> pd.DataFrame:
+    """Read the configured columns of a file, split into records where the key asks for them, and check the key."""
+    frame = read_foreign(file)
     with about(str(file)):
         if frame.empty:
             raise RecordingError("expected samples, got no rows")
-        samples = adopt(frame, columns, cfg.units, NAMES, NEEDED)
-        check_rows(samples, ("trial", "muscle", "time_s"))
-        fraction = samples["trial"] % 1.0 != 0.0
-        if fraction.any() or (samples["trial"] < 0).any():
-            raise RecordingError(
-                f"column trial: expected whole numbers from 0, in {tell_rows(fraction | (samples['trial'] < 0))}"
-            )
-        for name in READINGS:
-            if name in samples:
-                low, high = bounds_of(name)
-                check_plausible(samples[name], name, low, high, cfg.units.get(name))
-    return samples.astype({"trial": int})
+        samples = adopt(frame, cfg.columns, cfg.units, NAMES, needed_columns(cfg))
+        if "record" in key:
+            samples = split_records(samples)
+        check_rows(samples, key)
+    return samples
 
 
 def bounds_of(name: str) -> tuple[float, float]:
     """Return the range that `MEASURED` declares for a column."""
-    limits = [check.statistics for check in MEASURED.columns[name].checks]
-    return float(limits[0]["min_value"]), float(limits[1]["max_value"])
-
-
-def read_file(path: Path) -> pd.DataFrame:
-    """Read a foreign table.
-
-    Raises
-    ------
-    InputError
-        When the file is neither Parquet nor text in columns, whatever the reason.
-    """
-    if path.suffix.lower() not in (".parquet", ".csv"):
-        raise InputError(f"{path}: expected a .parquet or .csv file, got '{path.suffix}'")
-    try:
-        return pd.read_csv(path) if path.suffix.lower() == ".csv" else pd.read_parquet(path).reset_index(drop=True)
-    except (OSError, ValueError, KeyError, TypeError, pyarrow.ArrowException) as error:
-        told = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({told[:120]})") from None
-
-
-def read_json(path: Path) -> Any:
-    """Read a JSON file.
-
-    Raises
-    ------
-    InputError
-        Naming the line that breaks it.
-    """
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: expected JSON, got {error.msg} in line {error.lineno}") from None
-    except (OSError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
+    low, high = (check.statistics for check in MEASURED.columns[name].checks)
+    return float(low["min_value"]), float(high["max_value"])
 
 
 def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
     """Take what the hardware stage recorded for what was measured."""
     if recordings is None or recordings.empty:
         raise InputError("measured: expected recordings of the hardware stage, got none; set measured=PATH")
-    by = ["participant", "experiment", "position"]
-    samples = recordings[list(MEASURED.columns)[1:]].assign(
-        trial=recordings.groupby(by, sort=False).ngroup(), part=recordings["participant"]
-    )
-    timing = "command held until the next sample; sensors sample before the command acts"
-    known = describe_muscles(cfg.exoskeleton)
-    site = cfg.exoskeleton.load_cell_site
-    rate = cfg.exoskeleton.sampling_rate_hz
-    return Source("hardware", "hardware_recordings", samples, known, site, timing, rate, None, "exoskeleton.muscles")
+    trial = recordings.groupby(["participant", "experiment", "position"], sort=False).ngroup()
+    samples = recordings[list(MEASURED.columns)[1:]].assign(trial=trial)
+    known, machine = describe_muscles(cfg.exoskeleton), cfg.exoskeleton
+    site, rate = machine.load_cell_site, machine.sampling_rate_hz
+    return Source("hardware", "hardware_recordings", samples, known, "exoskeleton.muscles", site, HELD, rate, None)
 
 
-def tabulate(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
-    """Return all tables of a recording of muscles."""
-    notes: list[tuple[str, str]] = []
-    samples, muscles = choose_muscles(source, notes)
+def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
+    """Return the tables of a recording of muscles."""
+    notes: Notes = []
+    samples, muscles = choose_muscles(source.samples, source.muscles, source.told_in, notes)
     rate = find_rate(samples, ("trial", "muscle"), source.rate_hz)
-    parts = read_parts(samples)
+    parts = read_parts(samples, WHOLE)
     samples, starts = regularise(samples, "trial", ["muscle"], rate, cfg.measurement.largest_jitter)
-    samples = complete(samples, muscles, rate, cfg, notes)
-    trials = samples.groupby("trial")["time_s"].nunique()
-    numbers = [int(each) for each in trials.index]
-    told = source.starts(numbers) if source.starts else find_starts(starts)
-    session = {
-        "source": source.name,
-        "kind": "muscles",
-        "sampling_rate_hz": rate,
-        "load_cell_site": source.load_cell_site,
-        "timing": source.timing,
-        "trials": len(trials),
-        "muscles": len(muscles),
-    }
+    window = cfg.exoskeleton.velocity_filter
+    samples = complete(samples, muscles, READINGS, rate, window.window_s, window.order, notes)
+    trials = list_trials(samples, rate).assign(part=parts.to_numpy(), start_s=find_starts(source.session, starts))
     return {
         MEASURED.name: samples[list(MEASURED.columns)],
-        MEASURED_SIGNALS.name: pd.DataFrame(columns=list(MEASURED_SIGNALS.columns)),
-        MEASURED_TRIALS.name: pd.DataFrame(
-            {
-                "trial": trials.index,
-                "part": parts.loc[trials.index].to_numpy(),
-                "record": "",
-                "start_s": np.asarray(told, dtype=float),
-                "samples": trials.to_numpy(),
-                "duration_s": trials.to_numpy() / rate,
-            }
-        ),
+        MEASURED_TRIALS.name: trials[list(MEASURED_TRIALS.columns)],
         MEASURED_MUSCLES.name: muscles,
-        MEASURED_SESSION.name: pd.DataFrame([session]),
+        MEASURED_SESSION.name: describe_session(source, rate, len(trials), len(muscles)),
         MEASURED_NOTES.name: pd.DataFrame(notes, columns=list(MEASURED_NOTES.columns)),
     }
 
 
-def find_starts(starts: pd.Series) -> list[float]:
-    """Return when each trial started, s; nan where every trial's clock begins at zero."""
+def list_trials(samples: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+    """Return number, samples and duration of each trial of muscles."""
+    count = samples.groupby("trial")["time_s"].nunique()
+    return pd.DataFrame(
+        {"trial": count.index, "record": "", "samples": count.to_numpy(), "duration_s": count.to_numpy() / rate_hz}
+    )
+
+
+def find_starts(session: Session | None, starts: pd.Series) -> list[float]:
+    """Return when each trial started in the session, s; nan where neither meta.json nor the clock says."""
+    if session is not None and session.trial_start_s is not None:
+        return session.starts_of([int(each) for each in starts.index])
     return [float(each) if starts.any() else np.nan for each in starts]
 
 
-def choose_muscles(source: Source, notes: list[tuple[str, str]]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the samples and descriptions of the muscles that have data."""
-    samples, known = source.samples, list(source.muscles["muscle"])
-    strange = ~samples["muscle"].isin(known)
-    if strange.any():
-        name = str(samples.loc[strange, "muscle"].iloc[0])
-        raise RecordingError(
-            f"column muscle: {source.told_in} has no muscle '{name}' of {tell_rows(strange)}; {suggest(name, known)}"
-        )
-    used = []
-    for name in known:
-        rows = samples[samples["muscle"] == name]
-        empty = [each for each in ("pressure_kpa", "force_n") if rows[each].isna().all()]
-        if empty:
-            notes.append(
-                (name, "left out: no rows" if rows.empty else f"left out: nothing in column {' and '.join(empty)}")
-            )
-        else:
-            used.append(name)
-    if not used:
-        raise RecordingError("columns pressure_kpa and force_n: expected values of some muscle, got none")
-    order = pd.Categorical(samples["muscle"], used)
-    chosen = samples.assign(muscle=order).dropna(subset="muscle").sort_values(["trial", "muscle"], kind="stable")
-    chosen = chosen.assign(muscle=chosen["muscle"].astype(str))
-    return chosen, source.muscles.set_index("muscle").loc[used].reset_index()
+def describe_session(source: Source, rate: float, trials: int, muscles: int) -> pd.DataFrame:
+    """Return the one row of `MEASURED_SESSION` for muscles."""
+    row = (source.name, "muscles", rate, source.load_cell_site, source.timing, trials, muscles)
+    return pd.DataFrame([row], columns=list(MEASURED_SESSION.columns))
 
 
-def read_parts(samples: pd.DataFrame) -> pd.Series:
-    """Return the part of each trial."""
-    if "part" not in samples:
-        return pd.Series(WITHOUT_PART, index=samples["trial"].unique())
-    parts = samples.groupby("trial")["part"]
-    mixed = samples["trial"].map(parts.nunique()) > 1
-    if mixed.any():
-        raise RecordingError(f"column part: expected one in each trial, got more in that of {tell_rows(mixed)}")
-    return parts.first()
-
-
-def complete(
-    samples: pd.DataFrame, muscles: pd.DataFrame, rate: float, cfg: Config, notes: list[tuple[str, str]]
-) -> pd.DataFrame:
-    """Return the samples with all columns of `MEASURED`, derived where that is possible."""
-    made = {}
-    if "contraction" not in samples:
-        if "joint_angle_rad" not in samples:
-            raise RecordingError("no column contraction and none joint_angle_rad, of which one is needed")
-        made["contraction"] = derive_contraction(samples, muscles)
-        notes.append(("contraction", "derived from joint_angle_rad by a constant moment arm"))
-    samples = samples.assign(**made)
-    if "contraction_velocity_per_s" not in samples:
-        window = cfg.exoskeleton.velocity_filter
-        velocity = derive_velocity(samples, "contraction", ["trial", "muscle"], rate, window.window_s, window.order)
-        samples = samples.assign(contraction_velocity_per_s=velocity)
-        notes.append(("contraction_velocity_per_s", "derived from contraction, filtered"))
-    if "pressure_command_kpa" not in samples or samples["pressure_command_kpa"].isna().all():
-        notes.append(("pressure_command_kpa", "missing: how pressure follows its command is not judged"))
-    absent = [name for name in READINGS if name not in samples]
-    return samples.assign(**dict.fromkeys(absent, np.nan))
+def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
+    """Return the tables of records of any signals."""
+    file = find_samples(path)
+    frame = adopt_file(file, cfg, ("record", "time_s"))
+    signals = [name for name in needed_columns(cfg) if name != "time_s"]
+    with about(str(file)):
+        rate = find_rate(frame, ("record",), None)
+        parts = frame.groupby("record", sort=False)["part"].first()
+        frame, _ = regularise(frame[["record", "time_s", *signals]], "record", [], rate, cfg.measurement.largest_jitter)
+    frame = frame.assign(part=frame["record"].map(parts), trial=number_blocks(frame, cfg.measurement.blocks))
+    trials = list_blocks(frame, rate)
+    row = (file.name, "records", rate, "unknown", "", len(trials), 0)
+    long = frame.melt(["record", "part", "trial", "time_s"], signals, "signal", "value")
+    return {
+        MEASURED_SIGNALS.name: long[list(MEASURED_SIGNALS.columns)],
+        MEASURED_TRIALS.name: trials[list(MEASURED_TRIALS.columns)],
+        MEASURED_SESSION.name: pd.DataFrame([row], columns=list(MEASURED_SESSION.columns)),
+    }

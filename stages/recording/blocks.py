@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+
+Array = NDArray[np.int64]
 
 WHOLE = "given"
 """Part of a record in a file that has no parts."""
@@ -23,10 +26,36 @@ def split_records(frame: pd.DataFrame) -> pd.DataFrame:
         return frame.assign(part=part)
     begins = part.ne(part.shift())
     run = begins.groupby(part).cumsum()
-    record = part.where(run == 1, part + "_" + run.astype(str))
-    return frame.assign(record=record, part=part)
+    return frame.assign(record=part.where(run == 1, part + "_" + run.astype(str)), part=part)
 
 
-def cut_blocks(samples: int, blocks: int) -> np.ndarray:
-    """Return for each sample of a record the number of its block, from 0; blocks differ by a sample at most."""
-    return np.arange(samples) * min(blocks, samples) // samples
+def number_blocks(frame: pd.DataFrame, blocks: int) -> Array:
+    """Return for each row the number of its block, counted through all records.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        With ``record``, the rows of each together and in the order of time.
+    blocks : int
+        Of each record, which differ by a sample at most; a record with fewer samples has as many blocks.
+    """
+    sizes = [int(size) for size in frame.groupby("record", sort=False).size()]
+    within = [np.arange(size) * min(blocks, size) // size for size in sizes]
+    first = np.cumsum([0, *(each[-1] + 1 for each in within[:-1])])
+    return np.concatenate([each + start for each, start in zip(within, first, strict=True)])
+
+
+def list_blocks(frame: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+    """Return a row for each block: trial, part, record, start in it (s), samples, and duration (s).
+
+    Parameters
+    ----------
+    frame : DataFrame
+        With ``trial`` from `number_blocks`, ``part``, ``record`` and ``time_s``.
+    rate_hz : float
+        Samples per second.
+    """
+    blocks = frame.groupby("trial", sort=False)
+    listed = blocks.agg(part=("part", "first"), record=("record", "first"), start_s=("time_s", "min")).reset_index()
+    samples = blocks.size().to_numpy()
+    return listed.assign(samples=samples, duration_s=samples / rate_hz)

@@ -82,7 +82,7 @@ def regularise(
         Naming the rows where the clock is not uniform, or stands still for longer than it was recorded.
     """
     stream = [group, *member]
-    starts = frame.groupby(group)["time_s"].min()
+    starts = frame.groupby(group, sort=False)["time_s"].min()
     since = (frame["time_s"] - frame[group].map(starts)) * rate_hz
     steps = since.groupby([frame[name] for name in stream], sort=False).diff().fillna(since)
     whole = steps.round()
@@ -110,10 +110,13 @@ def _check_gaps(sample: pd.Series, whole: pd.Series, frame: pd.DataFrame, stream
 
 
 def _fill(frame: pd.DataFrame, group: str, member: Sequence[str], rate_hz: float) -> pd.DataFrame:
-    lengths = frame.groupby(group)["sample"].max() + 1
-    members = frame[list(member)].drop_duplicates()
-    spans = [pd.DataFrame({group: key, "sample": np.arange(count)}) for key, count in lengths.items()]
-    grid = pd.concat([members.merge(span, how="cross") for span in spans], ignore_index=True)
+    lengths = frame.groupby(group, sort=False)["sample"].max() + 1
+    grid = pd.concat(
+        [pd.DataFrame({group: key, "sample": np.arange(count)}) for key, count in lengths.items()], ignore_index=True
+    )
+    if member:
+        grid = frame[list(member)].drop_duplicates().merge(grid, how="cross")
     filled = grid.merge(frame.drop(columns="time_s"), how="left", on=[group, *member, "sample"], sort=False)
-    filled["time_s"] = filled["sample"] / rate_hz
-    return filled.drop(columns="sample")
+    order = filled[group].map({key: index for index, key in enumerate(lengths.index)})
+    filled = filled.iloc[np.argsort(order.to_numpy(), kind="stable")].reset_index(drop=True)
+    return filled.assign(time_s=filled.pop("sample") / rate_hz)

@@ -1,0 +1,382 @@
+"""What was measured: read as it was recorded, completed where that is possible, refused in one line otherwise."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from pipeline.config import read_study
+from pipeline.errors import ConfigError, InputError
+from tests.conftest import ROOT
+from tests.measured_data import GEOMETRY, make_meta, make_samples, write_dataset
+from tests.studies import run_stage
+
+DATA = Path("/work/shared/data")
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no recordings of others in {DATA}")
+
+
+def read(tmp_path, path, *overrides):
+    """Return the tables that the stage makes of a path."""
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composed = compose("config", overrides=["workflow=discrepancy", f"measured={path}", *overrides])
+    composed.workflow.stages, composed.workflow.headline = ["measurement"], []
+    composed.workflow.quoted = [str(name) for name in composed]
+    study, (stage,) = read_study(composed)
+    return run_stage(study, stage, tmp_path, {})
+
+
+def refusal(tmp_path, samples=None, meta=None, *overrides):
+    """Return how a dataset is refused."""
+    folder = write_dataset(tmp_path / "dataset", samples, meta)
+    with pytest.raises(InputError) as refused:
+        read(tmp_path, folder, *overrides)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+def spoil(column, rows, value):
+    samples = make_samples()
+    if column != "muscle":
+        samples[column] = samples[column].astype(type(value))
+    samples.loc[rows, column] = value
+    return samples
+
+
+def test_a_dataset_comes_out_as_it_was_measured(tmp_path):
+    samples = make_samples()
+    tables = read(tmp_path, write_dataset(tmp_path / "arm", samples))
+    expected = samples.sort_values(["trial", "muscle", "time_s"]).reset_index(drop=True)
+    for name in samples:
+        np.testing.assert_array_equal(tables["measured"][name], expected[name], err_msg=name)
+    assert tables["measured_session"].iloc[0].to_dict() == {
+        "source": "arm",
+        "kind": "muscles",
+        "sampling_rate_hz": 250.0,
+        "load_cell_site": "joint_end",
+        "timing": "",
+        "trials": 3,
+        "muscles": 2,
+    }
+    assert tables["measured_trials"][["samples", "duration_s", "part"]].to_numpy().tolist() == [[100, 0.4, "given"]] * 3
+    assert tables["measured_trials"]["start_s"].isna().all()
+    muscles = tables["measured_muscles"].set_index("muscle")
+    assert muscles["damping_n_s"].to_dict() == {"pam1": 90.0, "pam2": 7.5}
+    assert muscles["braid_angle_deg"].isna().all()
+    assert tables["measured_notes"].empty
+    assert tables["measured_signals"].empty
+
+
+@needs_data
+def test_reads_a_session_of_the_exoskeleton(tmp_path):
+    tables = read(tmp_path, DATA / "exoskeleton_example")
+    samples = pd.read_parquet(DATA / "exoskeleton_example/samples.parquet").sort_values(["trial", "muscle", "time_s"])
+    np.testing.assert_array_equal(tables["measured"]["force_n"], samples["force_n"])
+    told = json.loads((DATA / "exoskeleton_example/meta.json").read_text())
+    assert list(tables["measured_trials"]["start_s"]) == told["trial_start_s"]
+    assert list(tables["measured_muscles"]["moment_arm_m"]) == [0.042, 0.036, 0.036, 0.032]
+
+
+@needs_data
+def test_reads_signals_of_an_oscillator_and_cuts_them_into_blocks(tmp_path):
+    path = DATA / "silverbox/silverbox.parquet"
+    tables = read(tmp_path, path, "measurement=silverbox")
+    file, long = pd.read_parquet(path), tables["measured_signals"]
+    for signal, name in (("drive_v", "u"), ("response_v", "y")):
+        np.testing.assert_array_equal(long.loc[long["signal"] == signal, "value"], file[name].astype(float))
+    assert list(long["record"].unique()) == ["arrow_test", "gap", "multisine"]
+    assert tables["measured_session"]["sampling_rate_hz"].iloc[0] == pytest.approx(610.3516, abs=1e-4)
+    trials = tables["measured_trials"]
+    assert trials.groupby("record")["samples"].sum().to_dict() == file["part"].value_counts().to_dict()
+    assert trials.groupby("record")["samples"].agg(np.ptp).max() <= 1
+    assert list(trials["trial"]) == list(range(48))
+    assert tables["measured"].empty
+
+
+def test_the_hardware_stages_recordings_serve_where_there_is_no_path(tmp_path):
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composed = compose("config", overrides=["workflow=discrepancy"])
+        others = compose("config", overrides=["budget=tiny", "bank.trajectories=4"])
+    composed = {**others, **composed}
+    composed["workflow"]["stages"] = ["bank", "subsampling", "hardware", "measurement"]
+    composed["workflow"]["quoted"] = list(composed)
+    composed["workflow"]["headline"] = []
+    study, stages = read_study(OmegaConf.create(composed))
+    tables = {}
+    for stage in stages:
+        tables.update(run_stage(study, stage, tmp_path, tables))
+    recordings = tables["hardware_recordings"]
+    turns = recordings[["participant", "experiment", "position"]].drop_duplicates()
+    assert len(tables["measured_trials"]) == len(turns) > 0
+    for name in ("force_n", "pressure_kpa", "joint_angle_rad"):
+        np.testing.assert_array_equal(tables["measured"][name], recordings[name])
+    assert list(tables["measured_muscles"]["muscle"]) == ["pam1", "pam2", "pam3", "pam4"]
+
+
+def test_nothing_measured_is_refused_before_anything_runs():
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composed = compose("config", overrides=["workflow=discrepancy"])
+    with pytest.raises(ConfigError, match="got null; set measured=PATH"):
+        read_study(composed)
+
+
+def test_foreign_names_and_units_are_converted(tmp_path):
+    samples = make_samples()
+    foreign = pd.DataFrame(
+        {
+            "run": samples["trial"],
+            "t_ms": 1000.0 * samples["time_s"],
+            "who": samples["muscle"],
+            "p_bar": samples["pressure_kpa"] / 100.0,
+            "F_kN": samples["force_n"] / 1000.0,
+            "phi": np.rad2deg(samples["joint_angle_rad"]),
+        }
+    )
+    path = tmp_path / "foreign.csv"
+    foreign.to_csv(path, sep=";", index=False)
+    names = {"trial": "run", "time_s": "t_ms", "muscle": "who", "pressure_kpa": "p_bar", "force_n": "F_kN"}
+    names["joint_angle_rad"] = "phi"
+    units = {"time_s": "ms", "pressure_kpa": "bar", "force_n": "kN", "joint_angle_rad": "deg"}
+    overrides = [f"columns.{name}={value}" for name, value in names.items()]
+    tables = read(tmp_path, path, *overrides, *(f"units.{name}={value}" for name, value in units.items()))
+    expected = samples.sort_values(["trial", "muscle", "time_s"])
+    for name in ("time_s", "pressure_kpa", "force_n", "joint_angle_rad"):
+        np.testing.assert_allclose(tables["measured"][name], expected[name], rtol=1e-12, atol=1e-12)
+    assert tables["measured_session"]["sampling_rate_hz"].iloc[0] == pytest.approx(250.0)
+    assert list(tables["measured_notes"]["about"]) == [
+        "pam3",
+        "pam4",
+        "contraction",
+        "contraction_velocity_per_s",
+        "pressure_command_kpa",
+    ]
+    assert tables["measured"]["pressure_command_kpa"].isna().all()
+
+
+def test_contraction_and_its_velocity_follow_from_the_angle(tmp_path):
+    samples = make_samples()
+    bare = samples.drop(columns=["contraction", "contraction_velocity_per_s", "joint_velocity_rad_per_s"])
+    tables = read(tmp_path, write_dataset(tmp_path / "dataset", bare))
+    expected = samples.sort_values(["trial", "muscle", "time_s"])
+    np.testing.assert_allclose(tables["measured"]["contraction"], expected["contraction"], atol=1e-15)
+    true = expected["contraction_velocity_per_s"].to_numpy()
+    middle = (expected["time_s"].between(0.05, 0.34)).to_numpy()
+    np.testing.assert_allclose(tables["measured"]["contraction_velocity_per_s"][middle], true[middle], atol=0.002)
+
+
+def test_trials_of_unequal_length_and_gaps_stay_as_they_are(tmp_path):
+    samples = make_samples()
+    samples.loc[samples["time_s"].between(0.1, 0.14) & (samples["muscle"] == "pam2"), "force_n"] = np.nan
+    dropped = (samples["trial"] == 1) & (samples["time_s"].between(0.2, 0.23)) & (samples["muscle"] == "pam1")
+    short = (samples["trial"] == 2) & (samples["time_s"] > 0.3)
+    tables = read(tmp_path, write_dataset(tmp_path / "dataset", samples[~dropped & ~short]))
+    assert list(tables["measured_trials"]["samples"]) == [100, 100, 76]
+    found = tables["measured"].set_index(["trial", "muscle"])
+    assert found.loc[(0, "pam2"), "force_n"].isna().sum() == 11
+    gap = found.loc[(1, "pam1")]
+    assert gap["force_n"].isna().sum() == dropped.sum() == 8
+    assert gap.loc[gap["force_n"].isna(), "time_s"].between(0.199, 0.231).all()
+    assert found.loc[(1, "pam2"), "force_n"].notna().sum() == 89
+
+
+def test_derivatives_do_not_reach_across_gaps(tmp_path):
+    samples = make_samples().drop(columns="contraction_velocity_per_s")
+    hole = (samples["trial"] == 0) & (samples["muscle"] == "pam1") & samples["time_s"].between(0.2, 0.24)
+    samples.loc[hole, "contraction"] = np.nan
+    samples.loc[
+        (samples["trial"] == 0) & (samples["muscle"] == "pam1") & (samples["time_s"] > 0.24), "contraction"
+    ] += 0.1
+    found = read(tmp_path, write_dataset(tmp_path / "dataset", samples))["measured"]
+    pam1 = found[(found["trial"] == 0) & (found["muscle"] == "pam1")]
+    assert list(pam1["contraction_velocity_per_s"].isna()) == list(pam1["contraction"].isna())
+    assert pam1["contraction_velocity_per_s"].abs().max() < 0.25
+
+
+@pytest.mark.parametrize("how", ["no rows", "no values in column force_n"])
+def test_a_muscle_without_data_is_left_out_and_said(tmp_path, how):
+    samples = make_samples()
+    silent = samples["muscle"] == "pam2"
+    samples = samples[~silent] if how == "no rows" else samples.assign(force_n=samples["force_n"].where(~silent))
+    tables = read(tmp_path, write_dataset(tmp_path / "dataset", samples))
+    assert list(tables["measured_muscles"]["muscle"]) == ["pam1"]
+    assert tables["measured"]["muscle"].eq("pam1").all()
+    assert tables["measured_notes"].to_numpy().tolist() == [["pam2", f"left out: {how}"]]
+
+
+def test_a_part_belongs_to_its_trial(tmp_path):
+    samples = make_samples()
+    parts = samples["trial"].map({0: "fit", 1: "verify", 2: "fit"})
+    tables = read(tmp_path, write_dataset(tmp_path / "dataset", samples.assign(part=parts)))
+    assert list(tables["measured_trials"]["part"]) == ["fit", "verify", "fit"]
+    told = refusal(tmp_path, samples.assign(part=parts.where(samples.index != 7, "verify")))
+    assert "column part: expected one for each trial" in told
+
+
+def test_a_clock_that_runs_through_the_session_tells_when_trials_start(tmp_path):
+    samples = make_samples()
+    samples["time_s"] += 20.0 * samples["trial"]
+    tables = read(tmp_path, write_dataset(tmp_path / "dataset", samples))
+    assert list(tables["measured_trials"]["start_s"]) == [0.0, 20.0, 40.0]
+    assert tables["measured"].groupby("trial")["time_s"].max().tolist() == [0.396] * 3
+
+
+@pytest.mark.parametrize(
+    ("samples", "told"),
+    [
+        (make_samples().drop(columns="force_n"), "samples.parquet: no column force_n; "),
+        (
+            make_samples().rename(columns={"pressure_kpa": "pressure_kPa"}),
+            "did you mean 'pressure_kPa'?; say which with",
+        ),
+        (spoil("force_n", [5], "n/a"), "column force_n: expected numbers, got 'n/a' in row 5"),
+        (
+            spoil("pressure_kpa", [1, 2, 8, 9], np.inf),
+            "pressure_kpa: expected finite numbers, got inf in rows 1, 2, 8 and",
+        ),
+        (spoil("muscle", [3], "pam9"), "meta.json has no muscle 'pam9' of row 3; it has pam"),
+        (spoil("time_s", [4], np.nan), "column time_s: expected a value in every row, got none in row 4"),
+        (spoil("trial", [4], 0.5), "column trial: expected whole numbers from 0, got others in row 4"),
+        (spoil("muscle", [4], None), "column muscle: expected text, got nothing in row 4"),
+        (pd.concat([make_samples(), make_samples().head(2)], ignore_index=True), "column time_s: rows 600, 601 repeat"),
+        (make_samples().iloc[::-1].reset_index(drop=True), "column time_s: time goes back in rows 2, 3, 4 and"),
+        (
+            spoil("time_s", [40, 41], 0.081),
+            "expected steps of 0.004 s within 0.01 of it, got a deviation of 0.25 in rows",
+        ),
+        (
+            spoil("force_n", [0], 1e6),
+            "column force_n: expected -2000 to 20000 N, got 1e+06 in row 0; remove what is no",
+        ),
+        (
+            make_samples().assign(pressure_kpa=1000.0 * make_samples()["pressure_kpa"]),
+            "in rows 0, 1, 2 and 597 more; set units.pressure_kpa=Pa",
+        ),
+        (
+            make_samples().assign(pressure_kpa=0.01 * make_samples()["pressure_kpa"]),
+            "set units.pressure_kpa=bar, or units.pressure_kpa=kPa if they are right",
+        ),
+        (make_samples().assign(force_n=0.001 * make_samples()["force_n"]), "set units.force_n=kN"),
+        (make_samples().assign(contraction=100.0 * make_samples()["contraction"]), "set units.contraction=percent"),
+        (make_samples().assign(time_s=1000.0 * make_samples()["time_s"]), "set units.time_s=ms"),
+        (make_samples().assign(force_n=np.nan), "expected values of both for some muscle, got none"),
+        (make_samples().iloc[:0], "expected samples, got no rows"),
+        (
+            make_samples().drop(columns=["contraction", "joint_angle_rad"]),
+            "no column contraction and no joint_angle_rad, of which one is needed",
+        ),
+    ],
+)
+def test_refuses_samples_in_one_line(tmp_path, samples, told):
+    message = refusal(tmp_path, samples)
+    assert told in message
+    assert "samples.parquet" in message
+
+
+def without(muscle, key):
+    muscles = make_meta()["muscles"]
+    return {**muscles, muscle: {name: value for name, value in muscles[muscle].items() if name != key}}
+
+
+@pytest.mark.parametrize(
+    ("meta", "told"),
+    [
+        ([], "meta.json: expected a mapping with sampling_rate_hz and muscles"),
+        ({"muscles": make_meta()["muscles"]}, "meta.json: lacks sampling_rate_hz"),
+        (make_meta(muscles=without("pam1", "sign")), "meta.json: lacks muscles.pam1.sign"),
+        (
+            make_meta(muscles={"pam1": make_meta()["muscles"]["pam1"]}),
+            "has no muscle 'pam2' of rows 1, 3, 5 and 297 more",
+        ),
+        (make_meta(load_cell_site="tip"), "load_cell_site: input should be 'muscle_tip', 'joint_end'"),
+        (make_meta(sampling_rate_hz="fast"), "sampling_rate_hz: input should be a valid number"),
+        (make_meta(sampling_rate_hz=100.0), "expected steps of 0.01 s (sampling_rate_hz 100), got 0.004 s; correct"),
+        (make_meta(trial_start_s=[0.0, 5.0]), "trial_start_s: expected one for each of 3 trials, got 2"),
+        (make_meta(trial_start_s=[0.0, 5.0, 4.0]), "trial_start_s: expected each trial to start after the one before"),
+    ],
+)
+def test_refuses_meta_in_one_line(tmp_path, meta, told):
+    assert told in refusal(tmp_path, None, meta)
+
+
+def test_refuses_columns_and_units_that_are_not_there(tmp_path):
+    assert "no column 'F', which columns.force_n names" in refusal(tmp_path, None, None, "columns.force_n=F")
+    assert "units.force_n: no unit 'pound'; choose from: N, mN" in refusal(tmp_path, None, None, "units.force_n=pound")
+    with pytest.raises(ConfigError, match=r"columns: no column 'force'; did you mean 'force_n'\?"):
+        read(tmp_path, write_dataset(tmp_path / "dataset"), "+columns.force=F")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("meta.json", b'{"muscles": {', "expected JSON, got Expecting property name"),
+        ("meta.json", None, "expected samples.parquet and meta.json in this folder, meta.json is missing"),
+        ("samples.parquet", None, "expected samples.parquet and meta.json in this folder, samples.parquet is missing"),
+        ("samples.parquet", b"PAR1 not really PAR1", "samples.parquet: cannot be read as PARQUET ("),
+    ],
+)
+def test_refuses_broken_files(tmp_path, name, content, told):
+    folder = write_dataset(tmp_path / "dataset")
+    (folder / name).unlink()
+    if content is not None:
+        (folder / name).write_bytes(content)
+    with pytest.raises(InputError) as refused:
+        read(tmp_path, folder)
+    assert told in str(refused.value)
+
+
+def test_a_rounded_clock_is_borne_on_request(tmp_path):
+    samples = make_samples()
+    samples["time_s"] = (samples["time_s"] * 250.0 / 300.0).round(3)
+    folder = write_dataset(tmp_path / "dataset", samples, make_meta(sampling_rate_hz=300.0))
+    with pytest.raises(InputError, match=r"resample it, or raise measurement\.largest_jitter"):
+        read(tmp_path, folder)
+    tables = read(tmp_path, folder, "measurement.largest_jitter=0.25")
+    assert list(tables["measured_trials"]["samples"]) == [100] * 3
+    assert tables["measured"]["force_n"].notna().all()
+
+
+def test_another_gap_than_a_gap_is_refused(tmp_path):
+    samples = make_samples(trials=1)
+    samples.loc[samples["time_s"] > 0.2, "time_s"] += 1000.0
+    assert "nothing for 250001 samples before rows 102, 103; tell what begins" in refusal(tmp_path, samples).replace(
+        ", longer than what was recorded", ""
+    )
+
+
+def test_small_pressures_are_believed_when_their_unit_is_stated(tmp_path):
+    samples = make_samples().assign(pressure_kpa=0.05 * make_samples()["pressure_kpa"])
+    folder = write_dataset(tmp_path / "dataset", samples)
+    found = read(tmp_path, folder, "units.pressure_kpa=kPa")["measured"]
+    assert found["pressure_kpa"].max() == pytest.approx(samples["pressure_kpa"].max())
+
+
+def test_by_the_command_bad_input_ends_in_one_line_and_overwrites_nothing(pamid, tmp_path):
+    folder = write_dataset(tmp_path / "dataset")
+    assert pamid("workflow=discrepancy", "workflow.stages=[measurement]", f"measured={folder}").returncode == 0
+    kept = {path: path.read_bytes() for path in pamid.runs[0].rglob("*") if path.is_file()}
+    before = (folder / "samples.parquet").read_bytes()
+    plan = pamid("workflow=discrepancy", "workflow.stages=[measurement]", f"measured={folder}", "plan=true").stdout
+    assert re.search(r"force_n +<- force_n\n", plan)
+    make_samples().drop(columns="force_n").to_parquet(folder / "samples.parquet")
+    plan = pamid("workflow=discrepancy", "workflow.stages=[measurement]", f"measured={folder}", "plan=true").stdout
+    assert "input measured/samples.parquet changed" in plan
+    assert "force_n                    <- MISSING (force_n); say which with columns.force_n=NAME" in plan
+    result = pamid("workflow=discrepancy", "workflow.stages=[measurement]", f"measured={folder}")
+    assert result.returncode == 1
+    (line,) = result.stderr.strip().splitlines()
+    assert line.startswith(f"measurement failed: {folder}/samples.parquet: no column force_n; ")
+    assert {path: path.read_bytes() for path in kept} == kept
+    (folder / "samples.parquet").write_bytes(before)
+    plan = pamid("workflow=discrepancy", "workflow.stages=[measurement]", f"measured={folder}", "plan=true").stdout
+    assert "measurement  fresh" in plan
+
+
+def test_contraction_of_each_muscle_has_its_own_sign(tmp_path):
+    bare = make_samples().drop(columns="contraction")
+    found = read(tmp_path, write_dataset(tmp_path / "dataset", bare))["measured"]
+    turned = found.groupby("muscle")[["joint_angle_rad", "contraction"]].corr().iloc[0::2, -1].to_list()
+    assert np.sign(turned).tolist() == [GEOMETRY[name]["sign"] for name in ("pam1", "pam2")]
