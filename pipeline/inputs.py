@@ -40,7 +40,8 @@ class InputPath(str):
     @classmethod
     def _find(cls, text: str) -> InputPath:
         if not Path(text).exists():
-            raise ValueError(f"expected the path of a file or folder, got {text!r}, which is not in {Path.cwd()}")
+            where = "there" if Path(text).is_absolute() else f"in {Path.cwd()}"
+            raise ValueError(f"expected the path of a file or folder, got {text!r}, which is not {where}")
         if not cls(text).files:
             raise ValueError(f"expected files in the folder {text!r}, got none")
         return cls(text)
