@@ -45,6 +45,12 @@ def braid_coefficients(angle_deg: float) -> tuple[float, float]:
     return float(3.0 / np.tan(angle) ** 2), float(1.0 / np.sin(angle) ** 2)
 
 
+def pull_at_rest(pressure_kpa: Array, muscles: MuscleConstants) -> Array:
+    """Return the force, N, that pressures (T, K), kPa, would give at rest length; none below zero."""
+    per_kpa = muscles.area_n_per_kpa * muscles.area_factor * (muscles.braid_a - muscles.braid_b)
+    return per_kpa * np.maximum(pressure_kpa, 0.0)
+
+
 @njit(cache=True, error_model="numpy")
 def pull(
     pressure: float,

@@ -81,6 +81,7 @@ class Passage:
         """Return the tension at the muscle's tip and at the joint's end, N; all arrays (T, K)."""
         state = self._state(pressure_kpa, pressure_kpa, contraction, velocity_per_s)
         acting = self._apply("acting_pressure_kpa", pressure_kpa, lambda: state)
+        state = self._state(pressure_kpa, acting, contraction, velocity_per_s)
         shortened = self._apply("contraction", contraction, lambda: state)
         state = self._state(pressure_kpa, acting, shortened, velocity_per_s)
         static = compute_tension(acting, shortened, velocity_per_s, self.muscles)
@@ -197,4 +198,4 @@ def predict_force(
 
 
 def _contiguous(values: Array) -> Array:
-    return np.ascontiguousarray(values, dtype=float)
+    return np.require(values, float, ["C", "W"])

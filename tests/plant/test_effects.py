@@ -13,9 +13,9 @@ AT_REST_ONE = 0.08
 
 
 def entry(name, magnitude=None, place=None):
-    """A list entry of an effect at its prior mean, or with another magnitude."""
+    """A list entry of an effect at its prior mean (where that is none, where a fit begins), or another magnitude."""
     effect = find_effect(name)
-    values = {parameter.name: parameter.prior_mean for parameter in effect.parameters}
+    values = {each.name: each.prior_mean or each.starts[0] for each in effect.parameters}
     if magnitude is not None:
         values[effect.parameters[0].name] = magnitude
     return {"name": name, "joints" if isinstance(effect, JointEffect) else "muscles": place, **values}
@@ -47,16 +47,16 @@ def test_an_effect_declares_itself(name):
     effect = find_effect(name)
     module = importlib.import_module(f"stages.plant.effects.{name}")
     assert effect.name == name
-    assert effect.site in ("command", "valve", "pressure", "muscle", "transmission", "joint")
+    assert effect.site in ("command", "valve", "pressure", "muscle", "transmission", "joint", "sensor")
+    assert module.FORMS[0] is effect is module.EFFECT
     assert len(module.__doc__) > 60
     assert "(" in effect.source
     assert any(year.isdigit() for year in effect.source.replace("(", " ").replace(")", " ").split())
     for parameter in effect.parameters:
         assert parameter.low <= parameter.prior_mean <= parameter.high
         assert 0 < parameter.prior_sd <= parameter.high - parameter.low
-        assert parameter.unit == "1" or parameter.name.endswith(tuple("_" + u for u in ("n", "kpa", "s", "nm"))), (
-            parameter
-        )
+        unit = parameter.unit.replace("N m", "nm").replace("/", "_per_").removeprefix("1_").lower()
+        assert parameter.unit == "1" or parameter.name.endswith(unit), parameter
         assert parameter.description
     assert effect.parameters[0].low <= 0.0
 
@@ -80,9 +80,12 @@ def test_an_effect_changes_its_own_muscles_only(name, generator):
     contraction = 0.1 + 0.05 * np.sin(np.arange(400)[:, None] / 30 + np.arange(4))
     velocity = np.gradient(contraction, 0.004, axis=0)
     outcomes = []
-    for chain in (chain_with(), chain_with(entry(name, place=["pam2", "pam4"]))):
+    largest = 20.0 if name == "saturation" else find_effect(name).parameters[0].starts[-1]
+    for chain in (chain_with(), chain_with(entry(name, largest, place=["pam2", "pam4"]))):
         pressure = chain.pressurise(command)
-        outcomes.append(np.stack([pressure, *chain.pull(pressure, contraction, velocity)]))
+        force, tension = chain.pull(pressure, contraction, velocity)
+        shown = chain.sense_force(tension, pressure, contraction, velocity)
+        outcomes.append(np.stack([pressure, chain.sense_pressure(pressure), force, tension, shown]))
     differs = (outcomes[0] != outcomes[1]).any(axis=(0, 1))
     assert differs.tolist() == [False, True, False, True]
 

@@ -1,16 +1,34 @@
-"""Dry friction of a joint: a torque of constant size against the direction of motion, smoothed around rest."""
+"""Dry friction of constant size against the direction of motion, smoothed around rest: of a joint, or of its cable.
+
+A joint's friction is a torque inside the motion. A cable's takes tension while the muscle shortens and adds as much
+while it lengthens; only a load cell at the joint's end sees it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from stages.plant.effect import JointEffect, Parameter
+import numpy as np
+
+from stages.plant.effect import ChainEffect, JointEffect, Parameter, State
+from stages.signals.trajectories import Array
 
 
 def terms(parameters: Mapping[str, float]) -> dict[str, float]:
     """Return the integrator's terms: size and smoothing of the friction torque."""
     return {"coulomb_nm": parameters["torque_nm"], "coulomb_rad_per_s": parameters["sliding_rad_per_s"]}
 
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N."""
+    slide = np.tanh(state.velocity_per_s / parameters["sliding_per_s"])
+    return signal - parameters["share"] * state.muscles.full_force_n * slide
+
+
+SOURCE = (
+    "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Friction models and friction compensation, Eur. J. "
+    "Control 4 (1998); the hyperbolic tangent is a usual smoothing"
+)
 
 EFFECT = JointEffect(
     name="coulomb_friction",
@@ -21,14 +39,29 @@ EFFECT = JointEffect(
             "sliding_rad_per_s", "rad/s", 0.01, 1.0, 0.05, 0.03, "velocity at which the joint slides", (0.02, 0.1)
         ),
     ),
-    source=(
-        "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Friction models and friction compensation, Eur. J. "
-        "Control 4 (1998); the hyperbolic tangent is a usual smoothing"
-    ),
+    source=SOURCE,
     signature="the joint sticks at reversals and lags behind the torque by a constant amount",
     split_by="slow reversals of the joint at two pressures: the step at reversal stays the same",
     relatives=("stribeck_friction", "capstan_friction"),
     terms=terms,
 )
 
-FORMS = (EFFECT,)
+CABLE = ChainEffect(
+    name="coulomb_friction",
+    form="cable",
+    site="transmission",
+    signal="tension_n",
+    parameters=(
+        Parameter("share", "1", 0.0, 0.4, 0.01, 0.02, "friction over the largest force", (0.01, 0.06)),
+        Parameter(
+            "sliding_per_s", "1/s", 0.0005, 0.1, 0.01, 0.01, "contraction velocity at which it slides", (0.003, 0.02)
+        ),
+    ),
+    source=SOURCE,
+    signature="force steps by the same amount at every reversal, short while the muscle shortens",
+    split_by="slow reversals at two pressures: the step at reversal stays the same",
+    relatives=("stribeck_friction", "capstan_friction", "hysteresis"),
+    apply=apply,
+)
+
+FORMS = (EFFECT, CABLE)

@@ -1,57 +1,75 @@
-"""Hysteresis of the braid: threads rub on threads, so a muscle pulls less while it shortens than while it lengthens.
+"""Hysteresis: what a muscle pulls, or a regulator holds, depends on the way it came and not on its speed.
 
-Four stop operators of growing width, side by side, follow the contraction; their mean, between -1 and 1, takes a share
-of the force that the pressure would give at rest length. The signature is a loop of force over contraction that grows
-with pressure and does not depend on speed.
+In the braid threads rub on threads, so a muscle pulls less while it shortens than while it lengthens. The forms differ
+in what the loop scales with and in how it turns: `maxwell_slip` (operators of equal force) and `bouc_wen` (a smooth
+turn) with the force that the pressure would give at rest length, `prandtl_ishlinskii` (operators of equal stiffness)
+with nothing, `force_scaled` with the force itself. `regulator` is a play between command and pressure.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
 from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.muscle import pull_at_rest
+from stages.plant.operators import follow_bouc_wen, follow_play, follow_stops
 from stages.signals.trajectories import Array
 
 ELEMENTS = 4
 
 
-@njit(cache=True, error_model="numpy")
-def _follow_stops(contraction: Array, widths: Array) -> Array:
-    samples, columns = contraction.shape
-    mean = np.zeros((samples, columns))
-    for m in range(columns):
-        for width in widths:
-            stop = 0.0
-            for k in range(1, samples):
-                stop = min(max(stop + (contraction[k, m] - contraction[k - 1, m]) / width, -1.0), 1.0)
-                mean[k, m] += stop / widths.shape[0]
-    return mean
+def _spread(width: float) -> Array:
+    return width * np.arange(1, ELEMENTS + 1) / ELEMENTS
 
 
 def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     """Return the force, N, less the friction of the braid."""
-    widths = parameters["width"] * np.arange(1, ELEMENTS + 1) / ELEMENTS
-    muscles = state.muscles
-    full = muscles.area_n_per_kpa * (muscles.braid_a - muscles.braid_b) * np.maximum(state.pressure_kpa, 0.0)
-    return signal - parameters["share"] * full * _follow_stops(state.contraction, widths)
+    stops = follow_stops(state.contraction, _spread(parameters["width"]))
+    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * stops
 
+
+def apply_plays(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less what operators of equal stiffness hold, whatever the pressure."""
+    radii = _spread(parameters["width"])
+    held = np.zeros_like(signal)
+    for radius in radii:
+        held += state.contraction - follow_play(state.contraction, radius)
+    return signal - parameters["share"] * state.muscles.full_force_n * (held / radii.sum())
+
+
+def apply_bouc_wen(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less a friction that follows the Bouc-Wen equation."""
+    turned = follow_bouc_wen(state.contraction, parameters["width"])
+    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * turned
+
+
+def apply_to_force(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less a share of itself in the direction of motion."""
+    return signal - parameters["share"] * signal * follow_stops(state.contraction, _spread(parameters["width"]))
+
+
+def apply_to_command(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the command, kPa, that the regulator follows through a play."""
+    return follow_play(signal, parameters["play_kpa"])
+
+
+def _share_of(what: str) -> Parameter:
+    return Parameter("share", "1", 0.0, 0.3, 0.03, 0.03, f"friction over {what}", (0.03, 0.12))
+
+
+WIDTH = Parameter(
+    "width", "1", 0.002, 0.1, 0.02, 0.01, "contraction over which the widest element turns", (0.008, 0.03)
+)
 
 EFFECT = ChainEffect(
     name="hysteresis",
     form="maxwell_slip",
     site="muscle",
     signal="force_n",
-    parameters=(
-        Parameter(
-            "share", "1", 0.0, 0.3, 0.03, 0.03, "friction over the force at this pressure and rest length", (0.03, 0.12)
-        ),
-        Parameter(
-            "width", "1", 0.002, 0.1, 0.02, 0.01, "contraction over which the widest element turns", (0.008, 0.03)
-        ),
-    ),
+    parameters=(_share_of("the force at this pressure and rest length"), WIDTH),
     source=(
         "Vo-Minh, Tjahjowidodo, Ramon, Van Brussel, A new approach to modeling hysteresis in a pneumatic artificial "
         "muscle using the Maxwell-slip model, IEEE/ASME Trans. Mechatronics 16 (2011)"
@@ -62,4 +80,50 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
-FORMS = (EFFECT,)
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="prandtl_ishlinskii",
+        parameters=(_share_of("the largest force"), WIDTH),
+        source=(
+            "Lin, Lin, Yu, Chen, Hysteresis modeling and tracking control for a dual pneumatic artificial muscle "
+            "system using Prandtl-Ishlinskii model, Mechatronics 28 (2015)"
+        ),
+        apply=apply_plays,
+    ),
+    replace(
+        EFFECT,
+        form="bouc_wen",
+        parameters=(_share_of("the force at this pressure and rest length"), replace(WIDTH, starts=(0.004, 0.015))),
+        source="Wen, Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102 (1976)",
+        apply=apply_bouc_wen,
+    ),
+    replace(
+        EFFECT,
+        form="force_scaled",
+        parameters=(_share_of("the force itself"), WIDTH),
+        source=(
+            "Tondu, Lopez, Modeling and control of McKibben artificial muscle robot actuators, IEEE Control Syst. Mag. "
+            "20 (2000): dry friction between threads"
+        ),
+        apply=apply_to_force,
+    ),
+    replace(
+        EFFECT,
+        form="regulator",
+        site="valve",
+        signal="pressure_command_kpa",
+        parameters=(
+            Parameter("play_kpa", "kPa", 0.0, 100.0, 5.0, 5.0, "command's way before pressure follows", (4.0, 15.0)),
+        ),
+        source=(
+            "Krasnoselskii, Pokrovskii, Systems with hysteresis, Springer (1989): the play operator; regulators' data "
+            "sheets state it as hysteresis"
+        ),
+        signature="pressure settles below the command after a rise and above it after a fall, and ignores small moves",
+        split_by="a staircase of commands up and down, each step held until it settles",
+        relatives=("valve_asymmetry", "valve_lag"),
+        apply=apply_to_command,
+    ),
+)

@@ -17,7 +17,8 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
     """Return the pressure, kPa, with the difference that unequal time constants make to the same command."""
     tau, factor = state.muscles.valve_tau_s, 1.0 + parameters["asymmetry"]
     unequal = respond(state.command_kpa, tau / factor, tau * factor, state.step_s)
-    return signal + (unequal - respond(state.command_kpa, tau, tau, state.step_s))
+    equal = respond(state.command_kpa, tau, tau, state.step_s)
+    return signal + state.muscles.regulator_gain * (unequal - equal)
 
 
 EFFECT = ChainEffect(

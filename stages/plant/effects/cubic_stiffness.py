@@ -1,0 +1,41 @@
+"""A passive spring beside the muscle whose force grows with the cube of contraction from a middle.
+
+Rubber and braid harden towards both ends of the range: less tension when short, more when stretched. Here the spring
+acts along a driven muscle; in an oscillator the same law is a term of the equation of motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from stages.plant.effect import ChainEffect, Parameter, State
+from stages.signals.trajectories import Array
+
+USUAL = 0.1
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less that of the hardening spring."""
+    away = (state.contraction - parameters["middle"]) / USUAL
+    return signal - parameters["share"] * state.muscles.full_force_n * away * away * away
+
+
+EFFECT = ChainEffect(
+    name="cubic_stiffness",
+    form="hardening",
+    site="muscle",
+    signal="force_n",
+    parameters=(
+        Parameter(
+            "share", "1", -0.5, 0.5, 0.0, 0.05, "spring's force at 0.1 from the middle over the largest", (0.03, -0.03)
+        ),
+        Parameter("middle", "1", 0.0, 0.25, 0.1, 0.05, "contraction at which the spring is at rest", (0.06, 0.12)),
+    ),
+    source="Kovacic, Brennan, The Duffing equation: nonlinear oscillators and their behaviour (2011)",
+    signature="force errs by a cubic of contraction, the same at every pressure and in both directions",
+    split_by="a slow sweep over the whole range of contraction at two pressures",
+    relatives=("end_stiffening", "moment_arm_variation"),
+    apply=apply,
+)
+
+FORMS = (EFFECT,)

@@ -1,0 +1,59 @@
+"""A sensor that shows no more than a level, however much there is.
+
+The magnitude is the inverse of the level: at zero the level is infinite. Values exactly equal to the largest, again and
+again, give it away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stages.plant.effect import ChainEffect, Parameter, State
+from stages.signals.trajectories import Array
+
+SCALE_KPA = 1000.0
+
+
+def _clip(signal: Array, scale: Array | float, ratio: float) -> Array:
+    return np.minimum(signal, scale / ratio) if ratio > 0.0 else signal
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, up to the level."""
+    return _clip(signal, state.muscles.full_force_n, parameters["full_force_over_level"])
+
+
+def apply_to_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the pressure, kPa, up to the level."""
+    return _clip(signal, SCALE_KPA, parameters["mpa_over_level"])
+
+
+EFFECT = ChainEffect(
+    name="saturation",
+    form="force",
+    site="sensor",
+    signal="sensed_force_n",
+    parameters=(
+        Parameter("full_force_over_level", "1", 0.0, 50.0, 0.5, 2.0, "largest force over the level", (1.5, 3.0, 6.0)),
+    ),
+    source="Bendat, Piersol, Random data, 4th edition (2010), chapter 10: data acquisition",
+    signature="force stays at one value wherever it should exceed it",
+    split_by="a slow sweep to the largest pressure",
+    relatives=(),
+    apply=apply,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="pressure",
+        signal="sensed_pressure_kpa",
+        parameters=(Parameter("mpa_over_level", "1", 0.0, 50.0, 0.5, 2.0, "1000 kPa over the level", (1.5, 3.0, 6.0)),),
+        signature="pressure stays at one value wherever it should exceed it",
+        apply=apply_to_pressure,
+    ),
+)

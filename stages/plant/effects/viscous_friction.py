@@ -1,0 +1,81 @@
+"""Friction that grows with velocity, beyond the nominal damping.
+
+`linear` is the nominal damping itself, which a fit of the constants takes up; `power_law` bends with velocity, and
+`pressure_scaled` grows with pressure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.muscle import pull_at_rest
+from stages.signals.trajectories import Array
+
+USUAL_PER_S = 0.1
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less a share of the largest force per velocity."""
+    quick = state.velocity_per_s / USUAL_PER_S
+    return signal - parameters["share"] * state.muscles.full_force_n * quick
+
+
+def apply_power(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less a power of velocity."""
+    quick = state.velocity_per_s / USUAL_PER_S
+    bent = np.copysign(np.abs(quick) ** parameters["exponent"], quick)
+    return signal - parameters["share"] * state.muscles.full_force_n * bent
+
+
+def apply_with_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less a share of the force at this pressure per velocity."""
+    quick = state.velocity_per_s / USUAL_PER_S
+    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * quick
+
+
+def _share_of(what: str) -> Parameter:
+    return Parameter("share", "1", 0.0, 0.5, 0.02, 0.03, f"friction at 0.1 /s over {what}", (0.02, 0.1))
+
+
+EFFECT = ChainEffect(
+    name="viscous_friction",
+    form="linear",
+    site="muscle",
+    signal="force_n",
+    parameters=(_share_of("the largest force"),),
+    source=(
+        "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Friction models and friction compensation, Eur. J. "
+        "Control 4 (1998)"
+    ),
+    signature="force is short in proportion to the velocity of shortening, and right at rest",
+    split_by="the same way at three speeds and two pressures",
+    relatives=("coulomb_friction", "channel_misalignment"),
+    apply=apply,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="power_law",
+        parameters=(
+            _share_of("the largest force"),
+            Parameter("exponent", "1", 0.2, 2.5, 1.0, 0.5, "power of velocity", (0.5, 1.8)),
+        ),
+        apply=apply_power,
+    ),
+    replace(
+        EFFECT,
+        form="pressure_scaled",
+        parameters=(_share_of("the force at this pressure and rest length"),),
+        source=(
+            "Reynolds, Repperger, Phillips, Bandry, Modeling the dynamic characteristics of pneumatic muscle, Ann. "
+            "Biomed. Eng. 31 (2003): damping grows with pressure"
+        ),
+        apply=apply_with_pressure,
+    ),
+)
