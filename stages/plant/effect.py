@@ -1,8 +1,9 @@
-"""What a named effect is: a site, parameters with their priors, a source, and one of two shapes.
+"""What a named effect is: a site, parameters with their priors, a source, and one of three shapes.
 
-A chain effect maps whole arrays at its site; a joint effect adds to the terms of the one compiled integrator. In both,
-the first parameter is the magnitude, and zero magnitude means that the effect is absent. An effect may have several
-forms in the literature: they share its name, and the module of that name lists them.
+A chain effect maps whole arrays at its site; a joint effect adds to the terms of the joints' one compiled integrator,
+and a dynamic effect to that of another machine. In all, the first parameter is the magnitude, and zero magnitude means
+that the effect is absent. An effect may have several forms in the literature: they share its name, and the module of
+that name lists them.
 """
 
 from __future__ import annotations
@@ -159,7 +160,26 @@ class JointEffect:
     site: Site = "joint"
 
 
-Effect = ChainEffect | JointEffect
+@dataclass(frozen=True)
+class DynamicEffect:
+    """An effect inside a machine that is one integrator: ``terms(parameters)`` returns what it adds to its terms.
+
+    The other fields are those of `ChainEffect`. Sizes are told in the machine's own scales, so that bounds hold for
+    every machine of the kind.
+    """
+
+    name: str
+    form: str
+    site: Literal["oscillator", "drive", "tank"]
+    parameters: tuple[Parameter, ...]
+    source: str
+    signature: str
+    split_by: str
+    relatives: tuple[str, ...]
+    terms: Callable[[Mapping[str, float]], dict[str, float]]
+
+
+Effect = ChainEffect | JointEffect | DynamicEffect
 
 
 @cache

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_serializer, model_validator
 
 from stages.plant.declaration import Declared, nearest
-from stages.plant.effect import Effect, Parameter, find_effect, list_forms
+from stages.plant.effect import DynamicEffect, Effect, Parameter, find_effect, list_forms
 from stages.plant.exoskeleton import Exoskeleton, Muscle
 from stages.plant.muscle import MuscleConstants, braid_coefficients
 
@@ -65,6 +65,10 @@ class AppliedEffect(Declared):
         if "name" not in entry:
             raise ValueError("an effect needs a name")
         effect = _choose_form(entry)
+        if isinstance(effect, DynamicEffect):
+            raise ValueError(
+                f"effect {effect.name}, form {effect.form}: acts at the {effect.site}, not at a muscle or joint"
+            )
         place, other = _places_of(effect)
         if place not in entry:
             raise ValueError(f"effect {effect.name}: missing key '{place}' (a list of {place}, or null for all)")

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, JointEffect, Parameter, State
+from stages.plant.effect import ChainEffect, DynamicEffect, JointEffect, Parameter, State
 from stages.signals.trajectories import Array
 
 
@@ -64,4 +64,25 @@ CABLE = ChainEffect(
     apply=apply,
 )
 
-FORMS = (EFFECT, CABLE)
+
+def rub(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's terms: friction over the spring's force at one scale, and where it turns."""
+    return {"coulomb": parameters["share"], "sliding": parameters["sliding"]}
+
+
+SLIDER = DynamicEffect(
+    name="coulomb_friction",
+    form="slider",
+    site="oscillator",
+    parameters=(
+        Parameter("share", "1", 0.0, 2.0, 0.0, 0.1, "friction over spring force at the output's scale", (0.03,)),
+        Parameter("sliding", "1", 0.005, 0.5, 0.03, 0.03, "velocity at which it slides, scales per radian", (0.03,)),
+    ),
+    source=SOURCE,
+    signature="small motions are damped more than large ones, and the motion sticks before it rests",
+    split_by="free decay: the envelope falls by as much with every period",
+    relatives=("hysteresis", "viscous_friction"),
+    terms=rub,
+)
+
+FORMS = (EFFECT, CABLE, SLIDER)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.signals.trajectories import Array
 
 USUAL = 0.1
@@ -38,4 +38,26 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
-FORMS = (EFFECT,)
+
+def stiffen(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's terms: force of the cubic spring over that of the linear one, at one scale of motion."""
+    return {"cubic": parameters["share"]}
+
+
+DUFFING = DynamicEffect(
+    name="cubic_stiffness",
+    form="duffing",
+    site="oscillator",
+    parameters=(
+        Parameter(
+            "share", "1", -0.3, 10.0, 0.0, 0.5, "cubic over linear spring force at the output's scale", (0.1, -0.05)
+        ),
+    ),
+    source="Kovacic, Brennan, The Duffing equation: nonlinear oscillators and their behaviour (2011)",
+    signature="the resonance bends towards higher frequency as the motion grows, and lower where the spring softens",
+    split_by="a slow sweep through the resonance at a small and a large input",
+    relatives=(),
+    terms=stiffen,
+)
+
+FORMS = (EFFECT, DUFFING)

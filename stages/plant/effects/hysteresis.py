@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.plant.muscle import pull_at_rest
 from stages.plant.operators import follow_bouc_wen, follow_play, follow_stops
 from stages.signals.trajectories import Array
@@ -80,6 +80,27 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
+
+def yield_at_turns(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's terms: largest hysteretic force over the spring's at one scale, and where it yields."""
+    return {"hysteretic": parameters["share"], "turning": parameters["turning"]}
+
+
+BOUC_WEN_SPRING = DynamicEffect(
+    name="hysteresis",
+    form="bouc_wen_spring",
+    site="oscillator",
+    parameters=(
+        Parameter("share", "1", 0.0, 3.0, 0.0, 0.2, "hysteretic over spring force at the output's scale", (0.1,)),
+        Parameter("turning", "1", 0.1, 2.0, 0.3, 0.2, "motion over which it turns, in scales", (0.2, 0.6)),
+    ),
+    source="Wen, Method for random vibration of hysteretic systems, ASCE J. Eng. Mech. Div. 102 (1976)",
+    signature="force over motion makes a loop that does not shrink with speed",
+    split_by="a very slow cycle to both ends, twice as far the second time",
+    relatives=("coulomb_friction", "viscous_friction"),
+    terms=yield_at_turns,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -126,4 +147,5 @@ FORMS = (
         relatives=("valve_asymmetry", "valve_lag"),
         apply=apply_to_command,
     ),
+    BOUC_WEN_SPRING,
 )

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.signals.trajectories import Array
 
 SCALE_KPA = 1000.0
@@ -46,6 +46,39 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
+
+def cut_drive(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's term: one scale of motion over the one that the largest drive holds at rest."""
+    return {"drive_cut": parameters["scale_over_level"]}
+
+
+def cut_reading(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's term: one scale of motion over the largest that is read."""
+    return {"sensor_cut": parameters["scale_over_level"]}
+
+
+DRIVE = DynamicEffect(
+    name="saturation",
+    form="drive",
+    site="oscillator",
+    parameters=(
+        Parameter("scale_over_level", "1", 0.0, 50.0, 0.0, 2.0, "scale of motion over the level", (0.7, 1.3, 3.0)),
+    ),
+    source=EFFECT.source,
+    signature="the response stays behind where the input is largest, at any frequency",
+    split_by="a slow sweep of the input to its largest value",
+    relatives=(),
+    terms=cut_drive,
+)
+
+READING = replace(
+    DRIVE,
+    form="reading",
+    signature="the response stays at one value wherever it should exceed it",
+    split_by="a resonant motion beyond the level",
+    terms=cut_reading,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -56,4 +89,6 @@ FORMS = (
         signature="pressure stays at one value wherever it should exceed it",
         apply=apply_to_pressure,
     ),
+    DRIVE,
+    READING,
 )

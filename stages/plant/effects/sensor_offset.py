@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.signals.trajectories import Array
 
 
@@ -36,6 +36,24 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
+
+def shift_reading(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's term: what the sensor adds, in scales of motion."""
+    return {"sensor_offset": parameters["share"]}
+
+
+OSCILLATOR = DynamicEffect(
+    name="sensor_offset",
+    form="motion",
+    site="oscillator",
+    parameters=(Parameter("share", "1", -1.0, 1.0, 0.0, 0.1, "offset in scales of motion", (0.05,)),),
+    source=EFFECT.source,
+    signature="the response errs by the same amount at all times",
+    split_by="a reading at rest without input",
+    relatives=(),
+    terms=shift_reading,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -50,4 +68,5 @@ FORMS = (
         relatives=("threshold_pressure",),
         apply=apply_to_pressure,
     ),
+    OSCILLATOR,
 )

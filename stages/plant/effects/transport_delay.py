@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.signals.trajectories import Array
 
 
@@ -33,4 +33,24 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
-FORMS = (EFFECT,)
+
+def retard(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's term: time by which the input acts late, in natural periods."""
+    return {"delay": parameters["periods"]}
+
+
+LATE_INPUT = DynamicEffect(
+    name="transport_delay",
+    form="late_input",
+    site="oscillator",
+    parameters=(
+        Parameter("periods", "1", 0.0, 2.0, 0.0, 0.1, "how late the input acts, in natural periods", (0.02, 0.1)),
+    ),
+    source="Ljung, System identification: theory for the user, 2nd edition (1999), section 4.2: input delay",
+    signature="the residual leads the response by the same time at every frequency",
+    split_by="a chirp or steps of the input",
+    relatives=(),
+    terms=retard,
+)
+
+FORMS = (EFFECT, LATE_INPUT)

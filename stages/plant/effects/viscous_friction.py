@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.plant.muscle import pull_at_rest
 from stages.signals.trajectories import Array
 
@@ -57,6 +57,26 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
+
+def drag(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's term: force of the drag over the spring's, moving one scale per radian."""
+    return {"drag": parameters["share"]}
+
+
+QUADRATIC = DynamicEffect(
+    name="viscous_friction",
+    form="quadratic_drag",
+    site="oscillator",
+    parameters=(
+        Parameter("share", "1", 0.0, 10.0, 0.0, 0.2, "drag over spring force, moving one scale per radian", (0.05,)),
+    ),
+    source="Nayfeh, Mook, Nonlinear oscillations (1979), section 3.3.2: quadratic damping",
+    signature="the resonance flattens as the motion grows: damping lacks at high velocity",
+    split_by="free decay from a large motion: its envelope bends",
+    relatives=("coulomb_friction", "hysteresis"),
+    terms=drag,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -78,4 +98,5 @@ FORMS = (
         ),
         apply=apply_with_pressure,
     ),
+    QUADRATIC,
 )

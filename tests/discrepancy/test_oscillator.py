@@ -1,0 +1,127 @@
+"""The discrepancy engine on a dynamic plant: an oscillator that hides a spring, or nothing, and a recorded one."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from stages.discrepancy.oscillator_cell import build_oscillator
+from stages.discrepancy.search import SearchSettings, prepare, search, unexplained_share
+from tests.discrepancy.oscillators import CONFIGURATION, NOISE_V, WANDER_V, configured, shake
+
+RECORDED = Path(__file__).resolve().parents[3] / "shared" / "data" / "silverbox" / "silverbox.parquet"
+
+
+@pytest.fixture(scope="module")
+def settings():
+    stated = yaml.safe_load((CONFIGURATION / "discrepancy" / "stated.yaml").read_text())
+    return SearchSettings(**stated["search"])
+
+
+def look_for(cell, settings, generator):
+    found = search([prepare(cell)], settings, generator)
+    return found, [each.name for each in found.named]
+
+
+def compare(cell, fitted):
+    """Root mean square of measured less simulated over the standard deviation of measured."""
+    deviation = (cell.measured - cell.simulate(*fitted.fit.model.name_values(fitted.fit.values)))[cell.present]
+    return float(np.sqrt(np.mean(deviation**2)) / cell.measured[cell.present].std())
+
+
+def test_a_hidden_hardening_spring_is_named_and_mended(settings, generator):
+    cell = build_oscillator(*shake(generator, lambda x, w: 3.0 * x**3), configured("silverbox"))
+    fitted, unused = cell.take(range(8)), cell.take(range(8, 12))
+    found, names = look_for(fitted, settings, generator)
+    state = found.cells[0]
+    assert names == ["cubic_stiffness"]
+    assert found.named[0].probability > 0.9
+    share = state.current.fit.model.name_values(state.current.fit.values)[1][0][1]["share"]
+    assert share == pytest.approx(3.0 * 0.2**2, rel=0.05)
+    assert found.rounds[0].absorbed["sensor_offset"] > 0.99
+    assert compare(unused, state.nominal) > 0.04
+    assert compare(unused, state.current) < 1.05 * np.hypot(NOISE_V, WANDER_V / np.sqrt(2)) / unused.measured.std()
+
+
+def test_dry_friction_is_named(settings, generator):
+    rub = 0.02
+    cell = build_oscillator(*shake(generator, lambda x, w: rub * w / np.sqrt(w**2 + 0.005**2)), configured("silverbox"))
+    assert look_for(cell, settings, generator)[1] == ["coulomb_friction"]
+
+
+def test_nothing_is_named_in_a_linear_oscillator(settings, generator):
+    cell = build_oscillator(*shake(generator, lambda x, w: 0.0 * x), configured("silverbox"))
+    found, names = look_for(cell, settings, generator)
+    assert names == []
+    assert unexplained_share(found, settings, generator)["response_v"][1] < 0.5
+
+
+def test_blocks_can_be_taken_in_any_order(generator):
+    signals, blocks = shake(generator, lambda x, w: x**3, records=3)
+    cell = build_oscillator(signals, blocks, configured("silverbox"))
+    constants = {each.name: each.prior_mean for each in cell.constants}
+    whole = cell.simulate(constants, [])
+    assert (cell.take([2, 0]).simulate(constants, []) == whole[:, [2, 0]]).all()
+    assert (cell.take([2, 0]).measured == cell.measured[:, [2, 0]]).all()
+
+
+def test_a_lead_in_stands_for_the_whole_record_before_it(generator):
+    signals, blocks = shake(generator, lambda x, w: 0.0 * x, records=1, samples=2000)
+    plant = configured("silverbox")
+    constants = {each.name: each.prior_mean for each in plant.parameters}
+    whole = build_oscillator(signals, blocks.assign(start_s=0.0, samples=2000), plant)
+    part = build_oscillator(signals, blocks.assign(start_s=1500 * whole.step_s, samples=500), plant)
+    difference = part.simulate(constants, []) - whole.simulate(constants, [])[1500:]
+    assert np.abs(difference).max() < 1e-3 * np.abs(whole.measured).max()
+
+
+def test_a_gap_in_the_input_is_not_judged_until_its_motion_has_died(generator):
+    signals, blocks = shake(generator, lambda x, w: 0.0 * x, records=1, samples=1500)
+    lost = (signals["signal"] == "drive_v") & signals["time_s"].between(0.9995, 1.0505)
+    cell = build_oscillator(signals.assign(value=signals["value"].mask(lost)), blocks, configured("silverbox"))
+    unjudged = np.flatnonzero(~cell.present[:, 0]) * cell.step_s + blocks["start_s"].iloc[0]
+    assert unjudged[0] == pytest.approx(1.0, abs=0.003)
+    assert unjudged[-1] == pytest.approx(1.05 + 0.5, abs=0.003)
+
+
+def test_the_beginning_of_a_record_and_the_end_of_a_short_block_are_not_judged(generator):
+    signals, blocks = shake(generator, lambda x, w: 0.0 * x, records=2)
+    mixed = blocks.assign(start_s=[0.0, 0.6], samples=[1000, 200])
+    cell = build_oscillator(signals, mixed, configured("silverbox"))
+    assert cell.present[:, 0].sum() == 1000 - round(0.5 / cell.step_s)
+    assert (np.flatnonzero(cell.present[:, 1]) == np.arange(200)).all()
+
+
+def test_a_missing_signal_is_refused(generator):
+    signals, blocks = shake(generator, lambda x, w: 0.0 * x, records=1)
+    plant = configured("silverbox").model_copy(update={"output": "answer_v"})
+    with pytest.raises(ValueError, match="signal answer_v: expected values, got none; known are drive_v, response_v"):
+        build_oscillator(signals, blocks, plant)
+
+
+def cut_recorded(part, starts, samples):
+    """Signals and blocks of one part of the recorded file; starts and samples are counts from the part's first."""
+    frame = pd.read_parquet(RECORDED)
+    frame = frame[frame["part"] == part].reset_index(drop=True)
+    instants = (frame["t"] - frame["t"].iloc[0]).to_numpy()
+    wide = pd.DataFrame({"record": part, "time_s": instants, "drive_v": frame["u"], "response_v": frame["y"]})
+    signals = wide.melt(["record", "time_s"], var_name="signal", value_name="value").astype({"value": float})
+    return signals, pd.DataFrame({"record": part, "start_s": instants[starts], "samples": samples})
+
+
+@pytest.mark.skipif(not RECORDED.exists(), reason=f"recorded data of others are needed at {RECORDED}")
+def test_the_spring_of_a_recorded_oscillator_is_named(settings, generator):
+    plant = configured("silverbox")
+    realisations = 8602 + 8692 * np.arange(9)
+    cell = build_oscillator(*cut_recorded("multisine", realisations, 8650), plant)
+    unused = cell.take([1, 4, 7])
+    found, names = look_for(cell.take([0, 2, 3, 5, 6, 8]), settings, generator)
+    state = found.cells[0]
+    assert names == ["cubic_stiffness"]
+    assert unexplained_share(found, settings, generator)["response_v"][1] < 0.5
+    assert compare(unused, state.nominal) > 0.1
+    assert compare(unused, state.current) < 0.008
+    beyond = build_oscillator(*cut_recorded("arrow_test", np.array([0]), 40400), plant)
+    assert compare(beyond, state.current) < 0.012
