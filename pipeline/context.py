@@ -14,13 +14,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from pipeline.errors import TableError, WiringError
-from pipeline.files import TEMPORARY_SUFFIX, hash_file, sync_folder, write_atomically, write_json
+from pipeline.files import TEMPORARY_SUFFIX, hash_file, sync_folder, write_atomically, write_json, write_text
 from pipeline.table import Table
 from pipeline.terminal import open_console
 from pipeline.workers import spread
@@ -238,9 +238,21 @@ class Context:
             figure.set_layout_engine("none")  # the next format has the layout of the first
         figure.clear()
 
-    def document(self, name: str, mapping: Mapping[str, Any]) -> None:
-        """Keep a mapping as ``documents/NAME.json``."""
-        path = self.folder / "documents" / f"{name}.json"
+    def document(self, name: str, mapping: Mapping[str, Any], form: Literal["json", "yaml"] = "json") -> None:
+        """Keep a mapping as ``documents/NAME.json``, or as YAML, which a configuration can be read from."""
+        path = self.folder / "documents" / f"{name}.{form}"
+        if form == "json":
+            write_json(path, mapping, final=True)
+        else:
+            from omegaconf import OmegaConf
+
+            text = OmegaConf.to_yaml(OmegaConf.create(dict(mapping)))
+            write_text(path, text, final=True)
+        self._note(path, kind="document")
+
+    def verdict(self, mapping: Mapping[str, Any]) -> None:
+        """Keep what a workflow came to as ``verdict.json``, beside the run's tables."""
+        path = self.folder / "verdict.json"
         write_json(path, mapping, final=True)
         self._note(path, kind="document")
 

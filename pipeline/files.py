@@ -59,9 +59,9 @@ def sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str, final: bool = False) -> None:
     """Write `text` to `path` atomically, as UTF-8."""
-    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"), final)
 
 
 def write_json(path: Path, mapping: Any, final: bool = False) -> None:

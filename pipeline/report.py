@@ -6,7 +6,6 @@ A run's ledger, tables and figures flow in; one self-contained page flows out, w
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Sequence
 from importlib.resources import files as package_files
 from pathlib import Path
@@ -116,7 +115,7 @@ def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
     documents = [
         {
             "name": Path(file).stem,
-            "text": json.dumps(json.loads((ledger.folder / file).read_text()), indent=1, ensure_ascii=False),
+            "text": (ledger.folder / file).read_text(encoding="utf-8"),
         }
         for file, facts in record["files"].items()
         if facts["kind"] == "document"

@@ -1,0 +1,46 @@
+"""Where a simulation and what was measured disagree, which named effect is missing, and what it takes away.
+
+A `Cell` is one channel of one element of a machine. `prepare` fits its nominal constants and its noise; `search` names
+effects and adds them; `locate` tells in which regimes the gap lies.
+"""
+
+from stages.discrepancy.amendment import amend, estimate_intervals
+from stages.discrepancy.cell import Cell, Driver, Form
+from stages.discrepancy.gaps import locate, upper_ratio
+from stages.discrepancy.ranking import rank_first
+from stages.discrepancy.resampling import resample
+from stages.discrepancy.restoring import restore
+from stages.discrepancy.search import CellState, Search, prepare, search, unexplained_share
+from stages.discrepancy.session import build_cells
+from stages.discrepancy.settings import DiscrepancySettings, choose_verification
+from stages.discrepancy.verdict import describe_effects, locate_most
+from stages.discrepancy.verification import Verified, compare_steps, list_predictions, verify
+from stages.discrepancy.words import tell
+
+__all__ = [
+    "Cell",
+    "CellState",
+    "DiscrepancySettings",
+    "Driver",
+    "Form",
+    "Search",
+    "Verified",
+    "amend",
+    "build_cells",
+    "choose_verification",
+    "compare_steps",
+    "describe_effects",
+    "estimate_intervals",
+    "list_predictions",
+    "locate",
+    "locate_most",
+    "prepare",
+    "rank_first",
+    "resample",
+    "restore",
+    "search",
+    "tell",
+    "unexplained_share",
+    "upper_ratio",
+    "verify",
+]

@@ -70,6 +70,8 @@ class Cell(ABC):
     ----------
     channel, element : str
         Names as in the verdict, for example ``force_n`` and ``pam1``.
+    unit : str
+        Of the channel.
     step_s : float
         Time between samples, s.
     measured : (T, K) ndarray
@@ -82,6 +84,7 @@ class Cell(ABC):
 
     channel: str
     element: str
+    unit: str
     step_s: float
     measured: Array
     present: NDArray[np.bool_]

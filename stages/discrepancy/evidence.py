@@ -36,27 +36,6 @@ class Verdicts:
     carries: Mapping[str, Array]
 
 
-def score_trials(squares: Array, samples: Array, temper: float) -> Array:
-    """Return trial-wise log scores of a hypothesis in one cell.
-
-    Parameters
-    ----------
-    squares : (K,) ndarray
-        Sums of squares of whitened residuals of trials left out.
-    samples : (K,) ndarray
-        How many went into each.
-    temper : float
-        Divides the score: samples that together tell as much as one.
-
-    Notes
-    -----
-    The hypothesis has a noise scale of its own, so that a gap that nothing closes does not make names of small gains.
-    """
-    variance = squares.sum() / samples.sum()
-    scores: Array = -0.5 * (samples * np.log(variance) + squares / variance) / temper
-    return scores
-
-
 def weigh_names(
     scores: Mapping[tuple[str, str], Sequence[Array]],
     none: Sequence[Array],

@@ -102,8 +102,10 @@ class Fit:
         At the largest posterior density.
     residual : (T, K) ndarray
         Measured less simulated, zero where not present.
-    white, raw : Grams
-        By trial, of whitened signals and of signals in the channel's unit.
+    slopes : (T, K, P) ndarray
+        Derivatives of the simulated by the values, zero where not present.
+    white : Grams
+        By trial, of whitened signals.
     free : (P,) ndarray of bool
         Which values are not held by a bound.
     """
@@ -111,8 +113,8 @@ class Fit:
     model: Model
     values: Array
     residual: Array
+    slopes: Array
     white: Grams
-    raw: Grams
     free: NDArray[np.bool_]
 
     @property
@@ -144,10 +146,17 @@ class Fit:
             changes[row, free] = np.linalg.solve(curvature, weight @ self.white.cross[:, free] + pull[free])
         return np.clip(self.values + changes, low, high) - self.values
 
-    def leave_each_out(self) -> tuple[Array, Array]:
-        """Return each trial's whitened and raw sum of squares when it is left out of the fit, (K,) ndarrays."""
+    def drawn_values(self, weights: Array) -> Array:
+        """Return the values, (B, P), when trials are drawn again with weights (B, K)."""
+        drawn: Array = self.values + self.change_without(weights)
+        return drawn
+
+    def leave_each_out(self) -> Array:
+        """Return each trial's residual when it is left out of the fit, (T, K) ndarray."""
         changes = self.change_without(1.0 - np.eye(len(self.white.square)))
-        return self.white.left_out(changes), self.raw.left_out(changes)
+        moved = np.matmul(self.slopes.transpose(1, 0, 2), changes[:, :, None])[:, :, 0]
+        residual: Array = self.residual - moved.T
+        return residual
 
 
 def collect_grams(slopes: Array, residual: Array, present: NDArray[np.bool_]) -> Grams:
@@ -212,10 +221,9 @@ def fit(model: Model, noise: Noise, start: Array, iterations: int = ITERATIONS) 
         if fallen < ENOUGH * cost:
             break
     slopes, white = _linearise(model, values, simulated, residual, noise)
-    raw = collect_grams(slopes, residual, present)
     margin = 1e-9 * (high - low)
     free = (values > low + margin) & (values < high - margin)
-    return Fit(model, values, residual, white, raw, free)
+    return Fit(model, values, residual, slopes, white, free)
 
 
 def _linearise(model: Model, values: Array, simulated: Array, residual: Array, noise: Noise) -> tuple[Array, Grams]:

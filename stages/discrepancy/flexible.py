@@ -12,6 +12,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from stages.discrepancy.cell import Cell, Driver
 from stages.discrepancy.fitting import Fit, Grams
@@ -22,6 +23,7 @@ LAGS_S = (0.02, 0.06, 0.2, 0.6, 2.0)
 WIDTHS = (0.03, 0.1, 0.3, 1.0)
 """Half-widths of stop operators, in standard deviations of the signal."""
 KINKS = (-1.0, 0.0, 1.0)
+Mask = NDArray[np.bool_]
 PENALTIES = (1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)
 
 
@@ -42,7 +44,7 @@ class Leftover:
     residual: Array
 
 
-def explain_residual(fit: Fit, noise: Noise | None) -> Leftover:
+def explain_residual(fit: Fit, noise: Noise | None, learnt: Mask | None = None) -> Leftover:
     """Return what is left of each trial's residual when the others' is fitted by generic features.
 
     Parameters
@@ -51,6 +53,8 @@ def explain_residual(fit: Fit, noise: Noise | None) -> Leftover:
         The model whose residual it is; its own values may change along with the features' weights.
     noise : Noise or None
         Of the channel; None takes the residual as white.
+    learnt : (K,) ndarray of bool, optional
+        Trials that it may be fitted to; all, unless told.
     """
     cell = fit.model.cell
     present = cell.present
@@ -64,10 +68,11 @@ def explain_residual(fit: Fit, noise: Noise | None) -> Leftover:
     else:
         white = whiten(together, present, noise, cell.step_s)
     first = slopes.shape[2]
-    return _leave_each_out(white, together, first, 1.0 / fit.model.prior[1] ** 2)
+    known = np.ones(cell.trials, dtype=bool) if learnt is None else learnt
+    return _leave_each_out(white, together, first, 1.0 / fit.model.prior[1] ** 2, known)
 
 
-def _leave_each_out(white: Array, raw: Array, first: int, precision: Array) -> Leftover:
+def _leave_each_out(white: Array, raw: Array, first: int, precision: Array, learnt: Mask) -> Leftover:
     scale = np.sqrt(np.maximum((white[:, :, :-1] ** 2).mean(axis=(0, 1)), 1e-300))
     scale[:first] = 1.0
     by_trial = np.ascontiguousarray(white.transpose(1, 0, 2))
@@ -78,19 +83,19 @@ def _leave_each_out(white: Array, raw: Array, first: int, precision: Array) -> L
         (by_trial[:, :, -1] ** 2).sum(axis=1),
         np.zeros(len(by_trial)),
     )
-    total, cross = grams.slopes.sum(axis=0), grams.cross.sum(axis=0)
+    total, cross = grams.slopes[learnt].sum(axis=0), grams.cross[learnt].sum(axis=0)
     best: tuple[float, Array, Array] | None = None
     for penalty in PENALTIES:
         ridge = np.concatenate([precision, np.full(total.shape[0] - first, penalty)])
         weights = np.stack(
             [
-                np.linalg.solve(total - grams.slopes[k] + np.diag(ridge), cross - grams.cross[k])
-                for k in range(len(by_trial))
+                np.linalg.solve(total - known * grams.slopes[k] + np.diag(ridge), cross - known * grams.cross[k])
+                for k, known in enumerate(learnt.astype(float))
             ]
         )
         left = grams.left_out(weights)
-        if best is None or left.sum() < best[0]:
-            best = (float(left.sum()), left, weights)
+        if best is None or left[learnt].sum() < best[0]:
+            best = (float(left[learnt].sum()), left, weights)
     assert best is not None
     _, left, weights = best
     explained = np.matmul(raw[:, :, :-1].transpose(1, 0, 2), (weights / scale)[:, :, None])[:, :, 0]

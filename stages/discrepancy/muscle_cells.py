@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Any, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from stages.plant.passage import predict_force, predict_pressure
 
 from stages.discrepancy.cell import Cell, Driver, Form
 from stages.plant.effect import ChainEffect, Parameter, list_effects, list_forms
 from stages.plant.muscle import MuscleConstants, braid_coefficients
+from stages.plant.passage import predict_force, predict_pressure
 from stages.signals.trajectories import Array
 
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
@@ -46,6 +46,8 @@ class Records:
         Start of each trial in the session, s.
     command_kpa, pressure_kpa, contraction, velocity_per_s, force_n : (T, K) ndarray
         As measured; where a gap was, a bridge.
+    smooth_pressure_kpa : (T, K) ndarray
+        Pressure without most of its sensor's noise.
     known : mapping of str to (T, K) ndarray of bool
         By signal, where it was measured.
     others : mapping of str to (T, K) ndarray
@@ -59,20 +61,18 @@ class Records:
     contraction: Array
     velocity_per_s: Array
     force_n: Array
+    smooth_pressure_kpa: Array
     known: Mapping[str, NDArray[np.bool_]]
     others: Mapping[str, Array]
 
     def take(self, trials: Sequence[int]) -> Records:
         """Return some of the trials."""
         chosen = list(trials)
-        signals = ("command_kpa", "pressure_kpa", "contraction", "velocity_per_s", "force_n")
-        return replace(
-            self,
-            start_s=self.start_s[chosen],
-            **{name: np.ascontiguousarray(getattr(self, name)[:, chosen]) for name in signals},
-            known={name: values[:, chosen] for name, values in self.known.items()},
-            others={name: values[:, chosen] for name, values in self.others.items()},
-        )
+        signals = ("command_kpa", "pressure_kpa", "smooth_pressure_kpa", "contraction", "velocity_per_s", "force_n")
+        taken: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, chosen]) for name in signals}
+        known = {name: values[:, chosen] for name, values in self.known.items()}
+        others = {name: values[:, chosen] for name, values in self.others.items()}
+        return replace(self, start_s=self.start_s[chosen], known=known, others=others, **taken)
 
 
 @dataclass(frozen=True)
@@ -132,6 +132,7 @@ class PressureCell(MuscleCell):
     """Sensed pressure from the command."""
 
     channel = "pressure_kpa"
+    unit = "kPa"
 
     @property
     def measured(self) -> Array:  # type: ignore[override]
@@ -150,7 +151,7 @@ class PressureCell(MuscleCell):
 
     def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
         """Return the sensed pressure, kPa."""
-        placed = [(form.effect, values) for form, values in effects]
+        placed = [(cast(ChainEffect, form.effect), values) for form, values in effects]
         records = self.records
         return predict_pressure(records.command_kpa, self._collect(constants), placed, records.step_s, records.start_s)
 
@@ -166,6 +167,7 @@ class ForceCell(MuscleCell):
     """Sensed force from measured pressure and contraction."""
 
     channel = "force_n"
+    unit = "N"
 
     @property
     def measured(self) -> Array:  # type: ignore[override]
@@ -186,10 +188,10 @@ class ForceCell(MuscleCell):
 
     def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
         """Return the sensed force, N."""
-        placed = [(form.effect, values) for form, values in effects]
+        placed = [(cast(ChainEffect, form.effect), values) for form, values in effects]
         records = self.records
         return predict_force(
-            records.pressure_kpa,
+            records.smooth_pressure_kpa,
             records.contraction,
             records.velocity_per_s,
             self._collect(constants),
@@ -199,12 +201,16 @@ class ForceCell(MuscleCell):
             self.load_cell_site,
         )
 
+    def from_pressure(self, pressure_kpa: Array) -> ForceCell:
+        """Return the cell with another pressure, (T, K), than the measured one."""
+        return replace(self, records=replace(self.records, smooth_pressure_kpa=np.ascontiguousarray(pressure_kpa)))
+
     def drivers(self) -> list[Driver]:
         """Return pressure, contraction, their rates, and the other muscles' pressures and joints' angles."""
         records = self.records
-        rate = np.gradient(records.pressure_kpa, records.step_s, axis=0)
+        rate = np.gradient(records.smooth_pressure_kpa, records.step_s, axis=0)
         own = [
-            Driver("pressure_kpa", records.pressure_kpa),
+            Driver("pressure_kpa", records.smooth_pressure_kpa),
             Driver("contraction", records.contraction),
             Driver("contraction_velocity_per_s", records.velocity_per_s, rate=True),
             Driver("pressure_rate", rate, rate=True),

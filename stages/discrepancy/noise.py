@@ -96,7 +96,7 @@ def log_density(residual: Array, present: NDArray[np.bool_], noise: Noise, step_
     return density
 
 
-def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float) -> Noise:
+def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, start: Noise | None = None) -> Noise:
     """Return the noise that a residual most likely is, under weak priors on its constants.
 
     Parameters
@@ -107,6 +107,8 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float) -
         Where it counts.
     step_s : float
         Time between samples, s.
+    start : Noise, optional
+        Where to begin; in the middle of the priors, unless told.
 
     Raises
     ------
@@ -130,5 +132,9 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float) -
         return float(0.5 * (((z - centre) / width) ** 2).sum() - log_density(values, present, build(z), step_s).sum())
 
     bounds = [(c - 4.0 * w, c + 4.0 * w) for c, w in zip(centre, width, strict=True)]
-    found = minimize(cost, centre, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60, "ftol": 1e-7})
+    begin = centre
+    if start is not None:
+        given = (start.white / spread, start.quick / spread, start.quick_s, start.slow / spread, start.slow_s)
+        begin = np.clip(np.log(given), *np.transpose(bounds))
+    found = minimize(cost, begin, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60, "ftol": 1e-6})
     return build(found.x)

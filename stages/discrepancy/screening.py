@@ -15,7 +15,6 @@ import numpy as np
 from stages.discrepancy.cell import Form
 from stages.discrepancy.fitting import Fit, Grams, collect_grams
 from stages.discrepancy.noise import Noise, whiten
-from stages.signals.trajectories import Array
 
 MOST_STARTS = 12
 
@@ -30,15 +29,18 @@ class Screened:
         Which.
     start : dict of str to float
         The best of its starts, its magnitude scaled to the residual.
-    white : (K,) ndarray
-        Whitened sums of squares of trials left out.
+    gain : float
+        Fall of the whitened sum of squares of trials left out.
+    raw_gain : float
+        The same of the sum of squares in the channel's unit, fitted so, over what there is.
     absorbed : float
         Share of its change, squared, that the free constants imitate, at this start.
     """
 
     form: Form
     start: dict[str, float]
-    white: Array
+    gain: float
+    raw_gain: float
     absorbed: float
 
 
@@ -67,28 +69,32 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
                 changes.append(np.where(present, change, 0.0))
     if not changes:
         return []
-    slopes = np.where(present[:, :, None], fit.model.differentiate(fit.values, simulated), 0.0)
-    columns = np.concatenate([slopes, np.stack(changes, axis=2), fit.residual[:, :, None]], axis=2)
+    columns = np.concatenate([fit.slopes, np.stack(changes, axis=2), fit.residual[:, :, None]], axis=2)
     white = whiten(columns, present, noise, cell.step_s)
-    grams = collect_grams(white[:, :, :-1], white[:, :, -1], present)
+    grams, raw = (collect_grams(each[:, :, :-1], each[:, :, -1], present) for each in (white, columns))
+    unit = raw.square.sum() / max(raw.samples.sum(), 1.0)
+    plain = Grams(raw.slopes / unit, raw.cross / unit, raw.square / unit, raw.samples)
     known = len(fit.values)
-    best: dict[tuple[str, str], tuple[float, Screened]] = {}
+    best: dict[tuple[str, str], Screened] = {}
     for index, (form, start) in enumerate(zip(owners, starts, strict=True)):
-        found = _regress(fit, grams, known + index, form.parameters[0].low < 0.0)
+        signed = form.parameters[0].low < 0.0
+        found = _regress(fit, grams, known + index, signed)
         if found is None:
             continue
-        gain, scale, left, absorbed = found
+        gain, scale, absorbed = found
+        in_units = _regress(fit, plain, known + index, signed)
         first = form.parameters[0]
         magnitude = float(np.clip(scale * start[first.name], first.low, first.high))
         started = {**start, first.name: magnitude if magnitude != 0.0 else start[first.name]}
+        raw_gain = in_units[0] / float(plain.square.sum()) if in_units else 0.0
         key = (form.name, form.form)
-        if key not in best or gain > best[key][0]:
-            best[key] = (gain, Screened(form, started, left, absorbed))
-    return [each for _, each in best.values()]
+        if key not in best or gain > best[key].gain:
+            best[key] = Screened(form, started, gain, raw_gain, absorbed)
+    return list(best.values())
 
 
-def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, float, Array, float] | None:
-    """Return the gain of one change beside the free constants: in all, its scale, trials left out, share absorbed."""
+def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, float, float] | None:
+    """Return the gain of one change beside the free constants: in all, its scale, share absorbed."""
     free = np.flatnonzero(fit.free)
     chosen = np.append(free, column)
     precision = np.append(fit.precision[free], 0.0)
@@ -111,4 +117,4 @@ def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, 
         [np.linalg.solve(curvature - slopes[k], (cross.sum(axis=0) - cross[k]) + pull) for k in range(len(slopes))]
     )
     left = Grams(slopes, cross, grams.square, grams.samples).left_out(changes)
-    return float(grams.square.sum() - left.sum()), float(whole[-1]), left, absorbed
+    return float(grams.square.sum() - left.sum()), float(whole[-1]), absorbed

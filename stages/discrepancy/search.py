@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from stages.discrepancy.cell import Cell, Form
-from stages.discrepancy.evidence import NONE, Verdicts, score_trials, weigh_names
+from stages.discrepancy.evidence import NONE, Verdicts, weigh_names
 from stages.discrepancy.fitting import Fit, Model, begin, fit
 from stages.discrepancy.flexible import Leftover, explain_residual
-from stages.discrepancy.noise import Noise, estimate_noise
+from stages.discrepancy.noise import Noise, estimate_noise, log_density
 from stages.discrepancy.screening import Screened, screen
 from stages.signals.trajectories import Array
 
@@ -38,18 +38,23 @@ class SearchSettings:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit of one cell with the sums of squares of its trials, each left out.
+    """A fit of one cell, judged on its trials, each left out.
 
     Parameters
     ----------
     fit : Fit
-        With its own copy of model and values.
-    white, raw : (K,) ndarray
-        Sums of squares of residuals, whitened and in the channel's unit.
+        Values and what leaving trials out changes.
+    noise : Noise
+        That the residuals of trials left out most likely are.
+    density : (K,) ndarray
+        Log density of those residuals under it.
+    raw : (K,) ndarray
+        Their sums of squares, in the channel's unit.
     """
 
     fit: Fit
-    white: Array
+    noise: Noise
+    density: Array
     raw: Array
 
     @property
@@ -71,7 +76,7 @@ class CellState:
     @property
     def samples(self) -> Array:
         """Samples of each trial, (K,)."""
-        return self.current.fit.white.samples
+        return self.cell.present.sum(axis=0).astype(float)
 
     @property
     def floor(self) -> float:
@@ -91,6 +96,7 @@ class Named:
 
     name: str
     form: str
+    site: str
     channel: str
     elements: tuple[str, ...]
     probability: float
@@ -104,16 +110,19 @@ class Round:
     verdicts: Verdicts
     absorbed: Mapping[str, float]
     gaps: Mapping[str, float]
+    heldout: Mapping[str, float]
+    sites: Mapping[str, str]
     named: Named | None
 
 
 @dataclass
 class Search:
-    """How the search went."""
+    """How the search went: its cells now, what each round found, what was named, and all cells' fits at each step."""
 
     cells: list[CellState]
     rounds: list[Round] = field(default_factory=list)
     named: list[Named] = field(default_factory=list)
+    steps: list[list[Fit]] = field(default_factory=list)
 
 
 def prepare(cell: Cell) -> CellState:
@@ -125,13 +134,17 @@ def prepare(cell: Cell) -> CellState:
     for _ in range(2):  # the better the noise is known, the better the flexible model tells it from the rest
         noise = estimate_noise(explain_residual(rough, noise).residual, cell.present, cell.step_s)
     assert noise is not None
-    nominal = assess(fit(model, noise, rough.values))
+    nominal = assess(fit(model, noise, rough.values), noise)
     return CellState(cell, noise, nominal, nominal, explain_residual(nominal.fit, noise))
 
 
-def assess(found: Fit) -> Fitted:
-    """Return a fit with what each trial's residual is when it is left out."""
-    return Fitted(found, *found.leave_each_out())
+def assess(found: Fit, noise: Noise) -> Fitted:
+    """Judge a fit on its trials, each left out, under the noise that they then most likely have."""
+    cell = found.model.cell
+    residual = np.where(cell.present, found.leave_each_out(), 0.0)
+    own = estimate_noise(residual, cell.present, cell.step_s, noise)
+    density = log_density(residual, cell.present, own, cell.step_s)
+    return Fitted(found, own, density, (residual**2).sum(axis=0))
 
 
 def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.random.Generator) -> Search:
@@ -147,6 +160,7 @@ def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.r
         Draws weights of trials.
     """
     found = Search(list(cells))
+    found.steps.append([state.nominal.fit for state in cells])
     while len(found.named) < settings.most_effects:
         candidates = _list_candidates(found, settings)
         looked, choices = rank(found, candidates, settings, generator)
@@ -156,8 +170,12 @@ def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.r
         _add(found, looked.named, choices)
         found.named.append(looked.named)
         _take_out_redundant(found, settings)
+        found.steps.append([state.current.fit for state in found.cells])
     return found
 
+
+NOT_WORTH = 1.0
+"""Fall of a trial's score, in a cell, of a form that did not seem worth a full fit there."""
 
 Choice = dict[tuple[str, str], Fitted]
 """By name and form: the fit of one cell that carries it."""
@@ -185,58 +203,69 @@ def rank(
     close = _shortlist(found, candidates, settings)
     choices = [
         {
-            (each.form.name, each.form.form): assess(_extend(state, each))
+            (each.form.name, each.form.form): _extend(state, each)
             for each in listed
             if (state.cell.channel, each.form.name, each.form.form) in close
         }
         for state, listed in zip(found.cells, candidates, strict=True)
     ]
     temper = settings.temper
-    none = [score_trials(state.current.white, state.samples, temper) for state in found.cells]
+    none = [state.current.density / temper for state in found.cells]
     scores: dict[tuple[str, str], list[Array]] = {}
-    for place, (state, listed) in enumerate(zip(found.cells, candidates, strict=True)):
+    for place, listed in enumerate(candidates):
         for each in listed:
             key = (each.form.name, each.form.form)
             fitted = choices[place].get(key)
-            white = fitted.white if fitted else each.white
-            scores.setdefault(key, list(none))[place] = score_trials(white, state.samples, temper)
+            apart = scores.setdefault(key, [score - NOT_WORTH for score in none])
+            apart[place] = fitted.density / temper if fitted else apart[place]
     names = sorted({name for name, _ in scores})
     share = (1.0 - settings.none_prior) / max(len(names), 1)
     verdicts = weigh_names(scores, none, {NONE: settings.none_prior, **dict.fromkeys(names, share)}, generator)
     absorbed = _absorb(candidates, verdicts)
-    gaps = {name: _gap_with(found, choices, candidates, verdicts, name) for name in names}
-    gaps[NONE] = _pool(found, [state.current.raw for state in found.cells])
-    named = _decide(found, choices, verdicts, absorbed, gaps, settings)
-    return Round(verdicts, absorbed, gaps, named), choices
+    raws = {name: _raw_with(found, choices, verdicts, name) for name in names}
+    raws[NONE] = [state.current.raw for state in found.cells]
+    gaps = {name: _pool(found, each) for name, each in raws.items()}
+    heldout = {name: pool_over_range(found, each) for name, each in raws.items()}
+    sites = {each.form.name: each.form.site for listed in candidates for each in listed}
+    named = _decide(found, choices, verdicts, absorbed, gaps, sites, settings)
+    return Round(verdicts, absorbed, gaps, heldout, sites, named), choices
 
 
 def _shortlist(
     found: Search, candidates: Sequence[Sequence[Screened]], settings: SearchSettings
 ) -> set[tuple[str, str, str]]:
     """Return channel, name and form of those that promise most, over all of a channel's cells."""
-    promised: dict[tuple[str, str, str], float] = {}
+    promised: dict[tuple[str, str, str], Array] = {}
     for state, listed in zip(found.cells, candidates, strict=True):
         for each in listed:
             key = (state.cell.channel, each.form.name, each.form.form)
-            promised[key] = promised.get(key, 0.0) + max(float((state.current.white - each.white).sum()), 0.0)
+            gains = np.maximum([each.gain, each.raw_gain], 0.0)
+            promised[key] = promised.get(key, np.zeros(2)) + gains
     kept: set[tuple[str, str, str]] = set()
     for channel in {key[0] for key in promised}:
-        ordered = sorted((key for key in promised if key[0] == channel), key=lambda key: -promised[key])
-        names: dict[str, int] = {}
-        for key in ordered:
-            if key[1] not in names and len(names) == settings.shortlist:
-                continue
+        for scale, most in ((0, settings.shortlist), (1, (settings.shortlist + 1) // 2)):
+            kept |= _take_best({key: float(each[scale]) for key, each in promised.items() if key[0] == channel}, most)
+    return kept
+
+
+def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set[tuple[str, str, str]]:
+    """Return the best two forms of the names that promise most."""
+    names: dict[str, int] = {}
+    kept = set()
+    for key in sorted((key for key in promised if promised[key] > 0.0), key=lambda key: (-promised[key], key)):
+        if key[1] in names or len(names) < most:
             names[key[1]] = names.get(key[1], 0) + 1
-            if names[key[1]] <= 2 and promised[key] > 0.0:
+            if names[key[1]] <= 2:
                 kept.add(key)
     return kept
 
 
-def _extend(state: CellState, chosen: Screened) -> Fit:
-    """Fit a cell with one more effect, from where it stands."""
+def _extend(state: CellState, chosen: Screened) -> Fitted:
+    """Fit a cell with one more effect, from where it stands, then once more under the noise that is left."""
     model = replace(state.current.fit.model, forms=(*state.current.forms, chosen.form))
     added = [chosen.start[each.name] for each in chosen.form.parameters]
-    return fit(model, state.noise, np.concatenate([state.current.fit.values, added]))
+    first = assess(fit(model, state.noise, np.concatenate([state.current.fit.values, added])), state.noise)
+    return assess(fit(model, first.noise, first.fit.values, iterations=4), first.noise)
 
 
 def _absorb(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
@@ -270,14 +299,10 @@ def _pool(found: Search, raws: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean([state.ratio(raw) ** 2 for state, raw in zip(found.cells, raws, strict=True)])))
 
 
-def _gap_with(
-    found: Search,
-    choices: Sequence[Choice],
-    candidates: Sequence[Sequence[Screened]],
-    verdicts: Verdicts,
-    name: str,
-) -> float:
-    return _pool(found, _raw_with(found, choices, verdicts, name))
+def pool_over_range(found: Search, raws: Sequence[Array]) -> float:
+    """Return the gap over the channels' ranges, root mean square over cells."""
+    each = [raw.sum() / state.samples.sum() / state.cell.range**2 for state, raw in zip(found.cells, raws, strict=True)]
+    return float(np.sqrt(np.mean(each)))
 
 
 def _decide(
@@ -286,22 +311,23 @@ def _decide(
     verdicts: Verdicts,
     absorbed: Mapping[str, float],
     gaps: Mapping[str, float],
+    sites: Mapping[str, str],
     settings: SearchSettings,
 ) -> Named | None:
     """Return the name to add, if one is probable, not absorbed, and closes a gap that matters."""
-    possible = [
+    fitted = [
         name
         for name in verdicts.names
         if name != NONE and absorbed.get(name, 0.0) <= settings.absorbed and _is_fitted(name, choices, verdicts)
     ]
+    carried = {name: _carriers(found, choices, verdicts, name, settings) for name in fitted}
+    possible = [name for name in fitted if carried[name]]
     if not possible:
         return None
     best = max(possible, key=lambda name: verdicts.names[name])
     if verdicts.names[best] <= verdicts.names[NONE]:
         return None
-    carriers = _carriers(found, choices, verdicts, best, settings)
-    if not carriers:
-        return None
+    carriers = carried[best]
     alternatives = tuple(
         name
         for name in sorted(possible, key=lambda each: gaps[each])
@@ -310,6 +336,7 @@ def _decide(
     return Named(
         best,
         verdicts.forms[best],
+        sites[best],
         found.cells[carriers[0]].cell.channel,
         tuple(found.cells[place].cell.element for place in carriers),
         verdicts.names[best],
@@ -355,8 +382,8 @@ def _update(state: CellState, found: Fit) -> CellState:
     """Go on from a fit: estimate the noise anew from what a flexible model leaves of it, and fit once more."""
     cell = state.cell
     noise = estimate_noise(explain_residual(found, state.noise).residual, cell.present, cell.step_s)
-    current = assess(fit(found.model, noise, found.values))
-    nominal = assess(fit(state.nominal.fit.model, noise, state.nominal.fit.values))
+    current = assess(fit(found.model, noise, found.values), noise)
+    nominal = assess(fit(state.nominal.fit.model, noise, state.nominal.fit.values), noise)
     return CellState(cell, noise, nominal, current, explain_residual(current.fit, noise))
 
 
@@ -387,7 +414,7 @@ def _without(state: CellState, name: str) -> Fitted:
             start += list(state.current.fit.values[place : place + len(form.parameters)])
         place += len(form.parameters)
     kept = replace(model, forms=tuple(form for form in model.forms if form.name != name))
-    return assess(fit(kept, state.noise, np.array(start)))
+    return assess(fit(kept, state.noise, np.array(start)), state.noise)
 
 
 def unexplained_share(

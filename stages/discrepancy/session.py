@@ -10,10 +10,9 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
 
 from stages.discrepancy.muscle_cells import Build, ForceCell, MuscleCell, PressureCell, Records
-from stages.plant.declaration import Declared
+from stages.discrepancy.settings import DiscrepancySettings, Tolerance
 from stages.plant.effect import Parameter
 from stages.signals.trajectories import Array
 
@@ -24,20 +23,10 @@ SIGNALS = {
     "velocity_per_s": "contraction_velocity_per_s",
     "force_n": "force_n",
 }
+SMOOTHED_S = 0.044
+"""Width over which measured pressure is smoothed before force is simulated from it, s; a valve's time constant."""
 LEAST_SAMPLES = 50
 """Samples of a muscle's channel below which it is left out."""
-
-
-class Tolerance(Declared):
-    """How far a nominal constant may be from its starting value."""
-
-    unit: str
-    start: float | None = Field(description="starting value; null takes the one measured data come with")
-    low: float
-    high: float
-    sd: float = Field(gt=0.0)
-    times: Literal["one", "start", "largest"] = Field(description="what low, high and sd are multiples of")
-    description: str
 
 
 def collect_records(measured: pd.DataFrame, trials: pd.DataFrame, muscle: str, joints: Mapping[str, str]) -> Records:
@@ -63,7 +52,23 @@ def collect_records(measured: pd.DataFrame, trials: pd.DataFrame, muscle: str, j
         known[name], signals[name] = _spread(own, order, column, samples)
     start = trials["start_s"].to_numpy(dtype=float)
     start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
-    return Records(step_s, start - start[0], **signals, known=known, others=_look_aside(measured, order, muscle, joints, samples))
+    return Records(
+        step_s, start - start[0], **signals, known=known, others=_look_aside(measured, order, muscle, joints, samples)
+    )
+
+
+def _smooth(signal: Array, step_s: float) -> Array:
+    """Return a signal without most of its sensor's noise and without delay: local cubics (Savitzky and Golay 1964).
+
+    Noise of an input passes into what is simulated from it; left there, every effect that blurs would seem to help.
+    """
+    from scipy.signal import savgol_filter
+
+    window = 2 * max(round(0.5 * SMOOTHED_S / step_s), 2) + 1
+    if len(signal) < window:
+        return signal
+    smooth: Array = savgol_filter(signal, window, 3, axis=0)
+    return smooth
 
 
 def _look_aside(
@@ -102,16 +107,26 @@ def build_cells(
     measured: pd.DataFrame,
     trials: pd.DataFrame,
     muscles: pd.DataFrame,
-    load_cell_site: Literal["muscle_tip", "joint_end"],
-    tolerances: Mapping[str, Mapping[str, Tolerance]],
-    max_pressure_kpa: Mapping[str, float],
+    session: pd.DataFrame,
+    settings: DiscrepancySettings,
 ) -> list[MuscleCell]:
-    """Return the cells of a session: for every muscle its pressure and its force, where there are data."""
+    """Return the cells of a session: for every muscle its pressure and its force, where there are data.
+
+    Parameters
+    ----------
+    measured, trials, muscles, session : DataFrame
+        Tables of what was measured; `session` has one row.
+    settings : DiscrepancySettings
+        Tolerances of the constants.
+    """
+    tolerances = settings.tolerances
+    site = str(session["load_cell_site"].iloc[0])
+    load_cell_site: Literal["muscle_tip", "joint_end"] = "muscle_tip" if site == "muscle_tip" else "joint_end"
     joints = dict(zip(muscles["muscle"], muscles["joint"], strict=True))
     cells: list[MuscleCell] = []
     for row in muscles.to_dict("records"):
         records = collect_records(measured, trials, row["muscle"], joints)
-        build = _build(row, max_pressure_kpa)
+        build = _build(row, settings.max_pressure_kpa)
         for kind in (PressureCell, ForceCell):
             declared = tolerances[kind.channel]
             largest = float(np.abs(records.force_n[records.known["force_n"]]).max(initial=1.0))

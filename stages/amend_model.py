@@ -1,0 +1,72 @@
+"""The amended plant: what was named joins the simulator's list of effects, with intervals.
+
+In: what was measured and the values after the last addition. Out: `amended_values` (constants and parameters with
+intervals over resampled trials) and the document ``amended.yaml``, a plant that ``rig=sim plant=PATH`` loads as it is.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.discrepancy import DiscrepancySettings, amend, build_cells, estimate_intervals, restore
+from stages.plant.plant import Plant
+
+AMENDED_VALUES = Table(
+    "amended_values",
+    "A value of the amended model",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "effect": column(str, "that it belongs to; empty for a nominal constant"),
+        "form": column(str, "form of the effect"),
+        "parameter": column(str, "name"),
+        "unit": column(str, "its unit"),
+        "value": column(float, "fitted", unit="as told"),
+        "low": column(float, "lower end of the interval over resampled trials", unit="as told"),
+        "high": column(float, "upper end of it", unit="as told"),
+    },
+    key=("channel", "muscle", "effect", "parameter"),
+)
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    discrepancy: DiscrepancySettings
+    plant: Plant
+    seed: int
+
+
+@stage(AMENDED_VALUES)
+def amend_model(
+    cfg: Config,
+    measured: pd.DataFrame,
+    measured_trials: pd.DataFrame,
+    measured_muscles: pd.DataFrame,
+    measured_session: pd.DataFrame,
+    trial_parts: pd.DataFrame,
+    channels: pd.DataFrame,
+    steps: pd.DataFrame,
+    ctx: Context,
+) -> pd.DataFrame:
+    """Add what was named to the plant, and say how sure its values are."""
+    settings = cfg.discrepancy
+    fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
+    cells = build_cells(measured, measured_trials, measured_muscles, measured_session, settings)
+    last = int(steps["step"].max())
+    rows: list[dict[str, Any]] = []
+    for cell in cells:
+        model, values = restore(cell.take(fitted), steps, last)
+        noise = channels[(channels["channel"] == cell.channel) & (channels["muscle"] == cell.element)].iloc[0]
+        rows += estimate_intervals(model, values, noise, settings, ctx.generator("resample"))
+    amended = pd.DataFrame(rows, columns=list(AMENDED_VALUES.columns))
+    types = dict(zip(measured_muscles["muscle"], measured_muscles["type"], strict=True))
+    ctx.document("amended", amend(cfg.plant, amended, channels, types), "yaml")
+    return amended

@@ -1,0 +1,177 @@
+"""The gap on trials that nothing was fitted to: before, after each addition, and what is left for noise.
+
+Cells with all trials and the values of each step flow in; predictions and gaps flow out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stages.discrepancy.fitting import fit
+from stages.discrepancy.flexible import Mask, explain_residual
+from stages.discrepancy.muscle_cells import ForceCell, MuscleCell
+from stages.discrepancy.noise import Noise
+from stages.discrepancy.restoring import restore
+from stages.signals.trajectories import Array
+from stages.statistics.sign_flips import compare_signs
+
+
+@dataclass(frozen=True)
+class Verified:
+    """One cell on all trials.
+
+    Parameters
+    ----------
+    cell : MuscleCell
+        With all trials.
+    steps : list of (T, K) ndarray
+        Simulated from measured upstream signals, after each number of additions.
+    free : list of (T, K) ndarray
+        Simulated from the command and the joint's motion alone.
+    floor : (K,) ndarray
+        Sum of squares that neither the last model nor a flexible one explains, by trial.
+    """
+
+    cell: MuscleCell
+    steps: list[Array]
+    free: list[Array]
+    floor: Array
+
+    def squares(self, simulated: Array) -> Array:
+        """Return each trial's sum of squares over the range squared."""
+        residual = np.where(self.cell.present, self.cell.measured - simulated, 0.0)
+        found: Array = (residual**2).sum(axis=0) / self.cell.range**2
+        return found
+
+
+def verify(cells: Sequence[MuscleCell], steps: pd.DataFrame, channels: pd.DataFrame, learnt: Mask) -> list[Verified]:
+    """Simulate every cell after each addition.
+
+    Parameters
+    ----------
+    cells : sequence of MuscleCell
+        With all trials.
+    steps : DataFrame
+        Values after each addition.
+    channels : DataFrame
+        Noise of each cell.
+    learnt : (K,) ndarray of bool
+        Trials to which the values were fitted.
+    """
+    last = int(steps["step"].max())
+    pressures: dict[tuple[str, int], Array] = {}
+    found = []
+    for cell in sorted(cells, key=lambda each: each.channel != "pressure_kpa"):
+        simulated, free = [], []
+        for step in range(last + 1):
+            model, values = restore(cell, steps, step)
+            simulated.append(model.simulate(values))
+            driven = cell
+            if isinstance(cell, ForceCell) and (cell.element, step) in pressures:
+                driven = cell.from_pressure(pressures[cell.element, step])
+            free.append(driven.simulate(*model.name_values(values)))
+            if cell.channel == "pressure_kpa":
+                pressures[cell.element, step] = simulated[-1]
+        noise = channels[(channels["channel"] == cell.channel) & (channels["muscle"] == cell.element)].iloc[0]
+        known = Noise(*(float(noise[name]) for name in Noise._fields))
+        still = fit(model, known, values, iterations=0)
+        least = explain_residual(still, known, learnt).raw
+        found.append(
+            Verified(cell, simulated, free, np.minimum(least, (still.residual**2).sum(axis=0)) / cell.range**2)
+        )
+    return found
+
+
+def pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> Array:
+    """Return each trial's gap, RMSE over range, root mean square over cells with data in it, (K,) ndarray."""
+    counts = np.stack([each.cell.present.sum(axis=0) for each in found])[:, list(trials)]
+    mean = np.stack(squares)[:, list(trials)] / np.maximum(counts, 1)
+    gaps: Array = np.sqrt(np.where(counts > 0, mean, 0.0).sum(axis=0) / np.maximum((counts > 0).sum(axis=0), 1))
+    return gaps
+
+
+def compare_steps(
+    found: Sequence[Verified],
+    labels: Sequence[str],
+    opened: Sequence[int],
+    weights: Array,
+    level: float,
+    generator: np.random.Generator,
+) -> list[dict[str, Any]]:
+    """Return the gap on the verification trials before and after each addition, and the noise floor.
+
+    Parameters
+    ----------
+    found : sequence of Verified
+        Cells that count.
+    labels : sequence of str
+        Of the steps.
+    opened : sequence of int
+        Positions of the verification trials.
+    weights : (B, len(opened)) ndarray
+        Resampled trials.
+    level : float
+        Of the intervals.
+    generator : numpy.random.Generator
+        For the exact test, where there are many trials.
+    """
+    rows: list[dict[str, Any]] = []
+    for kind in ("measured upstream", "free run"):
+        first: Array | None = None
+        for step, label in enumerate(labels):
+            chosen = [each.squares((each.steps if kind == "measured upstream" else each.free)[step]) for each in found]
+            gaps = pool(found, chosen, opened)
+            first = gaps if first is None else first
+            rows.append(_row(kind, step, label, gaps, first, weights, level, generator))
+        if kind == "measured upstream":
+            floor = pool(found, [each.floor for each in found], opened)
+            rows.append(_row(kind, len(labels), "noise floor", floor, first, weights, level, generator))
+    return rows
+
+
+def _row(
+    kind: str, step: int, label: str, gaps: Array, first: Any, weights: Array, level: float, generator: Any
+) -> dict[str, Any]:
+    trials = len(gaps)
+    drawn = np.sqrt(weights @ gaps**2 / trials)
+    tail = 0.5 * (1.0 - level)
+    low, high = np.quantile(drawn, [tail, 1.0 - tail])
+    return {
+        "simulation": kind,
+        "step": step,
+        "label": label,
+        "trials": trials,
+        "gap": float(np.sqrt(np.mean(gaps**2))),
+        "low": float(low),
+        "high": float(high),
+        "p_value": float(compare_signs((first - gaps)[:, None], generator, two_sided=True)[0]) if step else 1.0,
+    }
+
+
+def list_predictions(found: Sequence[Verified], trials: Sequence[int], parts: Mapping[int, str]) -> pd.DataFrame:
+    """Return every sample as measured and as simulated before and after, one row per trial, time, muscle, channel."""
+    frames = []
+    for each in found:
+        cell = each.cell
+        for place, trial in enumerate(trials):
+            rows = cell.present[:, place]
+            frames.append(
+                pd.DataFrame(
+                    {
+                        "trial": trial,
+                        "part": parts[trial],
+                        "time_s": np.flatnonzero(rows) * cell.step_s,
+                        "muscle": cell.element,
+                        "channel": cell.channel,
+                        "measured": cell.measured[rows, place],
+                        "before": each.steps[0][rows, place],
+                        "after": each.steps[-1][rows, place],
+                    }
+                )
+            )
+    return pd.concat(frames, ignore_index=True)

@@ -1,0 +1,173 @@
+"""Where simulation and measurement disagree: nominal constants first, then channel by channel along the chain.
+
+In: what was measured. Out: `trial_parts` (which trials are fitted, and which are opened once, at the end),
+`nominal_fit` (the constants), `channels` (gap and noise floor of every muscle's channels) and `gap` (in which regime
+of motion and time it lies, tested over trials). Each channel is simulated from measured upstream signals.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.errors import InputError
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.discrepancy import (
+    CellState,
+    DiscrepancySettings,
+    build_cells,
+    choose_verification,
+    locate,
+    prepare,
+    resample,
+    upper_ratio,
+)
+
+TRIAL_PARTS = Table(
+    "trial_parts",
+    "A trial and what it is for",
+    {
+        "trial": column(int, "trial of the session", low=0),
+        "part": column(str, "fitted, or opened once at the end", among=["fitted", "verification"]),
+    },
+    key=("trial",),
+)
+NOMINAL_FIT = Table(
+    "nominal_fit",
+    "A nominal constant, fitted",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "constant": column(str, "name of the constant"),
+        "unit": column(str, "its unit"),
+        "start": column(float, "value to begin with", unit="as told"),
+        "value": column(float, "fitted", unit="as told"),
+        "low": column(float, "lower end of the interval over resampled trials", unit="as told"),
+        "high": column(float, "upper end of it", unit="as told"),
+        "at_bound": column(bool, "whether its tolerance ends there"),
+    },
+    key=("channel", "muscle", "constant"),
+)
+CHANNELS = Table(
+    "channels",
+    "A channel of a muscle after the nominal fit, each trial left out in turn",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "unit": column(str, "unit of the channel"),
+        "trials": column(int, "fitted trials", low=1),
+        "samples": column(int, "measured samples in them", low=1),
+        "range": column(float, "largest less smallest value", unit="of the channel", low=0),
+        "gap": column(float, "root mean square of measured less simulated", unit="of the channel", low=0),
+        "noise_floor": column(float, "what of it nothing reproducible explains", unit="of the channel", low=0),
+        "gap_over_floor": column(float, "gap over noise floor", low=0),
+        "upper": column(float, "one-sided upper limit of it over resampled trials", low=0),
+        "white": column(float, "white part of the noise", unit="of the channel", low=0),
+        "quick": column(float, "quick part of it", unit="of the channel", low=0),
+        "quick_s": column(float, "its time constant", unit="s", low=0),
+        "slow": column(float, "slow part of it", unit="of the channel", low=0),
+        "slow_s": column(float, "its time constant", unit="s", low=0),
+    },
+    key=("channel", "muscle"),
+    brief=("channel", "muscle", "unit", "gap", "noise_floor", "gap_over_floor", "upper"),
+)
+GAP = Table(
+    "gap",
+    "A regime of motion or time, and the gap in it",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "regime": column(str, "samples that are looked at, or band of frequencies"),
+        "samples": column(int, "in the regime", low=0),
+        "share_of_time": column(float, "share of all samples", low=0, high=1),
+        "gap": column(float, "root mean square of measured less simulated", unit="of the channel", low=0),
+        "noise_floor": column(float, "the same, of what a flexible model leaves", unit="of the channel", low=0),
+        "largest": column(float, "largest deviation", unit="of the channel", low=0),
+        "share_of_gap": column(float, "share of the channel's squared gap above the noise floor"),
+        "p_value": column(float, "of no gap above the floor, signs of trials flipped", low=0, high=1),
+        "p_least": column(float, "least p-value that so many trials can give", low=0, high=1),
+        "p_adjusted": column(float, "corrected for all rows (Benjamini, Yekutieli)", low=0, high=1),
+    },
+    key=("channel", "muscle", "regime"),
+)
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    discrepancy: DiscrepancySettings
+    seed: int
+
+
+@stage(TRIAL_PARTS, NOMINAL_FIT, CHANNELS, GAP)
+def locate_gap(
+    cfg: Config,
+    measured: pd.DataFrame,
+    measured_trials: pd.DataFrame,
+    measured_muscles: pd.DataFrame,
+    measured_session: pd.DataFrame,
+    ctx: Context,
+) -> dict[str, pd.DataFrame]:
+    """Fit the nominal constants, then tell where measured and simulated part."""
+    settings = cfg.discrepancy
+    try:
+        opened = choose_verification(len(measured_trials), settings.verification_share)
+    except ValueError as error:
+        raise InputError(f"{measured_session['source'].iloc[0]}: {error}") from None
+    parts = pd.DataFrame({"trial": measured_trials["trial"], "part": "fitted"})
+    parts.loc[opened, "part"] = "verification"
+    cells = build_cells(measured, measured_trials, measured_muscles, measured_session, settings)
+    fitted = [k for k in range(len(parts)) if k not in opened]
+    states = list(ctx.spread(prepare, [cell.take(fitted) for cell in cells]))
+    weights = resample(len(fitted), settings.bootstraps, ctx.generator("resample"))
+    gap = pd.DataFrame(locate(states, ctx.generator("signs")), columns=list(GAP.columns))
+    return {
+        TRIAL_PARTS.name: parts,
+        NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in tell_constants(each, weights, settings)]),
+        CHANNELS.name: pd.DataFrame([tell_channel(each, weights, settings) for each in states]),
+        GAP.name: gap,
+    }
+
+
+def tell_constants(state: CellState, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:
+    """Return the rows of a cell's constants."""
+    found = state.nominal.fit
+    tail = 0.5 * (1.0 - settings.level)
+    low, high = np.quantile(found.drawn_values(weights), [tail, 1.0 - tail], axis=0)
+    return [
+        {
+            "channel": state.cell.channel,
+            "muscle": state.cell.element,
+            "constant": each.name,
+            "unit": each.unit,
+            "start": each.prior_mean,
+            "value": value,
+            "low": float(low[index]),
+            "high": float(high[index]),
+            "at_bound": not bool(found.free[index]),
+        }
+        for index, (each, value) in enumerate(zip(state.cell.constants, found.values.tolist(), strict=True))
+    ]
+
+
+def tell_channel(state: CellState, weights: Any, settings: DiscrepancySettings) -> dict[str, Any]:
+    """Return the row of a cell."""
+    samples = float(state.samples.sum())
+    return {
+        "channel": state.cell.channel,
+        "muscle": state.cell.element,
+        "unit": state.cell.unit,
+        "trials": state.cell.trials,
+        "samples": int(samples),
+        "range": state.cell.range,
+        "gap": float(np.sqrt(state.nominal.raw.sum() / samples)),
+        "noise_floor": state.floor,
+        "gap_over_floor": state.ratio(state.nominal.raw),
+        "upper": upper_ratio(state, weights, settings.level),
+        **state.noise._asdict(),
+    }
