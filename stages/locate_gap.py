@@ -151,7 +151,7 @@ def tell_constants(state: CellState, weights: Any, settings: DiscrepancySettings
             "high": float(high[index]),
             "at_bound": not bool(found.free[index]),
         }
-        for index, (each, value) in enumerate(zip(state.cell.constants, found.values.tolist(), strict=True))
+        for index, (each, value) in enumerate(zip(state.cell.constants, found.listed(), strict=True))
     ]
 
 

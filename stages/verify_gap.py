@@ -137,12 +137,12 @@ def conclude(
         "effects": effects,
         "ranking": [
             {
-                "name": str(row.name_),
-                "probability": float(row.probability),
-                "heldout_gap": float(row.heldout_gap),
-                "absorbed": bool(row.absorbed),
+                "name": str(row["name"]),
+                "probability": float(row["probability"]),
+                "heldout_gap": float(row["heldout_gap"]),
+                "absorbed": bool(row["absorbed"]),
             }
-            for row in first.rename(columns={"name": "name_"}).itertuples()
+            for row in first.to_dict("records")
         ],
         "absorbed": [str(name) for name in first.loc[first["absorbed"], "name"]],
         "where": [{name: row[name] for name in where} for row in places],

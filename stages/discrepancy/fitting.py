@@ -146,6 +146,10 @@ class Fit:
             changes[row, free] = np.linalg.solve(curvature, weight @ self.white.cross[:, free] + pull[free])
         return np.clip(self.values + changes, low, high) - self.values
 
+    def listed(self) -> list[float]:
+        """Return the values as plain numbers."""
+        return [float(each) for each in self.values]
+
     def drawn_values(self, weights: Array) -> Array:
         """Return the values, (B, P), when trials are drawn again with weights (B, K)."""
         drawn: Array = self.values + self.change_without(weights)

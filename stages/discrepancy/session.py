@@ -52,9 +52,9 @@ def collect_records(measured: pd.DataFrame, trials: pd.DataFrame, muscle: str, j
         known[name], signals[name] = _spread(own, order, column, samples)
     start = trials["start_s"].to_numpy(dtype=float)
     start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
-    return Records(
-        step_s, start - start[0], **signals, known=known, others=_look_aside(measured, order, muscle, joints, samples)
-    )
+    signals["smooth_pressure_kpa"] = _smooth(signals["pressure_kpa"], step_s)
+    others = _look_aside(measured, order, muscle, joints, samples)
+    return Records(step_s, start - start[0], **signals, known=known, others=others)
 
 
 def _smooth(signal: Array, step_s: float) -> Array:
