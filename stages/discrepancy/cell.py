@@ -108,9 +108,21 @@ class Cell(ABC):
     def drivers(self) -> list[Driver]:
         """Return the signals from which a flexible model may explain what is left."""
 
+    def respond(self, features: Array) -> Array:
+        """Return the features of a flexible model, (T, K, F), as this channel answers to them: here at once.
+
+        A cell whose effects act inside a motion returns what that motion makes of each feature.
+        """
+        return features
+
     @abstractmethod
     def take(self, trials: Sequence[int]) -> Self:
         """Return the cell with some of its trials, by position."""
+
+    @property
+    def pace_s(self) -> float:
+        """Time of a usual movement, s; regimes of time and frequency are told by it."""
+        return 1.0
 
     @property
     def trials(self) -> int:

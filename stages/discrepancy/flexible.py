@@ -58,7 +58,7 @@ def explain_residual(fit: Fit, noise: Noise | None, learnt: Mask | None = None) 
     """
     cell = fit.model.cell
     present = cell.present
-    features = np.where(present[:, :, None], build_features(cell), 0.0)
+    features = np.where(present[:, :, None], cell.respond(build_features(cell)), 0.0)
     slopes = fit.model.differentiate(fit.values, np.where(present, cell.measured - fit.residual, 0.0))
     slopes = np.where(present[:, :, None], slopes, 0.0)
     together = np.concatenate([slopes, features, fit.residual[:, :, None]], axis=2)

@@ -13,8 +13,10 @@ from stages.signals.trajectories import Array
 
 Mask = NDArray[np.bool_]
 
-AROUND_REVERSAL_S = 0.1
-BANDS_HZ = ((0.0, 1.0), (1.0, 5.0), (5.0, None))
+AROUND_REVERSAL = 0.1
+"""Time on both sides of a reversal, in usual movements."""
+BANDS = ((0.0, 1.0), (1.0, 5.0), (5.0, None))
+"""Frequency bands, in usual movements' rates."""
 
 
 def find_regimes(cell: Cell) -> dict[str, Mask]:
@@ -31,7 +33,7 @@ def find_regimes(cell: Cell) -> dict[str, Mask]:
             moving = 0.05 * float(np.abs(driver.values[present]).max(initial=0.0))
             regimes[f"{name} rising"] = driver.values > moving
             regimes[f"{name} falling"] = driver.values < -moving
-            regimes[f"{name} reversal"] = _around_reversals(driver.values, moving, cell.step_s)
+            regimes[f"{name} reversal"] = _around_reversals(driver.values, moving, cell.step_s / cell.pace_s)
         else:
             middle = float(np.median(driver.values[present])) if present.any() else 0.0
             regimes[f"{name} high"] = driver.values > middle
@@ -46,12 +48,21 @@ def find_regimes(cell: Cell) -> dict[str, Mask]:
     return {name: mask & present for name, mask in regimes.items()}
 
 
-def split_bands(residual: Array, step_s: float) -> dict[str, Array]:
-    """Return a residual's parts by frequency band; they sum to it."""
+def split_bands(residual: Array, step_s: float, pace_s: float = 1.0) -> dict[str, Array]:
+    """Return a residual's parts by frequency band; they sum to it.
+
+    Parameters
+    ----------
+    residual : (T, K) ndarray
+        In any unit.
+    step_s, pace_s : float
+        Time between samples, and of a usual movement, s.
+    """
     spectrum = np.fft.rfft(residual, axis=0)
     frequency = np.fft.rfftfreq(len(residual), step_s)
     parts = {}
-    for low, high in BANDS_HZ:
+    for slow, quick in BANDS:
+        low, high = slow / pace_s, None if quick is None else quick / pace_s
         inside = (frequency >= low) & (frequency < (np.inf if high is None else high))
         name = f"above {low:g} Hz" if high is None else f"{low:g} to {high:g} Hz"
         parts[name] = np.fft.irfft(spectrum * inside[:, None], n=len(residual), axis=0)
@@ -64,9 +75,9 @@ def _tell(name: str) -> str:
     return words.get(name, name.replace("_", " "))
 
 
-def _around_reversals(rate: Array, moving: float, step_s: float) -> Mask:
+def _around_reversals(rate: Array, moving: float, step: float) -> Mask:
     """Return the samples within a moment of a change of sign between two movements."""
-    around = max(round(AROUND_REVERSAL_S / step_s), 1)
+    around = max(round(AROUND_REVERSAL / step), 1)
     mask = np.zeros(rate.shape, dtype=bool)
     for k in range(rate.shape[1]):
         direction = np.where(np.abs(rate[:, k]) > moving, np.sign(rate[:, k]), 0.0)
