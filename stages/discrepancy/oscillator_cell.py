@@ -60,7 +60,7 @@ class OscillatorCell(Cell):
         return self.plant.output
 
     @property
-    def unit(self) -> str:
+    def unit(self) -> str:  # type: ignore[override]
         """The output's unit."""
         return self.plant.constants.output_offset.unit
 
