@@ -35,7 +35,7 @@ RANKING = Table(
     {
         "round": column(int, "of the search", low=1),
         "name": column(str, "of the effect; none: nothing is missing; unknown: something without a name"),
-        "form": column(str, "its most probable form; empty for none and unknown"),
+        "form": column(str, "its forms, most probable on each muscle; empty for none and unknown"),
         "site": column(str, "where it acts; empty for none and unknown"),
         "probability": column(float, "in this round; sums to 1", low=0, high=1),
         "heldout_gap": column(float, "RMSE over range, root mean square over channels, trials left out", low=0),
@@ -115,7 +115,7 @@ def name_effect(
         {
             "order": order,
             "name": each.name,
-            "form": each.form,
+            "form": form,
             "site": each.site,
             "channel": each.channel,
             "muscle": muscle,
@@ -123,7 +123,7 @@ def name_effect(
             "indistinguishable_from": ",".join(each.alternatives),
         }
         for order, each in enumerate(found.named, start=1)
-        for muscle in each.elements
+        for muscle, form in zip(each.elements, each.forms, strict=True)
     ]
     return {
         RANKING.name: pd.DataFrame(rank_first(found, unknown, settings.search.absorbed), columns=list(RANKING.columns)),

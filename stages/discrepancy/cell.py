@@ -124,6 +124,20 @@ class Cell(ABC):
         """Time of a usual movement, s; regimes of time and frequency are told by it."""
         return 1.0
 
+    def suspect(self, form: Form) -> dict[str, float] | None:
+        """Return values of a form's parameters that the data themselves give away, or None."""
+        return None
+
+    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> Cell:
+        """Return the cell with its inputs freed from what sensors upstream do; itself where these effects do nothing.
+
+        Parameters
+        ----------
+        effects : sequence of (name, form, parameters)
+            Of another channel of this element.
+        """
+        return self
+
     @property
     def trials(self) -> int:
         """Number of trials, K."""

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.discrepancy.cell import Cell, Driver, Form
-from stages.plant.effect import ChainEffect, Parameter, list_effects, list_forms
+from stages.discrepancy.exact_values import find_level
+from stages.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
 from stages.plant.muscle import MuscleConstants, braid_coefficients
-from stages.plant.passage import predict_force, predict_pressure
+from stages.plant.passage import Everywhere, Passage, predict_force, predict_pressure
 from stages.signals.trajectories import Array
 
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
@@ -155,6 +156,11 @@ class PressureCell(MuscleCell):
         records = self.records
         return predict_pressure(records.command_kpa, self._collect(constants), placed, records.step_s, records.start_s)
 
+    def suspect(self, form: Form) -> dict[str, float] | None:
+        """Return the level at which the pressure is clipped, for saturation."""
+        level = find_level(self) if form.name == "saturation" else None
+        return None if level is None or level <= 0.0 else {"mpa_over_level": 1000.0 / level}
+
     def drivers(self) -> list[Driver]:
         """Return the command, how it changes, and the other muscles' commands."""
         records = self.records
@@ -201,9 +207,31 @@ class ForceCell(MuscleCell):
             self.load_cell_site,
         )
 
+    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceCell:
+        """Return the cell with the pressure that was there, where the pressure's sensor has an effect."""
+        placed = [(find_effect(name, form), values) for name, form, values in effects]
+        sensor = [
+            Everywhere(effect, values)
+            for effect, values in placed
+            if isinstance(effect, ChainEffect) and effect.signal == "sensed_pressure_kpa"
+        ]
+        if not sensor:
+            return self
+        records = self.records
+        passage = Passage(self._collect({}), sensor, records.step_s, records.start_s)
+        return self.from_pressure(passage.unsense_pressure(records.smooth_pressure_kpa))
+
     def from_pressure(self, pressure_kpa: Array) -> ForceCell:
         """Return the cell with another pressure, (T, K), than the measured one."""
         return replace(self, records=replace(self.records, smooth_pressure_kpa=np.ascontiguousarray(pressure_kpa)))
+
+    def suspect(self, form: Form) -> dict[str, float] | None:
+        """Return the level at which the force is clipped, for saturation."""
+        level = find_level(self) if form.name == "saturation" else None
+        if level is None or level <= 0.0:
+            return None
+        full = float(self._collect({each.name: each.prior_mean for each in self.constants}).full_force_n[0])
+        return {"full_force_over_level": full / level}
 
     def drivers(self) -> list[Driver]:
         """Return pressure, contraction, their rates, and the other muscles' pressures and joints' angles."""

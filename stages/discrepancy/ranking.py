@@ -37,7 +37,7 @@ def _rank_round(looked: Round, number: int, unknown: float, most_absorbed: float
             {
                 "round": number,
                 "name": name,
-                "form": looked.verdicts.forms.get(name, ""),
+                "form": ",".join(sorted({form for form in looked.verdicts.forms.get(name, []) if form})),
                 "site": looked.sites.get(name, ""),
                 "probability": probability * (1.0 - unknown),
                 "heldout_gap": looked.heldout[name],

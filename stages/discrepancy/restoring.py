@@ -11,7 +11,7 @@ from stages.signals.trajectories import Array
 
 
 def restore(cell: Cell, steps: pd.DataFrame, step: int) -> tuple[Model, Array]:
-    """Return a cell's model and values after a number of additions.
+    """Return a cell's model and values after a number of additions, its inputs corrected by what is known then.
 
     Parameters
     ----------
@@ -22,17 +22,26 @@ def restore(cell: Cell, steps: pd.DataFrame, step: int) -> tuple[Model, Array]:
     step : int
         Effects added.
     """
-    rows = steps[(steps["step"] == step) & (steps["channel"] == cell.channel) & (steps["muscle"] == cell.element)]
+    now = steps[(steps["step"] == step) & (steps["muscle"] == cell.element)]
+    rows = now[now["channel"] == cell.channel]
+    upstream = now[(now["channel"] != cell.channel) & (now["effect"] != "")]
+    cell = cell.correct([(effect, form, values) for effect, form, values in _group(upstream)])
     constants = rows[rows["effect"] == ""].set_index("parameter")["value"]
     values = [float(constants[each.name]) for each in cell.constants]
     forms: list[Form] = []
-    chosen = rows[rows["effect"] != ""]
-    for (effect, form), given in chosen.groupby(["effect", "form"], sort=False):
-        found = find_form(cell, str(effect), str(form))
-        by_name = given.set_index("parameter")["value"]
+    for effect, form, by_name in _group(rows[rows["effect"] != ""]):
+        found = find_form(cell, effect, form)
         forms.append(found)
-        values += [float(by_name[each.name]) for each in found.parameters]
+        values += [by_name[each.name] for each in found.parameters]
     return Model(cell, tuple(forms)), np.array(values)
+
+
+def _group(rows: pd.DataFrame) -> list[tuple[str, str, dict[str, float]]]:
+    """Return each effect's name, form and parameters."""
+    return [
+        (str(effect), str(form), {str(n): float(v) for n, v in zip(given["parameter"], given["value"], strict=True)})
+        for (effect, form), given in rows.groupby(["effect", "form"], sort=False)
+    ]
 
 
 def find_form(cell: Cell, name: str, form: str) -> Form:

@@ -61,7 +61,8 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
     simulated = cell.simulate(constants, placed)
     owners, starts, changes = [], [], []
     for form in forms:
-        for start in list_starts(form):
+        suspected = cell.suspect(form)
+        for start in [*list_starts(form), *([suspected] if suspected else [])]:
             change = cell.simulate(constants, [*placed, (form, start)]) - simulated
             if np.isfinite(change).all() and np.abs(change[present]).max(initial=0.0) > 0.0:
                 owners.append(form)

@@ -27,6 +27,7 @@ class SearchSettings:
     smallest_gap: float
     least_gain: float
     least_share: float
+    later_share: float
     unexplained_share: float
     temper: float
     shortlist: int
@@ -92,10 +93,10 @@ class CellState:
 
 @dataclass(frozen=True)
 class Named:
-    """One effect that was added."""
+    """One effect that was added, in a form of its own on each element that carries it."""
 
     name: str
-    form: str
+    forms: tuple[str, ...]
     site: str
     channel: str
     elements: tuple[str, ...]
@@ -182,18 +183,26 @@ Choice = dict[tuple[str, str], Fitted]
 
 
 def _list_candidates(found: Search, settings: SearchSettings) -> list[list[Screened]]:
-    """Return, for each cell, what each form that it does not hold yet promises."""
-    worth = {
-        state.cell.channel
-        for state in found.cells
-        if state.ratio(state.current.raw) > 1.0 + 0.5 * (settings.smallest_gap - 1.0)
-    }
-    listed = []
+    """Return, for each cell, what each form that it does not hold yet promises: nothing where no gap matters.
+
+    The first round looks everywhere: some gaps show only to the form that closes them, and what the constants absorb
+    is to be told in any case.
+    """
+    least = 0.5 * (settings.smallest_gap - 1.0)
+    worth = {state.cell.channel for state in found.cells if state.ratio(state.current.raw) > 1.0 + least}
+    listed: list[list[Screened]] = []
     for state in found.cells:
+        looked = state.cell.channel in worth or not found.rounds
         held = {form.name for form in state.current.forms}
         forms = [form for form in state.cell.forms if form.name not in held]
-        listed.append(screen(state.current.fit, state.noise, forms) if state.cell.channel in worth else [])
-    return listed
+        listed.append(screen(state.current.fit, state.noise, forms) if looked else [])
+        if any(each.raw_gain > least for each in listed[-1]):
+            worth.add(state.cell.channel)
+    idle = [state.cell.channel not in worth for state in found.cells]
+    return [
+        [replace(each, gain=0.0, raw_gain=0.0) for each in promised] if still else promised
+        for promised, still in zip(listed, idle, strict=True)
+    ]
 
 
 def rank(
@@ -211,23 +220,33 @@ def rank(
     ]
     temper = settings.temper
     none = [state.current.density / temper for state in found.cells]
-    scores: dict[tuple[str, str], list[Array]] = {}
+    scores: dict[tuple[str, str], dict[int, Array]] = {}
     for place, listed in enumerate(candidates):
         for each in listed:
-            key = (each.form.name, each.form.form)
-            fitted = choices[place].get(key)
-            apart = scores.setdefault(key, [score - NOT_WORTH for score in none])
-            apart[place] = fitted.density / temper if fitted else apart[place]
+            by_cell = scores.setdefault((each.form.name, each.form.form), {})
+            fitted = choices[place].get((each.form.name, each.form.form))
+            by_cell[place] = fitted.density / temper if fitted else none[place] - NOT_WORTH
     names = sorted({name for name, _ in scores})
     share = (1.0 - settings.none_prior) / max(len(names), 1)
-    verdicts = weigh_names(scores, none, {NONE: settings.none_prior, **dict.fromkeys(names, share)}, generator)
-    absorbed = _absorb(candidates, verdicts)
+    priors = {NONE: settings.none_prior, **dict.fromkeys(names, share)}
+
+    def worth(name: str, forms: list[str], carries: Array) -> bool:
+        return bool(_carriers(found, choices, name, forms, carries, settings))
+
+    verdicts = weigh_names(scores, none, priors, generator, worth)
     raws = {name: _raw_with(found, choices, verdicts, name) for name in names}
     raws[NONE] = [state.current.raw for state in found.cells]
     gaps = {name: _pool(found, each) for name, each in raws.items()}
     heldout = {name: pool_over_range(found, each) for name, each in raws.items()}
-    sites = {each.form.name: each.form.site for listed in candidates for each in listed}
-    named = _decide(found, choices, verdicts, absorbed, gaps, sites, settings)
+    sites = {
+        each.form.name: each.form.site
+        for place, listed in enumerate(candidates)
+        for each in listed
+        if verdicts.forms[each.form.name][place] == each.form.form
+    }
+    named = _decide(found, choices, verdicts, gaps, settings)
+    spoken = (named.name, *named.alternatives) if named else ()
+    absorbed = {name: each for name, each in _absorb(candidates, verdicts).items() if name not in spoken}
     return Round(verdicts, absorbed, gaps, heldout, sites, named), choices
 
 
@@ -269,26 +288,20 @@ def _extend(state: CellState, chosen: Screened) -> Fitted:
 
 
 def _absorb(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
-    """Return for each name the least share that constants absorb, over the cells that would carry it."""
-    shares: dict[str, list[tuple[float, float]]] = {}
+    """Return for each name the least share that constants absorb, over cells and forms that would carry it."""
+    shares: dict[str, list[float]] = {}
     for place, listed in enumerate(candidates):
         for each in listed:
-            if verdicts.forms.get(each.form.name) == each.form.form:
-                carried = float(verdicts.carries[each.form.name][place])
-                shares.setdefault(each.form.name, []).append((carried, each.absorbed))
-    return {name: min(share for _, share in found) for name, found in shares.items()}
+            if verdicts.forms[each.form.name][place] == each.form.form:
+                shares.setdefault(each.form.name, []).append(each.absorbed)
+    return {name: min(found) for name, found in shares.items()}
 
 
-def _raw_with(
-    found: Search,
-    choices: Sequence[Choice],
-    verdicts: Verdicts,
-    name: str,
-) -> list[Array]:
-    key = (name, verdicts.forms[name])
+def _raw_with(found: Search, choices: Sequence[Choice], verdicts: Verdicts, name: str) -> list[Array]:
+    """Return the raw sums of squares of all cells if those that would carry a name do."""
     raws = []
     for place, state in enumerate(found.cells):
-        fitted = choices[place].get(key)
+        fitted = choices[place].get((name, verdicts.forms[name][place]))
         carried = fitted is not None and verdicts.carries[name][place] > 0.5
         raws.append(fitted.raw if fitted is not None and carried else state.current.raw)
     return raws
@@ -309,34 +322,30 @@ def _decide(
     found: Search,
     choices: Sequence[Choice],
     verdicts: Verdicts,
-    absorbed: Mapping[str, float],
     gaps: Mapping[str, float],
-    sites: Mapping[str, str],
     settings: SearchSettings,
 ) -> Named | None:
-    """Return the name to add, if one is probable, not absorbed, and closes a gap that matters."""
-    fitted = [
-        name
-        for name in verdicts.names
-        if name != NONE and absorbed.get(name, 0.0) <= settings.absorbed and _is_fitted(name, choices, verdicts)
-    ]
-    carried = {name: _carriers(found, choices, verdicts, name, settings) for name in fitted}
-    possible = [name for name in fitted if carried[name]]
-    if not possible:
-        return None
-    best = max(possible, key=lambda name: verdicts.names[name])
+    """Return the name to add, if one is probable and closes a gap that matters."""
+    carried = {
+        name: _carriers(found, choices, name, forms, verdicts.carries[name], settings)
+        for name, forms in verdicts.forms.items()
+    }
+    possible = [name for name in carried if carried[name]]
+    best = max(possible, key=lambda name: verdicts.names[name], default=NONE)
     if verdicts.names[best] <= verdicts.names[NONE]:
         return None
-    carriers = carried[best]
     alternatives = tuple(
         name
         for name in sorted(possible, key=lambda each: gaps[each])
         if name != best and (gaps[NONE] - gaps[name]) > 0.95 * (gaps[NONE] - gaps[best])
     )
+    carriers = carried[best]
+    forms = tuple(verdicts.forms[best][place] for place in carriers)
+    first = next(form for form in found.cells[carriers[0]].cell.forms if (form.name, form.form) == (best, forms[0]))
     return Named(
         best,
-        verdicts.forms[best],
-        sites[best],
+        forms,
+        first.site,
         found.cells[carriers[0]].cell.channel,
         tuple(found.cells[place].cell.element for place in carriers),
         verdicts.names[best],
@@ -344,25 +353,26 @@ def _decide(
     )
 
 
-def _is_fitted(name: str, choices: Sequence[Choice], verdicts: Verdicts) -> bool:
-    return any((name, verdicts.forms[name]) in each for each in choices)
-
-
 def _carriers(
-    found: Search, choices: Sequence[Choice], verdicts: Verdicts, name: str, settings: SearchSettings
+    found: Search,
+    choices: Sequence[Choice],
+    name: str,
+    forms: Sequence[str],
+    carries: Array,
+    settings: SearchSettings,
 ) -> list[int]:
     """Return the cells that carry a name: probable, and with a gain that is worth it; none if all are too small."""
-    key = (name, verdicts.forms[name])
     gains = {}
     for place, state in enumerate(found.cells):
-        fitted = choices[place].get(key)
-        if fitted is None or verdicts.carries[name][place] <= 0.5:
+        fitted = choices[place].get((name, forms[place]))
+        if fitted is None or carries[place] <= 0.5:
             continue
         before, after, initial = (
             state.ratio(raw, fitted.raw) for raw in (state.current.raw, fitted.raw, state.nominal.raw)
         )
         initial -= 1.0
-        if before - after > max(settings.least_gain, settings.least_share * initial):
+        share = settings.later_share if state.current.forms else settings.least_share
+        if before - after > max(settings.least_gain, share * initial):
             gains[place] = before
     channel = {found.cells[place].cell.channel for place in gains}
     if len(channel) > 1:  # one name at one place of the chain: where it gains most
@@ -372,10 +382,22 @@ def _carriers(
 
 
 def _add(found: Search, named: Named, choices: Sequence[Choice]) -> None:
-    key = (named.name, named.form)
+    form_of = dict(zip(named.elements, named.forms, strict=True))
     for place, state in enumerate(found.cells):
-        if state.cell.channel == named.channel and state.cell.element in named.elements:
-            found.cells[place] = _update(state, choices[place][key].fit)
+        if state.cell.channel == named.channel and state.cell.element in form_of:
+            found.cells[place] = _update(state, choices[place][named.name, form_of[state.cell.element]].fit)
+            _correct_others(found, place)
+
+
+def _correct_others(found: Search, place: int) -> None:
+    """Let what is known of a sensor count where its signal is an input: prepare cells anew that it feeds."""
+    source = found.cells[place].current.fit
+    for other, state in enumerate(found.cells):
+        if other != place and state.cell.element == source.model.cell.element and not state.current.forms:
+            effects = source.model.name_values(source.values)[1]
+            corrected = state.cell.correct([(form.name, form.form, values) for form, values in effects])
+            if corrected is not state.cell:
+                found.cells[other] = prepare(corrected)
 
 
 def _update(state: CellState, found: Fit) -> CellState:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from stages.discrepancy.cell import Cell
 from stages.discrepancy.fitting import fit
 from stages.discrepancy.flexible import Mask, explain_residual
 from stages.discrepancy.muscle_cells import ForceCell, MuscleCell
@@ -71,7 +72,7 @@ def verify(cells: Sequence[MuscleCell], steps: pd.DataFrame, channels: pd.DataFr
         for step in range(last + 1):
             model, values = restore(cell, steps, step)
             simulated.append(model.simulate(values))
-            driven = cell
+            driven: Cell = model.cell
             if isinstance(cell, ForceCell) and (cell.element, step) in pressures:
                 driven = cell.from_pressure(pressures[cell.element, step])
             free.append(driven.simulate(*model.name_values(values)))

@@ -7,16 +7,24 @@ muscle's tip does not see it; the motion of the joint does.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.operators import follow_stops
 from stages.signals.trajectories import Array
 
 
 def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     """Return the tension at the joint's end, N."""
     slide = np.tanh(state.velocity_per_s / parameters["sliding_per_s"])
+    return signal * np.exp(-parameters["friction_times_wrap"] * slide)
+
+
+def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N; the cable yields a little before it slides."""
+    slide = follow_stops(state.contraction, np.array([parameters["presliding"]]))
     return signal * np.exp(-parameters["friction_times_wrap"] * slide)
 
 
@@ -57,4 +65,28 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
-FORMS = (EFFECT,)
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="presliding",
+        parameters=(
+            EFFECT.parameters[0],
+            Parameter(
+                "presliding",
+                "1",
+                0.0001,
+                0.004,
+                0.001,
+                0.001,
+                "contraction over which it yields first",
+                (0.0008, 0.0025),
+            ),
+        ),
+        source=(
+            "Do, Tjahjowidodo, Lau, Yamamoto, Phee, Hysteresis modeling and position control of tendon-sheath "
+            "mechanism in flexible endoscopic systems, Mechatronics 24 (2014)"
+        ),
+        apply=apply_with_presliding,
+    ),
+)

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from stages.plant.effect import ChainEffect, DynamicEffect, JointEffect, Parameter, State
+from stages.plant.operators import follow_stops
 from stages.signals.trajectories import Array
 
 
@@ -22,6 +23,12 @@ def terms(parameters: Mapping[str, float]) -> dict[str, float]:
 def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     """Return the tension at the joint's end, N."""
     slide = np.tanh(state.velocity_per_s / parameters["sliding_per_s"])
+    return signal - parameters["share"] * state.muscles.full_force_n * slide
+
+
+def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N, less a spring that slides at a constant force."""
+    slide = follow_stops(state.contraction, np.array([parameters["presliding"]]))
     return signal - parameters["share"] * state.muscles.full_force_n * slide
 
 

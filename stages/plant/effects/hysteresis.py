@@ -61,7 +61,7 @@ def _share_of(what: str) -> Parameter:
 
 
 WIDTH = Parameter(
-    "width", "1", 0.002, 0.1, 0.02, 0.01, "contraction over which the widest element turns", (0.008, 0.03)
+    "width", "1", 0.004, 0.1, 0.02, 0.01, "contraction over which the widest element turns", (0.008, 0.03)
 )
 
 EFFECT = ChainEffect(
@@ -116,7 +116,10 @@ FORMS = (
     replace(
         EFFECT,
         form="bouc_wen",
-        parameters=(_share_of("the force at this pressure and rest length"), replace(WIDTH, starts=(0.004, 0.015))),
+        parameters=(
+            _share_of("the force at this pressure and rest length"),
+            replace(WIDTH, low=0.002, starts=(0.004, 0.015)),
+        ),
         source="Wen, Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102 (1976)",
         apply=apply_bouc_wen,
     ),

@@ -6,10 +6,12 @@ Without the rise it is Coulomb friction; a load cell at the muscle's tip does no
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.operators import follow_stops
 from stages.signals.trajectories import Array
 
 
@@ -19,6 +21,13 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
     fading = np.exp(-((velocity / parameters["stribeck_per_s"]) ** 2))
     size = parameters["share"] * state.muscles.full_force_n * (1.0 + parameters["rise"] * fading)
     return signal - size * np.tanh(velocity / parameters["sliding_per_s"])
+
+
+def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N; the cable yields a little before it slides."""
+    fading = np.exp(-((state.velocity_per_s / parameters["stribeck_per_s"]) ** 2))
+    size = parameters["share"] * state.muscles.full_force_n * (1.0 + parameters["rise"] * fading)
+    return signal - size * follow_stops(state.contraction, np.array([parameters["presliding"]]))
 
 
 EFFECT = ChainEffect(
@@ -44,4 +53,28 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
-FORMS = (EFFECT,)
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="presliding",
+        parameters=(
+            *EFFECT.parameters[:3],
+            Parameter(
+                "presliding",
+                "1",
+                0.0001,
+                0.004,
+                0.001,
+                0.001,
+                "contraction over which it yields first",
+                (0.0008, 0.0025),
+            ),
+        ),
+        source=(
+            "Canudas de Wit, Olsson, Astrom, Lischinsky, A new model for control of systems with friction, IEEE Trans. "
+            "Autom. Control 40 (1995); its bristles here as one stop"
+        ),
+        apply=apply_with_presliding,
+    ),
+)
