@@ -337,9 +337,10 @@ def _known_names(model: Any, location: Sequence[str | int]) -> list[str]:
 
 
 def _fields(annotation: Any) -> dict[str, Any]:
+    found: dict[str, Any] = {}
     for each in (annotation, *typing.get_args(annotation)):
         if isinstance(each, type) and issubclass(each, BaseModel):
-            return {name: field.annotation for name, field in each.model_fields.items()}
-        if isinstance(each, type) and dataclasses.is_dataclass(each):
-            return typing.get_type_hints(each)
-    return {}
+            found |= {name: field.annotation for name, field in each.model_fields.items()}
+        elif isinstance(each, type) and dataclasses.is_dataclass(each):
+            found |= typing.get_type_hints(each)
+    return found
