@@ -15,8 +15,15 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.discrepancy import DiscrepancySettings, amend, build_cells, estimate_intervals, restore
-from stages.plant.plant import Plant
+from stages.discrepancy import (
+    DiscrepancySettings,
+    Measurements,
+    estimate_intervals,
+    list_cells,
+    restore,
+    write_amended,
+)
+from stages.plant.machine import Machine
 
 AMENDED_VALUES = Table(
     "amended_values",
@@ -40,7 +47,7 @@ class Config(Section):
     """What this stage reads."""
 
     discrepancy: DiscrepancySettings
-    plant: Plant
+    plant: Machine
     seed: int
 
 
@@ -48,6 +55,7 @@ class Config(Section):
 def amend_model(
     cfg: Config,
     measured: pd.DataFrame,
+    measured_signals: pd.DataFrame,
     measured_trials: pd.DataFrame,
     measured_muscles: pd.DataFrame,
     measured_session: pd.DataFrame,
@@ -59,7 +67,8 @@ def amend_model(
     """Add what was named to the plant, and say how sure its values are."""
     settings = cfg.discrepancy
     fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
-    cells = build_cells(measured, measured_trials, measured_muscles, measured_session, settings)
+    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+    cells = list_cells(cfg.plant, told, settings)
     last = int(steps["step"].max())
     rows: list[dict[str, Any]] = []
     for cell in cells:
@@ -67,6 +76,5 @@ def amend_model(
         noise = channels[(channels["channel"] == cell.channel) & (channels["muscle"] == cell.element)].iloc[0]
         rows += estimate_intervals(model, values, noise, settings, ctx.generator("resample"))
     amended = pd.DataFrame(rows, columns=list(AMENDED_VALUES.columns))
-    types = dict(zip(measured_muscles["muscle"], measured_muscles["type"], strict=True))
-    ctx.document("amended", amend(cfg.plant, amended, channels, types), "yaml")
+    ctx.document("amended", write_amended(cfg.plant, amended, channels, measured_muscles), "yaml")
     return amended

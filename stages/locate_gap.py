@@ -18,22 +18,26 @@ from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.discrepancy import (
+    PURPOSES,
     CellState,
     DiscrepancySettings,
-    build_cells,
-    choose_verification,
+    Measurements,
+    Parts,
+    assign_parts,
+    list_cells,
     locate,
     prepare,
     resample,
     upper_ratio,
 )
+from stages.plant.machine import Machine
 
 TRIAL_PARTS = Table(
     "trial_parts",
     "A trial and what it is for",
     {
         "trial": column(int, "trial of the session", low=0),
-        "part": column(str, "fitted, or opened once at the end", among=["fitted", "verification"]),
+        "part": column(str, "fitted, opened once at the end, or only reported", among=list(PURPOSES)),
     },
     key=("trial",),
 )
@@ -101,6 +105,8 @@ class Config(Section):
     """What this stage reads."""
 
     discrepancy: DiscrepancySettings
+    parts: Parts
+    plant: Machine
     seed: int
 
 
@@ -108,6 +114,7 @@ class Config(Section):
 def locate_gap(
     cfg: Config,
     measured: pd.DataFrame,
+    measured_signals: pd.DataFrame,
     measured_trials: pd.DataFrame,
     measured_muscles: pd.DataFrame,
     measured_session: pd.DataFrame,
@@ -115,19 +122,18 @@ def locate_gap(
 ) -> dict[str, pd.DataFrame]:
     """Fit the nominal constants, then tell where measured and simulated part."""
     settings = cfg.discrepancy
+    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
     try:
-        opened = choose_verification(len(measured_trials), settings.verification_share)
+        purposes = assign_parts(list(measured_trials["part"]), cfg.parts, settings.verification_share)
+        cells = list_cells(cfg.plant, told, settings)
     except ValueError as error:
         raise InputError(f"{measured_session['source'].iloc[0]}: {error}") from None
-    parts = pd.DataFrame({"trial": measured_trials["trial"], "part": "fitted"})
-    parts.loc[opened, "part"] = "verification"
-    cells = build_cells(measured, measured_trials, measured_muscles, measured_session, settings)
-    fitted = [k for k in range(len(parts)) if k not in opened]
+    fitted = [k for k, purpose in enumerate(purposes) if purpose == "fitted"]
     states = list(ctx.spread(prepare, [cell.take(fitted) for cell in cells]))
     weights = resample(len(fitted), settings.bootstraps, ctx.generator("resample"))
     gap = pd.DataFrame(locate(states, ctx.generator("signs")), columns=list(GAP.columns))
     return {
-        TRIAL_PARTS.name: parts,
+        TRIAL_PARTS.name: pd.DataFrame({"trial": measured_trials["trial"], "part": purposes}),
         NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in tell_constants(each, weights, settings)]),
         CHANNELS.name: pd.DataFrame([tell_channel(each, weights, settings) for each in states]),
         GAP.name: gap,

@@ -19,13 +19,15 @@ from pipeline.table import Table, column
 from stages.discrepancy import (
     CellState,
     DiscrepancySettings,
+    Measurements,
     Search,
-    build_cells,
+    list_cells,
     prepare,
     rank_first,
     search,
     unexplained_share,
 )
+from stages.plant.machine import Machine
 
 NONE, UNKNOWN = "none", "unknown"
 
@@ -90,6 +92,7 @@ class Config(Section):
     """What this stage reads."""
 
     discrepancy: DiscrepancySettings
+    plant: Machine
     seed: int
 
 
@@ -97,6 +100,7 @@ class Config(Section):
 def name_effect(
     cfg: Config,
     measured: pd.DataFrame,
+    measured_signals: pd.DataFrame,
     measured_trials: pd.DataFrame,
     measured_muscles: pd.DataFrame,
     measured_session: pd.DataFrame,
@@ -106,7 +110,8 @@ def name_effect(
     """Name what is missing, add it, and repeat until what is left is noise or has no name."""
     settings = cfg.discrepancy
     fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
-    cells = build_cells(measured, measured_trials, measured_muscles, measured_session, settings)
+    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+    cells = list_cells(cfg.plant, told, settings)
     states: list[CellState] = list(ctx.spread(prepare, [cell.take(fitted) for cell in cells]))
     found = search(states, settings.search.settings, ctx.generator("trials"))
     left = unexplained_share(found, settings.search.settings, ctx.generator("unexplained"))

@@ -7,6 +7,7 @@ verdict in words) and the document ``verdict.json``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,13 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.discrepancy import (
+    PURPOSES,
     DiscrepancySettings,
-    build_cells,
+    Measurements,
+    Verified,
     compare_steps,
     describe_effects,
+    list_cells,
     list_predictions,
     locate_most,
     resample,
@@ -28,28 +32,31 @@ from stages.discrepancy import (
     verify,
 )
 from stages.plant.effect import find_effect
+from stages.plant.machine import Machine
 
 VERIFICATION = Table(
     "verification",
-    "The gap on verification trials, RMSE over range",
+    "The gap on trials that were not fitted",
     {
+        "part": column(str, "verification, or a recorded part that is only reported"),
         "simulation": column(str, "from what it is simulated", among=["measured upstream", "free run"]),
         "step": column(int, "effects added", low=0),
         "label": column(str, "what was added, or the noise floor"),
-        "trials": column(int, "verification trials", low=1),
+        "trials": column(int, "in that part", low=1),
         "gap": column(float, "RMSE over range, root mean square over channels and trials", low=0),
         "low": column(float, "lower end of the interval over resampled trials", low=0),
         "high": column(float, "upper end of it", low=0),
+        "gap_over_std": column(float, "RMSE over the measured standard deviation", low=0, nullable=True),
         "p_value": column(float, "of no change against the nominal model, signs flipped exactly", low=0, high=1),
     },
-    key=("simulation", "step"),
+    key=("part", "simulation", "step"),
 )
 PREDICTIONS = Table(
     "predictions",
     "A sample as measured and as simulated",
     {
         "trial": column(int, "trial of the session", low=0),
-        "part": column(str, "fitted, or opened once", among=["fitted", "verification"]),
+        "part": column(str, "fitted, opened once, or only reported", among=list(PURPOSES)),
         "time_s": column(float, "time from the trial's start", unit="s", low=0),
         "muscle": column(str, "whose"),
         "channel": column(str, "measured channel"),
@@ -66,6 +73,7 @@ class Config(Section):
     """What this stage reads."""
 
     discrepancy: DiscrepancySettings
+    plant: Machine
     seed: int
 
 
@@ -73,6 +81,7 @@ class Config(Section):
 def verify_gap(
     cfg: Config,
     measured: pd.DataFrame,
+    measured_signals: pd.DataFrame,
     measured_trials: pd.DataFrame,
     measured_muscles: pd.DataFrame,
     measured_session: pd.DataFrame,
@@ -90,14 +99,18 @@ def verify_gap(
     settings = cfg.discrepancy
     opened = np.flatnonzero(trial_parts["part"] == "verification").tolist()
     learnt = (trial_parts["part"] == "fitted").to_numpy()
-    cells = build_cells(measured, measured_trials, measured_muscles, measured_session, settings)
+    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+    cells = list_cells(cfg.plant, told, settings)
     found = verify(cells, steps, channels, learnt)
     added = named_effects.drop_duplicates("order")
     concerned = set(added["channel"]) or {each.cell.channel for each in found}
     labels = ["nominal", *(f"+ {name}" for name in added["name"])][: int(steps["step"].max()) + 1]
-    weights = resample(len(opened), settings.bootstraps, ctx.generator("resample"))
     judged = [each for each in found if each.cell.channel in concerned]
-    rows = compare_steps(judged, labels, opened, weights, settings.level, ctx.generator("signs"))
+    rows = []
+    for part, chosen in list_reported(trial_parts, measured_trials, judged).items():
+        weights = resample(len(chosen), settings.bootstraps, ctx.generator("resample", part))
+        compared = compare_steps(judged, labels, chosen, weights, settings.level, ctx.generator("signs", part))
+        rows += [{"part": part, **row} for row in compared]
     verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
     places = locate_most(gap, channels, settings.search.smallest_gap)
     verdict = conclude(cfg, verification, places, ranking, named_effects, unexplained, amended_values)
@@ -123,7 +136,8 @@ def conclude(
 ) -> dict[str, Any]:
     """Return the verdict as it is kept."""
     search = cfg.discrepancy.search
-    driven = verification[verification["simulation"] == "measured upstream"].reset_index(drop=True)
+    driven = verification[verification["simulation"] == "measured upstream"]
+    driven = driven[driven["part"] == "verification"]
     before, after, floor = driven.iloc[0], driven.iloc[-2], driven.iloc[-1]
     most = unexplained.sort_values("probability").iloc[-1]
     status = (
@@ -157,3 +171,13 @@ def conclude(
             "high": float(after["high"]),
         },
     }
+
+
+def list_reported(
+    trial_parts: pd.DataFrame, measured_trials: pd.DataFrame, judged: Sequence[Verified]
+) -> dict[str, list[int]]:
+    """Return the positions of the trials that are judged together: those opened, then each part that was left aside."""
+    purposes, seen = trial_parts["part"].to_numpy(), sum(each.cell.present.sum(axis=0) for each in judged)
+    reported = {"verification": np.flatnonzero(purposes == "verification").tolist()}
+    aside = measured_trials["part"].where((purposes == "other") & (seen > 0))
+    return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}

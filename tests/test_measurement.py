@@ -356,22 +356,22 @@ def test_small_pressures_are_believed_when_their_unit_is_stated(tmp_path):
 
 def test_by_the_command_bad_input_ends_in_one_line_and_overwrites_nothing(pamid, tmp_path):
     folder = write_dataset(tmp_path / "dataset")
-    assert pamid("workflow=discrepancy", "workflow.stages=[measurement]", f"measured={folder}").returncode == 0
+    assert pamid("workflow=discrepancy", "stages=[measurement]", f"measured={folder}").returncode == 0
     kept = {path: path.read_bytes() for path in pamid.runs[0].rglob("*") if path.is_file()}
     before = (folder / "samples.parquet").read_bytes()
-    plan = pamid("workflow=discrepancy", "workflow.stages=[measurement]", f"measured={folder}", "plan=true").stdout
+    plan = pamid("workflow=discrepancy", f"measured={folder}", "plan=true").stdout
     assert re.search(r"force_n +<- force_n\n", plan)
     make_samples().drop(columns="force_n").to_parquet(folder / "samples.parquet")
-    plan = pamid("workflow=discrepancy", "workflow.stages=[measurement]", f"measured={folder}", "plan=true").stdout
+    plan = pamid("workflow=discrepancy", f"measured={folder}", "plan=true").stdout
     assert "input measured/samples.parquet changed" in plan
     assert "force_n                    <- MISSING (force_n); say which with columns.force_n=NAME" in plan
-    result = pamid("workflow=discrepancy", "workflow.stages=[measurement]", f"measured={folder}")
+    result = pamid("workflow=discrepancy", f"measured={folder}")
     assert result.returncode == 1
     (line,) = result.stderr.strip().splitlines()
     assert line.startswith(f"measurement failed: {folder}/samples.parquet: no column force_n; ")
     assert {path: path.read_bytes() for path in kept} == kept
     (folder / "samples.parquet").write_bytes(before)
-    plan = pamid("workflow=discrepancy", "workflow.stages=[measurement]", f"measured={folder}", "plan=true").stdout
+    plan = pamid("workflow=discrepancy", f"measured={folder}", "plan=true").stdout
     assert "measurement  fresh" in plan
 
 

@@ -7,6 +7,8 @@ effects and adds them; `locate` tells in which regimes the gap lies.
 from stages.discrepancy.amendment import amend, estimate_intervals
 from stages.discrepancy.cell import Cell, Driver, Form
 from stages.discrepancy.gaps import locate, upper_ratio
+from stages.discrepancy.machines import Measurements, list_cells, write_amended
+from stages.discrepancy.parts import PURPOSES, Parts, assign_parts
 from stages.discrepancy.ranking import rank_first
 from stages.discrepancy.resampling import resample
 from stages.discrepancy.restoring import restore
@@ -18,19 +20,24 @@ from stages.discrepancy.verification import Verified, compare_steps, list_predic
 from stages.discrepancy.words import tell
 
 __all__ = [
+    "PURPOSES",
     "Cell",
     "CellState",
     "DiscrepancySettings",
     "Driver",
     "Form",
+    "Measurements",
+    "Parts",
     "Search",
     "Verified",
     "amend",
+    "assign_parts",
     "build_cells",
     "choose_verification",
     "compare_steps",
     "describe_effects",
     "estimate_intervals",
+    "list_cells",
     "list_predictions",
     "locate",
     "locate_most",
@@ -43,4 +50,5 @@ __all__ = [
     "unexplained_share",
     "upper_ratio",
     "verify",
+    "write_amended",
 ]

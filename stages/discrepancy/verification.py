@@ -28,20 +28,36 @@ class Verified:
 
     Parameters
     ----------
-    cell : MuscleCell
+    cell : Cell
         With all trials.
     steps : list of (T, K) ndarray
         Simulated from measured upstream signals, after each number of additions.
     free : list of (T, K) ndarray
-        Simulated from the command and the joint's motion alone.
+        Simulated from the command and the joint's motion alone; empty where nothing measured is upstream.
     floor : (K,) ndarray
         Sum of squares that neither the last model nor a flexible one explains, by trial.
     """
 
-    cell: MuscleCell
+    cell: Cell
     steps: list[Array]
     free: list[Array]
     floor: Array
+
+    def over_std(self, squares: Array, trials: Sequence[int]) -> float:
+        """Return the gap in some trials over the standard deviation of what was measured in them.
+
+        Parameters
+        ----------
+        squares : (K,) ndarray
+            As `squares` returns them.
+        trials : sequence of int
+            Positions.
+        """
+        chosen = list(trials)
+        measured = self.cell.measured[:, chosen][self.cell.present[:, chosen]]
+        if not measured.size or measured.std() == 0.0:
+            return np.nan
+        return float(np.sqrt(squares[chosen].sum() / measured.size) * self.cell.range / measured.std())
 
     def squares(self, simulated: Array) -> Array:
         """Return each trial's sum of squares over the range squared."""
@@ -50,7 +66,7 @@ class Verified:
         return found
 
 
-def verify(cells: Sequence[MuscleCell], steps: pd.DataFrame, channels: pd.DataFrame, learnt: Mask) -> list[Verified]:
+def verify(cells: Sequence[Cell], steps: pd.DataFrame, channels: pd.DataFrame, learnt: Mask) -> list[Verified]:
     """Simulate every cell after each addition.
 
     Parameters
@@ -75,7 +91,8 @@ def verify(cells: Sequence[MuscleCell], steps: pd.DataFrame, channels: pd.DataFr
             driven: Cell = model.cell
             if isinstance(cell, ForceCell) and (cell.element, step) in pressures:
                 driven = cell.from_pressure(pressures[cell.element, step])
-            free.append(driven.simulate(*model.name_values(values)))
+            if isinstance(cell, MuscleCell):
+                free.append(driven.simulate(*model.name_values(values)))
             if cell.channel == "pressure_kpa":
                 pressures[cell.element, step] = simulated[-1]
         noise = channels[(channels["channel"] == cell.channel) & (channels["muscle"] == cell.element)].iloc[0]
@@ -122,17 +139,27 @@ def compare_steps(
         For the exact test, where there are many trials.
     """
     rows: list[dict[str, Any]] = []
-    for kind in ("measured upstream", "free run"):
+    kinds = ("measured upstream", "free run") if any(each.free for each in found) else ("measured upstream",)
+    for kind in kinds:
         first: Array | None = None
         for step, label in enumerate(labels):
             chosen = [each.squares((each.steps if kind == "measured upstream" else each.free)[step]) for each in found]
             gaps = pool(found, chosen, opened)
             first = gaps if first is None else first
             rows.append(_row(kind, step, label, gaps, first, weights, level, generator))
+            rows[-1]["gap_over_std"] = _pool_over_std(found, chosen, opened)
         if kind == "measured upstream":
-            floor = pool(found, [each.floor for each in found], opened)
+            least = [each.floor for each in found]
+            floor = pool(found, least, opened)
             rows.append(_row(kind, len(labels), "noise floor", floor, first, weights, level, generator))
+            rows[-1]["gap_over_std"] = _pool_over_std(found, least, opened)
     return rows
+
+
+def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> float:
+    each = [one.over_std(own, trials) for one, own in zip(found, squares, strict=True)]
+    known = [value for value in each if np.isfinite(value)]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else np.nan
 
 
 def _row(
