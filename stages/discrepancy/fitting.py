@@ -146,6 +146,13 @@ class Fit:
             changes[row, free] = np.linalg.solve(curvature, weight @ self.white.cross[:, free] + pull[free])
         return np.clip(self.values + changes, low, high) - self.values
 
+    def cost(self, noise: Noise) -> float:
+        """Return the whitened sum of squares under a noise, and that of the values' distances from their priors."""
+        cell = self.model.cell
+        white = whiten(self.residual[:, :, None], cell.present, noise, cell.step_s)
+        mean, sd = self.model.prior
+        return float((white**2).sum() + (((self.values - mean) / sd) ** 2).sum())
+
     def listed(self) -> list[float]:
         """Return the values as plain numbers."""
         return [float(each) for each in self.values]

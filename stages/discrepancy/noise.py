@@ -19,6 +19,12 @@ from stages.signals.trajectories import Array
 QUICK_S, SLOW_S = 0.03, 1.5
 """Time constants about which the two components are sought, s; a factor of three is one standard deviation."""
 FOLD = math.log(3.0)
+LEAST_WHITE = 0.5
+"""White noise over that which would explain all of a residual's roughness, at least.
+
+Sensors have white noise. A model of noise without any would judge a residual by its steps alone, and a simulation whose
+steps come a sample too early or late would be judged worse than one without steps.
+"""
 
 
 class Noise(NamedTuple):
@@ -107,8 +113,6 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, s
         Where it counts.
     step_s : float
         Time between samples, s.
-    start : Noise, optional
-        Where to begin; in the middle of the priors, unless told.
 
     Raises
     ------
@@ -132,9 +136,15 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, s
         return float(0.5 * (((z - centre) / width) ** 2).sum() - log_density(values, present, build(z), step_s).sum())
 
     bounds = [(c - 4.0 * w, c + 4.0 * w) for c, w in zip(centre, width, strict=True)]
-    begin = centre
-    if start is not None:
-        given = (start.white / spread, start.quick / spread, start.quick_s, start.slow / spread, start.slow_s)
-        begin = np.clip(np.log(given), *np.transpose(bounds))
-    found = minimize(cost, begin, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60, "ftol": 1e-6})
+    least = math.log(max(LEAST_WHITE * _roughness(values, present) / spread, 1e-6))
+    bounds[0] = (max(bounds[0][0], min(least, 0.0)), bounds[0][1])
+    centre[0] = max(centre[0], bounds[0][0])
+    found = minimize(cost, centre, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40, "ftol": 1e-6})
     return build(found.x)
+
+
+def _roughness(values: Array, present: NDArray[np.bool_]) -> float:
+    """Return the standard deviation of white noise that would have the second differences seen."""
+    bends = values[2:] - 2.0 * values[1:-1] + values[:-2]
+    whole = present[2:] & present[1:-1] & present[:-2]
+    return float(np.sqrt((bends[whole] ** 2).mean() / 6.0)) if whole.any() else 0.0

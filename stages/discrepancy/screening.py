@@ -44,13 +44,13 @@ class Screened:
     absorbed: float
 
 
-def list_starts(form: Form) -> list[dict[str, float]]:
+def list_starts(form: Form, most: int = MOST_STARTS) -> list[dict[str, float]]:
     """Return values to begin at: all combinations of the parameters' starts, thinned evenly if there are many."""
     names = [each.name for each in form.parameters]
     grid = [dict(zip(names, chosen, strict=True)) for chosen in product(*(each.starts for each in form.parameters))]
-    if len(grid) <= MOST_STARTS:
+    if len(grid) <= most:
         return grid
-    return [grid[round(index)] for index in np.linspace(0, len(grid) - 1, MOST_STARTS)]
+    return [grid[round(index)] for index in np.linspace(0, len(grid) - 1, most)]
 
 
 def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
@@ -79,22 +79,18 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
     best: dict[tuple[str, str], Screened] = {}
     for index, (form, start) in enumerate(zip(owners, starts, strict=True)):
         signed = form.parameters[0].low < 0.0
-        found = _regress(fit, grams, known + index, signed)
-        if found is None:
-            continue
-        gain, scale, absorbed = found
-        in_units = _regress(fit, plain, known + index, signed)
+        gain, scale, absorbed = _regress(fit, grams, known + index, signed)
+        raw_gain = _regress(fit, plain, known + index, signed)[0] / float(plain.square.sum())
         first = form.parameters[0]
         magnitude = float(np.clip(scale * start[first.name], first.low, first.high))
         started = {**start, first.name: magnitude if magnitude != 0.0 else start[first.name]}
-        raw_gain = in_units[0] / float(plain.square.sum()) if in_units else 0.0
         key = (form.name, form.form)
         if key not in best or gain > best[key].gain:
             best[key] = Screened(form, started, gain, raw_gain, absorbed)
     return list(best.values())
 
 
-def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, float, float] | None:
+def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, float, float]:
     """Return the gain of one change beside the free constants: in all, its scale, share absorbed."""
     free = np.flatnonzero(fit.free)
     chosen = np.append(free, column)
@@ -105,15 +101,13 @@ def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, 
     cross = grams.cross[:, chosen]
     total = slopes.sum(axis=0)
     size = total[-1, -1]
-    if size <= 0.0:
-        return None
     shared = total[:-1, -1]
     own = size - shared @ np.linalg.solve(total[:-1, :-1] + 1e-12 * np.diag(np.diag(total[:-1, :-1])), shared)
     absorbed = 1.0 - max(own, 0.0) / size
     curvature = total + np.diag(precision) + np.diag(np.append(np.zeros(len(free)), 1e-9 * size))
     whole = np.linalg.solve(curvature, cross.sum(axis=0) + pull)
     if whole[-1] <= 0.0 and not signed:
-        return None
+        return 0.0, 0.0, absorbed
     changes = np.stack(
         [np.linalg.solve(curvature - slopes[k], (cross.sum(axis=0) - cross[k]) + pull) for k in range(len(slopes))]
     )

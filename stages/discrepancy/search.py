@@ -16,7 +16,7 @@ from stages.discrepancy.evidence import NONE, Verdicts, weigh_names
 from stages.discrepancy.fitting import Fit, Model, begin, fit
 from stages.discrepancy.flexible import Leftover, explain_residual
 from stages.discrepancy.noise import Noise, estimate_noise, log_density
-from stages.discrepancy.screening import Screened, screen
+from stages.discrepancy.screening import Screened, list_starts, screen
 from stages.signals.trajectories import Array
 
 
@@ -45,23 +45,30 @@ class Fitted:
     ----------
     fit : Fit
         Values and what leaving trials out changes.
-    noise : Noise
-        That the residuals of trials left out most likely are.
-    density : (K,) ndarray
-        Log density of those residuals under it.
+    residual : (T, K) ndarray
+        Of trials left out.
     raw : (K,) ndarray
-        Their sums of squares, in the channel's unit.
+        Its sums of squares, in the channel's unit.
     """
 
     fit: Fit
-    noise: Noise
-    density: Array
+    residual: Array
     raw: Array
 
     @property
     def forms(self) -> tuple[Form, ...]:
         """Effects in the model."""
         return self.fit.model.forms
+
+    def estimate_noise(self) -> Noise:
+        """Return the noise that the residual most likely is."""
+        cell = self.fit.model.cell
+        return estimate_noise(self.residual, cell.present, cell.step_s)
+
+    def density(self, noise: Noise) -> Array:
+        """Return the log density of each trial's residual under a noise, (K,) ndarray."""
+        cell = self.fit.model.cell
+        return log_density(self.residual, cell.present, noise, cell.step_s)
 
 
 @dataclass
@@ -129,23 +136,35 @@ class Search:
 def prepare(cell: Cell) -> CellState:
     """Fit a cell's nominal constants, and estimate its noise from what a flexible model leaves."""
     model = Model(cell)
-    plain = Noise(max(0.01 * cell.range, 1e-9), 1e-12, 0.03, 1e-12, 1.0)
-    rough = fit(model, plain, begin(model))
+    rough = fit(model, make_plain(0.01 * cell.range), begin(model))
     noise: Noise | None = None
     for _ in range(2):  # the better the noise is known, the better the flexible model tells it from the rest
         noise = estimate_noise(explain_residual(rough, noise).residual, cell.present, cell.step_s)
     assert noise is not None
-    nominal = assess(fit(model, noise, rough.values), noise)
+    nominal = refine(model, rough.values, float(np.sqrt((rough.residual**2).sum() / max(cell.present.sum(), 1))))
     return CellState(cell, noise, nominal, nominal, explain_residual(nominal.fit, noise))
 
 
-def assess(found: Fit, noise: Noise) -> Fitted:
-    """Judge a fit on its trials, each left out, under the noise that they then most likely have."""
-    cell = found.model.cell
-    residual = np.where(cell.present, found.leave_each_out(), 0.0)
-    own = estimate_noise(residual, cell.present, cell.step_s, noise)
-    density = log_density(residual, cell.present, own, cell.step_s)
-    return Fitted(found, own, density, (residual**2).sum(axis=0))
+def refine(model: Model, start: Array, spread: float) -> Fitted:
+    """Fit a model as if its residual were white, then under the noise that it leaves; return what predicts better.
+
+    What another model left says little of this one's noise: a missing effect passes for wander, and under so much
+    wander only steps would count.
+    """
+    plain = assess(fit(model, make_plain(spread), start))
+    coloured = assess(fit(model, plain.estimate_noise(), plain.fit.values, iterations=4))
+    return min(plain, coloured, key=lambda each: float(each.raw.sum()))
+
+
+def make_plain(spread: float) -> Noise:
+    """Return white noise alone."""
+    return Noise(max(spread, 1e-9), 1e-12, 0.03, 1e-12, 1.0)
+
+
+def assess(found: Fit) -> Fitted:
+    """Judge a fit on its trials, each left out."""
+    residual = np.where(found.model.cell.present, found.leave_each_out(), 0.0)
+    return Fitted(found, residual, (residual**2).sum(axis=0))
 
 
 def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.random.Generator) -> Search:
@@ -174,6 +193,12 @@ def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.r
         found.steps.append([state.current.fit for state in found.cells])
     return found
 
+
+FRESH_STARTS = 4
+"""Other starts from which a named effect is fitted once more."""
+
+AS_MUCH, LIKE = 0.985, 0.95
+"""Shares of what the best name closes: above the first, a simpler name is preferred; above the second, not excluded."""
 
 NOT_WORTH = 1.0
 """Fall of a trial's score, in a cell, of a form that did not seem worth a full fit there."""
@@ -219,16 +244,19 @@ def rank(
         for state, listed in zip(found.cells, candidates, strict=True)
     ]
     temper = settings.temper
-    none = [state.current.density / temper for state in found.cells]
+    noises = [_least_noise(state, fitted) for state, fitted in zip(found.cells, choices, strict=True)]
+    none = [state.current.density(noise) / temper for state, noise in zip(found.cells, noises, strict=True)]
     scores: dict[tuple[str, str], dict[int, Array]] = {}
     for place, listed in enumerate(candidates):
         for each in listed:
             by_cell = scores.setdefault((each.form.name, each.form.form), {})
             fitted = choices[place].get((each.form.name, each.form.form))
-            by_cell[place] = fitted.density / temper if fitted else none[place] - NOT_WORTH
+            by_cell[place] = fitted.density(noises[place]) / temper if fitted else none[place] - NOT_WORTH
     names = sorted({name for name, _ in scores})
-    share = (1.0 - settings.none_prior) / max(len(names), 1)
-    priors = {NONE: settings.none_prior, **dict.fromkeys(names, share)}
+    sizes = _count_parameters(candidates)
+    halved = {name: 0.5 ** sizes[name] for name in names}
+    every = sum(halved.values()) / (1.0 - settings.none_prior)
+    priors = {NONE: settings.none_prior, **{name: each / every for name, each in halved.items()}}
 
     def worth(name: str, forms: list[str], carries: Array) -> bool:
         return bool(_carriers(found, choices, name, forms, carries, settings))
@@ -244,10 +272,28 @@ def rank(
         for each in listed
         if verdicts.forms[each.form.name][place] == each.form.form
     }
-    named = _decide(found, choices, verdicts, gaps, settings)
+    named = _decide(found, choices, verdicts, gaps, sizes, settings)
     spoken = (named.name, *named.alternatives) if named else ()
     absorbed = {name: each for name, each in _absorb(candidates, verdicts).items() if name not in spoken}
     return Round(verdicts, absorbed, gaps, heldout, sites, named), choices
+
+
+def _least_noise(state: CellState, choices: Choice) -> Noise:
+    """Return the noise under which all candidates of a cell are judged: what the one that predicts best leaves.
+
+    Under a noise of its own, a model that leaves a smooth gap would be preferred to one that leaves a small rough one.
+    """
+    best = min([state.current, *choices.values()], key=lambda each: float(each.raw.sum()))
+    return best.estimate_noise()
+
+
+def _count_parameters(candidates: Sequence[Sequence[Screened]]) -> dict[str, int]:
+    """Return how many parameters the simplest form of each name has."""
+    sizes: dict[str, int] = {}
+    for each in [each for listed in candidates for each in listed]:
+        size = len(each.form.parameters)
+        sizes[each.form.name] = min(size, sizes.get(each.form.name, size))
+    return sizes
 
 
 def _shortlist(
@@ -280,11 +326,11 @@ def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set
 
 
 def _extend(state: CellState, chosen: Screened) -> Fitted:
-    """Fit a cell with one more effect, from where it stands, then once more under the noise that is left."""
+    """Fit a cell with one more effect, from where it stands."""
     model = replace(state.current.fit.model, forms=(*state.current.forms, chosen.form))
     added = [chosen.start[each.name] for each in chosen.form.parameters]
-    first = assess(fit(model, state.noise, np.concatenate([state.current.fit.values, added])), state.noise)
-    return assess(fit(model, first.noise, first.fit.values, iterations=4), first.noise)
+    spread = float(np.sqrt(state.current.raw.sum() / max(state.samples.sum(), 1.0)))
+    return refine(model, np.concatenate([state.current.fit.values, added]), spread)
 
 
 def _absorb(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
@@ -323,9 +369,10 @@ def _decide(
     choices: Sequence[Choice],
     verdicts: Verdicts,
     gaps: Mapping[str, float],
+    sizes: Mapping[str, int],
     settings: SearchSettings,
 ) -> Named | None:
-    """Return the name to add, if one is probable and closes a gap that matters."""
+    """Return the name to add, if one is probable and closes a gap that matters; of equals, the simpler."""
     carried = {
         name: _carriers(found, choices, name, forms, verdicts.carries[name], settings)
         for name, forms in verdicts.forms.items()
@@ -334,10 +381,12 @@ def _decide(
     best = max(possible, key=lambda name: verdicts.names[name], default=NONE)
     if verdicts.names[best] <= verdicts.names[NONE]:
         return None
+    closed = {name: gaps[NONE] - gaps[name] for name in possible}
+    equals = [name for name in possible if closed[name] > AS_MUCH * closed[best]]
+    best = min(equals, key=lambda name: (sizes[name], -verdicts.names[name]))
+    equals = [name for name in equals if sizes[name] > sizes[best] or name == best]
     alternatives = tuple(
-        name
-        for name in sorted(possible, key=lambda each: gaps[each])
-        if name != best and (gaps[NONE] - gaps[name]) > 0.95 * (gaps[NONE] - gaps[best])
+        name for name in sorted(possible, key=gaps.__getitem__) if name != best and closed[name] > LIKE * closed[best]
     )
     carriers = carried[best]
     forms = tuple(verdicts.forms[best][place] for place in carriers)
@@ -348,7 +397,7 @@ def _decide(
         first.site,
         found.cells[carriers[0]].cell.channel,
         tuple(found.cells[place].cell.element for place in carriers),
-        verdicts.names[best],
+        sum(verdicts.names[name] for name in equals),
         alternatives[:2],
     )
 
@@ -385,8 +434,21 @@ def _add(found: Search, named: Named, choices: Sequence[Choice]) -> None:
     form_of = dict(zip(named.elements, named.forms, strict=True))
     for place, state in enumerate(found.cells):
         if state.cell.channel == named.channel and state.cell.element in form_of:
-            found.cells[place] = _update(state, choices[place][named.name, form_of[state.cell.element]].fit)
+            chosen = choices[place][named.name, form_of[state.cell.element]]
+            found.cells[place] = _update(state, _start_anew(chosen))
             _correct_others(found, place)
+
+
+def _start_anew(chosen: Fitted) -> Fit:
+    """Return the best of fits that begin at other values of the newest effect, the chosen one among them."""
+    model, noise = chosen.fit.model, chosen.estimate_noise()
+    newest = model.forms[-1]
+    known = len(chosen.fit.values) - len(newest.parameters)
+    found = [chosen.fit]
+    for start in list_starts(newest, FRESH_STARTS):
+        values = np.concatenate([chosen.fit.values[:known], [start[each.name] for each in newest.parameters]])
+        found.append(fit(model, noise, values))
+    return min(found, key=lambda each: each.cost(noise))
 
 
 def _correct_others(found: Search, place: int) -> None:
@@ -401,12 +463,13 @@ def _correct_others(found: Search, place: int) -> None:
 
 
 def _update(state: CellState, found: Fit) -> CellState:
-    """Go on from a fit: estimate the noise anew from what a flexible model leaves of it, and fit once more."""
+    """Go on from a fit: refine it, and estimate the noise anew from what a flexible model leaves of it."""
     cell = state.cell
-    noise = estimate_noise(explain_residual(found, state.noise).residual, cell.present, cell.step_s)
-    current = assess(fit(found.model, noise, found.values), noise)
-    nominal = assess(fit(state.nominal.fit.model, noise, state.nominal.fit.values), noise)
-    return CellState(cell, noise, nominal, current, explain_residual(current.fit, noise))
+    spread = float(np.sqrt((found.residual**2).sum() / max(cell.present.sum(), 1)))
+    current = refine(found.model, found.values, spread)
+    noise = current.estimate_noise()
+    leftover = explain_residual(current.fit, noise)
+    return CellState(cell, noise, state.nominal, current, leftover)
 
 
 def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
@@ -436,7 +499,7 @@ def _without(state: CellState, name: str) -> Fitted:
             start += list(state.current.fit.values[place : place + len(form.parameters)])
         place += len(form.parameters)
     kept = replace(model, forms=tuple(form for form in model.forms if form.name != name))
-    return assess(fit(kept, state.noise, np.array(start)), state.noise)
+    return assess(fit(kept, state.noise, np.array(start)))
 
 
 def unexplained_share(

@@ -24,7 +24,7 @@ SIGNALS = {
     "force_n": "force_n",
 }
 SMOOTHED_S = 0.044
-"""Width over which measured pressure is smoothed before force is simulated from it, s; a valve's time constant."""
+"""Width over which pressure and velocity are smoothed before force is simulated, s; a valve's time constant."""
 LEAST_SAMPLES = 50
 """Samples of a muscle's channel below which it is left out."""
 
@@ -53,6 +53,7 @@ def collect_records(measured: pd.DataFrame, trials: pd.DataFrame, muscle: str, j
     start = trials["start_s"].to_numpy(dtype=float)
     start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
     signals["smooth_pressure_kpa"] = _smooth(signals["pressure_kpa"], step_s)
+    signals["velocity_per_s"] = _smooth(signals["velocity_per_s"], step_s)
     others = _look_aside(measured, order, muscle, joints, samples)
     return Records(step_s, start - start[0], **signals, known=known, others=others)
 

@@ -7,6 +7,7 @@ while it lengthens; only a load cell at the joint's end sees it.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -92,4 +93,20 @@ SLIDER = DynamicEffect(
     terms=rub,
 )
 
-FORMS = (EFFECT, CABLE, SLIDER)
+PRESLIDING = replace(
+    CABLE,
+    form="cable_presliding",
+    parameters=(
+        CABLE.parameters[0],
+        Parameter(
+            "presliding", "1", 0.0001, 0.004, 0.001, 0.001, "contraction over which it yields first", (0.0008, 0.0025)
+        ),
+    ),
+    source=(
+        "Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE Trans. Autom. Control 50 (2005): one "
+        "element"
+    ),
+    apply=apply_with_presliding,
+)
+
+FORMS = (EFFECT, CABLE, PRESLIDING, SLIDER)

@@ -1,0 +1,100 @@
+"""The search on toys with planted effects, which turn out both ways."""
+
+import numpy as np
+import pytest
+
+from stages.discrepancy.fitting import Model
+from stages.discrepancy.screening import list_starts, screen
+from stages.discrepancy.search import SearchSettings, prepare, refine, search, unexplained_share
+from tests.discrepancy.toys import KINK, LINE, WAVE, Toy, make_toy
+
+SETTINGS = SearchSettings(
+    smallest_gap=1.15,
+    least_gain=0.04,
+    least_share=0.1,
+    later_share=0.2,
+    unexplained_share=0.25,
+    temper=2.0,
+    shortlist=5,
+    most_effects=3,
+    absorbed=0.99,
+    none_prior=0.5,
+    certain=0.5,
+)
+
+
+def run(*toys):
+    found = search([prepare(each) for each in toys], SETTINGS, np.random.default_rng(0))
+    return found, unexplained_share(found, SETTINGS, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize(("form", "size"), [(WAVE, 0.4), (KINK, 2.0)])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_planted_effect_is_named(form, size, seed):
+    found, left = run(make_toy(seed, [(form.effect, size)]))
+    assert [each.name for each in found.named] == [form.name]
+    assert found.named[0].probability > 0.9
+    assert left["y"][1] < 0.1
+    assert found.cells[0].current.fit.values[-1] == pytest.approx(size, rel=0.15)
+
+
+@pytest.mark.parametrize("wander", [0.0, 0.1])
+@pytest.mark.parametrize("seed", range(5))
+def test_nothing_is_named_where_nothing_is_missing(seed, wander):
+    found, left = run(make_toy(seed, wander=wander))
+    assert not found.named
+    assert left["y"][1] < 0.5
+
+
+def test_two_effects_are_named_both():
+    found, _ = run(make_toy(1, [(WAVE.effect, 0.5), (KINK.effect, 2.5)]))
+    assert {each.name for each in found.named} == {"wave", "kink"}
+    assert len(found.steps) == 3
+
+
+def test_an_effect_that_the_constants_imitate_is_told_absorbed_and_not_named():
+    found, _ = run(make_toy(2, [(LINE.effect, 0.4)]))
+    assert not found.named
+    assert found.rounds[0].absorbed["line"] > 0.99
+    assert found.rounds[0].absorbed["wave"] < 0.9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_no_form_explains_is_left_unexplained(seed):
+    def step(x):
+        return np.where(np.abs(x - 0.2) < 0.35, 1.0, 0.0)
+
+    _, left = run(make_toy(seed, [(step, 0.8)], offered=(LINE, KINK)))
+    assert left["y"][1] > 0.5
+    assert left["y"][0] > SETTINGS.unexplained_share
+
+
+def test_the_element_that_carries_it_is_named():
+    found, _ = run(make_toy(1, [(WAVE.effect, 0.4)], element="first"), make_toy(2, element="second"))
+    assert [(each.name, each.elements) for each in found.named] == [("wave", ("first",))]
+
+
+def test_the_same_seed_finds_the_same():
+    first, second = (run(make_toy(3, [(WAVE.effect, 0.4)]))[0] for _ in range(2))
+    assert first.named == second.named
+    np.testing.assert_array_equal(first.cells[0].current.fit.values, second.cells[0].current.fit.values)
+
+
+@pytest.mark.parametrize("size", [0.5, 1.5, 4.0])
+def test_screening_does_not_miss_what_full_fits_find(size):
+    state = prepare(make_toy(5, [(KINK.effect, size)]))
+    promised = screen(state.nominal.fit, state.noise, state.cell.forms)
+    best = max(promised, key=lambda each: each.gain)
+    full = {
+        form.name: min(
+            refine(Model(state.cell, (form,)), np.append(state.nominal.fit.values, start["size"]), 0.2).raw.sum()
+            for start in list_starts(form)
+        )
+        for form in state.cell.forms
+    }
+    assert best.form.name == min(full, key=full.__getitem__) == "kink"
+
+
+def test_a_toy_is_a_cell():
+    assert make_toy(0).range > 0.0
+    assert isinstance(make_toy(0).take([1, 2]), Toy)
