@@ -27,7 +27,8 @@ def hash_sources(package: str, modules: Sequence[str]) -> dict[str, str]:
     package : str
         The stages' package; imports from elsewhere are libraries or the pipeline.
     modules : sequence of str
-        A stage's module, and that of the object it asks for, which may lie outside the package.
+        A stage's module, and that of the object it asks for, which may lie outside the package; then what it imports
+        from its own package counts, too.
 
     Returns
     -------
@@ -54,13 +55,14 @@ def library_versions(package: str, modules: Sequence[str]) -> dict[str, str]:
 def _closure(package: str, modules: tuple[str, ...]) -> tuple[Path, ...]:
     found: set[Path] = set()
     waiting = [path for module in modules for path in _files_of(package, module)]
+    beside = tuple(f"{module.rpartition('.')[0]}." for module in modules if not module.startswith(f"{package}."))
     while waiting:
         path = waiting.pop()
         if path in found:
             continue
         found.add(path)
         for name in _imports(path):
-            if name.startswith(f"{package}."):
+            if name.startswith((f"{package}.", *beside)):
                 waiting.extend(_files_of(package, name))
     return tuple(sorted(found))
 
@@ -73,7 +75,10 @@ def _files_of(package: str, module: str) -> tuple[Path, ...]:
         if (folder / first).is_dir():
             return _folder_files(folder / first)
         return (folder / f"{first}.py",) if (folder / f"{first}.py").exists() else ()
-    spec = importlib.util.find_spec(module)
+    try:
+        spec = importlib.util.find_spec(module)
+    except ModuleNotFoundError:  # a name within a module
+        return ()
     return (Path(spec.origin),) if spec and spec.origin and spec.origin.endswith(".py") else ()
 
 

@@ -6,7 +6,9 @@ effects and adds them; `locate` tells in which regimes the gap lies.
 
 from stages.discrepancy.amendment import amend, estimate_intervals
 from stages.discrepancy.cell import Cell, Driver, Form
+from stages.discrepancy.exactness import explain_exactly
 from stages.discrepancy.gaps import locate, upper_ratio
+from stages.discrepancy.judgement import Judgement, judge, tell_truth
 from stages.discrepancy.machines import Measurements, list_cells, write_amended
 from stages.discrepancy.parts import PURPOSES, Parts, assign_parts
 from stages.discrepancy.ranking import rank_first
@@ -26,6 +28,7 @@ __all__ = [
     "DiscrepancySettings",
     "Driver",
     "Form",
+    "Judgement",
     "Measurements",
     "Parts",
     "Search",
@@ -37,6 +40,8 @@ __all__ = [
     "compare_steps",
     "describe_effects",
     "estimate_intervals",
+    "explain_exactly",
+    "judge",
     "list_cells",
     "list_predictions",
     "locate",
@@ -47,6 +52,7 @@ __all__ = [
     "restore",
     "search",
     "tell",
+    "tell_truth",
     "unexplained_share",
     "upper_ratio",
     "verify",

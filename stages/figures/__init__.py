@@ -9,6 +9,7 @@ from stages.figures.frequent_references import draw_frequent_references
 from stages.figures.learning_curves import draw_learning_curves
 from stages.figures.protocol_commands import draw_protocol
 from stages.figures.rival_curves import draw_rival_curves
+from stages.figures.scores import draw_confusion, draw_rates, draw_said_against_right
 from stages.figures.sensitivity import draw_sensitivity
 from stages.figures.shift_curves import draw_shift_curves
 
@@ -16,12 +17,15 @@ __all__ = [
     "draw_agreement",
     "draw_calibration",
     "draw_chosen_trials",
+    "draw_confusion",
     "draw_error_bars",
     "draw_force_surfaces",
     "draw_frequent_references",
     "draw_learning_curves",
     "draw_protocol",
+    "draw_rates",
     "draw_rival_curves",
+    "draw_said_against_right",
     "draw_sensitivity",
     "draw_shift_curves",
 ]

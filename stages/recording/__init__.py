@@ -11,6 +11,7 @@ from stages.recording.columns import RecordingError, adopt, check_rows, tell_row
 from stages.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.recording.plausibility import check_plausible
 from stages.recording.units import known_units, own_unit
+from stages.recording.whole_sessions import SessionFrames, tabulate_session
 
 __all__ = [
     "MUSCLE_COLUMNS",
@@ -18,6 +19,7 @@ __all__ = [
     "Notes",
     "RecordingError",
     "Session",
+    "SessionFrames",
     "adopt",
     "check_plausible",
     "check_rows",
@@ -33,5 +35,6 @@ __all__ = [
     "read_session",
     "regularise",
     "split_records",
+    "tabulate_session",
     "tell_rows",
 ]

@@ -64,6 +64,24 @@ def scenario(effects: Sequence[str], magnitude: Magnitude, seed: int, muscles: S
     return Scenario(tuple(effects), magnitude, seed, tuple(muscles), load_cell_site=load_cell_for(effects, seed))
 
 
+def named_scenario(name: str) -> Scenario:
+    """The scenario of a name, as ``hysteresis+transport_delay-medium-pam1-4000`` or ``none-1000``.
+
+    Raises
+    ------
+    ValueError
+        A name that does not read so.
+    """
+    hidden, *between, seed = name.split("-")
+    effects = () if hidden == "none" else tuple(hidden.split("+"))
+    size = between.pop(0) if effects and between else "medium"
+    magnitude = next((each for each in MAGNITUDES if each == size), None)
+    unknown = [key for key in effects if key not in EFFECTS]
+    if unknown or magnitude is None or len(between) > 1 or not seed.isdecimal():
+        raise ValueError(f"{name!r} names no session; expected EFFECT-MAGNITUDE-SEED, or none-SEED")
+    return scenario(effects, magnitude, int(seed), between[0].split("+") if between else MUSCLES)
+
+
 def catalogue(effects: Sequence[str], magnitudes: Sequence[Magnitude], seeds: Sequence[int]) -> list[Scenario]:
     """Every effect in every magnitude; an effect's seeds are its own, so that no machine is met with another."""
     return [

@@ -31,9 +31,9 @@ def capstan(s: Signals, wrap: Array) -> Array:
 
 
 def viscous(s: Signals, share: Array) -> Array:
-    """A thin film: friction as velocity to the power 1.15; ``share`` is at .1 per second."""
-    speed = np.abs(s.velocity_per_s) / 0.1
-    return s.tension_n - share * s.full_n * np.sign(s.velocity_per_s) * speed**1.15
+    """A thinning film, which shears the more easily the faster it moves; ``share`` is at .1 per second."""
+    speed = s.velocity_per_s / 0.1
+    return s.tension_n - share * s.full_n * 1.5 * speed / np.sqrt(1.0 + 1.25 * speed**2)
 
 
 def eccentric(s: Signals, share: Array) -> Array:

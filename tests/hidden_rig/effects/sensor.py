@@ -16,8 +16,9 @@ NEIGHBOUR = [1, 0, 3, 2]
 
 
 def warmed(s: Signals) -> Array:
-    """Share of the warm-up that is over, (trials, fine samples)."""
-    return 1.0 - np.exp(-np.maximum(s.session_s, 0.0) / WARM_UP_S)
+    """Share of the warm-up that is over, (trials, fine samples); heat spreads, so its end is slower than its start."""
+    since_s = np.maximum(s.session_s, 0.0)
+    return since_s / (since_s + WARM_UP_S)
 
 
 def offset_force(s: Signals, share: Array) -> Array:

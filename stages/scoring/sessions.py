@@ -1,0 +1,141 @@
+"""One session judged: which of its names are right, on the right muscles, and what share of the gap was closed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+NONE, UNKNOWN, ABSORBED = "none", "unknown", "absorbed"
+SHOWN = 3
+"""Candidates of the ranking that are told."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When an effect is absorbed, how large it is, and which names count as one.
+
+    Parameters
+    ----------
+    smallest_gap : float
+        Gap over the noise floor below which an effect is absorbed.
+    absorbed_share : float
+        Share of its change that the constants imitate from which it is absorbed.
+    magnitudes : mapping of str to float
+        Gap over the floor from which an effect is so large, growing.
+    least_closable : float
+        Share of the gap before that the truth must close for a closed share to mean anything.
+    classes : tuple of frozenset of str
+        Names that are not told apart.
+    """
+
+    smallest_gap: float
+    absorbed_share: float
+    magnitudes: Mapping[str, float]
+    least_closable: float
+    classes: tuple[frozenset[str], ...]
+
+    def alike(self, said: str, true: str) -> bool:
+        """Return whether two names are the same or of one class."""
+        return said == true or any({said, true} <= each for each in self.classes)
+
+    def size(self, truth: pd.DataFrame) -> str:
+        """Return how large what was hidden is: of two effects, the smaller."""
+        if truth.empty:
+            return NONE
+        sizes = [self._size_one(rows) for _, rows in truth.groupby("order")]
+        return min(sizes, key=[ABSORBED, *self.magnitudes].index)
+
+    def _size_one(self, rows: pd.DataFrame) -> str:
+        imitated = rows["absorbed_share"].min() > self.absorbed_share
+        if imitated or rows["gap_over_floor"].max() < self.smallest_gap:
+            return ABSORBED
+        gap = root_mean_square(rows["gap_over_floor"])
+        reached = [name for name, least in self.magnitudes.items() if gap >= least]
+        return reached[-1] if reached else ABSORBED
+
+
+def root_mean_square(values: pd.Series) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt((values**2).mean()))
+
+
+def score(
+    sessions: pd.DataFrame, truth: pd.DataFrame, named: pd.DataFrame, ranking: pd.DataFrame, rules: Rules
+) -> list[dict[str, Any]]:
+    """Return a row for each session.
+
+    Parameters
+    ----------
+    sessions : DataFrame
+        Columns ``session kind asked status unexplained_channel before after oracle floor``.
+    truth, named : DataFrame
+        A row per session, effect in its order, and muscle.
+    ranking : DataFrame
+        Candidates of each session by place.
+    rules : Rules
+        What counts as right.
+    """
+    rows = [{str(name): value for name, value in row.items()} for row in sessions.to_dict("records")]
+    by = [dict(tuple(frame.groupby("session"))) for frame in (truth, named, ranking)]
+    bare = [frame.iloc[:0] for frame in (truth, named, ranking)]
+    found = []
+    for row in rows:
+        hidden, said, listed = (some.get(row["session"], none) for some, none in zip(by, bare, strict=True))
+        found.append(judge_one(row, hidden, said, listed, rules))
+    return found
+
+
+def judge_one(
+    row: Mapping[str, Any], truth: pd.DataFrame, named: pd.DataFrame, ranking: pd.DataFrame, rules: Rules
+) -> dict[str, Any]:
+    """Return the row of one session."""
+    hidden, said = by_name(truth), by_name(named)
+    first = next(iter(said), "")
+    right = [(name, true) for name in said for true in hidden if rules.alike(name, true)]
+    kept = ("session", "kind", "asked", "status", "before", "after", "oracle", "floor")
+    probable = named["probability"].iloc[0] if len(named) else ranking.loc[ranking["name"] == NONE, "probability"].sum()
+    return {
+        **{name: row[name] for name in kept},
+        "hidden": "+".join(hidden),
+        "muscles": "+".join(dict.fromkeys(truth["muscle"])),
+        "channel": "+".join(dict.fromkeys(truth["channel"])),
+        "magnitude": rules.size(truth),
+        "gap_over_floor": root_mean_square(truth["gap_over_floor"]) if len(truth) else 1.0,
+        "absorbed_share": float(truth["absorbed_share"].min()) if len(truth) else 0.0,
+        "named": "+".join(said),
+        "named_muscles": ";".join("+".join(muscles) for muscles in said.values()),
+        "probability": float(probable),
+        "top": tell_top(ranking),
+        "listed_absorbed": bool(ranking.loc[ranking["absorbed"], "name"].isin(list(hidden)).any()),
+        "right_name": first in hidden,
+        "right_class": any(rules.alike(first, true) for true in hidden),
+        "right_muscles": bool(right) and set(said[right[0][0]]) == set(hidden[right[0][1]]),
+        "all_named": bool(hidden) and all(any(rules.alike(name, true) for name in said) for true in hidden),
+        "unexplained_channel": row["unexplained_channel"] if row["status"] == "unexplained" else "",
+        "closed_share": close(row, rules.least_closable),
+    }
+
+
+def by_name(effects: pd.DataFrame) -> dict[str, list[str]]:
+    """Return the muscles of each effect, in the effects' order."""
+    ordered = effects.sort_values("order", kind="stable")
+    return {str(name): list(rows["muscle"]) for name, rows in ordered.groupby("name", sort=False)}
+
+
+def close(row: Mapping[str, Any], least: float) -> float:
+    """Return the closed share of the closable gap; nan where too little is closable, or the truth has no name."""
+    closable = row["before"] - row["oracle"]
+    if not closable > least * row["before"]:
+        return math.nan
+    return float((row["before"] - row["after"]) / closable)
+
+
+def tell_top(ranking: pd.DataFrame) -> str:
+    """Return the most probable candidates in words."""
+    best = ranking.sort_values("place").head(SHOWN)
+    return ", ".join(f"{name} {p:.2f}" for name, p in zip(best["name"], best["probability"], strict=True))
