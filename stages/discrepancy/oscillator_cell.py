@@ -76,12 +76,13 @@ class OscillatorCell(Cell):
 
     @property
     def forms(self) -> tuple[Form, ...]:
-        """Effects at an oscillator."""
+        """Effects at an oscillator that its plant does not list yet."""
         effects = [effect for name in list_effects() for effect in list_forms(name)]
+        taken = {entry.name for entry in self.plant.effects}
         return tuple(
             Form(each.name, each.form, each.site, each.parameters, each)
             for each in effects
-            if isinstance(each, DynamicEffect) and each.site == SITE
+            if isinstance(each, DynamicEffect) and each.site == SITE and each.name not in taken
         )
 
     def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
@@ -112,8 +113,8 @@ class OscillatorCell(Cell):
         samples = len(self.measured)
         signal = self.fine_input[:: 2 * self.plant.substeps][-samples:]
         return [
-            Driver(f"modelled {self.channel}", motion[-samples:]),
-            Driver(f"modelled {self.channel}_per_s", velocity[-samples:], rate=True),
+            Driver("motion", motion[-samples:]),
+            Driver("velocity", velocity[-samples:], rate=True),
             Driver(self.plant.input, signal),
         ]
 

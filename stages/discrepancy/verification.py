@@ -6,14 +6,14 @@ Cells with all trials and the values of each step flow in; predictions and gaps 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from stages.discrepancy.cell import Cell
-from stages.discrepancy.fitting import fit
+from stages.discrepancy.fitting import Model, fit
 from stages.discrepancy.flexible import Mask, explain_residual
 from stages.discrepancy.muscle_cells import ForceCell, MuscleCell
 from stages.discrepancy.noise import Noise
@@ -97,12 +97,17 @@ def verify(cells: Sequence[Cell], steps: pd.DataFrame, channels: pd.DataFrame, l
                 pressures[cell.element, step] = simulated[-1]
         noise = channels[(channels["channel"] == cell.channel) & (channels["muscle"] == cell.element)].iloc[0]
         known = Noise(*(float(noise[name]) for name in Noise._fields))
-        still = fit(model, known, values, iterations=0)
-        least = explain_residual(still, known, learnt).raw
-        found.append(
-            Verified(cell, simulated, free, np.minimum(least, (still.residual**2).sum(axis=0)) / cell.range**2)
-        )
+        found.append(Verified(cell, simulated, free, _find_floor(model, values, known, learnt) / cell.range**2))
     return found
+
+
+def _find_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
+    """Return each trial's sum of squares that a flexible model, fitted to those learnt, leaves; zero without data."""
+    seen = np.flatnonzero(model.cell.present.any(axis=0))
+    still = fit(replace(model, cell=model.cell.take(seen.tolist())), noise, values, iterations=0)
+    floor = np.zeros(model.cell.trials)
+    floor[seen] = np.minimum(explain_residual(still, noise, learnt[seen]).raw, (still.residual**2).sum(axis=0))
+    return floor
 
 
 def pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> Array:
