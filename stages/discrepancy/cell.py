@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Self
 
 import numpy as np
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 
 from stages.plant.effect import Parameter
 from stages.signals.trajectories import Array
+
+MOST_STARTS = 12
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,15 @@ class Form:
     site: str
     parameters: tuple[Parameter, ...]
     effect: object
+
+
+def list_starts(form: Form, most: int = MOST_STARTS) -> list[dict[str, float]]:
+    """Return values to begin at: all combinations of the parameters' starts, thinned evenly if there are many."""
+    names = [each.name for each in form.parameters]
+    grid = [dict(zip(names, chosen, strict=True)) for chosen in product(*(each.starts for each in form.parameters))]
+    if len(grid) <= most:
+        return grid
+    return [grid[round(index)] for index in np.linspace(0, len(grid) - 1, most)]
 
 
 @dataclass(frozen=True)
@@ -124,9 +136,17 @@ class Cell(ABC):
         """Time of a usual movement, s; regimes of time and frequency are told by it."""
         return 1.0
 
-    def suspect(self, form: Form) -> dict[str, float] | None:
-        """Return values of a form's parameters that the data themselves give away, or None."""
-        return None
+    def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
+        """Return the values of a form's parameters from which a fit may begin; none where the data speak against it."""
+        return list_starts(form)
+
+    def is_exact(self, form: Form) -> bool:
+        """Return whether the starts of a form were read off exact values, and are to be taken as they are."""
+        return False
+
+    def gives_away(self) -> bool:
+        """Return whether the measured values themselves show that a sensor has an effect."""
+        return False
 
     def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> Cell:
         """Return the cell with its inputs freed from what sensors upstream do; itself where these effects do nothing.

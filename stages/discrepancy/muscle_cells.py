@@ -6,6 +6,7 @@ flow in; cells flow out.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self, cast
@@ -13,13 +14,17 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.discrepancy.cell import Cell, Driver, Form
+from stages.discrepancy.cell import Cell, Driver, Form, list_starts
 from stages.discrepancy.exact_values import find_level
 from stages.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
 from stages.plant.muscle import MuscleConstants, braid_coefficients
 from stages.plant.passage import Everywhere, Passage, predict_force, predict_pressure
 from stages.signals.trajectories import Array
 
+EXACT = "saturation"
+"""The effect whose level exact values give away."""
+NOT_FITTED = "quantisation"
+"""Not to be fitted, as it has no slopes, nor to be mended: what lies between two counts is lost."""
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
 
 
@@ -109,6 +114,25 @@ class MuscleCell(Cell):
         """Return the cell with some of its trials."""
         return replace(self, records=self.records.take(trials))
 
+    @abstractmethod
+    def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
+        """Return the level at which this channel is clipped as the parameter of ``saturation``."""
+
+    def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
+        """Return where fits of a form begin; saturation at the level that the values show, or nowhere."""
+        if form.name != EXACT:
+            return list_starts(form)
+        level = find_level(self.measured[self.present])
+        return [] if level is None else [self.name_level(level, constants)]
+
+    def is_exact(self, form: Form) -> bool:
+        """Return whether the values show a form's parameter."""
+        return form.name == EXACT
+
+    def gives_away(self) -> bool:
+        """Return whether the largest value comes again and again, exactly."""
+        return find_level(self.measured[self.present]) is not None
+
     def _collect(self, constants: Mapping[str, float]) -> MuscleConstants:
         build = self.build
         a, b = braid_coefficients(constants.get("braid_angle_deg", 25.0))
@@ -156,10 +180,9 @@ class PressureCell(MuscleCell):
         records = self.records
         return predict_pressure(records.command_kpa, self._collect(constants), placed, records.step_s, records.start_s)
 
-    def suspect(self, form: Form) -> dict[str, float] | None:
-        """Return the level at which the pressure is clipped, for saturation."""
-        level = find_level(self) if form.name == "saturation" else None
-        return None if level is None or level <= 0.0 else {"mpa_over_level": 1000.0 / level}
+    def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
+        """Return the level of the pressure, inverted."""
+        return {"mpa_over_level": 1000.0 / level}
 
     def drivers(self) -> list[Driver]:
         """Return the command, how it changes, and the other muscles' commands."""
@@ -225,13 +248,9 @@ class ForceCell(MuscleCell):
         """Return the cell with another pressure, (T, K), than the measured one."""
         return replace(self, records=replace(self.records, smooth_pressure_kpa=np.ascontiguousarray(pressure_kpa)))
 
-    def suspect(self, form: Form) -> dict[str, float] | None:
-        """Return the level at which the force is clipped, for saturation."""
-        level = find_level(self) if form.name == "saturation" else None
-        if level is None or level <= 0.0:
-            return None
-        full = float(self._collect({each.name: each.prior_mean for each in self.constants}).full_force_n[0])
-        return {"full_force_over_level": full / level}
+    def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
+        """Return the largest force over the level."""
+        return {"full_force_over_level": float(self._collect(constants).full_force_n[0]) / level}
 
     def drivers(self) -> list[Driver]:
         """Return pressure, contraction, their rates, and the other muscles' pressures and joints' angles."""
@@ -250,7 +269,7 @@ def _offer(sites: Sequence[str], sensed: str) -> tuple[Form, ...]:
     found = []
     for name in list_effects():
         for effect in list_forms(name):
-            if not isinstance(effect, ChainEffect) or not effect.parameters:
+            if not isinstance(effect, ChainEffect) or not effect.parameters or name == NOT_FITTED:
                 continue
             if effect.site in sites or (effect.site == "sensor" and effect.signal == sensed):
                 found.append(Form(name, effect.form, effect.site, effect.parameters, effect))

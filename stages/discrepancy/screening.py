@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
 from stages.discrepancy.cell import Form
 from stages.discrepancy.fitting import Fit, Grams, collect_grams
 from stages.discrepancy.noise import Noise, whiten
-
-MOST_STARTS = 12
 
 
 @dataclass(frozen=True)
@@ -44,15 +41,6 @@ class Screened:
     absorbed: float
 
 
-def list_starts(form: Form, most: int = MOST_STARTS) -> list[dict[str, float]]:
-    """Return values to begin at: all combinations of the parameters' starts, thinned evenly if there are many."""
-    names = [each.name for each in form.parameters]
-    grid = [dict(zip(names, chosen, strict=True)) for chosen in product(*(each.starts for each in form.parameters))]
-    if len(grid) <= most:
-        return grid
-    return [grid[round(index)] for index in np.linspace(0, len(grid) - 1, most)]
-
-
 def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
     """Return what each form promises, from the best of its starts."""
     cell = fit.model.cell
@@ -61,8 +49,7 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
     simulated = cell.simulate(constants, placed)
     owners, starts, changes = [], [], []
     for form in forms:
-        suspected = cell.suspect(form)
-        for start in [*list_starts(form), *([suspected] if suspected else [])]:
+        for start in cell.starts(form, constants):
             change = cell.simulate(constants, [*placed, (form, start)]) - simulated
             if np.isfinite(change).all() and np.abs(change[present]).max(initial=0.0) > 0.0:
                 owners.append(form)
@@ -80,7 +67,10 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
     for index, (form, start) in enumerate(zip(owners, starts, strict=True)):
         signed = form.parameters[0].low < 0.0
         gain, scale, absorbed = _regress(fit, grams, known + index, signed)
-        raw_gain = _regress(fit, plain, known + index, signed)[0] / float(plain.square.sum())
+        raw_gain = _regress(fit, plain, known + index, signed)[0]
+        if cell.is_exact(form):
+            scale, gain, raw_gain = 1.0, _take(grams, known + index), _take(plain, known + index)
+        raw_gain /= float(plain.square.sum())
         first = form.parameters[0]
         magnitude = float(np.clip(scale * start[first.name], first.low, first.high))
         started = {**start, first.name: magnitude if magnitude != 0.0 else start[first.name]}
@@ -88,6 +78,11 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
         if key not in best or gain > best[key].gain:
             best[key] = Screened(form, started, gain, raw_gain, absorbed)
     return list(best.values())
+
+
+def _take(grams: Grams, column: int) -> float:
+    """Return by how much the sum of squares falls if a change is taken as it is."""
+    return float(2.0 * grams.cross[:, column].sum() - grams.slopes[:, column, column].sum())
 
 
 def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, float, float]:

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from stages.discrepancy.cell import Cell, Form
+from stages.discrepancy.cell import Cell, Form, list_starts
 from stages.discrepancy.evidence import NONE, Verdicts, weigh_names
 from stages.discrepancy.fitting import Fit, Model, begin, fit
 from stages.discrepancy.flexible import Leftover, explain_residual
 from stages.discrepancy.noise import Noise, estimate_noise, log_density
-from stages.discrepancy.screening import Screened, list_starts, screen
+from stages.discrepancy.screening import Screened, screen
 from stages.signals.trajectories import Array
 
 
@@ -214,7 +214,11 @@ def _list_candidates(found: Search, settings: SearchSettings) -> list[list[Scree
     is to be told in any case.
     """
     least = 0.5 * (settings.smallest_gap - 1.0)
-    worth = {state.cell.channel for state in found.cells if state.ratio(state.current.raw) > 1.0 + least}
+    worth = {
+        state.cell.channel
+        for state in found.cells
+        if state.ratio(state.current.raw) > 1.0 + least or state.cell.gives_away()
+    }
     listed: list[list[Screened]] = []
     for state in found.cells:
         looked = state.cell.channel in worth or not found.rounds

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from stages.discrepancy.cell import list_starts
 from stages.discrepancy.fitting import Model
-from stages.discrepancy.screening import list_starts, screen
+from stages.discrepancy.screening import screen
 from stages.discrepancy.search import SearchSettings, prepare, refine, search, unexplained_share
 from tests.discrepancy.toys import KINK, LINE, WAVE, Toy, make_toy
 
