@@ -28,16 +28,18 @@ def find_regimes(cell: Cell) -> dict[str, Mask]:
     present = cell.present
     regimes: dict[str, Mask] = {}
     for driver in [each for each in cell.drivers() if each.own]:
-        name = _tell(driver.name)
         if driver.rate:
-            moving = 0.05 * float(np.abs(driver.values[present]).max(initial=0.0))
-            regimes[f"{name} rising"] = driver.values > moving
-            regimes[f"{name} falling"] = driver.values < -moving
-            regimes[f"{name} reversal"] = _around_reversals(driver.values, moving, cell.step_s / cell.pace_s)
+            usual = np.abs(driver.values[present & (driver.values != 0.0)])
+            moving = 0.05 * float(np.quantile(usual, 0.95)) if usual.size else 0.0
+            forth, back, reversal = _tell_motion(driver.name)
+            regimes[forth] = driver.values > moving
+            regimes[back] = driver.values < -moving
+            regimes[reversal] = _around_reversals(driver.values, moving, cell.step_s / cell.pace_s)
         else:
+            name = _tell(driver.name)
             middle = float(np.median(driver.values[present])) if present.any() else 0.0
-            regimes[f"{name} high"] = driver.values > middle
-            regimes[f"{name} low"] = driver.values <= middle
+            regimes[f"high {name}"] = driver.values > middle
+            regimes[f"low {name}"] = driver.values <= middle
     samples, trials = cell.measured.shape
     early = np.arange(samples)[:, None] < 0.5 * samples
     regimes["early in the trial"] = np.repeat(early, trials, axis=1)
@@ -70,9 +72,19 @@ def split_bands(residual: Array, step_s: float, pace_s: float = 1.0) -> dict[str
 
 
 def _tell(name: str) -> str:
-    """Return a driver's name in words, without its unit."""
-    words = {"contraction_velocity_per_s": "velocity", "pressure_command_kpa": "command", "pressure_kpa": "pressure"}
+    """Return a level's name in words, without its unit."""
+    words = {"pressure_command_kpa": "command", "pressure_kpa": "pressure"}
     return words.get(name, name.replace("_", " "))
+
+
+def _tell_motion(name: str) -> tuple[str, str, str]:
+    """Return the words for a rate above zero, below zero, and turning."""
+    if name == "contraction_velocity_per_s":
+        return "shortening", "lengthening", "velocity reversal"
+    what = _tell(name.removesuffix("_rate")) if name.endswith("_rate") else _tell(name)
+    if name.endswith("_rate"):
+        return f"{what} rising", f"{what} falling", f"{what} reversal"
+    return f"{what} positive", f"{what} negative", f"{what} reversal"
 
 
 def _around_reversals(rate: Array, moving: float, step: float) -> Mask:

@@ -1,0 +1,37 @@
+"""What signals are called on axes, and the colours that figures of gaps share."""
+
+from __future__ import annotations
+
+WORDS = {
+    "force_n": "force (N)",
+    "contraction": "contraction (1)",
+    "pressure_kpa": "pressure (kPa)",
+    "pressure_command_kpa": "command (kPa)",
+    "command_rate": "rate of command (kPa/s)",
+    "pressure_rate": "rate of pressure (kPa/s)",
+    "contraction_velocity_per_s": "contraction velocity (1/s)",
+    "time_s": "time in the trial (s)",
+    "start_s": "time in the session (s)",
+}
+SHORT = {"force_n": "force", "pressure_kpa": "pressure"}
+
+MEASURED, BEFORE, AFTER, QUIET = "#2b2b2b", "#d55e00", "#0072b2", "#9aa5b1"
+"""Colours told apart with any colour vision (Okabe and Ito 2008)."""
+
+
+def label(signal: str, channel: str = "", unit: str = "") -> str:
+    """Return a signal's axis label; one made from the simulated channel is named after it."""
+    if signal in ("simulated", "simulated_rate"):
+        what = f"simulated {shorten(channel)}"
+        return f"{what} ({unit})" if signal == "simulated" else f"rate of {what} ({unit}/s)"
+    return WORDS.get(signal, signal.replace("_", " "))
+
+
+def shorten(channel: str) -> str:
+    """Return a channel's name without its unit, in words."""
+    return SHORT.get(channel, channel.replace("_", " "))
+
+
+def spell(name: str) -> str:
+    """Return an effect's name in words."""
+    return name.replace("_", " ")
