@@ -143,8 +143,10 @@ class Fit:
         slopes = self.white.slopes[:, free[:, None], free]
         for row, weight in enumerate(weights):
             curvature = np.tensordot(weight, slopes, 1) + np.diag(self.precision[free])
-            changes[row, free] = np.linalg.solve(curvature, weight @ self.white.cross[:, free] + pull[free])
-        return np.clip(self.values + changes, low, high) - self.values
+            gradient = weight @ self.white.cross[:, free] + pull[free]
+            room = (low - self.values)[free], (high - self.values)[free]
+            changes[row, free] = _find_least(curvature, gradient, sd[free], *room)
+        return changes
 
     def cost(self, noise: Noise) -> float:
         """Return the whitened sum of squares under a noise, and that of the values' distances from their priors."""
@@ -246,12 +248,19 @@ def _linearise(model: Model, values: Array, simulated: Array, residual: Array, n
 
 def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high: Array) -> Array:
     """Return the step to the least of the quadratic model within bounds."""
+    curvature = white.slopes.sum(axis=0) + np.diag(precision)
+    return _find_least(curvature, white.cross.sum(axis=0) + pull, 1.0 / np.sqrt(precision), low, high)
+
+
+def _find_least(curvature: Array, gradient: Array, scale: Array, low: Array, high: Array) -> Array:
+    """Return where half x' curvature x - gradient' x is least within bounds; `scale` makes it well conditioned.
+
+    Values that are told apart badly by the data move together; cutting each at its own bound would part them.
+    """
     from scipy.optimize import lsq_linear
 
-    scale = 1.0 / np.sqrt(precision)
-    curvature = (white.slopes.sum(axis=0) * scale * scale[:, None]) + np.eye(len(pull))
-    factor = np.linalg.cholesky(curvature)
-    target = np.linalg.solve(factor, scale * (white.cross.sum(axis=0) + pull))
+    factor = np.linalg.cholesky(curvature * scale * scale[:, None])
+    target = np.linalg.solve(factor, scale * gradient)
     free: Array = np.linalg.solve(factor.T, target) * scale
     if ((free >= low) & (free <= high)).all():
         return free
