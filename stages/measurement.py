@@ -1,10 +1,11 @@
 """Reads what was measured, on whatever machine, into tables in this project's names and units.
 
 In: the files at ``measured=PATH``, whose bytes count in freshness, with the map of their columns and units; or, where
-there is no path, `hardware_recordings`. Out: `measured` (muscles over time, rectangular: every muscle of a trial has
-all of its samples, empty where nothing was recorded), `measured_signals` (signals of any other machine; one of the two
-is empty), `measured_trials`, `measured_muscles`, `measured_session`, and `measured_notes`, which says what was left out
-or derived. A file that does not hold what it should is refused in one line.
+there is no path, `hardware_recordings` or the session that a rig recorded. Out: `measured` (muscles over time,
+rectangular: every muscle of a trial has all of its samples, empty where nothing was recorded), `measured_signals`
+(signals of any other machine; one of the two is empty), `measured_trials`, `measured_muscles`, `measured_session`, and
+`measured_notes`, which says what was left out or derived. A file that does not hold what it should is refused in one
+line.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton
 from stages.recording import (
+    MUSCLE_COLUMNS,
     WHOLE,
     Notes,
     RecordingError,
@@ -172,7 +174,7 @@ class SomethingMeasured(View):
 
     @model_validator(mode="after")
     def _find_source(self) -> Self:
-        if self.measured is None and "hardware" not in self.workflow.stages:
+        if self.measured is None and not {"hardware", "sealed_session"} & set(self.workflow.stages):
             raise ValueError(
                 "measured: expected what was measured (a folder with samples.parquet and meta.json, or one .parquet or "
                 ".csv file), got null; set measured=PATH"
@@ -239,7 +241,7 @@ class Source:
 def show_map(cfg: Config) -> list[str]:
     """Return a line for each column: where it comes from, and in which unit."""
     if cfg.measured is None:
-        return ["measured=null: from hardware_recordings"]
+        return ["measured=null: from what the rig records"]
     file = find_samples(cfg.measured)
     header = read_header(file)
     wanted = [name for name in cfg.columns if cfg.columns[name] or name in header or name in needed_columns(cfg)]
@@ -270,11 +272,22 @@ def tell_origin(name: str, cfg: Config, header: Sequence[str]) -> str:
     MEASURED_NOTES,
     preview=show_map,
 )
-def measurement(cfg: Config, ctx: Context, hardware_recordings: pd.DataFrame | None = None) -> dict[str, pd.DataFrame]:
+def measurement(
+    cfg: Config,
+    ctx: Context,
+    hardware_recordings: pd.DataFrame | None = None,
+    session_recordings: pd.DataFrame | None = None,
+    session_machine: pd.DataFrame | None = None,
+) -> dict[str, pd.DataFrame]:
     """Read what was measured, under this project's names and units."""
     if cfg.measured is not None and cfg.measurement.kind == "records":
         return fill_in(tabulate_records(cfg.measured, cfg))
-    source = read_recordings(hardware_recordings, cfg) if cfg.measured is None else read_muscles(cfg.measured, cfg)
+    if cfg.measured is not None:
+        source = read_muscles(cfg.measured, cfg)
+    elif session_recordings is not None and session_machine is not None:
+        source = read_rig_session(session_recordings, session_machine)
+    else:
+        source = read_recordings(hardware_recordings, cfg)
     with about(source.file):
         return fill_in(tabulate_muscles(source, cfg))
 
@@ -368,6 +381,15 @@ def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
     known, machine = describe_muscles(cfg.exoskeleton), cfg.exoskeleton
     site, rate = machine.load_cell_site, machine.sampling_rate_hz
     return Source("hardware", "hardware_recordings", samples, known, "exoskeleton.muscles", site, HELD, rate, None)
+
+
+def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:
+    """Take a session that a rig recorded for what was measured; its clock runs through the session."""
+    samples = recordings.assign(time_s=recordings["start_s"] + recordings["time_s"])
+    known, told = machine[list(MUSCLE_COLUMNS)], machine.iloc[0]
+    site, timing, rate = str(told["load_cell_site"]), str(told["timing"]), float(told["sampling_rate_hz"])
+    kept = samples[list(MEASURED.columns)]
+    return Source("sealed_session", "session_recordings", kept, known, "session_machine", site, timing, rate, None)
 
 
 def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:

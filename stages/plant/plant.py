@@ -27,7 +27,7 @@ class MuscleModel(Declared):
     valve_tau_s: float = Field(ge=0.0, le=60.0, description="time constant of valve and hose, s")
     braid_angle_deg: float = Field(gt=5.0, lt=54.0, description="braid angle at rest, degrees")
     contraction_factor: float = Field(gt=0.0, le=5.0, description="factor on contraction for tapering ends, 1")
-    passive_linear_n: float = Field(ge=0.0, le=1e6, description="rubber's push per contraction, N")
+    passive_linear_n: float = Field(ge=-1e6, le=1e6, description="rubber's push per contraction, N")
     passive_quadratic_n: float = Field(ge=-1e6, le=1e6, description="rubber's push per squared contraction, N")
     damping_n_s: float = Field(ge=0.0, le=1e5, description="tension lost per contraction velocity, N s")
     pressure_noise_kpa: float = Field(ge=0.0, le=100.0, description="standard deviation of the pressure sensor, kPa")

@@ -6,6 +6,8 @@ configuration.
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -53,3 +55,8 @@ class SessionRig(Protocol):
 
     def record_quietly(self, key: str) -> tuple[RecordedSession, RecordedSession]:
         """Return one session without noise, with an effect and without."""
+
+
+def seal_truth(recorded: RecordedSession) -> str:
+    """Return the SHA-256 of what was hidden in a session: the same for the same truth, and telling nothing of it."""
+    return hashlib.sha256(json.dumps(recorded.truth, sort_keys=True).encode()).hexdigest()

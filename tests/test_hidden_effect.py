@@ -1,0 +1,107 @@
+"""The demonstration: a rig hides an effect under seal, the search runs, the seal is opened."""
+
+import json
+from hashlib import sha256
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.errors import InputError
+from tests.hidden_rig.dataset import write
+from tests.hidden_rig.sessions import HiddenSessions
+from tests.studies import read_stages, run_stage
+
+STAGES = (
+    "sealed_session",
+    "measurement",
+    "locate_gap",
+    "name_effect",
+    "amend_model",
+    "verify_gap",
+    "opened_seal",
+)
+GROUPS = ("rig=hidden", "+discrepancy=stated", "+measurement=muscles", "+measured=null", "rig.trials=3", "seed=5")
+
+
+def truth_of(rig):
+    return json.dumps(rig.record().truth, sort_keys=True)
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return HiddenSessions(5, None, None, None, 3)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    study, stages = read_stages(STAGES[:2], *GROUPS)
+    folder = tmp_path_factory.mktemp("sealed")
+    tables = run_stage(study, stages["sealed_session"], folder, {})
+    return {**tables, **run_stage(study, stages["measurement"], folder, tables)}
+
+
+def test_the_seal_tells_nothing_but_whether_the_truth_was_changed(rig, recorded):
+    assert recorded["seal"]["sha256"].item() == sha256(truth_of(rig).encode()).hexdigest()
+    text = " ".join(frame.astype(str).to_csv() for frame in recorded.values() if len(frame) < 1000)
+    assert not any(name in text for name in ("friction", "hysteresis", "creep", *rig.hidden.effects))
+
+
+def test_a_session_is_measured_as_its_folder_would_be(rig, recorded, tmp_path):
+    write(rig.record(), tmp_path / "session")
+    study, stages = read_stages(
+        ["measurement"], *GROUPS[2:3], f"+measured={tmp_path / 'session'}", "+rig.none=1", "~rig"
+    )
+    read = run_stage(study, stages["measurement"], tmp_path, {})
+    for name in ("measured", "measured_muscles"):
+        pd.testing.assert_frame_equal(read[name], recorded[name], check_exact=False, rtol=1e-12)
+    starts = [frame["measured_trials"]["start_s"] for frame in (read, recorded)]
+    np.testing.assert_allclose(*starts, atol=1e-9)
+    assert read["measured_session"].drop(columns="source").equals(recorded["measured_session"].drop(columns="source"))
+
+
+def opened(recorded, folder, named, left=0.0):
+    study, stages = read_stages(STAGES, *GROUPS)
+    muscles = ["pam1", "pam2", "pam3", "pam4"]
+    channels = pd.DataFrame({"channel": "force_n", "muscle": muscles, "gap_over_floor": 2.0})
+    rows = [{"order": 1, "name": n, "channel": "force_n", "muscle": m, "probability": 0.8} for n, m in named]
+    said = pd.DataFrame(rows, columns=["order", "name", "channel", "muscle", "probability"])
+    tables = {
+        "seal": recorded["seal"],
+        "channels": channels,
+        "named_effects": said.assign(indistinguishable_from="capstan_friction"),
+        "unexplained": pd.DataFrame({"channel": ["force_n"], "share": [0.5], "probability": [left]}),
+        "verification": pd.DataFrame({"simulation": "measured upstream", "gap": [0.03, 0.02, 0.01]}),
+    }
+    found = run_stage(study, stages["opened_seal"], folder, tables)
+    return found["comparison_with_truth"].set_index("muscle"), " ".join(found["outcome"]["outcome"])
+
+
+def test_what_was_named_is_compared_muscle_by_muscle(rig, recorded, tmp_path):
+    (hidden,) = rig.record().truth["effects"]
+    assert hidden["channel"] == "force_n"
+    first, *others = hidden["muscles"]
+    compared, told = opened(recorded, tmp_path, [(hidden["name"], first)])
+    assert compared.loc[first, "right"]
+    assert not compared.loc[others, "right"].any()
+    assert compared.loc[first, "hidden_gap_over_floor"] == pytest.approx(hidden["gap_over_floor"][first], rel=0.02)
+    assert "which is right." in told
+    assert "which is wrong." in opened(recorded, tmp_path, [("leakage", first)])[1]
+    compared, told = opened(recorded, tmp_path, [(hidden["name"], first)], left=0.9)
+    assert (compared["named"] == "").all()
+    assert "no name in the library" in told
+
+
+def test_another_truth_than_the_sealed_one_is_refused(recorded, tmp_path):
+    other = {**recorded, "seal": recorded["seal"].assign(sha256="0" * 64)}
+    with pytest.raises(InputError, match="another truth"):
+        opened(other, tmp_path, [])
+
+
+def test_the_amended_simulator_is_identified(pamid):
+    result = pamid("experiment=hidden_effect", "seed=3", "budget=tiny")
+    assert result.returncode == 0, result.stderr
+    assert "The seal holds" in result.stdout
+    (run,) = pamid.runs
+    result = pamid(f"plant={run / 'documents' / 'amended.yaml'}", "budget=tiny")
+    assert result.returncode == 0, result.stderr
