@@ -90,6 +90,11 @@ def print_frame(title: str, frame: pd.DataFrame, console: Console, limit: int = 
     if frame.empty:
         console.print("  no rows\n", highlight=False)
         return
+    if is_prose(frame):
+        for sentence in frame.iloc[:limit, 0]:
+            console.print(f"  {sentence}", highlight=False, markup=False)
+        console.print()
+        return
     shown = rich.table.Table(header_style="bold", box=rich.box.SIMPLE_HEAD)
     for name in frame.columns:
         numeric = pd.api.types.is_numeric_dtype(frame[name])
@@ -99,6 +104,11 @@ def print_frame(title: str, frame: pd.DataFrame, console: Console, limit: int = 
     console.print(shown, markup=False)
     if len(frame) > limit:
         console.print(f"  first {limit} of {len(frame)} rows", highlight=False)
+
+
+def is_prose(frame: pd.DataFrame) -> bool:
+    """Tell whether a table is a list of sentences: one column of text."""
+    return len(frame.columns) == 1 and not pd.api.types.is_numeric_dtype(frame.iloc[:, 0])
 
 
 def format_value(value: Any) -> str:
@@ -114,7 +124,7 @@ def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
     record = ledger.records[stage.name]
     documents = [
         {
-            "name": Path(file).stem,
+            "name": Path(file).name,
             "text": (ledger.folder / file).read_text(encoding="utf-8"),
         }
         for file, facts in record["files"].items()
@@ -155,6 +165,7 @@ def _table(ledger: Ledger, table: Table) -> dict[str, Any]:
         "title": table.title,
         "rows": len(frame),
         "short": short,
+        "prose": is_prose(frame),
         "columns": [each for each in table.describe() if each[0] in frame.columns],
         "numeric": [bool(pd.api.types.is_numeric_dtype(frame[name])) for name in frame.columns],
         "cells": [[format_value(value) for value in row] for row in shown.itertuples(index=False)],

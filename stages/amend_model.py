@@ -1,6 +1,7 @@
 """The amended plant: what was named joins the simulator's list of effects, with intervals.
 
-In: what was measured and the values after the last addition. Out: `amended_values` (constants and parameters with
+In: what was measured, what was named and the values after the last addition; where a gap stays without a name, the
+values before any. Out: `amended_values` (constants and parameters with
 intervals over resampled trials) and the document ``amended.yaml``, a plant that ``rig=sim plant=PATH`` loads as it is.
 """
 
@@ -18,6 +19,7 @@ from pipeline.table import Table, column
 from stages.discrepancy import (
     DiscrepancySettings,
     Measurements,
+    decide_status,
     estimate_intervals,
     list_cells,
     restore,
@@ -61,6 +63,8 @@ def amend_model(
     measured_session: pd.DataFrame,
     trial_parts: pd.DataFrame,
     channels: pd.DataFrame,
+    named_effects: pd.DataFrame,
+    unexplained: pd.DataFrame,
     steps: pd.DataFrame,
     ctx: Context,
 ) -> pd.DataFrame:
@@ -69,7 +73,8 @@ def amend_model(
     fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
     cells = list_cells(cfg.plant, told, settings)
-    last = int(steps["step"].max())
+    status = decide_status(named_effects, unexplained, settings.search.certain)
+    last = int(steps["step"].max()) if status == "named" else 0
     rows: list[dict[str, Any]] = []
     for cell in cells:
         model, values = restore(cell.take(fitted), steps, last)

@@ -7,6 +7,7 @@ of motion and time it lies, tested over trials). Each channel is simulated from 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,13 +24,17 @@ from stages.discrepancy import (
     DiscrepancySettings,
     Measurements,
     Parts,
+    Seen,
     assign_parts,
+    average_loops,
+    average_plane,
     list_cells,
     locate,
     prepare,
     resample,
     upper_ratio,
 )
+from stages.figures import draw_gap_bars, draw_gap_map, draw_residual_loops, draw_residual_plane
 from stages.plant.machine import Machine
 
 TRIAL_PARTS = Table(
@@ -91,7 +96,7 @@ GAP = Table(
         "share_of_time": column(float, "share of all samples", low=0, high=1),
         "gap": column(float, "root mean square of measured less simulated", unit="of the channel", low=0),
         "noise_floor": column(float, "the same, of what a flexible model leaves", unit="of the channel", low=0),
-        "largest": column(float, "largest deviation", unit="of the channel", low=0),
+        "largest": column(float, "deviation that one sample in a hundred exceeds", unit="of the channel", low=0),
         "share_of_gap": column(float, "share of the channel's squared gap above the noise floor"),
         "p_value": column(float, "of no gap above the floor, signs of trials flipped", low=0, high=1),
         "p_least": column(float, "least p-value that so many trials can give", low=0, high=1),
@@ -132,12 +137,42 @@ def locate_gap(
     states = list(ctx.spread(prepare, [cell.take(fitted) for cell in cells]))
     weights = resample(len(fitted), settings.bootstraps, ctx.generator("resample"))
     gap = pd.DataFrame(locate(states, ctx.generator("signs")), columns=list(GAP.columns))
+    channels = pd.DataFrame([tell_channel(each, weights, settings) for each in states])
+    draw(states, channels, gap, settings.search.smallest_gap, ctx)
     return {
         TRIAL_PARTS.name: pd.DataFrame({"trial": measured_trials["trial"], "part": purposes}),
         NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in tell_constants(each, weights, settings)]),
-        CHANNELS.name: pd.DataFrame([tell_channel(each, weights, settings) for each in states]),
+        CHANNELS.name: channels,
         GAP.name: gap,
     }
+
+
+def draw(
+    states: Sequence[CellState], channels: pd.DataFrame, gap: pd.DataFrame, smallest_gap: float, ctx: Context
+) -> None:
+    """Draw how large the gap is, and where it lies."""
+    seen = [Seen(each.cell, each.nominal.fit.residual, each.floor) for each in states]
+    ctx.figure(
+        "gap_bars",
+        draw_gap_bars(channels, smallest_gap),
+        "Gap of every channel over its noise floor after the nominal constants were fitted, with its upper limit.",
+    )
+    ctx.figure(
+        "gap_map",
+        draw_gap_map(gap, channels),
+        "Where the gap lies: share of the squared gap above the floor (%) by regime; regimes overlap. Full dot: trials "
+        "confirm it after correction for all looks; ring: without correction.",
+    )
+    ctx.figure(
+        "residual_loops",
+        draw_residual_loops(average_loops(seen)),
+        "Residual of the fitted nominal model by direction of motion, with two standard errors over trials.",
+    )
+    ctx.figure(
+        "residual_plane",
+        draw_residual_plane(average_plane(seen)),
+        "Residual of the fitted nominal model over the state plane.",
+    )
 
 
 def tell_constants(state: CellState, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:

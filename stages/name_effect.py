@@ -27,6 +27,7 @@ from stages.discrepancy import (
     search,
     unexplained_share,
 )
+from stages.figures import draw_candidate_ranking
 from stages.plant.machine import Machine
 
 NONE, UNKNOWN = "none", "unknown"
@@ -116,6 +117,13 @@ def name_effect(
     found = search(states, settings.search.settings, ctx.generator("trials"))
     left = unexplained_share(found, settings.search.settings, ctx.generator("unexplained"))
     unknown = max((probability for _, probability in left.values()), default=0.0)
+    ranking = pd.DataFrame(rank_first(found, unknown, settings.search.absorbed), columns=list(RANKING.columns))
+    ctx.figure(
+        "ranking",
+        draw_candidate_ranking(ranking[ranking["round"] == 1]),
+        "First round: the probability of the candidates that change something, and the gap with each on trials left "
+        "out of its fit.",
+    )
     named = [
         {
             "order": order,
@@ -131,7 +139,7 @@ def name_effect(
         for muscle, form in zip(each.elements, each.forms, strict=True)
     ]
     return {
-        RANKING.name: pd.DataFrame(rank_first(found, unknown, settings.search.absorbed), columns=list(RANKING.columns)),
+        RANKING.name: ranking,
         NAMED_EFFECTS.name: pd.DataFrame(named, columns=list(NAMED_EFFECTS.columns)),
         UNEXPLAINED.name: pd.DataFrame(
             [{"channel": channel, "share": share, "probability": p} for channel, (share, p) in left.items()],

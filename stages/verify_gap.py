@@ -7,7 +7,7 @@ verdict in words) and the document ``verdict.json``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,14 +23,20 @@ from stages.discrepancy import (
     Measurements,
     Verified,
     compare_steps,
+    decide_status,
     describe_effects,
+    list_absorbed,
+    list_candidates,
     list_cells,
     list_predictions,
     locate_most,
     resample,
     tell,
+    trace_effects,
     verify,
 )
+from stages.figures import draw_effect_signature, draw_gap_waterfall, draw_verified_trials
+from stages.plant import Exoskeleton
 from stages.plant.effect import find_effect
 from stages.plant.machine import Machine
 
@@ -66,6 +72,14 @@ PREDICTIONS = Table(
     },
     key=("trial", "channel", "muscle", "time_s"),
 )
+WHERE = ("channel", "muscle", "regime", "share_of_gap", "p_value")
+DRIVEN = "measured upstream"
+POOLING = (
+    "of each channel and muscle in each trial: mean squared error over the squared range of all its measured samples; "
+    "the mean of these over channels and muscles with data, then over trials; its root"
+)
+MOST_SHOWN = 4
+"""Muscles whose trials are drawn."""
 FINDINGS = Table("findings", "What was found", {"finding": column(str, "a sentence")})
 
 
@@ -74,6 +88,7 @@ class Config(Section):
 
     discrepancy: DiscrepancySettings
     plant: Machine
+    exoskeleton: Exoskeleton
     seed: int
 
 
@@ -103,7 +118,7 @@ def verify_gap(
     cells = list_cells(cfg.plant, told, settings)
     found = verify(cells, steps, channels, learnt)
     added = named_effects.drop_duplicates("order")
-    concerned = set(added["channel"]) or {each.cell.channel for each in found}
+    concerned = list(dict.fromkeys(added["channel"])) or list(dict.fromkeys(channels["channel"]))
     labels = ["nominal", *(f"+ {name}" for name in added["name"])][: int(steps["step"].max()) + 1]
     judged = [each for each in found if each.cell.channel in concerned]
     rows = []
@@ -112,64 +127,31 @@ def verify_gap(
         compared = compare_steps(judged, labels, chosen, weights, settings.level, ctx.generator("signs", part))
         rows += [{"part": part, **row} for row in compared]
     verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
-    places = locate_most(gap, channels, settings.search.smallest_gap)
-    verdict = conclude(cfg, verification, places, ranking, named_effects, unexplained, amended_values)
-    verdict["verification_trials"] = [int(trial) for trial in trial_parts["trial"].iloc[opened]]
+    places = locate_most(gap, channels, named_effects, settings.search.smallest_gap)
+    status = decide_status(named_effects, unexplained, settings.search.certain)
+    last = len(labels) - 1 if status == "named" else 0
+    verdict = {
+        "status": status,
+        "effects": describe_effects(named_effects, amended_values) if status == "named" else [],
+        "ranking": list_candidates(ranking),
+        "absorbed": list_absorbed(ranking),
+        "where": [{name: row[name] for name in WHERE} for row in places],
+        "unexplained_share": float(unexplained["share"].clip(lower=0.0).max()),
+        "gap": tell_gap(verification, last, judged),
+        "verification_trials": [int(trial) for trial in trial_parts["trial"].iloc[opened]],
+    }
     ctx.verdict(verdict)
-    splits = {each: find_effect(each).split_by for each in added["name"]}
     parts = dict(zip(trial_parts["trial"], trial_parts["part"], strict=True))
+    predictions = list_predictions(found, list(trial_parts["trial"]), parts, last)
+    draw(verification, predictions, channels, concerned, ctx)
+    if status == "named":
+        draw_signatures(trace_effects(cells, steps, opened), ctx)
+    relevant = list_absorbed(ranking, {row["channel"] for row in places})
+    remark = tell_command(measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site)
     return {
         VERIFICATION.name: verification,
-        PREDICTIONS.name: list_predictions(found, list(trial_parts["trial"]), parts),
-        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, splits)}),
-    }
-
-
-def conclude(
-    cfg: Config,
-    verification: pd.DataFrame,
-    places: list[dict[str, Any]],
-    ranking: pd.DataFrame,
-    named_effects: pd.DataFrame,
-    unexplained: pd.DataFrame,
-    amended_values: pd.DataFrame,
-) -> dict[str, Any]:
-    """Return the verdict as it is kept."""
-    search = cfg.discrepancy.search
-    driven = verification[verification["simulation"] == "measured upstream"]
-    driven = driven[driven["part"] == "verification"]
-    before, after, floor = driven.iloc[0], driven.iloc[-2], driven.iloc[-1]
-    most = unexplained.sort_values("probability").iloc[-1]
-    status = (
-        "unexplained" if most["probability"] > search.certain else "named" if len(named_effects) else "no_discrepancy"
-    )
-    effects = describe_effects(named_effects, amended_values) if status == "named" else []
-    first = ranking[ranking["round"] == 1]
-    where = ("channel", "muscle", "regime", "share_of_gap", "p_value")
-    return {
-        "status": status,
-        "effects": effects,
-        "ranking": [
-            {
-                "name": str(row["name"]),
-                "probability": float(row["probability"]),
-                "heldout_gap": float(row["heldout_gap"]),
-                "absorbed": bool(row["absorbed"]),
-            }
-            for row in first.to_dict("records")
-        ],
-        "absorbed": [str(name) for name in first.loc[first["absorbed"], "name"]],
-        "where": [{name: row[name] for name in where} for row in places],
-        "unexplained_share": max(float(most["share"]), 0.0),
-        "gap": {
-            "before": float(before["gap"]),
-            "after": float(after["gap"]),
-            "noise_floor": float(floor["gap"]),
-            "unit": "RMSE / range, verification trials",
-            "p_value": float(after["p_value"]),
-            "low": float(after["low"]),
-            "high": float(after["high"]),
-        },
+        PREDICTIONS.name: predictions,
+        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, relevant, remark)}),
     }
 
 
@@ -181,3 +163,71 @@ def list_reported(
     reported = {"verification": np.flatnonzero(purposes == "verification").tolist()}
     aside = measured_trials["part"].where((purposes == "other") & (seen > 0))
     return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
+
+
+def tell_gap(verification: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dict[str, Any]:
+    """Return the verdict's gap: before, after the additions that were accepted, and the floor."""
+    driven = verification[(verification["simulation"] == DRIVEN) & (verification["part"] == "verification")]
+    driven = driven.reset_index(drop=True)
+    before, after, floor = driven.iloc[0], driven.iloc[last], driven.iloc[-1]
+    return {
+        "before": float(before["gap"]),
+        "after": float(after["gap"]),
+        "noise_floor": float(floor["gap"]),
+        "unit": "RMSE / range, verification trials",
+        "p_value": float(after["p_value"]),
+        "low": float(after["low"]),
+        "high": float(after["high"]),
+        "channels": list(dict.fromkeys(each.cell.channel for each in judged)),
+        "muscles": sorted({each.cell.element for each in judged}),
+        "pooling": POOLING,
+    }
+
+
+def tell_command(session: dict[Hashable, Any], simulated_at: str) -> str:
+    """Return how to simulate with the amended plant."""
+    told = "The amended plant is documents/amended.yaml in the run's folder; simulate with it: python -m pipeline "
+    if session["kind"] == "records":
+        return f"{told}workflow=discrepancy plant=FOLDER/documents/amended.yaml and what else you typed"
+    site = str(session["load_cell_site"])
+    elsewhere = "" if site in ("unknown", simulated_at) else f" exoskeleton.load_cell_site={site}"
+    return f"{told}plant=FOLDER/documents/amended.yaml{elsewhere}"
+
+
+def draw(
+    verification: pd.DataFrame,
+    predictions: pd.DataFrame,
+    channels: pd.DataFrame,
+    concerned: Sequence[str],
+    ctx: Context,
+) -> None:
+    """Draw the gap step by step, and some verification trials of the channel whose gap is largest."""
+    ctx.figure(
+        "gap_waterfall",
+        draw_gap_waterfall(verification[verification["part"] == "verification"]),
+        f"Gap on verification trials, step by step, over {' and '.join(concerned)}, with intervals over trials.",
+    )
+    rows = channels[channels["channel"].isin(concerned)].sort_values("gap_over_floor", ascending=False)
+    channel = str(rows["channel"].iloc[0])
+    muscles = rows.loc[rows["channel"] == channel, "muscle"].head(MOST_SHOWN).tolist()
+    opened = predictions[(predictions["part"] == "verification") & (predictions["channel"] == channel)]
+    trials = sorted(opened["trial"].unique())
+    if trials:
+        chosen = sorted({trials[0], trials[len(trials) // 2], trials[-1]})
+        ctx.figure(
+            "verified_trials",
+            draw_verified_trials(opened, channel, muscles, chosen),
+            "Verification trials: measured, simulated before and after, and what is left of each muscle below.",
+        )
+
+
+def draw_signatures(traced: pd.DataFrame, ctx: Context) -> None:
+    """Draw what each added effect does, over the residual without it."""
+    for name, rows in traced.groupby("effect", sort=False):
+        known = find_effect(str(name), str(rows["form"].mode().iloc[0]))
+        ctx.figure(
+            f"signature_{name}",
+            draw_effect_signature(rows, known.signature),
+            f"What {str(name).replace('_', ' ')} adds (lines), over the residual of the amended model without it on "
+            "verification trials (points, two standard errors).",
+        )

@@ -13,11 +13,13 @@ from stages.discrepancy.machines import Measurements, list_cells, write_amended
 from stages.discrepancy.parts import PURPOSES, Parts, assign_parts
 from stages.discrepancy.ranking import rank_first
 from stages.discrepancy.resampling import resample
+from stages.discrepancy.residuals import Seen, average_loops, average_plane
 from stages.discrepancy.restoring import restore
 from stages.discrepancy.search import CellState, Search, prepare, search, unexplained_share
 from stages.discrepancy.session import build_cells
 from stages.discrepancy.settings import DiscrepancySettings, choose_verification
-from stages.discrepancy.verdict import describe_effects, locate_most
+from stages.discrepancy.signature import trace_effects
+from stages.discrepancy.verdict import decide_status, describe_effects, list_absorbed, list_candidates, locate_most
 from stages.discrepancy.verification import Verified, compare_steps, list_predictions, verify
 from stages.discrepancy.words import tell
 
@@ -32,16 +34,22 @@ __all__ = [
     "Measurements",
     "Parts",
     "Search",
+    "Seen",
     "Verified",
     "amend",
     "assign_parts",
+    "average_loops",
+    "average_plane",
     "build_cells",
     "choose_verification",
     "compare_steps",
+    "decide_status",
     "describe_effects",
     "estimate_intervals",
     "explain_exactly",
     "judge",
+    "list_absorbed",
+    "list_candidates",
     "list_cells",
     "list_predictions",
     "locate",
@@ -53,6 +61,7 @@ __all__ = [
     "search",
     "tell",
     "tell_truth",
+    "trace_effects",
     "unexplained_share",
     "upper_ratio",
     "verify",

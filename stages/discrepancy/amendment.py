@@ -20,6 +20,8 @@ from stages.signals.trajectories import Array
 def amend(plant: Plant, values: pd.DataFrame, channels: pd.DataFrame, types: Mapping[str, str]) -> dict[str, Any]:
     """Return a plant's configuration with fitted constants, noises and added effects.
 
+    Effects that the plant had along its muscles' chains are left out: the constants were fitted without them.
+
     Parameters
     ----------
     plant : Plant
@@ -36,7 +38,7 @@ def amend(plant: Plant, values: pd.DataFrame, channels: pd.DataFrame, types: Map
     for muscle, kind in types.items():
         base = plant.muscles.get(muscle) or plant.muscles.get(kind) or next(iter(plant.muscles.values()))
         muscles[muscle] = _amend_muscle(base, values[values["muscle"] == muscle], noise, muscle)
-    entries = [entry.model_dump() for entry in plant.effects]
+    entries = [entry.model_dump() for entry in plant.effects if entry.effect.site == "joint"]
     chosen = values[values["effect"] != ""]
     for (effect, form, carrier), rows in chosen.groupby(["effect", "form", "muscle"], sort=False):
         parameters = dict(zip(rows["parameter"], rows["value"].astype(float), strict=True))

@@ -15,6 +15,9 @@ from stages.discrepancy.search import CellState
 from stages.signals.trajectories import Array
 from stages.statistics.sign_flips import compare_signs, least_p
 
+LARGEST = 0.99
+"""Share of samples that deviate less than what is called the largest deviation; a spike is no gap."""
+
 
 def locate(states: Sequence[CellState], generator: np.random.Generator) -> list[dict[str, Any]]:
     """Return a row for each channel, element and regime.
@@ -78,7 +81,7 @@ def _describe(
         "share_of_time": count / max(int(state.cell.present.sum()), 1),
         "gap": float(np.sqrt((gap**2 * mask).sum() / max(count, 1))),
         "noise_floor": float(np.sqrt((least**2 * mask).sum() / max(count, 1))),
-        "largest": float(np.abs(gap[mask]).max(initial=0.0)),
+        "largest": float(np.quantile(np.abs(gap[mask]), LARGEST)) if count else 0.0,
         "share_of_gap": float((excess * mask).sum() / whole) if whole > 0.0 else 0.0,
     }
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.discrepancy.cell import Cell, Driver
+from stages.discrepancy.cell import Cell
 from stages.signals.trajectories import Array
 
 LOOP_BINS, PLANE_BINS = 14, 28
@@ -50,11 +50,12 @@ def average_plane(seen: Sequence[Seen]) -> pd.DataFrame:
 
 
 def _average_plane(seen: Seen) -> pd.DataFrame:
-    signals = {each.name: each for each in seen.cell.drivers() if each.own}
+    own = [each for each in seen.cell.drivers() if each.own]
+    signals, rates = {each.name: each.values for each in own}, {each.name for each in own if each.rate}
     across, along = PLANES.get(seen.cell.channel, tuple(signals)[:2])
     present = seen.cell.present
-    x, y = signals[across].values[present], signals[along].values[present]
-    edges = [_equal_edges(x, PLANE_BINS), _compressed_edges(y) if signals[along].rate else _equal_edges(y, PLANE_BINS)]
+    x, y = signals[across][present], signals[along][present]
+    edges = [_equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else _equal_edges(y, PLANE_BINS)]
     counts = np.histogram2d(x, y, bins=edges)[0]
     sums = np.histogram2d(x, y, bins=edges, weights=seen.residual[present])[0]
     column, row = np.nonzero(counts >= max(LEAST_SHARE * 0.1 * x.size, 3.0))
@@ -84,17 +85,17 @@ def average_loops(seen: Sequence[Seen]) -> pd.DataFrame:
 
 
 def _average_loop(seen: Seen) -> pd.DataFrame:
-    signals = {each.name: each for each in seen.cell.drivers() if each.own}
-    variable, rate = choose_loop(seen.cell, signals)
-    rows = average_by_direction(signals[variable].values, signals[rate].values, seen.residual, seen.cell)
+    signals = {each.name: each.values for each in seen.cell.drivers()}
+    variable, rate = choose_loop(seen.cell)
+    rows = average_by_direction(signals[variable], signals[rate], seen.residual, seen.cell)
     told = {"channel": seen.cell.channel, "muscle": seen.cell.element, "unit": seen.cell.unit, "variable": variable}
     return rows.assign(**told)
 
 
-def choose_loop(cell: Cell, signals: dict[str, Driver]) -> tuple[str, str]:
+def choose_loop(cell: Cell) -> tuple[str, str]:
     """Return the names of the signal that a loop runs over and of the rate that gives its direction."""
-    first = next(name for name, each in signals.items() if not each.rate)
-    rate = next(name for name, each in signals.items() if each.rate)
+    own = [each for each in cell.drivers() if each.own]
+    first, rate = (next(each.name for each in own if each.rate is rate) for rate in (False, True))
     return LOOPS.get(cell.channel, (first, rate))
 
 
@@ -145,7 +146,9 @@ def hold_direction(rate: Array, present: NDArray[np.bool_]) -> Array:
     return held
 
 
-def average_in_bins(variable: Array, values: Array, mask: Array, edges: Array) -> tuple[Array, Array, Array]:
+def average_in_bins(
+    variable: Array, values: Array, mask: NDArray[np.bool_], edges: Array
+) -> tuple[Array, Array, Array]:
     """Return mean, standard error over trials, and samples of each bin; a trial weighs by its samples there."""
     bins = len(edges) - 1
     place = np.clip(np.searchsorted(edges, variable, side="right") - 1, 0, bins - 1)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -45,7 +46,13 @@ def trace_effects(cells: Sequence[Cell], steps: pd.DataFrame, trials: Sequence[i
         variable = _choose_variable(traced)
         for each in traced:
             cell = each.cell
-            told = {"effect": name, "form": each.form, "channel": channel, "muscle": cell.element, "unit": cell.unit}
+            told: dict[str, Any] = {
+                "effect": name,
+                "form": each.form,
+                "channel": channel,
+                "muscle": cell.element,
+                "unit": cell.unit,
+            }
             frames.append(_average(each, variable).assign(variable=variable, **told))
     filled = [each for each in frames if len(each)]
     return pd.concat(filled, ignore_index=True) if filled else frames[0]
@@ -66,14 +73,15 @@ class _Traced:
 
 def _trace(cell: Cell, steps: pd.DataFrame, last: int, name: str) -> _Traced:
     model, values = restore(cell, steps, last)
+    cell = model.cell
     constants, effects = model.name_values(values)
     whole = cell.simulate(constants, effects)
     without = cell.simulate(constants, [each for each in effects if each[0].name != name])
     form = next(each.form for each, _ in effects if each.name == name)
-    signals = {each.name: each for each in cell.drivers() if each.own}
-    rate = signals[choose_loop(cell, signals)[1]].values
-    variables = {name: each.values for name, each in signals.items()} | _list_variables(cell, without)
-    levels = frozenset({"simulated", *(name for name, each in signals.items() if not each.rate)})
+    own = [each for each in cell.drivers() if each.own]
+    variables = {each.name: each.values for each in own} | _list_variables(cell, without)
+    levels = frozenset({"simulated", *(each.name for each in own if not each.rate)})
+    rate = variables[choose_loop(cell)[1]]
     return _Traced(cell, form, cell.measured - without, whole - without, variables, levels, rate)
 
 

@@ -2,14 +2,72 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Collection
+from typing import Any, Literal
 
 import pandas as pd
 
-MOST_PLACES = 6
+MOST_PLACES = 8
+PLACE = ("channel", "muscle")
+UPSTREAM = ("command", "valve")
+"""Sites that show in pressure alone."""
 
 
-def locate_most(gap: pd.DataFrame, channels: pd.DataFrame, smallest_gap: float) -> list[dict[str, Any]]:
+def list_absorbed(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list[str]:
+    """Return the candidates that the constants absorb and that could act in one of the channels.
+
+    Parameters
+    ----------
+    ranking : DataFrame
+        Table `ranking`.
+    channels : collection of str
+        In which there is a gap; none for all.
+    """
+    rows = ranking[(ranking["round"] == 1) & ranking["absorbed"]]
+    sites = [site not in UPSTREAM if "pressure_kpa" not in channels and channels else True for site in rows["site"]]
+    return [str(name) for name in rows.loc[sites, "name"]]
+
+
+def decide_status(
+    named: pd.DataFrame, unexplained: pd.DataFrame, certain: float
+) -> Literal["named", "unexplained", "no_discrepancy"]:
+    """Return the status: what was named does not count where most of the gap stays without a name.
+
+    Parameters
+    ----------
+    named, unexplained : DataFrame
+        Tables `named_effects` and `unexplained`.
+    certain : float
+        Probability above which a gap without a name is said to be there.
+    """
+    if (unexplained["probability"] > certain).any():
+        return "unexplained"
+    return "named" if len(named) else "no_discrepancy"
+
+
+def list_candidates(ranking: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the candidates of the first round as the verdict lists them.
+
+    Parameters
+    ----------
+    ranking : DataFrame
+        Table `ranking`.
+    """
+    first = ranking[ranking["round"] == 1]
+    return [
+        {
+            "name": str(row["name"]),
+            "probability": float(row["probability"]),
+            "heldout_gap": float(row["heldout_gap"]),
+            "absorbed": bool(row["absorbed"]),
+        }
+        for row in first.to_dict("records")
+    ]
+
+
+def locate_most(
+    gap: pd.DataFrame, channels: pd.DataFrame, named: pd.DataFrame, smallest_gap: float
+) -> list[dict[str, Any]]:
     """Return the rows of `gap` that say most, for each muscle's channel whose gap matters: one regime each.
 
     Parameters
@@ -18,11 +76,15 @@ def locate_most(gap: pd.DataFrame, channels: pd.DataFrame, smallest_gap: float) 
         Regimes with shares of the gap and of time.
     channels : DataFrame
         Gap over floor of each channel.
+    named : DataFrame
+        Table `named_effects`; where one is, it matters, however large.
     smallest_gap : float
         Over the floor; smaller ones are passed over.
     """
     rows = gap.merge(channels[["channel", "muscle", "gap_over_floor"]], on=["channel", "muscle"])
-    rows = rows[(rows["gap_over_floor"] > smallest_gap) & (rows["regime"] != "everywhere")]
+    carried = set(zip(named["channel"], named["muscle"], strict=True))
+    matters = [over > smallest_gap or (c, m) in carried for c, m, over in rows[[*PLACE, "gap_over_floor"]].to_numpy()]
+    rows = rows[matters & (rows["regime"] != "everywhere")]
     rows = rows[~rows["regime"].str.contains("Hz") & (rows["share_of_time"] > 0.0)]
     if rows.empty:
         return []
@@ -37,6 +99,8 @@ def locate_most(gap: pd.DataFrame, channels: pd.DataFrame, smallest_gap: float) 
 def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str, Any]]:
     """Return each added effect with its muscles and parameters: the mean over muscles, and each muscle's own.
 
+    The mean is over muscles that carry the commonest form, as forms differ in their parameters.
+
     Parameters
     ----------
     named : DataFrame
@@ -46,19 +110,21 @@ def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str
     """
     effects = []
     for _, rows in named.groupby("order", sort=True):
-        first = rows.iloc[0]
+        first, form = rows.iloc[0], str(rows["form"].mode().iloc[0])
         own = values[(values["effect"] == first["name"]) & values["muscle"].isin(rows["muscle"])]
-        pooled = own.groupby("parameter", sort=False)[["value", "low", "high"]].mean()
+        alike = own[own["form"] == form]
+        pooled = alike.groupby("parameter", sort=False)[["value", "low", "high"]].mean()
         like = str(first["indistinguishable_from"])
         effects.append(
             {
                 "name": str(first["name"]),
-                "form": str(first["form"]),
+                "form": form,
                 "site": str(first["site"]),
                 "channel": str(first["channel"]),
                 "muscles": [str(each) for each in rows["muscle"]],
                 "probability": float(first["probability"]),
                 "parameters": {str(name): _interval(row) for name, row in pooled.iterrows()},
+                "forms": dict(zip(rows["muscle"].astype(str), rows["form"].astype(str), strict=True)),
                 "by_muscle": {
                     str(muscle): {str(row["parameter"]): _interval(row) for _, row in mine.iterrows()}
                     for muscle, mine in own.groupby("muscle", sort=False)

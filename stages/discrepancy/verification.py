@@ -186,8 +186,22 @@ def _row(
     }
 
 
-def list_predictions(found: Sequence[Verified], trials: Sequence[int], parts: Mapping[int, str]) -> pd.DataFrame:
-    """Return every sample as measured and as simulated before and after, one row per trial, time, muscle, channel."""
+def list_predictions(
+    found: Sequence[Verified], trials: Sequence[int], parts: Mapping[int, str], last: int = -1
+) -> pd.DataFrame:
+    """Return every sample as measured and as simulated before and after, one row per trial, time, muscle, channel.
+
+    Parameters
+    ----------
+    found : sequence of Verified
+        Cells.
+    trials : sequence of int
+        Their numbers, in the order of the arrays.
+    parts : mapping of int to str
+        What each trial is for.
+    last : int
+        Number of additions after which it is told; -1 for all.
+    """
     frames = []
     for each in found:
         cell = each.cell
@@ -203,7 +217,7 @@ def list_predictions(found: Sequence[Verified], trials: Sequence[int], parts: Ma
                         "channel": cell.channel,
                         "measured": cell.measured[rows, place],
                         "before": each.steps[0][rows, place],
-                        "after": each.steps[-1][rows, place],
+                        "after": each.steps[last][rows, place],
                     }
                 )
             )

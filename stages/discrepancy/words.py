@@ -5,11 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from stages.plant.effect import Effect, find_effect
+
 SHORT = {"force_n": "force", "pressure_kpa": "pressure"}
 UNITS = {"force_n": "N", "pressure_kpa": "kPa"}
+NOT_EFFECTS = ("none", "unknown")
+CONCENTRATED = 1.2
+"""Share of the gap over share of time above which a gap is said to lie in a regime."""
+MOST_LISTED = 4
 
 
-def tell(verdict: Mapping[str, Any], places: Sequence[Mapping[str, Any]], splits: Mapping[str, str]) -> list[str]:
+def tell(
+    verdict: Mapping[str, Any], places: Sequence[Mapping[str, Any]], absorbed: Sequence[str], remark: str
+) -> list[str]:
     """Return the verdict as sentences.
 
     Parameters
@@ -17,63 +25,129 @@ def tell(verdict: Mapping[str, Any], places: Sequence[Mapping[str, Any]], splits
     verdict : mapping
         As kept in verdict.json.
     places : sequence of mapping
-        Rows of the table `gap` that tell where, the largest share first.
-    splits : mapping of str to str
-        For each name, the experiment that would tell it from its relatives.
+        Rows of the table `gap` that tell where, the largest gap first.
+    absorbed : sequence of str
+        Names that could act where the gap is, but cannot be told from the fitted constants.
+    remark : str
+        How to simulate with what was found; the last sentence.
     """
+    middle = {"no_discrepancy": _tell_nothing, "named": _tell_named, "unexplained": _tell_unexplained}
+    sentences = [*_tell_places(places, verdict["status"]), *middle[verdict["status"]](verdict)]
+    if absorbed:
+        names = _shorten([_spell(each) for each in absorbed])
+        sentences.append(f"Not judged, as in these data the fitted constants absorb what it does: {names}.")
+    return [*sentences, remark]
+
+
+def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
     gap = verdict["gap"]
-    sentences = [_tell_place(places)] if places else []
-    if verdict["status"] == "no_discrepancy":
-        sentences = [
-            f"Nothing that matters is missing: the gap on trials that were not fitted is {_percent(gap['before'])}, "
-            f"the noise floor {_percent(gap['noise_floor'])}."
-        ]
-    elif verdict["status"] == "named":
-        sentences += [_tell_effect(each, verdict["ranking"], splits) for each in verdict["effects"]]
-        sentences.append(
-            f"With {'it' if len(verdict['effects']) == 1 else 'them'} the gap on trials that were not fitted falls "
-            f"from {_percent(gap['before'])} to {_percent(gap['after'])} ({_percent(gap['low'])} to "
-            f"{_percent(gap['high'])}; p = {gap['p_value']:.3g}); the noise floor is {_percent(gap['noise_floor'])}."
-        )
-    else:
-        best = [each for each in verdict["ranking"] if each["name"] not in ("none", "unknown")]
-        nearest = f" The nearest candidate is {best[0]['name'].replace('_', ' ')}, which is not enough." if best else ""
-        sentences.append(
-            f"No effect of the library explains this gap: a flexible model still takes away "
-            f"{_percent(verdict['unexplained_share'])} of it.{nearest} Gap on trials that were not fitted "
-            f"{_percent(gap['before'])}, noise floor {_percent(gap['noise_floor'])}."
-        )
-    if verdict["absorbed"]:
-        names = ", ".join(each.replace("_", " ") for each in verdict["absorbed"])
-        sentences.append(f"Not to be told from the nominal constants with these data: {names}.")
-    return sentences
+    return [
+        f"Nothing that matters is missing: on {_count(verdict)} that were not fitted the gap is "
+        f"{_percent(gap['before'])} of range, {gap['before'] / gap['noise_floor']:.2f} times the noise floor "
+        f"({_percent(gap['noise_floor'])})."
+    ]
 
 
-def _tell_place(places: Sequence[Mapping[str, Any]]) -> str:
-    first = places[0]
-    same = [each for each in places if each["channel"] == first["channel"]]
-    muscles = sorted({each["muscle"] for each in same})
+def _tell_named(verdict: Mapping[str, Any]) -> list[str]:
+    gap, effects = verdict["gap"], verdict["effects"]
+    told = [_tell_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
+    return [
+        *told,
+        f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} that were not fitted falls from "
+        f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
+        f"{_percent(gap['high'])}, p = {gap['p_value']:.2g}); the noise floor is {_percent(gap['noise_floor'])}.",
+    ]
+
+
+def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
+    gap = verdict["gap"]
+    share = min(max(float(verdict["unexplained_share"]), 0.0), 1.0)
+    nearest = next((each for each in verdict["ranking"] if _is_candidate(each)), None)
+    near = f" The nearest is {_spell(nearest['name'])}, which is not enough." if nearest else ""
+    return [
+        f"A gap is real and no effect of the library explains it: a flexible model would still take away "
+        f"{_percent(share)} of what is above the noise.{near} Nothing is named, and the plant is not changed but for "
+        "its fitted constants.",
+        f"On {_count(verdict)} that were not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
+        f"{_percent(gap['noise_floor'])}.",
+    ]
+
+
+def _tell_places(places: Sequence[Mapping[str, Any]], status: str) -> list[str]:
+    if status == "no_discrepancy":
+        return []
+    channels = dict.fromkeys(each["channel"] for each in places)
+    return [_tell_channel([each for each in places if each["channel"] == channel]) for channel in channels]
+
+
+def _tell_channel(rows: Sequence[Mapping[str, Any]]) -> str:
+    first, muscles = rows[0], sorted(each["muscle"] for each in rows)
     channel, unit = SHORT.get(first["channel"], first["channel"]), UNITS.get(first["channel"], "")
-    largest = max(each["largest"] for each in same)
+    worst = max(rows, key=lambda each: each["largest"])
+    where = f" on {worst['muscle']}" if len(rows) > 1 else ""
+    text = f"{_join(muscles)}: {channel} is off by up to {worst['largest']:.2g} {unit}{where}"
+    if first["share_of_gap"] < CONCENTRATED * first["share_of_time"]:
+        return f"{text}, in no regime of motion more than in others."
+    whose = f"{first['muscle']}: " if len(rows) > 1 else ""
     return (
-        f"{_join(muscles)}: {channel} is off by up to {largest:.2g} {unit}, most of all at {first['regime']} "
-        f"({_percent(first['share_of_gap'])} of the gap in {_percent(first['share_of_time'])} of the time)."
+        f"{text}, most of all at {first['regime']} ({whose}{_percent(first['share_of_gap'])} of the gap in "
+        f"{_percent(first['share_of_time'])} of the time)."
     )
 
 
-def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], splits: Mapping[str, str]) -> str:
-    name = effect["name"].replace("_", " ")
-    others = [each for each in ranking if each["name"] not in (effect["name"], "none", "unknown")]
-    second = f"; {others[0]['name'].replace('_', ' ')} is next at {others[0]['probability']:.2f}" if others else ""
-    text = f"On {_join(effect['muscles'])} this is {name} ({effect['probability']:.2f}{second})."
+def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
+    known = find_effect(effect["name"], effect["form"])
+    others = [each for each in ranking if _is_candidate(each) and each["name"] != effect["name"]]
+    second = f"; next is {_spell(others[0]['name'])}, {_sure(others[0]['probability'])}" if others and first else ""
+    text = (
+        f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
+        f"(probability {_sure(effect['probability'])}{second}): {known.signature}. {_tell_size(effect, known)}"
+    )
     if effect["indistinguishable_from"]:
-        like = " or ".join(each.replace("_", " ") for each in effect["indistinguishable_from"])
-        text += f" These data do not exclude {like}; what would: {splits.get(effect['name'], 'other excitation')}."
+        like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
+        text += f" These data do not exclude {like}; what would tell them apart: {known.split_by}."
     return text
 
 
+def _tell_size(effect: Mapping[str, Any], known: Effect) -> str:
+    """Return the size of the first parameter: with its interval on one muscle, from muscle to muscle on several."""
+    size = known.parameters[0]
+    unit = "" if size.unit == "1" else f" {size.unit}"
+    own = [each[size.name] for each in effect["by_muscle"].values() if size.name in each]
+    what = f"{_spell(size.name.removesuffix(f'_{size.unit.lower()}'))} ({size.description})"
+    if not own:
+        return ""
+    if len(own) == 1:
+        return f"Its {what} is {own[0]['value']:.3g}{unit} ({own[0]['low']:.3g} to {own[0]['high']:.3g})."
+    least, most = min(each["value"] for each in own), max(each["value"] for each in own)
+    return f"Its {what} is {least:.3g} to {most:.3g}{unit} by muscle."
+
+
+def _is_candidate(row: Mapping[str, Any]) -> bool:
+    return row["name"] not in NOT_EFFECTS and not row["absorbed"]
+
+
+def _count(verdict: Mapping[str, Any]) -> str:
+    trials = len(verdict["verification_trials"])
+    return f"{trials} trial{'s' if trials > 1 else ''}"
+
+
+def _sure(probability: float) -> str:
+    return "above 0.99" if probability > 0.995 else "below 0.01" if probability < 0.005 else f"{probability:.2f}"
+
+
 def _percent(value: float) -> str:
-    return f"{100.0 * value:.2g} %"
+    percent = 100.0 * value
+    return f"{percent:.0f} %" if percent >= 9.95 else f"{percent:.1f} %" if percent >= 0.995 else f"{percent:.2f} %"
+
+
+def _spell(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _shorten(names: Sequence[str]) -> str:
+    more = len(names) - MOST_LISTED
+    return ", ".join(names) if more <= 1 else f"{', '.join(names[:MOST_LISTED])} and {more} more"
 
 
 def _join(names: Sequence[str]) -> str:

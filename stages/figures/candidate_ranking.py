@@ -30,16 +30,16 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1.0, 1.1])
     place = range(len(rows))
     left.barh(place, rows["probability"], color=[BEFORE if each == 0 else AFTER for each in place], height=0.66)
-    for each, row in zip(place, rows.itertuples(index=False), strict=True):
-        told = "absorbed" if row.absorbed else tell_probability(float(row.probability))
+    for each, row in zip(place, rows.to_dict("records"), strict=True):
+        told = "absorbed" if row["absorbed"] else tell_probability(float(row["probability"]))
         left.annotate(
             told,
-            (float(row.probability), each),
+            (float(row["probability"]), each),
             (4, 0),
             textcoords="offset points",
             va="center",
             fontsize=8,
-            style="italic" if row.absorbed else "normal",
+            style="italic" if row["absorbed"] else "normal",
         )
     left.set_yticks(place, [spell(each) for each in rows["name"]])
     left.invert_yaxis()

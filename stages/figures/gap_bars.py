@@ -37,11 +37,11 @@ def draw_gap_bars(channels: pd.DataFrame, smallest_gap: float) -> Figure:
         smallest_gap, color=MEASURED, linewidth=1.2, linestyle="--", label=f"smallest of interest, {smallest_gap:g}"
     )
     furthest = max(float(rows[["gap_over_floor", "upper"]].max().max()), smallest_gap)
-    for each, row in zip(place, rows.itertuples(index=False), strict=True):
-        at = max(float(row.gap_over_floor), float(row.upper), smallest_gap)
-        told = f"{row.gap:.3g} {row.unit}; floor {row.noise_floor:.3g} {row.unit}"
+    for each, row in zip(place, rows.to_dict("records"), strict=True):
+        at = max(float(row["gap_over_floor"]), float(row["upper"]), smallest_gap)
+        told = f"{row['gap']:.3g} {row['unit']}; floor {row['noise_floor']:.3g} {row['unit']}"
         axis.annotate(told, (at, each), (6, 0), textcoords="offset points", va="center", fontsize=8)
-    axis.set_yticks(place, [f"{shorten(row.channel)}, {row.muscle}" for row in rows.itertuples(index=False)])
+    axis.set_yticks(place, [f"{shorten(row['channel'])}, {row['muscle']}" for row in rows.to_dict("records")])
     axis.invert_yaxis()
     axis.set_xlim(0.0, 1.25 * furthest)
     axis.set_xlabel("gap over noise floor (1)")
