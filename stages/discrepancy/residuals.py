@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 import pandas as pd
@@ -51,7 +52,7 @@ def average_plane(seen: Sequence[Seen]) -> pd.DataFrame:
 
 def _average_plane(seen: Seen) -> pd.DataFrame:
     own = [each for each in seen.cell.drivers() if each.own]
-    signals, rates = {each.name: each.values for each in own}, {each.name for each in own if each.rate}
+    signals, rates = list_signals(seen.cell), {each.name for each in own if each.rate}
     across, along = PLANES.get(seen.cell.channel, tuple(signals)[:2])
     present = seen.cell.present
     x, y = signals[across][present], signals[along][present]
@@ -85,11 +86,17 @@ def average_loops(seen: Sequence[Seen]) -> pd.DataFrame:
 
 
 def _average_loop(seen: Seen) -> pd.DataFrame:
-    signals = {each.name: each.values for each in seen.cell.drivers()}
+    signals = list_signals(seen.cell)
     variable, rate = choose_loop(seen.cell)
     rows = average_by_direction(signals[variable], signals[rate], seen.residual, seen.cell)
     told = {"channel": seen.cell.channel, "muscle": seen.cell.element, "unit": seen.cell.unit, "variable": variable}
     return rows.assign(**told)
+
+
+def list_signals(cell: Cell) -> dict[str, Array]:
+    """Return a cell's own drivers by name."""
+    own = [driver for driver in cell.drivers() if driver.own]
+    return dict(zip((each.name for each in own), map(attrgetter("values"), own), strict=True))
 
 
 def choose_loop(cell: Cell) -> tuple[str, str]:

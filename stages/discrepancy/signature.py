@@ -13,7 +13,14 @@ import numpy as np
 import pandas as pd
 
 from stages.discrepancy.cell import Cell
-from stages.discrepancy.residuals import LOOP_BINS, average_by_direction, average_in_bins, choose_loop, hold_direction
+from stages.discrepancy.residuals import (
+    LOOP_BINS,
+    average_by_direction,
+    average_in_bins,
+    choose_loop,
+    hold_direction,
+    list_signals,
+)
 from stages.discrepancy.restoring import restore
 from stages.signals.trajectories import Array
 
@@ -79,7 +86,7 @@ def _trace(cell: Cell, steps: pd.DataFrame, last: int, name: str) -> _Traced:
     without = cell.simulate(constants, [each for each in effects if each[0].name != name])
     form = next(each.form for each, _ in effects if each.name == name)
     own = [each for each in cell.drivers() if each.own]
-    variables = {each.name: each.values for each in own} | _list_variables(cell, without)
+    variables = list_signals(cell) | _list_variables(cell, without)
     levels = frozenset({"simulated", *(each.name for each in own if not each.rate)})
     rate = variables[choose_loop(cell)[1]]
     return _Traced(cell, form, cell.measured - without, whole - without, variables, levels, rate)

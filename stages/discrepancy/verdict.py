@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
 
 MOST_PLACES = 8
@@ -84,7 +85,7 @@ def locate_most(
     rows = gap.merge(channels[["channel", "muscle", "gap_over_floor"]], on=["channel", "muscle"])
     carried = set(zip(named["channel"], named["muscle"], strict=True))
     matters = [over > smallest_gap or (c, m) in carried for c, m, over in rows[[*PLACE, "gap_over_floor"]].to_numpy()]
-    rows = rows[matters & (rows["regime"] != "everywhere")]
+    rows = rows[np.array(matters, dtype=bool) & (rows["regime"] != "everywhere")]
     rows = rows[~rows["regime"].str.contains("Hz") & (rows["share_of_time"] > 0.0)]
     if rows.empty:
         return []
