@@ -13,6 +13,8 @@ NOT_EFFECTS = ("none", "unknown")
 CONCENTRATED = 1.2
 """Share of the gap over share of time above which a gap is said to lie in a regime."""
 MOST_LISTED = 4
+LEAST_HELP = 0.97
+"""Gap with a candidate over the gap without, above which it is not told as the nearest."""
 
 
 def tell(
@@ -62,7 +64,9 @@ def _tell_named(verdict: Mapping[str, Any]) -> list[str]:
 def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
     gap = verdict["gap"]
     share = min(max(float(verdict["unexplained_share"]), 0.0), 1.0)
-    nearest = next((each for each in verdict["ranking"] if _is_candidate(each)), None)
+    least = LEAST_HELP * next(each["heldout_gap"] for each in verdict["ranking"] if each["name"] == "none")
+    helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
+    nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
     near = f" The nearest is {_spell(nearest['name'])}, which is not enough." if nearest else ""
     return [
         f"A gap is real and no effect of the library explains it: a flexible model would still take away "
@@ -98,7 +102,8 @@ def _tell_channel(rows: Sequence[Mapping[str, Any]]) -> str:
 def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
     known = find_effect(effect["name"], effect["form"])
     others = [each for each in ranking if _is_candidate(each) and each["name"] != effect["name"]]
-    second = f"; next is {_spell(others[0]['name'])}, {_sure(others[0]['probability'])}" if others and first else ""
+    following = min(others, key=lambda each: (-round(each["probability"], 3), each["heldout_gap"]), default=None)
+    second = f"; next is {_spell(following['name'])}, {_sure(following['probability'])}" if following and first else ""
     text = (
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
         f"(probability {_sure(effect['probability'])}{second}): {known.signature}. {_tell_size(effect, known)}"

@@ -11,7 +11,7 @@ from stages.figures.signal_words import AFTER, BEFORE, MEASURED, QUIET, spell
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST_ROWS = 18
+LEAST_PROBABILITY = 0.005
 
 
 def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
@@ -24,8 +24,7 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    rows = ranking.sort_values(["probability", "heldout_gap"], ascending=[False, True]).head(MOST_ROWS)
-    rows = rows.reset_index(drop=True)
+    rows = choose_rows(ranking)
     figure = Figure(figsize=(10.6, 0.27 * len(rows) + 1.1), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1.0, 1.1])
     place = range(len(rows))
@@ -39,7 +38,6 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
             textcoords="offset points",
             va="center",
             fontsize=8,
-            style="italic" if row["absorbed"] else "normal",
         )
     left.set_yticks(place, [spell(each) for each in rows["name"]])
     left.invert_yaxis()
@@ -56,6 +54,15 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
         axis.grid(axis="x", alpha=0.25)
         axis.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def choose_rows(ranking: pd.DataFrame) -> pd.DataFrame:
+    """Return the candidates that say something, the most probable first; none and unknown always."""
+    now = float(ranking.loc[ranking["name"] == "none", "heldout_gap"].iloc[0])
+    always = ranking["name"].isin(["none", "unknown"])
+    tells = (ranking["probability"] >= LEAST_PROBABILITY) | (ranking["heldout_gap"] < now) | ranking["absorbed"]
+    order = ["absorbed", "probability", "heldout_gap"]
+    return ranking[always | tells].sort_values(order, ascending=[True, False, True]).reset_index(drop=True)
 
 
 def tell_probability(value: float) -> str:
