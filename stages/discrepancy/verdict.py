@@ -76,13 +76,13 @@ def locate_most(
     gap : DataFrame
         Regimes with shares of the gap and of time.
     channels : DataFrame
-        Gap over floor of each channel.
+        Unit and gap over floor of each channel.
     named : DataFrame
         Table `named_effects`; where one is, it matters, however large.
     smallest_gap : float
         Over the floor; smaller ones are passed over.
     """
-    rows = gap.merge(channels[["channel", "muscle", "gap_over_floor"]], on=["channel", "muscle"])
+    rows = gap.merge(channels[["channel", "muscle", "unit", "gap_over_floor"]], on=["channel", "muscle"])
     carried = set(zip(named["channel"], named["muscle"], strict=True))
     matters = [over > smallest_gap or (c, m) in carried for c, m, over in rows[[*PLACE, "gap_over_floor"]].to_numpy()]
     rows = rows[np.array(matters, dtype=bool) & (rows["regime"] != "everywhere")]
@@ -93,7 +93,7 @@ def locate_most(
     rows = rows.assign(dense=dense.where(rows["p_adjusted"] <= 0.05, dense * 1e-3))
     best = rows.sort_values("dense", ascending=False).groupby(["channel", "muscle"], sort=False).head(1)
     best = best.sort_values("gap_over_floor", ascending=False).head(MOST_PLACES)
-    kept = ["channel", "muscle", "regime", "share_of_gap", "share_of_time", "largest", "p_value", "p_adjusted"]
+    kept = ["channel", "muscle", "unit", "regime", "share_of_gap", "share_of_time", "largest", "p_value", "p_adjusted"]
     return [{str(name): _plain(value) for name, value in row.items()} for row in best[kept].to_dict("records")]
 
 

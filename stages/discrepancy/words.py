@@ -7,8 +7,6 @@ from typing import Any
 
 from stages.plant.effect import Effect, find_effect
 
-SHORT = {"force_n": "force", "pressure_kpa": "pressure"}
-UNITS = {"force_n": "N", "pressure_kpa": "kPa"}
 NOT_EFFECTS = ("none", "unknown")
 CONCENTRATED = 1.2
 """Share of the gap over share of time above which a gap is said to lie in a regime."""
@@ -44,7 +42,7 @@ def tell(
 def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
     gap = verdict["gap"]
     return [
-        f"Nothing that matters is missing: on {_count(verdict)} that were not fitted the gap is "
+        f"Nothing that matters is missing: on {_count(verdict)} not fitted the gap is "
         f"{_percent(gap['before'])} of range, {gap['before'] / gap['noise_floor']:.2f} times the noise floor "
         f"({_percent(gap['noise_floor'])})."
     ]
@@ -55,7 +53,7 @@ def _tell_named(verdict: Mapping[str, Any]) -> list[str]:
     told = [_tell_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
     return [
         *told,
-        f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} that were not fitted falls from "
+        f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} not fitted falls from "
         f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
         f"{_percent(gap['high'])}, p = {gap['p_value']:.2g}); the noise floor is {_percent(gap['noise_floor'])}.",
     ]
@@ -72,7 +70,7 @@ def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
         f"A gap is real and no effect of the library explains it: a flexible model would still take away "
         f"{_percent(share)} of what is above the noise.{near} Nothing is named, and the plant is not changed but for "
         "its fitted constants.",
-        f"On {_count(verdict)} that were not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
+        f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
         f"{_percent(gap['noise_floor'])}.",
     ]
 
@@ -86,10 +84,10 @@ def _tell_places(places: Sequence[Mapping[str, Any]], status: str) -> list[str]:
 
 def _tell_channel(rows: Sequence[Mapping[str, Any]]) -> str:
     first, muscles = rows[0], sorted(each["muscle"] for each in rows)
-    channel, unit = SHORT.get(first["channel"], first["channel"]), UNITS.get(first["channel"], "")
+    channel = _spell(first["channel"].removesuffix(f"_{first['unit'].lower()}"))
     worst = max(rows, key=lambda each: each["largest"])
     where = f" on {worst['muscle']}" if len(rows) > 1 else ""
-    text = f"{_join(muscles)}: {channel} is off by up to {worst['largest']:.2g} {unit}{where}"
+    text = f"{_join(muscles)}: {channel} is off by up to {worst['largest']:.2g} {first['unit']}{where}"
     if first["share_of_gap"] < CONCENTRATED * first["share_of_time"]:
         return f"{text}, in no regime of motion more than in others."
     whose = f"{first['muscle']}: " if len(rows) > 1 else ""
@@ -123,7 +121,8 @@ def _tell_size(effect: Mapping[str, Any], known: Effect) -> str:
     if not own:
         return ""
     if len(own) == 1:
-        return f"Its {what} is {own[0]['value']:.3g}{unit} ({own[0]['low']:.3g} to {own[0]['high']:.3g})."
+        value, low, high = (f"{own[0][name]:.3g}" for name in ("value", "low", "high"))
+        return f"Its {what} is {value}{unit}." if low == high else f"Its {what} is {value}{unit} ({low} to {high})."
     least, most = min(each["value"] for each in own), max(each["value"] for each in own)
     return f"Its {what} is {least:.3g} to {most:.3g}{unit} by muscle."
 

@@ -1,0 +1,92 @@
+"""Measured sessions with something wrong with them: short ones of the hidden rig, spoilt in one way each."""
+
+import json
+
+import numpy as np
+import pandas as pd
+
+from tests.hidden_rig.dataset import simulate
+from tests.hidden_rig.scenarios import Scenario
+
+TWO = ("pam1", "pam2")
+
+
+def record_session(effects=(), trials=6, seconds=1.2, muscles=TWO, seed=11, magnitude="strong"):
+    """Return samples and what meta.json says, of the first part of each trial."""
+    made = simulate(Scenario(tuple(effects), magnitude, seed, trials=trials))
+    samples = made.samples[made.samples["muscle"].isin(muscles) & (made.samples["time_s"] < seconds - 1e-9)]
+    told = {name: facts for name, facts in made.meta["muscles"].items() if name in muscles}
+    return samples.reset_index(drop=True), {**made.meta, "muscles": told}
+
+
+def write_session(folder, samples, meta):
+    """Write a measured folder and return it."""
+    folder.mkdir(parents=True)
+    samples.to_parquet(folder / "samples.parquet")
+    (folder / "meta.json").write_text(json.dumps(meta))
+    return folder
+
+
+def shorten_some(samples):
+    """Trials of unequal lengths."""
+    longest = 0.6 + 0.1 * samples["trial"]
+    return samples[samples["time_s"] < longest]
+
+
+def lose_stretches(samples):
+    """Stretches without force, pressure or contraction, other ones in each trial."""
+    spoilt = samples.copy()
+    for signal, start in (("force_n", 0.3), ("pressure_kpa", 0.6), ("contraction", 0.8)):
+        first = start + 0.02 * spoilt["trial"]
+        spoilt.loc[spoilt["time_s"].between(first, first + 0.15), signal] = np.nan
+    return spoilt
+
+
+def silence_muscle(samples):
+    """One muscle's sensors recorded nothing."""
+    return samples.assign(
+        **{name: samples[name].where(samples["muscle"] != "pam2") for name in ("force_n", "pressure_kpa")}
+    )
+
+
+def hold_pressure(samples):
+    """One muscle was never commanded to move."""
+    still = samples["muscle"] == "pam2"
+    noise = np.random.default_rng(5).normal(0.0, 0.3, len(samples))
+    return samples.assign(
+        pressure_command_kpa=samples["pressure_command_kpa"].where(~still, 200.0),
+        pressure_kpa=samples["pressure_kpa"].where(~still, 200.0 + noise),
+    )
+
+
+def drop_command(samples):
+    """The command was not recorded."""
+    return samples.drop(columns="pressure_command_kpa")
+
+
+def spoil_trial(samples):
+    """In one trial the load cell was loose."""
+    wild = samples["trial"] == 1
+    noise = np.random.default_rng(5).normal(0.0, 300.0, len(samples))
+    return samples.assign(force_n=samples["force_n"].where(~wild, 2.5 * samples["force_n"] + noise))
+
+
+def lose_force(samples):
+    """The load cell was not plugged in."""
+    return samples.assign(force_n=0.0)
+
+
+def shorten_all(samples):
+    """Trials of half a second."""
+    return samples[samples["time_s"] < 0.5]
+
+
+def resample(samples, rate_hz):
+    """The same session by a slower or quicker recorder: straight lines between samples."""
+    frames = []
+    for (trial, muscle), rows in samples.groupby(["trial", "muscle"]):
+        time_s = np.arange(0.0, rows["time_s"].max(), 1.0 / rate_hz)
+        signals = rows.columns.difference(["trial", "muscle", "time_s"])
+        made = {name: np.interp(time_s, rows["time_s"], rows[name]) for name in signals}
+        frames.append(pd.DataFrame({"trial": trial, "muscle": muscle, "time_s": time_s, **made}))
+    return pd.concat(frames, ignore_index=True)
