@@ -86,8 +86,8 @@ def _tell_channel(rows: Sequence[Mapping[str, Any]]) -> str:
     first, muscles = rows[0], sorted(each["muscle"] for each in rows)
     channel = _spell(first["channel"].removesuffix(f"_{first['unit'].lower()}"))
     worst = max(rows, key=lambda each: each["largest"])
-    where = f" on {worst['muscle']}" if len(rows) > 1 else ""
-    text = f"{_join(muscles)}: {channel} is off by up to {worst['largest']:.2g} {first['unit']}{where}"
+    largest, where = float(f"{worst['largest']:.2g}"), f" on {worst['muscle']}" if len(rows) > 1 else ""
+    text = f"{_join(muscles)}: {channel} is off by up to {largest:g} {first['unit']}{where}"
     if first["share_of_gap"] < CONCENTRATED * first["share_of_time"]:
         return f"{text}, in no regime of motion more than in others."
     whose = f"{first['muscle']}: " if len(rows) > 1 else ""
