@@ -25,6 +25,7 @@ from stages.discrepancy import (
     compare_steps,
     decide_status,
     describe_effects,
+    find_odd_trials,
     list_absorbed,
     list_candidates,
     list_cells,
@@ -146,12 +147,13 @@ def verify_gap(
     draw(verification, predictions, channels, concerned, ctx)
     if status == "named":
         draw_signatures(trace_effects(cells, steps, opened), ctx)
+    odd = [{str(k): v for k, v in row.items()} for row in find_odd_trials(predictions).to_dict("records")]
     relevant = list_absorbed(ranking, {row["channel"] for row in places})
     remark = tell_command(measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site)
     return {
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
-        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, relevant, remark)}),
+        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, relevant, odd, remark)}),
     }
 
 

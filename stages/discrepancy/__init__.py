@@ -10,6 +10,7 @@ from stages.discrepancy.exactness import explain_exactly
 from stages.discrepancy.gaps import locate, upper_ratio
 from stages.discrepancy.judgement import Judgement, judge, tell_truth
 from stages.discrepancy.machines import Measurements, list_cells, write_amended
+from stages.discrepancy.odd_trials import find_odd_trials
 from stages.discrepancy.parts import PURPOSES, Parts, assign_parts
 from stages.discrepancy.ranking import rank_first
 from stages.discrepancy.resampling import resample
@@ -47,6 +48,7 @@ __all__ = [
     "describe_effects",
     "estimate_intervals",
     "explain_exactly",
+    "find_odd_trials",
     "judge",
     "list_absorbed",
     "list_candidates",

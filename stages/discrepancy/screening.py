@@ -96,8 +96,11 @@ def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, 
     cross = grams.cross[:, chosen]
     total = slopes.sum(axis=0)
     size = total[-1, -1]
+    if size <= 0.0:  # it changes nothing in these data
+        return 0.0, 0.0, 1.0
     shared = total[:-1, -1]
-    own = size - shared @ np.linalg.solve(total[:-1, :-1] + 1e-12 * np.diag(np.diag(total[:-1, :-1])), shared)
+    firm = total[:-1, :-1] + 1e-9 * np.diag(precision[:-1])  # a constant may do nothing in these data
+    own = size - shared @ np.linalg.solve(firm, shared)
     absorbed = 1.0 - max(own, 0.0) / size
     curvature = total + np.diag(precision) + np.diag(np.append(np.zeros(len(free)), 1e-9 * size))
     whole = np.linalg.solve(curvature, cross.sum(axis=0) + pull)

@@ -16,7 +16,11 @@ LEAST_HELP = 0.97
 
 
 def tell(
-    verdict: Mapping[str, Any], places: Sequence[Mapping[str, Any]], absorbed: Sequence[str], remark: str
+    verdict: Mapping[str, Any],
+    places: Sequence[Mapping[str, Any]],
+    absorbed: Sequence[str],
+    odd: Sequence[Mapping[str, Any]],
+    remark: str,
 ) -> list[str]:
     """Return the verdict as sentences.
 
@@ -28,6 +32,8 @@ def tell(
         Rows of the table `gap` that tell where, the largest gap first.
     absorbed : sequence of str
         Names that could act where the gap is, but cannot be told from the fitted constants.
+    odd : sequence of mapping
+        Rows ``trial channel muscle ratio`` of trials that do not fit to the others, the worst first.
     remark : str
         How to simulate with what was found; the last sentence.
     """
@@ -36,7 +42,7 @@ def tell(
     if absorbed:
         names = _shorten([_spell(each) for each in absorbed])
         sentences.append(f"Not judged, as in these data the fitted constants absorb what it does: {names}.")
-    return [*sentences, remark]
+    return [*sentences, *_tell_odd(odd), remark]
 
 
 def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
@@ -95,6 +101,18 @@ def _tell_channel(rows: Sequence[Mapping[str, Any]]) -> str:
         f"{text}, most of all at {first['regime']} ({whose}{_percent(first['share_of_gap'])} of the gap in "
         f"{_percent(first['share_of_time'])} of the time)."
     )
+
+
+def _tell_odd(odd: Sequence[Mapping[str, Any]]) -> list[str]:
+    if not odd:
+        return []
+    trials = [str(each) for each in dict.fromkeys(int(row["trial"]) for row in odd)]
+    what = f"{odd[0]['muscle']}, {odd[0]['channel']}"
+    more = f" and {len(trials) - MOST_LISTED} more" if len(trials) > MOST_LISTED else ""
+    return [
+        f"Look at trial {', '.join(trials[:MOST_LISTED])}{more}: the error there is up to {odd[0]['ratio']:.0f} times "
+        f"that of other trials ({what}); if something came loose, run again without it."
+    ]
 
 
 def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
