@@ -133,6 +133,11 @@ def locate_gap(
         cells = list_cells(cfg.plant, told, settings)
     except ValueError as error:
         raise InputError(f"{measured_session['source'].iloc[0]}: {error}") from None
+    if not cells:
+        raise InputError(
+            f"{measured_session['source'].iloc[0]}: expected pressure or force of a muscle that changes, with all that "
+            "it is simulated from, got none; see the table measured_notes"
+        )
     fitted = [k for k, purpose in enumerate(purposes) if purpose == "fitted"]
     states = list(ctx.spread(prepare, [cell.take(fitted) for cell in cells]))
     weights = resample(len(fitted), settings.bootstraps, ctx.generator("resample"))

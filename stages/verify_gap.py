@@ -33,6 +33,8 @@ from stages.discrepancy import (
     locate_most,
     resample,
     tell,
+    tell_odd,
+    tell_silent,
     trace_effects,
     verify,
 )
@@ -149,11 +151,16 @@ def verify_gap(
         draw_signatures(trace_effects(cells, steps, opened), ctx)
     odd = [{str(k): v for k, v in row.items()} for row in find_odd_trials(predictions).to_dict("records")]
     relevant = list_absorbed(ranking, {row["channel"] for row in places})
-    remark = tell_command(measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site)
+    judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
+    remarks = [
+        *tell_silent(judgeable, list(measured_muscles["muscle"])),
+        *tell_odd(odd),
+        tell_command(measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
+    ]
     return {
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
-        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, relevant, odd, remark)}),
+        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, relevant, remarks)}),
     }
 
 

@@ -22,7 +22,7 @@ from stages.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.discrepancy.signature import trace_effects
 from stages.discrepancy.verdict import decide_status, describe_effects, list_absorbed, list_candidates, locate_most
 from stages.discrepancy.verification import Verified, compare_steps, list_predictions, verify
-from stages.discrepancy.words import tell
+from stages.discrepancy.words import tell, tell_odd, tell_silent
 
 __all__ = [
     "PURPOSES",
@@ -62,6 +62,8 @@ __all__ = [
     "restore",
     "search",
     "tell",
+    "tell_odd",
+    "tell_silent",
     "tell_truth",
     "trace_effects",
     "unexplained_share",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from stages.plant.effect import Effect, find_effect
@@ -19,8 +19,7 @@ def tell(
     verdict: Mapping[str, Any],
     places: Sequence[Mapping[str, Any]],
     absorbed: Sequence[str],
-    odd: Sequence[Mapping[str, Any]],
-    remark: str,
+    remarks: Sequence[str],
 ) -> list[str]:
     """Return the verdict as sentences.
 
@@ -32,17 +31,15 @@ def tell(
         Rows of the table `gap` that tell where, the largest gap first.
     absorbed : sequence of str
         Names that could act where the gap is, but cannot be told from the fitted constants.
-    odd : sequence of mapping
-        Rows ``trial channel muscle ratio`` of trials that do not fit to the others, the worst first.
-    remark : str
-        How to simulate with what was found; the last sentence.
+    remarks : sequence of str
+        Sentences that follow.
     """
     middle = {"no_discrepancy": _tell_nothing, "named": _tell_named, "unexplained": _tell_unexplained}
     sentences = [*_tell_places(places, verdict["status"]), *middle[verdict["status"]](verdict)]
     if absorbed:
         names = _shorten([_spell(each) for each in absorbed])
         sentences.append(f"Not judged, as in these data the fitted constants absorb what it does: {names}.")
-    return [*sentences, *_tell_odd(odd), remark]
+    return [*sentences, *remarks]
 
 
 def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
@@ -103,7 +100,34 @@ def _tell_channel(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _tell_odd(odd: Sequence[Mapping[str, Any]]) -> list[str]:
+def tell_silent(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
+    """Return which channels could not be judged, as their data are missing or never change.
+
+    Parameters
+    ----------
+    judged : collection of (str, str)
+        Channel and muscle of those that were.
+    muscles : sequence of str
+        That were measured.
+    """
+    told = []
+    for channel, name in (("pressure_kpa", "pressure"), ("force_n", "force")):
+        silent = [each for each in muscles if (channel, each) not in judged]
+        if silent:
+            told.append(f"{name} of {_join(silent)}")
+    if not told:
+        return []
+    return [f"Not judged, as data are missing, too few, or never change: {'; '.join(told)}."]
+
+
+def tell_odd(odd: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return which trials do not fit to the others.
+
+    Parameters
+    ----------
+    odd : sequence of mapping
+        Rows ``trial channel muscle ratio``, the worst first.
+    """
     if not odd:
         return []
     trials = [str(each) for each in dict.fromkeys(int(row["trial"]) for row in odd)]
