@@ -128,6 +128,7 @@ class Targets(Section):
     both_named: Share
     right_muscle: Share
     absorbed_misnamed: Share
+    absorbed_told: Share
 
 
 class Scorecard(Section):
@@ -234,6 +235,7 @@ def list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any
         rate("two effects, both named", pairs["all_named"], targets.both_named),
         rate("one muscle, named there alone", single["right_muscles"], targets.right_muscle),
         rate("absorbed, misnamed", missaid(absorbed), targets.absorbed_misnamed, at_most=True),
+        rate("absorbed, listed so or nothing found", is_told(absorbed), targets.absorbed_told),
     ]
     bounded = [bound(each, section.level) for each in rows]
     return [{**each, "met": is_met(each)} for each in bounded]
@@ -242,6 +244,11 @@ def list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any
 def missaid(absorbed: pd.DataFrame) -> pd.Series:
     """Return where something was named that is neither hidden nor of a class with it."""
     return (absorbed["status"] == "named") & ~absorbed["right_class"]
+
+
+def is_told(absorbed: pd.DataFrame) -> pd.Series:
+    """Return where what the constants absorb is listed as such, or where nothing was found to be missing."""
+    return absorbed["listed_absorbed"] | (absorbed["status"] == "no_discrepancy")
 
 
 def rate(measure: str, hits: pd.Series, target: float, size: str = ALL, *, at_most: bool = False) -> dict[str, Any]:

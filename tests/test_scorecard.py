@@ -155,6 +155,7 @@ def test_what_the_constants_absorb_counts_apart(tmp_path):
     assert list(found["scorecard_sessions"]["magnitude"]) == ["absorbed", "absorbed"]
     assert value(found, "named first, or its class", "weak")["n"] == 0
     assert value(found, "absorbed, misnamed")["value"] == 0.5
+    assert value(found, "absorbed, listed so or nothing found")["value"] == 0.5
     assert not value(found, "absorbed, misnamed")["met"]
 
 
