@@ -247,8 +247,8 @@ def missaid(absorbed: pd.DataFrame) -> pd.Series:
 
 
 def is_told(absorbed: pd.DataFrame) -> pd.Series:
-    """Return where what the constants absorb is listed as such, or where nothing was found to be missing."""
-    return absorbed["listed_absorbed"] | (absorbed["status"] == "no_discrepancy")
+    """Return where what the constants absorb is listed as such, nothing was found to be missing, or even named right."""
+    return absorbed["listed_absorbed"] | absorbed["right_class"] | (absorbed["status"] == "no_discrepancy")
 
 
 def rate(measure: str, hits: pd.Series, target: float, size: str = ALL, *, at_most: bool = False) -> dict[str, Any]:
