@@ -247,7 +247,7 @@ def missaid(absorbed: pd.DataFrame) -> pd.Series:
 
 
 def is_told(absorbed: pd.DataFrame) -> pd.Series:
-    """Return where what the constants absorb is listed as such, nothing was found to be missing, or even named right."""
+    """Return where what the constants absorb is listed so, nothing was found, or the true name was found after all."""
     return absorbed["listed_absorbed"] | absorbed["right_class"] | (absorbed["status"] == "no_discrepancy")
 
 
