@@ -211,9 +211,11 @@ class ForceCell(MuscleCell):
 
     @property
     def forms(self) -> tuple[Form, ...]:
-        """Effects between pressure, contraction and sensed force; at the muscle's tip no cable is felt."""
-        sites = FORCE_SITES if self.load_cell_site == "joint_end" else FORCE_SITES[:2]
-        return _offer(sites, "sensed_force_n")
+        """Effects between pressure, contraction and sensed force; at the muscle's tip no cable's tension is felt."""
+        felt = _offer(FORCE_SITES, "sensed_force_n")
+        if self.load_cell_site == "joint_end":
+            return felt
+        return tuple(each for each in felt if cast(ChainEffect, each.effect).signal != "tension_n")
 
     def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
         """Return the sensed force, N."""

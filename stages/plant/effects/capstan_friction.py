@@ -48,11 +48,11 @@ EFFECT = ChainEffect(
             "sliding_per_s",
             "1/s",
             0.001,
-            0.1,
+            0.02,
             0.01,
             0.01,
             "contraction velocity at which the cable slides",
-            (0.005, 0.02),
+            (0.003, 0.01),
         ),
     ),
     source=(

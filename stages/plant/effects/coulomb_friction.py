@@ -62,7 +62,7 @@ CABLE = ChainEffect(
     parameters=(
         Parameter("share", "1", 0.0, 0.4, 0.01, 0.02, "friction over the largest force", (0.01, 0.06)),
         Parameter(
-            "sliding_per_s", "1/s", 0.0005, 0.1, 0.01, 0.01, "contraction velocity at which it slides", (0.003, 0.02)
+            "sliding_per_s", "1/s", 0.0005, 0.02, 0.01, 0.01, "contraction velocity at which it slides", (0.003, 0.01)
         ),
     ),
     source=SOURCE,
