@@ -132,7 +132,7 @@ def name_effect(
             "site": each.site,
             "channel": each.channel,
             "muscle": muscle,
-            "probability": each.probability * (1.0 - unknown),
+            "probability": min(each.probability * (1.0 - unknown), 1.0),
             "indistinguishable_from": ",".join(each.alternatives),
         }
         for order, each in enumerate(found.named, start=1)

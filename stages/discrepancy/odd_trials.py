@@ -7,24 +7,24 @@ from __future__ import annotations
 
 import pandas as pd
 
-ODD = 5.0
+ODD = 8.0
 """Error of a trial over the median of its channel's trials from which it is told."""
 
 
 def find_odd_trials(predictions: pd.DataFrame) -> pd.DataFrame:
-    """Return the trials whose nominal error is many times the usual one.
+    """Return the trials whose error is many times the usual one.
 
     Parameters
     ----------
     predictions : DataFrame
-        Columns ``trial muscle channel measured before``.
+        Columns ``trial muscle channel measured after``.
 
     Returns
     -------
     DataFrame
         Columns ``trial channel muscle ratio``: error over the median over the channel's trials; the worst first.
     """
-    square = (predictions["measured"] - predictions["before"]) ** 2
+    square = (predictions["measured"] - predictions["after"]) ** 2
     by_trial = square.groupby([predictions[name] for name in ("channel", "muscle", "trial")]).mean() ** 0.5
     usual = by_trial.groupby(["channel", "muscle"]).transform("median")
     ratio = (by_trial / usual.where(usual > 0.0)).rename("ratio").reset_index()

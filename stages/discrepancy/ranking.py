@@ -39,7 +39,7 @@ def _rank_round(looked: Round, number: int, unknown: float, most_absorbed: float
                 "name": name,
                 "form": ",".join(sorted({form for form in looked.verdicts.forms.get(name, []) if form})),
                 "site": looked.sites.get(name, ""),
-                "probability": probability * (1.0 - unknown),
+                "probability": min(probability * (1.0 - unknown), 1.0),
                 "heldout_gap": looked.heldout[name],
                 "gap_over_floor": looked.gaps[name],
                 "absorbed_share": absorbed,
