@@ -95,9 +95,17 @@ def _tell_channel(rows: Sequence[Mapping[str, Any]]) -> str:
         return f"{text}, in no regime of motion more than in others."
     whose = f"{first['muscle']}: " if len(rows) > 1 else ""
     return (
-        f"{text}, most of all at {first['regime']} ({whose}{_percent(first['share_of_gap'])} of the gap in "
+        f"{text}, most of all {_place(first['regime'])} ({whose}{_percent(first['share_of_gap'])} of the gap in "
         f"{_percent(first['share_of_time'])} of the time)."
     )
+
+
+def _place(regime: str) -> str:
+    """Return a regime with the word that leads to it."""
+    if regime.startswith(("early", "late")):
+        return regime
+    motion = regime.endswith(("shortening", "lengthening", "rising", "falling"))
+    return f"{'while' if motion else 'at'} {regime}"
 
 
 def tell_silent(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
@@ -141,12 +149,14 @@ def tell_odd(odd: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
     known = find_effect(effect["name"], effect["form"])
-    others = [each for each in ranking if _is_candidate(each) and each["name"] != effect["name"]]
+    alike_names = (effect["name"], *effect["indistinguishable_from"])
+    others = [each for each in ranking if _is_candidate(each) and each["name"] not in alike_names]
     following = min(others, key=lambda each: (-round(each["probability"], 3), each["heldout_gap"]), default=None)
     second = f"; next is {_spell(following['name'])}, {_sure(following['probability'])}" if following and first else ""
+    alike = " with those like it" if len(alike_names) > 1 else ""
     text = (
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
-        f"(probability {_sure(effect['probability'])}{second}): {known.signature}. {_tell_size(effect, known)}"
+        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. {_tell_size(effect, known)}"
     )
     if effect["indistinguishable_from"]:
         like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
