@@ -41,7 +41,9 @@ EFFECT = ChainEffect(
         Parameter(
             "stribeck_per_s", "1/s", 0.003, 0.5, 0.05, 0.05, "contraction velocity at which it falls", (0.02, 0.08)
         ),
-        Parameter("sliding_per_s", "1/s", 0.0005, 0.02, 0.01, 0.01, "contraction velocity at which it slides", (0.005,)),
+        Parameter(
+            "sliding_per_s", "1/s", 0.0005, 0.02, 0.01, 0.01, "contraction velocity at which it slides", (0.005,)
+        ),
     ),
     source=(
         "Armstrong-Helouvry, Dupont, Canudas de Wit, A survey of models, analysis tools and compensation methods for "
