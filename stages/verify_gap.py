@@ -149,7 +149,8 @@ def verify_gap(
     draw(verification, predictions, channels, concerned, ctx)
     if status == "named":
         draw_signatures(trace_effects(cells, steps, opened), ctx)
-    odd = [{str(k): v for k, v in row.items()} for row in find_odd_trials(predictions).to_dict("records")]
+    comparable = predictions[predictions["part"] != "other"]
+    odd = [{str(k): v for k, v in row.items()} for row in find_odd_trials(comparable).to_dict("records")]
     relevant = list_absorbed(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [

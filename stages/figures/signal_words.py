@@ -10,6 +10,8 @@ WORDS = {
     "command_rate": "rate of command (kPa/s)",
     "pressure_rate": "rate of pressure (kPa/s)",
     "contraction_velocity_per_s": "contraction velocity (1/s)",
+    "motion": "motion (unit of the output)",
+    "velocity": "velocity (unit of the output, per s)",
     "time_s": "time in the trial (s)",
     "start_s": "time in the session (s)",
 }
