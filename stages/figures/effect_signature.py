@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -11,6 +12,8 @@ from stages.figures.signal_words import MEASURED, label, shorten, spell
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+LETTERS_PER_INCH = 12
 
 
 def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
@@ -62,5 +65,6 @@ def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False, fontsize=8
     )
-    figure.suptitle(f"{spell(first['effect'])}: {signature}", fontsize=10)
+    title = f"{spell(first['effect'])}: {signature}"
+    figure.suptitle(fill(title, round(LETTERS_PER_INCH * figure.get_figwidth())), fontsize=10)
     return figure

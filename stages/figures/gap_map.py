@@ -34,13 +34,13 @@ def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame) -> Figure:
 
     named = list(dict.fromkeys(gap["channel"]))
     sizes = [gap.loc[gap["channel"] == each, "muscle"].nunique() for each in named]
-    figure = Figure(figsize=(10.6, 0.34 * sum(sizes) + 1.75 * len(named)), layout="constrained")
+    figure = Figure(figsize=(10.6, max(0.34 * sum(sizes), 1.4) + 1.75 * len(named)), layout="constrained")
     panels = figure.subplots(len(named), 1, squeeze=False, gridspec_kw={"height_ratios": sizes})[:, 0]
     for axis, channel in zip(panels, named, strict=True):
         over = channels[channels["channel"] == channel].set_index("muscle")["gap_over_floor"]
         image = _draw_channel(axis, gap[gap["channel"] == channel], over, channel)
     bar = figure.colorbar(image, ax=list(panels), shrink=0.8, pad=0.01)
-    bar.set_label("share of the gap above the floor (%)")
+    bar.set_label("share of the gap\nabove the floor (%)")
     return figure
 
 
