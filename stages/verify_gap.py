@@ -22,6 +22,7 @@ from stages.discrepancy import (
     DiscrepancySettings,
     Measurements,
     Verified,
+    bound_ratio,
     compare_steps,
     decide_status,
     describe_effects,
@@ -133,6 +134,10 @@ def verify_gap(
     places = locate_most(gap, channels, named_effects, settings.search.smallest_gap)
     status = decide_status(named_effects, unexplained, settings.search.certain)
     last = len(labels) - 1 if status == "named" else 0
+    weights = resample(len(opened), settings.bootstraps, ctx.generator("resample", "verification"))
+    over_floor = bound_ratio(found, last, opened, weights, settings.level)
+    if status == "no_discrepancy" and over_floor["low"] > settings.search.smallest_gap:
+        status = "unexplained"
     verdict = {
         "status": status,
         "effects": describe_effects(named_effects, amended_values) if status == "named" else [],
@@ -140,7 +145,7 @@ def verify_gap(
         "absorbed": list_absorbed(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
         "unexplained_share": float(unexplained["share"].clip(lower=0.0).max()),
-        "gap": tell_gap(verification, last, judged),
+        "gap": {**tell_gap(verification, last, judged), "over_floor": over_floor},
         "verification_trials": [int(trial) for trial in trial_parts["trial"].iloc[opened]],
     }
     ctx.verdict(verdict)

@@ -21,7 +21,7 @@ from stages.discrepancy.session import build_cells
 from stages.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.discrepancy.signature import trace_effects
 from stages.discrepancy.verdict import decide_status, describe_effects, list_absorbed, list_candidates, locate_most
-from stages.discrepancy.verification import Verified, compare_steps, list_predictions, verify
+from stages.discrepancy.verification import Verified, bound_ratio, compare_steps, list_predictions, verify
 from stages.discrepancy.words import tell, tell_odd, tell_silent
 
 __all__ = [
@@ -41,6 +41,7 @@ __all__ = [
     "assign_parts",
     "average_loops",
     "average_plane",
+    "bound_ratio",
     "build_cells",
     "choose_verification",
     "compare_steps",

@@ -25,6 +25,8 @@ EXACT = "saturation"
 """The effect whose level exact values give away."""
 NOT_FITTED = "quantisation"
 """Not to be fitted, as it has no slopes, nor to be mended: what lies between two counts is lost."""
+LEAST_DRIVE_KPA = 5.0
+"""Range of the command below which a pressure says nothing of valve and regulator."""
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
 
 
@@ -114,6 +116,10 @@ class MuscleCell(Cell):
         """Return the cell with some of its trials."""
         return replace(self, records=self.records.take(trials))
 
+    def is_driven(self) -> bool:
+        """Return whether its input varies, so that there is something to judge."""
+        return True
+
     @abstractmethod
     def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
         """Return the level at which this channel is clipped as the parameter of ``saturation``."""
@@ -168,6 +174,10 @@ class PressureCell(MuscleCell):
     def present(self) -> NDArray[np.bool_]:  # type: ignore[override]
         """Where command and pressure were measured."""
         return self.records.known["command_kpa"] & self.records.known["pressure_kpa"]
+
+    def is_driven(self) -> bool:
+        """Return whether the command varies by more than a sensor's noise."""
+        return bool(np.ptp(self.records.command_kpa[self.present]) > LEAST_DRIVE_KPA)
 
     @property
     def forms(self) -> tuple[Form, ...]:

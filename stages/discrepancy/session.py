@@ -133,7 +133,7 @@ def build_cells(
             largest = float(np.abs(records.force_n[records.known["force_n"]]).max(initial=1.0))
             constants = tuple(_constant(name, each, row, largest) for name, each in declared.items())
             cell = kind(build, records, constants, load_cell_site)
-            if cell.present.sum() >= LEAST_SAMPLES and cell.range > 0.0:
+            if cell.present.sum() >= LEAST_SAMPLES and cell.range > 0.0 and cell.is_driven():
                 cells.append(cell)
     return cells
 

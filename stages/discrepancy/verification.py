@@ -161,6 +161,35 @@ def compare_steps(
     return rows
 
 
+def bound_ratio(
+    found: Sequence[Verified], step: int, opened: Sequence[int], weights: Array, level: float
+) -> dict[str, float]:
+    """Return the gap over the noise floor in the channel where it is largest, with one-sided limits over trials.
+
+    Parameters
+    ----------
+    found : sequence of Verified
+        All cells.
+    step : int
+        Effects added.
+    opened : sequence of int
+        Positions of the verification trials.
+    weights : (B, len(opened)) ndarray
+        Resampled trials.
+    level : float
+        Of each limit.
+    """
+    ratios = []
+    for channel in dict.fromkeys(each.cell.channel for each in found):
+        cells = [each for each in found if each.cell.channel == channel]
+        gap = pool(cells, [each.squares(each.steps[step]) for each in cells], opened) ** 2
+        floor = np.maximum(pool(cells, [each.floor for each in cells], opened) ** 2, 1e-300)
+        drawn = np.sqrt((weights @ gap) / (weights @ floor))
+        low, high = np.quantile(drawn, [1.0 - level, level])
+        ratios.append({"value": float(np.sqrt(gap.sum() / floor.sum())), "low": float(low), "high": float(high)})
+    return max(ratios, key=lambda each: each["value"])
+
+
 def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> float:
     each = [one.over_std(own, trials) for one, own in zip(found, squares, strict=True)]
     known = [value for value in each if np.isfinite(value)]

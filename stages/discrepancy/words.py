@@ -47,7 +47,8 @@ def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
     return [
         f"Nothing that matters is missing: on {_count(verdict)} not fitted the gap is "
         f"{_percent(gap['before'])} of range, {gap['before'] / gap['noise_floor']:.2f} times the noise floor "
-        f"({_percent(gap['noise_floor'])})."
+        f"({_percent(gap['noise_floor'])}); in its worst channel it is at most {gap['over_floor']['high']:.2f} times "
+        "the floor (one-sided limit over trials)."
     ]
 
 
