@@ -139,7 +139,7 @@ def locate_gap(
             "it is simulated from, got none; see the table measured_notes"
         )
     fitted = [k for k, purpose in enumerate(purposes) if purpose == "fitted"]
-    states = list(ctx.spread(prepare, [cell.take(fitted) for cell in cells]))
+    states = [prepare(cell.take(fitted)) for cell in cells]
     weights = resample(len(fitted), settings.bootstraps, ctx.generator("resample"))
     gap = pd.DataFrame(locate(states, ctx.generator("signs")), columns=list(GAP.columns))
     channels = pd.DataFrame([tell_channel(each, weights, settings) for each in states])

@@ -113,7 +113,7 @@ def name_effect(
     fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
     cells = list_cells(cfg.plant, told, settings)
-    states: list[CellState] = list(ctx.spread(prepare, [cell.take(fitted) for cell in cells]))
+    states: list[CellState] = [prepare(cell.take(fitted)) for cell in cells]
     found = search(states, settings.search.settings, ctx.generator("trials"))
     left = unexplained_share(found, settings.search.settings, ctx.generator("unexplained"))
     unknown = max((probability for _, probability in left.values()), default=0.0)
