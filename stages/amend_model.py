@@ -73,7 +73,7 @@ def amend_model(
     fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
     cells = list_cells(cfg.plant, told, settings)
-    status = decide_status(named_effects, unexplained, settings.search.certain)
+    status = decide_status(len(named_effects), unexplained["probability"].max(), settings.search.certain)
     last = int(steps["step"].max()) if status == "named" else 0
     rows: list[dict[str, Any]] = []
     for cell in cells:

@@ -16,7 +16,7 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.discrepancy import DiscrepancySettings
+from stages.discrepancy import DiscrepancySettings, decide_status
 from stages.rig import seal_truth
 
 COMPARISON_WITH_TRUTH = Table(
@@ -58,16 +58,18 @@ def opened_seal(
     digest = seal_truth(recorded)
     if digest != seal["sha256"].iloc[0]:
         raise InputError("seal: the rig tells another truth than the one that was sealed; run sealed_session again")
-    left = bool(unexplained["probability"].max() > cfg.discrepancy.search.certain)
+    certain = cfg.discrepancy.search.certain
+    left = decide_status(len(named_effects), unexplained["probability"].max(), certain) == "unexplained"
     said = named_effects.iloc[:0] if left else named_effects
     hidden = recorded.truth["effects"]
     rows = compare(hidden, recorded.truth["gap_over_floor"], said, channels)
     driven = verification[verification["simulation"] == "measured upstream"]
+    after = driven["gap"].iloc[0 if left else -2]
     told = [
         tell_hidden(hidden, str(recorded.truth["scenario"]["magnitude"]), digest),
         tell_named(said, hidden, left=left),
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
-        f"{100 * driven['gap'].iloc[-2]:.2g} %; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
+        f"{100 * after:.2g} %; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
         "Identification on the amended simulator: python -m pipeline plant=FOLDER/documents/amended.yaml, with this "
         "run's folder.",
     ]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -16,9 +15,8 @@ from stages.discrepancy.cell import Cell
 from stages.discrepancy.fitting import Fit, fit
 from stages.discrepancy.flexible import explain_residual
 from stages.discrepancy.search import CellState, Named, Search, SearchSettings, prepare, search, unexplained_share
+from stages.discrepancy.verdict import Status, decide_status
 from stages.signals.trajectories import Array
-
-Status = Literal["no_discrepancy", "named", "unexplained"]
 
 
 @dataclass(frozen=True)
@@ -61,9 +59,7 @@ class Judgement:
     @property
     def status(self) -> Status:
         """As in the verdict."""
-        if self.unknown > self.certain:
-            return "unexplained"
-        return "named" if self.found.named else "no_discrepancy"
+        return decide_status(len(self.found.named), self.unknown, self.certain)
 
     @property
     def named(self) -> list[Named]:

@@ -8,6 +8,8 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+Status = Literal["no_discrepancy", "named", "unexplained"]
+
 MOST_PLACES = 8
 PLACE = ("channel", "muscle")
 UPSTREAM = ("command", "valve")
@@ -29,21 +31,21 @@ def list_absorbed(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list
     return [str(name) for name in rows.loc[sites, "name"]]
 
 
-def decide_status(
-    named: pd.DataFrame, unexplained: pd.DataFrame, certain: float
-) -> Literal["named", "unexplained", "no_discrepancy"]:
+def decide_status(named: int, unknown: float, certain: float) -> Status:
     """Return the status: what was named does not count where most of the gap stays without a name.
 
     Parameters
     ----------
-    named, unexplained : DataFrame
-        Tables `named_effects` and `unexplained`.
+    named : int
+        Effects that were added.
+    unknown : float
+        Probability that something without a name is left.
     certain : float
-        Probability above which a gap without a name is said to be there.
+        Probability above which that is said.
     """
-    if (unexplained["probability"] > certain).any():
+    if unknown > certain:
         return "unexplained"
-    return "named" if len(named) else "no_discrepancy"
+    return "named" if named else "no_discrepancy"
 
 
 def list_candidates(ranking: pd.DataFrame) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from stages.plant.effect import ChainEffect, Parameter, State
-from stages.plant.operators import follow_stops
+from stages.plant.presliding import PRESLIDING, slide_after_yielding
 from stages.signals.trajectories import Array
 
 
@@ -24,7 +24,7 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
 
 def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     """Return the tension at the joint's end, N; the cable yields a little before it slides."""
-    slide = follow_stops(state.contraction, np.array([parameters["presliding"]]))
+    slide = slide_after_yielding(state, parameters)
     return signal * np.exp(-parameters["friction_times_wrap"] * slide)
 
 
@@ -72,16 +72,7 @@ FORMS = (
         form="presliding",
         parameters=(
             EFFECT.parameters[0],
-            Parameter(
-                "presliding",
-                "1",
-                0.0001,
-                0.004,
-                0.001,
-                0.001,
-                "contraction over which it yields first",
-                (0.0008, 0.0025),
-            ),
+            PRESLIDING,
         ),
         source=(
             "Do, Tjahjowidodo, Lau, Yamamoto, Phee, Hysteresis modeling and position control of tendon-sheath "

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from stages.plant.effect import ChainEffect, DynamicEffect, JointEffect, Parameter, State
-from stages.plant.operators import follow_stops
+from stages.plant.presliding import PRESLIDING, slide_after_yielding
 from stages.signals.trajectories import Array
 
 
@@ -29,7 +29,7 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
 
 def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     """Return the tension at the joint's end, N, less a spring that slides at a constant force."""
-    slide = follow_stops(state.contraction, np.array([parameters["presliding"]]))
+    slide = slide_after_yielding(state, parameters)
     return signal - parameters["share"] * state.muscles.full_force_n * slide
 
 
@@ -93,14 +93,12 @@ SLIDER = DynamicEffect(
     terms=rub,
 )
 
-PRESLIDING = replace(
+YIELDING_CABLE = replace(
     CABLE,
     form="cable_presliding",
     parameters=(
         CABLE.parameters[0],
-        Parameter(
-            "presliding", "1", 0.0001, 0.004, 0.001, 0.001, "contraction over which it yields first", (0.0008, 0.0025)
-        ),
+        PRESLIDING,
     ),
     source=(
         "Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE Trans. Autom. Control 50 (2005): one "
@@ -109,4 +107,4 @@ PRESLIDING = replace(
     apply=apply_with_presliding,
 )
 
-FORMS = (EFFECT, CABLE, PRESLIDING, SLIDER)
+FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLIDER)

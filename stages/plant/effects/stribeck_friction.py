@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stages.plant.effect import ChainEffect, Parameter, State
-from stages.plant.operators import follow_stops
+from stages.plant.presliding import PRESLIDING, slide_after_yielding
 from stages.signals.trajectories import Array
 
 
@@ -27,7 +27,7 @@ def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, 
     """Return the tension at the joint's end, N; the cable yields a little before it slides."""
     fading = np.exp(-((state.velocity_per_s / parameters["stribeck_per_s"]) ** 2))
     size = parameters["share"] * state.muscles.full_force_n * (1.0 + parameters["rise"] * fading)
-    return signal - size * follow_stops(state.contraction, np.array([parameters["presliding"]]))
+    return signal - size * slide_after_yielding(state, parameters)
 
 
 EFFECT = ChainEffect(
@@ -62,16 +62,7 @@ FORMS = (
         form="presliding",
         parameters=(
             *EFFECT.parameters[:3],
-            Parameter(
-                "presliding",
-                "1",
-                0.0001,
-                0.004,
-                0.001,
-                0.001,
-                "contraction over which it yields first",
-                (0.0008, 0.0025),
-            ),
+            PRESLIDING,
         ),
         source=(
             "Canudas de Wit, Olsson, Astrom, Lischinsky, A new model for control of systems with friction, IEEE Trans. "
