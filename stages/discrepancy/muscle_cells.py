@@ -265,7 +265,7 @@ class ForceCell(MuscleCell):
         return {"full_force_over_level": float(self._collect(constants).full_force_n[0]) / level}
 
     def drivers(self) -> list[Driver]:
-        """Return pressure, contraction, their rates, and the other muscles' pressures and joints' angles."""
+        """Return pressure, contraction, their rates, the command, other muscles' pressures and other joints' angles."""
         records = self.records
         rate = np.gradient(records.smooth_pressure_kpa, records.step_s, axis=0)
         own = [
@@ -274,7 +274,9 @@ class ForceCell(MuscleCell):
             Driver("contraction_velocity_per_s", records.velocity_per_s, rate=True),
             Driver("pressure_rate", rate, rate=True),
         ]
-        return own + [Driver(name, v, own=False) for name, v in records.others.items() if "command" not in name]
+        aside = {name: values for name, values in records.others.items() if "command" not in name}
+        aside["pressure_command_kpa"] = records.command_kpa
+        return own + [Driver(name, values, own=False) for name, values in aside.items()]
 
 
 def _offer(sites: Sequence[str], sensed: str) -> tuple[Form, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from stages.discrepancy.cell import Cell, Form, list_starts
 from stages.discrepancy.evidence import NONE, Verdicts, weigh_names
+from stages.discrepancy.features import build_features
 from stages.discrepancy.fitting import Fit, Model, begin, fit
 from stages.discrepancy.flexible import Leftover, explain_residual
 from stages.discrepancy.noise import Noise, estimate_noise, log_density
@@ -80,6 +81,7 @@ class CellState:
     nominal: Fitted
     current: Fitted
     leftover: Leftover
+    features: Array
 
     @property
     def samples(self) -> Array:
@@ -135,14 +137,14 @@ class Search:
 
 def prepare(cell: Cell) -> CellState:
     """Fit a cell's nominal constants, and estimate its noise from what a flexible model leaves."""
-    model = Model(cell)
+    model, features = Model(cell), build_features(cell)
     rough = fit(model, make_plain(0.01 * cell.range), begin(model))
     noise: Noise | None = None
     for _ in range(2):  # the better the noise is known, the better the flexible model tells it from the rest
-        noise = estimate_noise(explain_residual(rough, noise).residual, cell.present, cell.step_s)
+        noise = estimate_noise(explain_residual(rough, features, noise).residual, cell.present, cell.step_s)
     assert noise is not None
     nominal = refine(model, rough.values, float(np.sqrt((rough.residual**2).sum() / max(cell.present.sum(), 1))))
-    return CellState(cell, noise, nominal, nominal, explain_residual(nominal.fit, noise))
+    return CellState(cell, noise, nominal, nominal, explain_residual(nominal.fit, features, noise), features)
 
 
 def refine(model: Model, start: Array, spread: float) -> Fitted:
@@ -472,8 +474,8 @@ def _update(state: CellState, found: Fit) -> CellState:
     spread = float(np.sqrt((found.residual**2).sum() / max(cell.present.sum(), 1)))
     current = refine(found.model, found.values, spread)
     noise = current.estimate_noise()
-    leftover = explain_residual(current.fit, noise)
-    return CellState(cell, noise, state.nominal, current, leftover)
+    leftover = explain_residual(current.fit, state.features, noise)
+    return replace(state, noise=noise, current=current, leftover=leftover)
 
 
 def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
