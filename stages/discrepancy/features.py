@@ -15,6 +15,8 @@ from stages.discrepancy.cell import Cell, Driver
 from stages.signals.trajectories import Array
 
 LAGS_S = (0.02, 0.06, 0.2, 0.6, 2.0)
+RISES = 4
+"""Of the lags, those after which a rise is told from a fall."""
 WIDTHS = (0.03, 0.1, 0.3, 1.0)
 """Half-widths of stop operators, in standard deviations of the signal."""
 KINKS = (-1.0, 0.0, 1.0)
@@ -53,13 +55,20 @@ def build_features(cell: Cell) -> Array:
 
 
 def _remember(driver: Driver, signal: Array, step_s: float) -> list[Array]:
-    """Return what one signal was: recent means, and stops that follow its changes up to a width; or its direction."""
+    """Return what one signal was: recent means, rises, and stops that follow its changes up to a width; or its direction."""
     if driver.rate:
         directions = [np.tanh(signal / width) for width in (TURNING, 0.5)]
         return [*directions, signal * np.abs(signal), _lag(signal, LAGS_S[0], step_s), _lag(signal, LAGS_S[1], step_s)]
     lags = [_lag(signal, tau, step_s) for tau in LAGS_S]
+    rises = [np.maximum(signal - lag, 0.0) for lag in lags[:RISES]]
     kinks = [np.maximum(signal - kink, 0.0) for kink in KINKS]
-    return [*lags, *(_stop(signal, width) for width in WIDTHS), *kinks]
+    return [
+        *lags,
+        *rises,
+        *(_lag(rise, LAGS_S[1], step_s) for rise in rises),
+        *(_stop(signal, width) for width in WIDTHS),
+        *kinks,
+    ]
 
 
 def _look_around(signal: Array, beside: list[Array], step_s: float) -> list[Array]:

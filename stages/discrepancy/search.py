@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -82,6 +83,13 @@ class CellState:
     current: Fitted
     leftover: Leftover
     features: Array
+
+    @cached_property
+    def promises(self) -> list[Screened]:
+        """What each form that it does not hold yet promises."""
+        held = {form.name for form in self.current.forms}
+        forms = [form for form in self.cell.forms if form.name not in held]
+        return screen(self.current.fit, self.noise, forms)
 
     @property
     def samples(self) -> Array:
@@ -212,8 +220,8 @@ Choice = dict[tuple[str, str], Fitted]
 def _list_candidates(found: Search, settings: SearchSettings) -> list[list[Screened]]:
     """Return, for each cell, what each form that it does not hold yet promises: nothing where no gap matters.
 
-    The first round looks everywhere: some gaps show only to the form that closes them, and what the constants absorb
-    is to be told in any case.
+    A cell is looked at even where no gap is seen: some gaps show only to the form that closes them, and what the
+    constants absorb is to be told in any case.
     """
     least = 0.5 * (settings.smallest_gap - 1.0)
     worth = {
@@ -223,10 +231,7 @@ def _list_candidates(found: Search, settings: SearchSettings) -> list[list[Scree
     }
     listed: list[list[Screened]] = []
     for state in found.cells:
-        looked = state.cell.channel in worth or not found.rounds
-        held = {form.name for form in state.current.forms}
-        forms = [form for form in state.cell.forms if form.name not in held]
-        listed.append(screen(state.current.fit, state.noise, forms) if looked else [])
+        listed.append(state.promises)
         if any(each.raw_gain > least for each in listed[-1]):
             worth.add(state.cell.channel)
     idle = [state.cell.channel not in worth for state in found.cells]

@@ -13,6 +13,8 @@ from stages.signals.trajectories import Array
 
 LEAST_HZ = 6.0
 """Below it people and pressures move, and a line cannot be told from what they bring about."""
+HIGHEST = 0.95
+"""Over half the sampling rate; at its edge a spectrum is no longer spread as elsewhere."""
 PADDING = 4
 NEIGHBOURS = 40
 """Bins of the padded spectrum on either side that tell how much noise there is around a frequency."""
@@ -51,7 +53,7 @@ def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> flo
     around = median_filter(power, size=(2 * NEIGHBOURS + 1, 1), mode="nearest") / np.log(2.0)
     over = (power / np.maximum(around, 1e-300)).mean(axis=1)
     frequency = np.fft.rfftfreq(PADDING * samples, step_s)
-    sought = frequency >= LEAST_HZ
+    sought = (frequency >= LEAST_HZ) & (frequency <= HIGHEST * frequency[-1])
     if not sought.any():
         return None
     peak = int(np.argmax(np.where(sought, over, 0.0)))
