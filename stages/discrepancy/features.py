@@ -55,7 +55,7 @@ def build_features(cell: Cell) -> Array:
 
 
 def _remember(driver: Driver, signal: Array, step_s: float) -> list[Array]:
-    """Return what one signal was: recent means, rises, and stops that follow its changes up to a width; or its direction."""
+    """Return what one signal was: recent means, rises, stops that follow it up to a width; or its direction."""
     if driver.rate:
         directions = [np.tanh(signal / width) for width in (TURNING, 0.5)]
         return [*directions, signal * np.abs(signal), _lag(signal, LAGS_S[0], step_s), _lag(signal, LAGS_S[1], step_s)]

@@ -1,17 +1,20 @@
 """A flexible residual model: what could still be explained, by whatever function of the measured signals.
 
-A fitted model and its cell flow in; out flows what each trial's residual would be if many generic features, with
-weights of their own but no names, were fitted to the others. It has a name for nothing, so it names nothing: it tells
-the noise from what is reproducible.
+A fitted model and its cell flow in; out flows what each trial's residual would be if generic features with weights of
+their own, or boosted trees, neither of which has a name for anything, were fitted to the others. It names nothing: it
+tells the noise from what is reproducible.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.discrepancy.cell import Cell
+from stages.discrepancy.features import build_features
 from stages.discrepancy.fitting import Fit, Grams
 from stages.discrepancy.noise import Noise, whiten
 from stages.discrepancy.spectral_line import find_line, remove_line
@@ -19,11 +22,15 @@ from stages.signals.trajectories import Array
 
 Mask = NDArray[np.bool_]
 PENALTIES = (1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)
+FOLDS = 5
+MOST_ROWS = 2500
+"""Samples that trees are fitted to, at most; neighbours in time tell the same."""
+TREES = {"max_iter": 40, "learning_rate": 0.2, "max_leaf_nodes": 16, "min_samples_leaf": 20, "max_bins": 64}
 
 
 @dataclass(frozen=True)
 class Leftover:
-    """What a flexible model finds in a residual, trial by trial, each left out in turn.
+    """What a flexible model leaves of a residual, trial by trial, each left out in turn.
 
     Parameters
     ----------
@@ -32,7 +39,7 @@ class Leftover:
     residual : (T, K) ndarray
         What it leaves of each trial that it was not fitted to.
     line_hz : float or None
-        Frequency of an oscillation in all trials that no feature explains; it is no noise, and not in the above.
+        Frequency of an oscillation in all trials that nothing measured explains; it is no noise, and not in the above.
     """
 
     raw: Array
@@ -40,8 +47,35 @@ class Leftover:
     line_hz: float | None
 
 
-def explain_residual(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Leftover:
-    """Return what is left of each trial's residual when the others' is fitted by generic features.
+def keep_least(left: Sequence[Array], cell: Cell, learnt: Mask | None = None) -> Leftover:
+    """Return the least of what several models leave, (T, K) each, without a spectral line, if it has one.
+
+    Parameters
+    ----------
+    left : sequence of (T, K) ndarray
+        Residuals of trials left out.
+    cell : Cell
+        Whose.
+    learnt : (K,) ndarray of bool, optional
+        Trials by which the least is told; all, unless told.
+    """
+    known = np.ones(cell.trials, dtype=bool) if learnt is None else learnt
+    residual = min(left, key=lambda each: float((each[:, known] ** 2).sum()))
+    line_hz = find_line(residual, cell.present, cell.step_s)
+    if line_hz is not None:
+        residual = remove_line(residual, cell.present, cell.step_s, line_hz)
+    return Leftover((residual**2).sum(axis=0), residual, line_hz)
+
+
+def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
+    """Return what flexible models leave that are fitted to some trials alone; noise, as far as one can tell."""
+    cell = fit.model.cell
+    by_features = explain_by_features(fit, build_features(cell), noise, learnt)
+    return keep_least([by_features, explain_by_trees(cell, fit.residual, learnt)], cell, learnt)
+
+
+def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Array:
+    """Return what is left of each trial's residual, (T, K), when the others' is fitted by generic features.
 
     Parameters
     ----------
@@ -63,11 +97,41 @@ def explain_residual(fit: Fit, features: Array, noise: Noise | None, learnt: Mas
     else:
         white = whiten(together, present, noise, cell.step_s)
     known = np.ones(cell.trials, dtype=bool) if learnt is None else learnt
-    residual = _leave_each_out(white, together, fit.precision, known)
-    line_hz = find_line(residual, present, cell.step_s)
-    if line_hz is not None:
-        residual = remove_line(residual, present, cell.step_s, line_hz)
-    return Leftover((residual**2).sum(axis=0), residual, line_hz)
+    return _leave_each_out(white, together, fit.precision, known)
+
+
+def explain_by_trees(cell: Cell, residual: Array, learnt: Mask | None = None) -> Array:
+    """Return what is left of each trial's residual, (T, K), when boosted trees are fitted to that of others.
+
+    They see what happens at one place of several signals together, which sums of features miss, and nothing of the
+    past.
+
+    Parameters
+    ----------
+    cell : Cell
+        Whose drivers, time in trial and time in session are the inputs.
+    residual : (T, K) ndarray
+        Zero where not present.
+    learnt : (K,) ndarray of bool, optional
+        Trials that they may be fitted to; all, unless told.
+    """
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
+    known = np.ones(cell.trials, dtype=bool) if learnt is None else learnt
+    within = np.repeat((np.arange(len(residual)) * cell.step_s)[:, None], cell.trials, axis=1)
+    inputs = np.stack([*(each.values for each in cell.drivers()), within, within + cell.start_s], axis=2)
+    stride = int(np.ceil(cell.present[:, known].sum() / MOST_ROWS))
+    left = residual.copy()
+    for fold in range(min(FOLDS, cell.trials)):
+        out = np.arange(cell.trials) % FOLDS == fold
+        rows = cell.present[::stride] & (known & ~out)
+        if rows.sum() < 2 * TREES["min_samples_leaf"]:
+            continue
+        trees = HistGradientBoostingRegressor(**TREES, early_stopping=False, random_state=0)
+        trees.fit(inputs[::stride][rows], residual[::stride][rows])
+        told = cell.present & out
+        left[told] -= trees.predict(inputs[told])
+    return left
 
 
 def _leave_each_out(white: Array, raw: Array, precision: Array, learnt: Mask) -> Array:

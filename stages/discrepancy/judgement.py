@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.discrepancy.cell import Cell
-from stages.discrepancy.features import build_features
 from stages.discrepancy.fitting import Fit, fit
-from stages.discrepancy.flexible import explain_residual
+from stages.discrepancy.flexible import find_floor
 from stages.discrepancy.search import CellState, Named, Search, SearchSettings, prepare, search, unexplained_share
 from stages.discrepancy.verdict import Status, decide_status
 from stages.signals.trajectories import Array
@@ -85,7 +84,7 @@ class Judgement:
             if cell.channel in channels:
                 last = state.current.fit
                 whole = fit(replace(last.model, cell=cell), state.noise, last.values, iterations=0)
-                least = explain_residual(whole, build_features(cell), state.noise, learnt).residual
+                least = find_floor(whole, state.noise, learnt).residual
                 kept = (_mean_square(cell, each, self.opened) for each in (least, whole.residual))
                 squares.append(min(kept))
         return float(np.sqrt(np.mean(squares)))

@@ -16,7 +16,7 @@ from stages.discrepancy.cell import Cell, Form, list_starts
 from stages.discrepancy.evidence import NONE, Verdicts, weigh_names
 from stages.discrepancy.features import build_features
 from stages.discrepancy.fitting import Fit, Model, begin, fit
-from stages.discrepancy.flexible import Leftover, explain_residual
+from stages.discrepancy.flexible import Leftover, explain_by_features, explain_by_trees, keep_least
 from stages.discrepancy.noise import Noise, estimate_noise, log_density
 from stages.discrepancy.screening import Screened, screen
 from stages.signals.trajectories import Array
@@ -146,13 +146,14 @@ class Search:
 def prepare(cell: Cell) -> CellState:
     """Fit a cell's nominal constants, and estimate its noise from what a flexible model leaves."""
     model, features = Model(cell), build_features(cell)
-    rough = fit(model, make_plain(0.01 * cell.range), begin(model))
-    noise: Noise | None = None
-    for _ in range(2):  # the better the noise is known, the better the flexible model tells it from the rest
-        noise = estimate_noise(explain_residual(rough, features, noise).residual, cell.present, cell.step_s)
-    assert noise is not None
-    nominal = refine(model, rough.values, float(np.sqrt((rough.residual**2).sum() / max(cell.present.sum(), 1))))
-    return CellState(cell, noise, nominal, nominal, explain_residual(nominal.fit, features, noise), features)
+    rough = assess(fit(model, make_plain(0.01 * cell.range), begin(model)))
+    by_trees = explain_by_trees(cell, rough.residual)
+    least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], cell)
+    noise = estimate_noise(least.residual, cell.present, cell.step_s)
+    spread = float(np.sqrt((rough.fit.residual**2).sum() / max(cell.present.sum(), 1)))
+    nominal = refine(model, rough.fit.values, spread)
+    leftover = keep_least([by_trees, explain_by_features(nominal.fit, features, noise)], cell)
+    return CellState(cell, noise, nominal, nominal, leftover, features)
 
 
 def refine(model: Model, start: Array, spread: float) -> Fitted:
@@ -479,7 +480,8 @@ def _update(state: CellState, found: Fit) -> CellState:
     spread = float(np.sqrt((found.residual**2).sum() / max(cell.present.sum(), 1)))
     current = refine(found.model, found.values, spread)
     noise = current.estimate_noise()
-    leftover = explain_residual(current.fit, state.features, noise)
+    by_trees = explain_by_trees(cell, current.residual)
+    leftover = keep_least([by_trees, explain_by_features(current.fit, state.features, noise)], cell)
     return replace(state, noise=noise, current=current, leftover=leftover)
 
 

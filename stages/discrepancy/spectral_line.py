@@ -15,8 +15,8 @@ LEAST_HZ = 6.0
 """Below it people and pressures move, and a line cannot be told from what they bring about."""
 HIGHEST = 0.95
 """Over half the sampling rate; at its edge a spectrum is no longer spread as elsewhere."""
-PADDING = 4
-NEIGHBOURS = 40
+PADDING = 2
+NEIGHBOURS = 20
 """Bins of the padded spectrum on either side that tell how much noise there is around a frequency."""
 CHANCE = 1e-3
 """Probability that noise alone shows a line."""

@@ -13,9 +13,8 @@ import numpy as np
 import pandas as pd
 
 from stages.discrepancy.cell import Cell
-from stages.discrepancy.features import build_features
 from stages.discrepancy.fitting import Model, fit
-from stages.discrepancy.flexible import Mask, explain_residual
+from stages.discrepancy.flexible import Mask, find_floor
 from stages.discrepancy.muscle_cells import ForceCell, MuscleCell
 from stages.discrepancy.noise import Noise
 from stages.discrepancy.restoring import restore
@@ -107,7 +106,7 @@ def _find_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Arra
     seen = np.flatnonzero(model.cell.present.any(axis=0))
     still = fit(replace(model, cell=model.cell.take(seen.tolist())), noise, values, iterations=0)
     floor = np.zeros(model.cell.trials)
-    least = explain_residual(still, build_features(still.model.cell), noise, learnt[seen])
+    least = find_floor(still, noise, learnt[seen])
     floor[seen] = np.minimum(least.raw, (still.residual**2).sum(axis=0))
     return floor
 
