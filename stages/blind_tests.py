@@ -164,7 +164,7 @@ class Job:
             "status": judged.status,
             "unknown": min(judged.unknown, 1.0),
             "unexplained_channel": where,
-            "unexplained_share": judged.left[where][0],
+            "unexplained_share": judged.left[where].share,
             "before": judged.gap(judged.found.steps[0], channels),
             "after": judged.gap([state.current.fit for state in judged.found.cells], channels),
             "oracle": self.reach(judged, truth, channels),
@@ -216,7 +216,7 @@ def list_named(judged: Judgement) -> list[dict[str, Any]]:
             "form": form,
             "channel": each.channel,
             "muscle": muscle,
-            "probability": min(each.probability * (1.0 - judged.unknown), 1.0),
+            "probability": min(each.probability * (1.0 - judged.doubt), 1.0),
             "not_excluded": ",".join(each.alternatives),
         }
         for order, each in enumerate(judged.named, start=1)
@@ -226,7 +226,7 @@ def list_named(judged: Judgement) -> list[dict[str, Any]]:
 
 def list_ranking(judged: Judgement, most_absorbed: float) -> list[dict[str, Any]]:
     """Return a row for each candidate of the first round."""
-    rows = [row for row in rank_first(judged.found, judged.unknown, most_absorbed) if row["round"] == 1]
+    rows = [row for row in rank_first(judged.found, judged.doubt, most_absorbed) if row["round"] == 1]
     return [
         {**row, "probability": min(row["probability"], 1.0), "place": place} for place, row in enumerate(rows, start=1)
     ]

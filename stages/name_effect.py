@@ -25,7 +25,8 @@ from stages.discrepancy import (
     prepare,
     rank_first,
     search,
-    unexplained_share,
+    sum_doubt,
+    weigh_remainder,
 )
 from stages.figures import draw_candidate_ranking
 from stages.plant.machine import Machine
@@ -70,6 +71,7 @@ UNEXPLAINED = Table(
         "channel": column(str, "measured channel"),
         "share": column(float, "share of the initial gap above the floor that a flexible model still removes"),
         "probability": column(float, "that it is more than the limit, and matters", low=0, high=1),
+        "imitated": column(float, "that what was named leaves more than one effect's forms differ by", low=0, high=1),
     },
     key=("channel",),
 )
@@ -115,9 +117,9 @@ def name_effect(
     cells = list_cells(cfg.plant, told, settings)
     states: list[CellState] = [prepare(cell.take(fitted)) for cell in cells]
     found = search(states, settings.search.settings, ctx.generator("trials"))
-    left = unexplained_share(found, settings.search.settings, ctx.generator("unexplained"))
-    unknown = max((probability for _, probability in left.values()), default=0.0)
-    ranking = pd.DataFrame(rank_first(found, unknown, settings.search.absorbed), columns=list(RANKING.columns))
+    left = weigh_remainder(found, settings.search.settings, ctx.generator("unexplained"))
+    doubt = sum_doubt(left)
+    ranking = pd.DataFrame(rank_first(found, doubt, settings.search.absorbed), columns=list(RANKING.columns))
     ctx.figure(
         "ranking",
         draw_candidate_ranking(ranking[ranking["round"] == 1]),
@@ -132,7 +134,7 @@ def name_effect(
             "site": each.site,
             "channel": each.channel,
             "muscle": muscle,
-            "probability": min(each.probability * (1.0 - unknown), 1.0),
+            "probability": min(each.probability * (1.0 - doubt), 1.0),
             "indistinguishable_from": ",".join(each.alternatives),
         }
         for order, each in enumerate(found.named, start=1)
@@ -142,7 +144,10 @@ def name_effect(
         RANKING.name: ranking,
         NAMED_EFFECTS.name: pd.DataFrame(named, columns=list(NAMED_EFFECTS.columns)),
         UNEXPLAINED.name: pd.DataFrame(
-            [{"channel": channel, "share": share, "probability": p} for channel, (share, p) in left.items()],
+            [
+                {"channel": channel, "share": each.share, "probability": each.unknown, "imitated": each.imitated}
+                for channel, each in left.items()
+            ],
             columns=list(UNEXPLAINED.columns),
         ),
         STEPS.name: pd.DataFrame(tell_steps(found), columns=list(STEPS.columns)),

@@ -13,10 +13,11 @@ from stages.discrepancy.machines import Measurements, list_cells, write_amended
 from stages.discrepancy.odd_trials import find_odd_trials
 from stages.discrepancy.parts import PURPOSES, Parts, assign_parts
 from stages.discrepancy.ranking import rank_first
+from stages.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.discrepancy.resampling import resample
 from stages.discrepancy.residuals import Seen, average_loops, average_plane
 from stages.discrepancy.restoring import restore
-from stages.discrepancy.search import CellState, Search, prepare, search, unexplained_share
+from stages.discrepancy.search import CellState, Search, prepare, search
 from stages.discrepancy.session import build_cells
 from stages.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.discrepancy.signature import trace_effects
@@ -62,13 +63,14 @@ __all__ = [
     "resample",
     "restore",
     "search",
+    "sum_doubt",
     "tell",
     "tell_odd",
     "tell_silent",
     "tell_truth",
     "trace_effects",
-    "unexplained_share",
     "upper_ratio",
     "verify",
+    "weigh_remainder",
     "write_amended",
 ]

@@ -14,7 +14,8 @@ import numpy as np
 from stages.discrepancy.cell import Cell
 from stages.discrepancy.fitting import Fit, fit
 from stages.discrepancy.flexible import find_floor
-from stages.discrepancy.search import CellState, Named, Search, SearchSettings, prepare, search, unexplained_share
+from stages.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
+from stages.discrepancy.search import CellState, Named, Search, SearchSettings, prepare, search
 from stages.discrepancy.verdict import Status, decide_status
 from stages.signals.trajectories import Array
 
@@ -33,8 +34,8 @@ class Judgement:
         After the nominal fit.
     found : Search
         Ended.
-    left : dict of str to (float, float)
-        By channel, share of the gap that a flexible model still removes, and probability that this matters.
+    left : dict of str to Remainder
+        By channel, what was named leaves.
     certain : float
         Probability at which something is said.
     """
@@ -43,18 +44,23 @@ class Judgement:
     opened: list[int]
     prepared: list[CellState]
     found: Search
-    left: dict[str, tuple[float, float]]
+    left: dict[str, Remainder]
     certain: float
 
     @property
     def unexplained(self) -> str:
         """Channel in which most probably something without a name is left."""
-        return max(self.left, key=lambda channel: self.left[channel][1])
+        return max(self.left, key=lambda channel: self.left[channel].unknown)
 
     @property
     def unknown(self) -> float:
-        """Probability that something without a name is left."""
-        return max((probability for _, probability in self.left.values()), default=0.0)
+        """Probability that something without a name is left, and matters."""
+        return max((each.unknown for each in self.left.values()), default=0.0)
+
+    @property
+    def doubt(self) -> float:
+        """Probability of something without a name; it takes its part from every name's."""
+        return sum_doubt(self.left)
 
     @property
     def status(self) -> Status:
@@ -112,7 +118,7 @@ def judge(
     fitted = [trial for trial in range(cells[0].trials) if trial not in set(opened)]
     prepared = [prepare(cell.take(fitted)) for cell in cells]
     found = search(prepared, settings, draw("trials"))
-    left = unexplained_share(found, settings, draw("unexplained"))
+    left = weigh_remainder(found, settings, draw("unexplained"))
     return Judgement(list(cells), list(opened), prepared, found, left, settings.certain)
 
 

@@ -18,7 +18,7 @@ def rank_first(found: Search, unknown: float, most_absorbed: float) -> list[dict
     found : Search
         Ended.
     unknown : float
-        Probability that something without a name is left after all that was named; it takes its part of every round.
+        Probability of something without a name; it takes its part of every round.
     most_absorbed : float
         Share of an effect's change that the constants may imitate.
     """

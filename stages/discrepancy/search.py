@@ -31,6 +31,7 @@ class SearchSettings:
     least_share: float
     later_share: float
     unexplained_share: float
+    imitation_share: float
     temper: float
     shortlist: int
     most_effects: int
@@ -394,7 +395,7 @@ def _decide(
     if verdicts.names[best] <= verdicts.names[NONE]:
         return None
     closed = {name: gaps[NONE] - gaps[name] for name in possible}
-    equals = [name for name in possible if closed[name] > AS_MUCH * closed[best]]
+    equals = [name for name in possible if name == best or closed[name] > AS_MUCH * closed[best]]
     best = min(equals, key=lambda name: (sizes[name], -verdicts.names[name]))
     equals = [name for name in equals if sizes[name] > sizes[best] or name == best]
     alternatives = tuple(
@@ -513,37 +514,3 @@ def _without(state: CellState, name: str) -> Fitted:
         place += len(form.parameters)
     kept = replace(model, forms=tuple(form for form in model.forms if form.name != name))
     return assess(fit(kept, state.noise, np.array(start)))
-
-
-def unexplained_share(
-    found: Search, settings: SearchSettings, generator: np.random.Generator, draws: int = 1000
-) -> dict[str, tuple[float, float]]:
-    """Return by channel the share of the initial gap that a flexible model would still remove, and its probability.
-
-    Returns
-    -------
-    dict of str to (float, float)
-        Median share over a Bayesian bootstrap of trials, and how often it is above the settings' limit while the gap
-        left is one that matters.
-    """
-    shares = {}
-    for channel in dict.fromkeys(state.cell.channel for state in found.cells):
-        states = [state for state in found.cells if state.cell.channel == channel]
-        weights = generator.dirichlet(np.ones(len(states[0].samples)), draws)
-        initial = _drawn_gap(states, weights, lambda state: state.nominal.raw)
-        now = _drawn_gap(states, weights, lambda state: state.current.raw)
-        least = _drawn_gap(states, weights, lambda state: state.leftover.raw)
-        share = np.where(initial > least, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
-        matters = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
-        shares[channel] = (float(np.median(share)), float(matters.mean()))
-    return shares
-
-
-def _drawn_gap(states: Sequence[CellState], weights: Array, raw_of: object) -> Array:
-    ratios = []
-    for state in states:
-        own = weights[:, : len(state.samples)]
-        mean = (own @ raw_of(state)) / (own @ state.samples)  # type: ignore[operator]
-        ratios.append(mean / state.floor**2)
-    gap: Array = np.sqrt(np.mean(ratios, axis=0))
-    return gap

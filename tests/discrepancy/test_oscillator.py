@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 from stages.discrepancy.oscillator_cell import build_oscillator
-from stages.discrepancy.search import SearchSettings, prepare, search, unexplained_share
+from stages.discrepancy.remainder import weigh_remainder
+from stages.discrepancy.search import SearchSettings, prepare, search
 from tests.discrepancy.oscillators import CONFIGURATION, NOISE_V, WANDER_V, configured, shake
 
 RECORDED = Path(__file__).resolve().parents[3] / "shared" / "data" / "silverbox" / "silverbox.parquet"
@@ -55,7 +56,7 @@ def test_nothing_is_named_in_a_linear_oscillator(settings, generator):
     cell = build_oscillator(*shake(generator, lambda x, w: 0.0 * x), configured("silverbox"))
     found, names = look_for(cell, settings, generator)
     assert names == []
-    assert unexplained_share(found, settings, generator)["response_v"][1] < 0.5
+    assert weigh_remainder(found, settings, generator)["response_v"].unknown < 0.5
 
 
 def test_blocks_can_be_taken_in_any_order(generator):
@@ -120,7 +121,7 @@ def test_the_spring_of_a_recorded_oscillator_is_named(settings, generator):
     found, names = look_for(cell.take([0, 2, 3, 5, 6, 8]), settings, generator)
     state = found.cells[0]
     assert names == ["cubic_stiffness"]
-    assert unexplained_share(found, settings, generator)["response_v"][1] < 0.5
+    assert weigh_remainder(found, settings, generator)["response_v"].unknown < 0.5
     assert compare(unused, state.nominal) > 0.1
     assert compare(unused, state.current) < 0.008
     beyond = build_oscillator(*cut_recorded("arrow_test", np.array([0]), 40400), plant)

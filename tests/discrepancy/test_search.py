@@ -6,7 +6,8 @@ import pytest
 from stages.discrepancy.cell import list_starts
 from stages.discrepancy.fitting import Model
 from stages.discrepancy.screening import screen
-from stages.discrepancy.search import SearchSettings, prepare, refine, search, unexplained_share
+from stages.discrepancy.remainder import weigh_remainder
+from stages.discrepancy.search import SearchSettings, prepare, refine, search
 from tests.discrepancy.toys import KINK, LINE, WAVE, Toy, make_toy
 
 SETTINGS = SearchSettings(
@@ -15,6 +16,7 @@ SETTINGS = SearchSettings(
     least_share=0.1,
     later_share=0.2,
     unexplained_share=0.25,
+    imitation_share=0.05,
     temper=2.0,
     shortlist=5,
     most_effects=3,
@@ -26,7 +28,7 @@ SETTINGS = SearchSettings(
 
 def run(*toys):
     found = search([prepare(each) for each in toys], SETTINGS, np.random.default_rng(0))
-    return found, unexplained_share(found, SETTINGS, np.random.default_rng(1))
+    return found, weigh_remainder(found, SETTINGS, np.random.default_rng(1))
 
 
 @pytest.mark.parametrize(("form", "size"), [(WAVE, 0.4), (KINK, 2.0)])
@@ -67,7 +69,7 @@ def test_what_no_form_explains_is_left_unexplained(seed):
 
     _, left = run(make_toy(seed, [(step, 0.8)], offered=(LINE, KINK)))
     assert left["y"][1] > 0.5
-    assert left["y"][0] > SETTINGS.unexplained_share
+    assert left["y"].share > SETTINGS.unexplained_share
 
 
 def test_the_element_that_carries_it_is_named():

@@ -1,0 +1,72 @@
+"""What is left after all that was named: whether it matters, and whether a name only stands in for something else.
+
+A search that has ended flows in; out flow, by channel, the share of the gap that a flexible model would still remove,
+and two probabilities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from stages.discrepancy.search import CellState, Search, SearchSettings
+from stages.signals.trajectories import Array
+
+DRAWS = 1000
+EVEN = 0.5
+"""Probability of something without a name where a name's forms leave more than forms of one effect differ by."""
+
+
+class Remainder(NamedTuple):
+    """What a channel's named effects leave.
+
+    Parameters
+    ----------
+    share : float
+        Of the initial gap above the floor, what a flexible model would still remove; median over resampled trials.
+    unknown : float
+        Probability that it is more than the limit while the gap left is one that matters.
+    imitated : float
+        Probability that what was named here leaves more than forms of the same effect differ by.
+    """
+
+    share: float
+    unknown: float
+    imitated: float
+
+
+def weigh_remainder(found: Search, settings: SearchSettings, generator: np.random.Generator) -> dict[str, Remainder]:
+    """Return by channel what is left, over a Bayesian bootstrap of trials."""
+    remainders = {}
+    for channel in dict.fromkeys(state.cell.channel for state in found.cells):
+        states = [state for state in found.cells if state.cell.channel == channel]
+        weights = generator.dirichlet(np.ones(len(states[0].samples)), DRAWS)
+        initial = _draw_gap(states, weights, lambda state: state.nominal.raw)
+        now = _draw_gap(states, weights, lambda state: state.current.raw)
+        least = _draw_gap(states, weights, lambda state: state.leftover.raw)
+        share = np.where(initial > least, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
+        unknown = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
+        named = any(state.current.forms for state in states)
+        imitated = float((share > settings.imitation_share).mean()) if named else 0.0
+        remainders[channel] = Remainder(float(np.median(share)), float(unknown.mean()), imitated)
+    return remainders
+
+
+def sum_doubt(remainders: Mapping[str, Remainder]) -> float:
+    """Return the probability that something without a name is there; it takes its part from every name's.
+
+    Where a name leaves so much that it may be an imitation, both are as likely.
+    """
+    return max((max(each.unknown, EVEN * each.imitated) for each in remainders.values()), default=0.0)
+
+
+def _draw_gap(states: Sequence[CellState], weights: Array, raw_of: Callable[[CellState], Array]) -> Array:
+    ratios = []
+    for state in states:
+        own = weights[:, : len(state.samples)]
+        mean = (own @ raw_of(state)) / (own @ state.samples)
+        ratios.append(mean / state.floor**2)
+    gap: Array = np.sqrt(np.mean(ratios, axis=0))
+    return gap
