@@ -72,6 +72,7 @@ UNEXPLAINED = Table(
         "share": column(float, "share of the initial gap above the floor that a flexible model still removes"),
         "probability": column(float, "that it is more than the limit, and matters", low=0, high=1),
         "imitated": column(float, "that what was named leaves more than one effect's forms differ by", low=0, high=1),
+        "line_hz": column(float, "frequency of an oscillation in all trials", unit="Hz", low=0, nullable=True),
     },
     key=("channel",),
 )
@@ -145,7 +146,13 @@ def name_effect(
         NAMED_EFFECTS.name: pd.DataFrame(named, columns=list(NAMED_EFFECTS.columns)),
         UNEXPLAINED.name: pd.DataFrame(
             [
-                {"channel": channel, "share": each.share, "probability": each.unknown, "imitated": each.imitated}
+                {
+                    "channel": channel,
+                    "share": each.share,
+                    "probability": each.unknown,
+                    "imitated": each.imitated,
+                    "line_hz": np.nan if each.line_hz is None else each.line_hz,
+                }
                 for channel, each in left.items()
             ],
             columns=list(UNEXPLAINED.columns),

@@ -33,6 +33,7 @@ from stages.discrepancy import (
     list_predictions,
     locate_most,
     resample,
+    summarise_unexplained,
     tell,
     tell_odd,
     tell_silent,
@@ -144,7 +145,7 @@ def verify_gap(
         "ranking": list_candidates(ranking),
         "absorbed": list_absorbed(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
-        "unexplained_share": float(unexplained["share"].clip(lower=0.0).max()),
+        **summarise_unexplained(unexplained),
         "gap": {**tell_gap(verification, last, judged), "over_floor": over_floor},
         "verification_trials": [int(trial) for trial in trial_parts["trial"].iloc[opened]],
     }

@@ -21,7 +21,14 @@ from stages.discrepancy.search import CellState, Search, prepare, search
 from stages.discrepancy.session import build_cells
 from stages.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.discrepancy.signature import trace_effects
-from stages.discrepancy.verdict import decide_status, describe_effects, list_absorbed, list_candidates, locate_most
+from stages.discrepancy.verdict import (
+    decide_status,
+    describe_effects,
+    list_absorbed,
+    list_candidates,
+    locate_most,
+    summarise_unexplained,
+)
 from stages.discrepancy.verification import Verified, bound_ratio, compare_steps, list_predictions, verify
 from stages.discrepancy.words import tell, tell_odd, tell_silent
 
@@ -64,6 +71,7 @@ __all__ = [
     "restore",
     "search",
     "sum_doubt",
+    "summarise_unexplained",
     "tell",
     "tell_odd",
     "tell_silent",

@@ -30,11 +30,14 @@ class Remainder(NamedTuple):
         Probability that it is more than the limit while the gap left is one that matters.
     imitated : float
         Probability that what was named here leaves more than forms of the same effect differ by.
+    line_hz : float or None
+        Frequency of an oscillation in all trials of one of its elements, Hz.
     """
 
     share: float
     unknown: float
     imitated: float
+    line_hz: float | None
 
 
 def weigh_remainder(found: Search, settings: SearchSettings, generator: np.random.Generator) -> dict[str, Remainder]:
@@ -50,7 +53,9 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
         unknown = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
         named = any(state.current.forms for state in states)
         imitated = float((share > settings.imitation_share).mean()) if named else 0.0
-        remainders[channel] = Remainder(float(np.median(share)), float(unknown.mean()), imitated)
+        lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
+        line_hz = float(np.median(lines)) if lines else None
+        remainders[channel] = Remainder(float(np.median(share)), float(unknown.mean()), imitated, line_hz)
     return remainders
 
 

@@ -48,6 +48,22 @@ def decide_status(named: int, unknown: float, certain: float) -> Status:
     return "named" if named else "no_discrepancy"
 
 
+def summarise_unexplained(unexplained: pd.DataFrame) -> dict[str, Any]:
+    """Return what is left without a name, over channels, as the verdict tells it.
+
+    Parameters
+    ----------
+    unexplained : DataFrame
+        Table `unexplained`.
+    """
+    lines = unexplained["line_hz"].dropna()
+    return {
+        "unexplained_share": float(unexplained["share"].clip(lower=0.0).max()),
+        "imitated": float(unexplained["imitated"].max()),
+        "line_hz": None if lines.empty else float(lines.iloc[0]),
+    }
+
+
 def list_candidates(ranking: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the candidates of the first round as the verdict lists them.
 

@@ -11,6 +11,8 @@ NOT_EFFECTS = ("none", "unknown")
 CONCENTRATED = 1.2
 """Share of the gap over share of time above which a gap is said to lie in a regime."""
 MOST_LISTED = 4
+IMITATED = 0.5
+"""Probability above which it is told that a name may stand in for something else."""
 LEAST_HELP = 0.97
 """Gap with a candidate over the gap without, above which it is not told as the nearest."""
 
@@ -55,8 +57,13 @@ def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
 def _tell_named(verdict: Mapping[str, Any]) -> list[str]:
     gap, effects = verdict["gap"], verdict["effects"]
     told = [_tell_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
+    doubt = (
+        f"What is left ({_percent(verdict['unexplained_share'])} of the gap above the noise) is more than forms of one "
+        "effect usually differ by: the name may stand in for something that the library does not hold."
+    )
     return [
         *told,
+        *([doubt] if verdict["imitated"] > IMITATED else []),
         f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} not fitted falls from "
         f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
         f"{_percent(gap['high'])}, p = {gap['p_value']:.2g}); the noise floor is {_percent(gap['noise_floor'])}.",
@@ -70,10 +77,11 @@ def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
     near = f" The nearest is {_spell(nearest['name'])}, which is not enough." if nearest else ""
+    line = "" if verdict["line_hz"] is None else f" It oscillates at {verdict['line_hz']:.3g} Hz in all trials."
     return [
         f"A gap is real and no effect of the library explains it: a flexible model would still take away "
-        f"{_percent(share)} of what is above the noise.{near} Nothing is named, and the plant is not changed but for "
-        "its fitted constants.",
+        f"{_percent(share)} of what is above the noise.{line}{near} Nothing is named, and the plant is not changed "
+        "but for its fitted constants.",
         f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
         f"{_percent(gap['noise_floor'])}.",
     ]

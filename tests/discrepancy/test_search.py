@@ -5,8 +5,8 @@ import pytest
 
 from stages.discrepancy.cell import list_starts
 from stages.discrepancy.fitting import Model
-from stages.discrepancy.screening import screen
 from stages.discrepancy.remainder import weigh_remainder
+from stages.discrepancy.screening import screen
 from stages.discrepancy.search import SearchSettings, prepare, refine, search
 from tests.discrepancy.toys import KINK, LINE, WAVE, Toy, make_toy
 
