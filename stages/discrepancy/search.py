@@ -63,6 +63,11 @@ class Fitted:
         """Effects in the model."""
         return self.fit.model.forms
 
+    @property
+    def spread(self) -> float:
+        """Root mean square of the residual of all trials, none left out, in the channel's unit."""
+        return float(np.sqrt((self.fit.residual**2).sum() / max(self.fit.model.cell.present.sum(), 1)))
+
     def estimate_noise(self) -> Noise:
         """Return the noise that the residual most likely is."""
         cell = self.fit.model.cell
@@ -83,7 +88,11 @@ class CellState:
     nominal: Fitted
     current: Fitted
     leftover: Leftover
-    features: Array
+
+    @cached_property
+    def features(self) -> Array:
+        """Generic features of the cell, for a flexible model."""
+        return build_features(self.cell)
 
     @cached_property
     def promises(self) -> list[Screened]:
@@ -146,25 +155,54 @@ class Search:
 
 def prepare(cell: Cell) -> CellState:
     """Fit a cell's nominal constants, and estimate its noise from what a flexible model leaves."""
-    model, features = Model(cell), build_features(cell)
+    model = Model(cell)
     rough = assess(fit(model, make_plain(0.01 * cell.range), begin(model)))
-    by_trees = explain_by_trees(cell, rough.residual)
+    features, by_trees = build_features(cell), explain_by_trees(cell, rough.residual)
     least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], cell)
     noise = estimate_noise(least.residual, cell.present, cell.step_s)
-    spread = float(np.sqrt((rough.fit.residual**2).sum() / max(cell.present.sum(), 1)))
-    nominal = refine(model, rough.fit.values, spread)
+    nominal = refine(model, rough.fit.values, rough.spread)
     leftover = keep_least([by_trees, explain_by_features(nominal.fit, features, noise)], cell)
-    return CellState(cell, noise, nominal, nominal, leftover, features)
+    return CellState(cell, noise, nominal, nominal, leftover)
+
+
+def resume(cell: Cell, values: Array, noise: Noise, residual: Array, left: Leftover) -> CellState:
+    """Return a cell as `prepare` left it.
+
+    Parameters
+    ----------
+    cell : Cell
+        The same.
+    values : (P,) ndarray
+        Its fitted constants.
+    noise : Noise
+        Of the channel.
+    residual : (T, K) ndarray
+        Of each trial, left out of the fit.
+    left : Leftover
+        What a flexible model left of it.
+    """
+    found = fit(Model(cell), noise, values, iterations=0)
+    nominal = Fitted(found, residual, (residual**2).sum(axis=0))
+    return CellState(cell, noise, nominal, nominal, left)
 
 
 def refine(model: Model, start: Array, spread: float) -> Fitted:
-    """Fit a model as if its residual were white, then under the noise that it leaves; return what predicts better.
+    """Fit a model as if its residual were white, then under the noise that it leaves; return what predicts better."""
+    return colour(fit_plain(model, start, spread))
+
+
+def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
+    """Fit a model as if its residual were white, of a root mean square `spread`.
 
     What another model left says little of this one's noise: a missing effect passes for wander, and under so much
     wander only steps would count.
     """
-    plain = assess(fit(model, make_plain(spread), start))
-    coloured = assess(fit(model, plain.estimate_noise(), plain.fit.values, iterations=4))
+    return assess(fit(model, make_plain(spread), start))
+
+
+def colour(plain: Fitted) -> Fitted:
+    """Fit a model once more, under the noise that it left; return what predicts better."""
+    coloured = assess(fit(plain.fit.model, plain.estimate_noise(), plain.fit.values, iterations=4))
     return min(plain, coloured, key=lambda each: float(each.raw.sum()))
 
 
@@ -215,6 +253,9 @@ AS_MUCH, LIKE = 0.985, 0.95
 NOT_WORTH = 1.0
 """Fall of a trial's score, in a cell, of a form that did not seem worth a full fit there."""
 
+NEAR = 1.25
+"""Sum of squares, over that of the best form in a cell, up to which a form is fitted under its own noise too."""
+
 Choice = dict[tuple[str, str], Fitted]
 """By name and form: the fit of one cell that carries it."""
 
@@ -249,11 +290,7 @@ def rank(
     """Return the names' probabilities and, for each cell, the fits with every form that was looked at closely."""
     close = _shortlist(found, candidates, settings)
     choices = [
-        {
-            (each.form.name, each.form.form): _extend(state, each)
-            for each in listed
-            if (state.cell.channel, each.form.name, each.form.form) in close
-        }
+        _extend(state, [each for each in listed if (state.cell.channel, each.form.name, each.form.form) in close])
         for state, listed in zip(found.cells, candidates, strict=True)
     ]
     temper = settings.temper
@@ -338,12 +375,16 @@ def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set
     return kept
 
 
-def _extend(state: CellState, chosen: Screened) -> Fitted:
-    """Fit a cell with one more effect, from where it stands."""
-    model = replace(state.current.fit.model, forms=(*state.current.forms, chosen.form))
-    added = [chosen.start[each.name] for each in chosen.form.parameters]
+def _extend(state: CellState, chosen: Sequence[Screened]) -> Choice:
+    """Fit a cell with one more effect, each in turn, from where it stands; those that are near the best, twice."""
     spread = float(np.sqrt(state.current.raw.sum() / max(state.samples.sum(), 1.0)))
-    return refine(model, np.concatenate([state.current.fit.values, added]), spread)
+    plain: Choice = {}
+    for each in chosen:
+        model = replace(state.current.fit.model, forms=(*state.current.forms, each.form))
+        start = np.concatenate([state.current.fit.values, [each.start[own.name] for own in each.form.parameters]])
+        plain[each.form.name, each.form.form] = fit_plain(model, start, spread)
+    near = NEAR * min((float(fitted.raw.sum()) for fitted in plain.values()), default=0.0)
+    return {key: colour(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
 
 
 def _absorb(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
