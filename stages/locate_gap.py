@@ -1,12 +1,14 @@
 """Where simulation and measurement disagree: nominal constants first, then channel by channel along the chain.
 
 In: what was measured. Out: `trial_parts` (which trials are fitted, and which are opened once, at the end),
-`nominal_fit` (the constants), `channels` (gap and noise floor of every muscle's channels) and `gap` (in which regime
-of motion and time it lies, tested over trials). Each channel is simulated from measured upstream signals.
+`nominal_fit` (the constants), `channels` (gap and noise floor of every muscle's channels), `residuals` (what is left
+of every sample) and `gap` (in which regime of motion and time it lies, tested over trials). Each channel is simulated
+from measured upstream signals.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,6 +31,7 @@ from stages.discrepancy import (
     average_loops,
     average_plane,
     list_cells,
+    list_residuals,
     locate,
     prepare,
     resample,
@@ -81,9 +84,23 @@ CHANNELS = Table(
         "quick_s": column(float, "its time constant", unit="s", low=0),
         "slow": column(float, "slow part of it", unit="of the channel", low=0),
         "slow_s": column(float, "its time constant", unit="s", low=0),
+        "line_hz": column(float, "frequency of an oscillation in all trials", unit="Hz", low=0, nullable=True),
     },
     key=("channel", "muscle"),
     brief=("channel", "muscle", "unit", "gap", "noise_floor", "gap_over_floor", "upper"),
+)
+RESIDUALS = Table(
+    "residuals",
+    "What is left of a sample, its trial left out of the fit",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "trial": column(int, "trial of the session", low=0),
+        "sample": column(int, "of the trial", low=0),
+        "residual": column(float, "measured less simulated", unit="of the channel"),
+        "left": column(float, "what a flexible model leaves of it", unit="of the channel"),
+    },
+    key=("channel", "muscle", "trial", "sample"),
 )
 GAP = Table(
     "gap",
@@ -115,7 +132,7 @@ class Config(Section):
     seed: int
 
 
-@stage(TRIAL_PARTS, NOMINAL_FIT, CHANNELS, GAP)
+@stage(TRIAL_PARTS, NOMINAL_FIT, CHANNELS, RESIDUALS, GAP)
 def locate_gap(
     cfg: Config,
     measured: pd.DataFrame,
@@ -148,6 +165,7 @@ def locate_gap(
         TRIAL_PARTS.name: pd.DataFrame({"trial": measured_trials["trial"], "part": purposes}),
         NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in tell_constants(each, weights, settings)]),
         CHANNELS.name: channels,
+        RESIDUALS.name: list_residuals(states, measured_trials["trial"].iloc[fitted].to_list()),
         GAP.name: gap,
     }
 
@@ -216,4 +234,5 @@ def tell_channel(state: CellState, weights: Any, settings: DiscrepancySettings) 
         "gap_over_floor": state.ratio(state.nominal.raw),
         "upper": upper_ratio(state, weights, settings.level),
         **state.noise._asdict(),
+        "line_hz": math.nan if state.leftover.line_hz is None else state.leftover.line_hz,
     }

@@ -17,13 +17,12 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.discrepancy import (
-    CellState,
     DiscrepancySettings,
     Measurements,
     Search,
     list_cells,
-    prepare,
     rank_first,
+    restore_states,
     search,
     sum_doubt,
     weigh_remainder,
@@ -109,14 +108,17 @@ def name_effect(
     measured_muscles: pd.DataFrame,
     measured_session: pd.DataFrame,
     trial_parts: pd.DataFrame,
+    nominal_fit: pd.DataFrame,
+    channels: pd.DataFrame,
+    residuals: pd.DataFrame,
     ctx: Context,
 ) -> dict[str, pd.DataFrame]:
     """Name what is missing, add it, and repeat until what is left is noise or has no name."""
     settings = cfg.discrepancy
     fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
-    cells = list_cells(cfg.plant, told, settings)
-    states: list[CellState] = [prepare(cell.take(fitted)) for cell in cells]
+    cells = [cell.take(fitted) for cell in list_cells(cfg.plant, told, settings)]
+    states = restore_states(cells, trial_parts["trial"].iloc[fitted].to_list(), nominal_fit, channels, residuals)
     found = search(states, settings.search.settings, ctx.generator("trials"))
     left = weigh_remainder(found, settings.search.settings, ctx.generator("unexplained"))
     doubt = sum_doubt(left)

@@ -16,7 +16,7 @@ from stages.discrepancy.ranking import rank_first
 from stages.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.discrepancy.resampling import resample
 from stages.discrepancy.residuals import Seen, average_loops, average_plane
-from stages.discrepancy.restoring import restore
+from stages.discrepancy.restoring import list_residuals, restore, restore_states
 from stages.discrepancy.search import CellState, Search, prepare, search
 from stages.discrepancy.session import build_cells
 from stages.discrepancy.settings import DiscrepancySettings, choose_verification
@@ -63,12 +63,14 @@ __all__ = [
     "list_candidates",
     "list_cells",
     "list_predictions",
+    "list_residuals",
     "locate",
     "locate_most",
     "prepare",
     "rank_first",
     "resample",
     "restore",
+    "restore_states",
     "search",
     "sum_doubt",
     "summarise_unexplained",

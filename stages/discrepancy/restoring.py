@@ -1,13 +1,91 @@
-"""Fits rebuilt from the values that a table keeps."""
+"""Fits and cells rebuilt from the values that tables keep, and rows for those tables."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
 from stages.discrepancy.cell import Cell, Form
 from stages.discrepancy.fitting import Model
+from stages.discrepancy.flexible import Leftover
+from stages.discrepancy.noise import Noise
+from stages.discrepancy.search import CellState, resume
 from stages.signals.trajectories import Array
+
+
+def list_residuals(states: Sequence[CellState], trials: Sequence[int]) -> pd.DataFrame:
+    """Return what the nominal model leaves of every sample, and what a flexible one would leave, trials left out.
+
+    Parameters
+    ----------
+    states : sequence of CellState
+        Prepared.
+    trials : sequence of int
+        Numbers of their trials.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``channel muscle trial sample residual left``.
+    """
+    frames = []
+    for state in states:
+        place, sample = np.nonzero(state.cell.present.T)
+        rows = {
+            "channel": state.cell.channel,
+            "muscle": state.cell.element,
+            "trial": np.asarray(trials)[place],
+            "sample": sample,
+            "residual": state.nominal.residual[sample, place],
+            "left": state.leftover.residual[sample, place],
+        }
+        frames.append(pd.DataFrame(rows))
+    return pd.concat(frames, ignore_index=True)
+
+
+def restore_states(
+    cells: Sequence[Cell],
+    trials: Sequence[int],
+    nominal_fit: pd.DataFrame,
+    channels: pd.DataFrame,
+    residuals: pd.DataFrame,
+) -> list[CellState]:
+    """Return cells as they were after the nominal fit.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        With the fitted trials.
+    trials : sequence of int
+        Their numbers, in the order of the cells' last axis.
+    nominal_fit, channels, residuals : DataFrame
+        Constants, noise, and what was left, by channel and muscle.
+    """
+    place = {trial: k for k, trial in enumerate(trials)}
+    constants, noises, samples = (
+        dict(table.groupby(["channel", "muscle"], sort=False)) for table in (nominal_fit, channels, residuals)
+    )
+    states = []
+    for cell in cells:
+        key = (cell.channel, cell.element)
+        values = constants[key].set_index("constant")["value"]
+        known, rows = noises[key].iloc[0], samples[key]
+        at = (rows["sample"].to_numpy(), rows["trial"].map(place).to_numpy())
+        residual, left = np.zeros(cell.measured.shape), np.zeros(cell.measured.shape)
+        residual[at], left[at] = rows["residual"], rows["left"]
+        line_hz = None if np.isnan(known["line_hz"]) else float(known["line_hz"])
+        states.append(
+            resume(
+                cell,
+                np.array([float(values[each.name]) for each in cell.constants]),
+                Noise(*(float(known[name]) for name in Noise._fields)),
+                residual,
+                Leftover((left**2).sum(axis=0), left, line_hz),
+            )
+        )
+    return states
 
 
 def restore(cell: Cell, steps: pd.DataFrame, step: int) -> tuple[Model, Array]:
