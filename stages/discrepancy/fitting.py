@@ -141,11 +141,14 @@ class Fit:
         free = np.flatnonzero(self.free)
         pull = (mean - self.values) / sd**2
         slopes = self.white.slopes[:, free[:, None], free]
-        for row, weight in enumerate(weights):
-            curvature = np.tensordot(weight, slopes, 1) + np.diag(self.precision[free])
-            gradient = weight @ self.white.cross[:, free] + pull[free]
-            room = (low - self.values)[free], (high - self.values)[free]
-            changes[row, free] = _find_least(curvature, gradient, sd[free], *room)
+        curvature = np.tensordot(weights, slopes, 1) + np.diag(self.precision[free])
+        gradient = weights @ self.white.cross[:, free] + pull[free]
+        room = (low - self.values)[free], (high - self.values)[free]
+        scaled = curvature * sd[free] * sd[free][:, None]
+        least = np.linalg.solve(scaled, (gradient * sd[free])[:, :, None])[:, :, 0] * sd[free]
+        for row in np.flatnonzero(((least < room[0]) | (least > room[1])).any(axis=1)):
+            least[row] = _find_least(curvature[row], gradient[row], sd[free], *room)
+        changes[:, free] = least
         return changes
 
     def cost(self, noise: Noise) -> float:

@@ -65,7 +65,7 @@ def restore_states(
     """
     place = {trial: k for k, trial in enumerate(trials)}
     constants, noises, samples = (
-        dict(table.groupby(["channel", "muscle"], sort=False)) for table in (nominal_fit, channels, residuals)
+        dict(iter(table.groupby(["channel", "muscle"], sort=False))) for table in (nominal_fit, channels, residuals)
     )
     states = []
     for cell in cells:
