@@ -16,7 +16,7 @@ LEAST_HZ = 6.0
 HIGHEST = 0.95
 """Over half the sampling rate; at its edge a spectrum is no longer spread as elsewhere."""
 PADDING = 2
-NEIGHBOURS = 20
+NEIGHBOURS = 80
 """Bins of the padded spectrum on either side that tell how much noise there is around a frequency."""
 CHANCE = 1e-3
 """Probability that noise alone shows a line."""
@@ -36,7 +36,7 @@ def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> flo
 
     Notes
     -----
-    Power over the median around it, mean over K trials, against the gamma distribution that it has under noise, for as
+    Mean power of K trials over the median around it, against the gamma distribution that it has under noise, for as
     many frequencies as trials have samples; Percival and Walden, Spectral Analysis for Physical Applications (1993),
     chapter 10.
     """
@@ -50,12 +50,14 @@ def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> flo
     kept = np.where(present, residual, 0.0)[:, whole]
     windowed = (kept - kept.mean(axis=0)) * np.hanning(samples)[:, None]
     power = np.abs(np.fft.rfft(windowed, PADDING * samples, axis=0)) ** 2
-    around = median_filter(power, size=(2 * NEIGHBOURS + 1, 1), mode="nearest") / np.log(2.0)
-    over = (power / np.maximum(around, 1e-300)).mean(axis=1)
     frequency = np.fft.rfftfreq(PADDING * samples, step_s)
     sought = (frequency >= LEAST_HZ) & (frequency <= HIGHEST * frequency[-1])
     if not sought.any():
         return None
+    level = np.maximum(np.median(power[sought], axis=0), 1e-300)  # trials count alike, whatever wanders slowly in them
+    mean = (power / level).mean(axis=1)
+    usual = gamma.median(len(whole), scale=1.0 / len(whole))
+    over = usual * mean / median_filter(mean, size=2 * NEIGHBOURS + 1, mode="mirror")
     peak = int(np.argmax(np.where(sought, over, 0.0)))
     by_chance = gamma.sf(over[peak], len(whole), scale=1.0 / len(whole)) * PADDING * samples / 2
     return float(frequency[peak]) if by_chance < CHANCE else None
