@@ -98,6 +98,7 @@ def test_another_truth_than_the_sealed_one_is_refused(recorded, tmp_path):
         opened(other, tmp_path, [])
 
 
+@pytest.mark.slow
 def test_the_amended_simulator_is_identified(pamid):
     result = pamid("experiment=hidden_effect", "seed=3", "budget=tiny")
     assert result.returncode == 0, result.stderr

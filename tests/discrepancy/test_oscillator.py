@@ -113,6 +113,7 @@ def cut_recorded(part, starts, samples):
 
 
 @pytest.mark.skipif(not RECORDED.exists(), reason=f"recorded data of others are needed at {RECORDED}")
+@pytest.mark.slow
 def test_the_spring_of_a_recorded_oscillator_is_named(settings, generator):
     plant = configured("silverbox")
     realisations = 8602 + 8692 * np.arange(9)
