@@ -15,7 +15,6 @@ from typing import Self
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from stages.discrepancy.cell import Cell, Driver, Form
 from stages.discrepancy.fitting import Model, begin, fit
@@ -120,6 +119,8 @@ class OscillatorCell(Cell):
 
     def respond(self, features: Array) -> Array:
         """Return features both as they are and as the linear oscillator answers to them, (T, K, 2 F)."""
+        from scipy.signal import lfilter
+
         constants = self._linear
         angle = 2.0 * np.pi * constants["natural_frequency_hz"] * self.step_s
         ratio = min(constants["damping_ratio"], 0.99)
