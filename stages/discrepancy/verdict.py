@@ -49,18 +49,19 @@ def decide_status(named: int, unknown: float, certain: float) -> Status:
 
 
 def summarise_unexplained(unexplained: pd.DataFrame) -> dict[str, Any]:
-    """Return what is left without a name, over channels, as the verdict tells it.
+    """Return what is left without a name, over channels, as the verdict tells it; a line, of the worst channel.
 
     Parameters
     ----------
     unexplained : DataFrame
         Table `unexplained`.
     """
-    lines = unexplained["line_hz"].dropna()
+    worst = int(np.argmax(unexplained["probability"].to_numpy()))
+    line_hz = float(unexplained["line_hz"].to_numpy()[worst])
     return {
         "unexplained_share": float(unexplained["share"].clip(lower=0.0).max()),
         "imitated": float(unexplained["imitated"].max()),
-        "line_hz": None if lines.empty else float(lines.iloc[0]),
+        "line_hz": None if np.isnan(line_hz) else line_hz,
     }
 
 
