@@ -1,0 +1,81 @@
+"""The verdict's sentences say what its numbers say, and no more."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.discrepancy import summarise_unexplained, tell
+
+GAP = {
+    "before": 0.081,
+    "after": 0.021,
+    "noise_floor": 0.02,
+    "low": 0.019,
+    "high": 0.023,
+    "p_value": 0.031,
+    "over_floor": {"value": 1.02, "low": 1.0, "high": 1.05},
+}
+EFFECT = {
+    "name": "hysteresis",
+    "form": "maxwell_slip",
+    "muscles": ["pam1", "pam3"],
+    "probability": 0.93,
+    "indistinguishable_from": [],
+    "by_muscle": {},
+}
+RANKING = [
+    {"name": "hysteresis", "probability": 0.93, "heldout_gap": 0.021, "absorbed": False},
+    {"name": "coulomb_friction", "probability": 0.05, "heldout_gap": 0.05, "absorbed": False},
+    {"name": "none", "probability": 0.02, "heldout_gap": 0.081, "absorbed": False},
+]
+
+
+def speak(status, **changes):
+    verdict = {
+        "status": status,
+        "effects": [EFFECT] if status == "named" else [],
+        "ranking": RANKING,
+        "gap": GAP,
+        "unexplained_share": 0.4,
+        "imitated": 0.0,
+        "line_hz": None,
+        "verification_trials": [2, 5, 8],
+    }
+    return " ".join(tell({**verdict, **changes}, [], [], []))
+
+
+def test_a_name_is_told_with_what_it_closes_and_what_comes_next():
+    text = speak("named")
+    for part in (
+        "hysteresis on pam1 and pam3 (probability 0.93; next is coulomb friction, 0.05)",
+        "falls from 8.1 % to 2.1 %",
+        "p = 0.031",
+        "noise floor is 2.0 %",
+    ):
+        assert part in text
+    assert "stand in" not in text
+
+
+@pytest.mark.parametrize(("imitated", "doubted"), [(0.4, False), (0.6, True)])
+def test_a_name_that_may_be_an_imitation_is_said_to_be(imitated, doubted):
+    text = speak("named", imitated=imitated, unexplained_share=0.08)
+    assert ("8.0 % of the gap above the noise) is more than forms of one effect" in text) == doubted
+
+
+@pytest.mark.parametrize(("line_hz", "told"), [(None, False), (49.94, True)])
+def test_what_oscillates_is_told_where_nothing_is_named(line_hz, told):
+    text = speak("unexplained", line_hz=line_hz)
+    assert "a flexible model would still take away 40 % of what is above the noise" in text
+    assert "The nearest is hysteresis, which is not enough" in text
+    assert ("It oscillates at 49.9 Hz in all trials" in text) == told
+
+
+def test_nothing_missing_is_told_with_its_limit():
+    assert "in its worst channel it is at most 1.05 times the floor" in speak("no_discrepancy")
+
+
+def test_the_line_is_that_of_the_channel_in_which_most_is_left():
+    table = pd.DataFrame({"share": [-0.2, 0.9], "probability": [0.1, 1.0], "imitated": [0.3, 0.0]})
+    heard = summarise_unexplained(table.assign(line_hz=[13.0, 50.0]))
+    assert heard == {"unexplained_share": 0.9, "imitated": 0.3, "line_hz": 50.0}
+    assert summarise_unexplained(table.assign(line_hz=[13.0, np.nan]))["line_hz"] is None
