@@ -114,21 +114,7 @@ MEASURED_TRIALS = Table(
 MEASURED_MUSCLES = Table(
     "measured_muscles",
     "A muscle of the measured machine",
-    {
-        "muscle": column(str, "its name"),
-        "joint": column(str, "joint that it moves"),
-        "role": column(str, "agonists raise the angle", among=["agonist", "antagonist"]),
-        "type": column(str, "its type"),
-        "rest_length_m": column(float, "length without pressure and load", unit="m", low=0),
-        "nominal_diameter_m": column(float, "inner diameter without pressure", unit="m", low=0),
-        "moment_arm_m": column(float, "radius of the joint's pulley", unit="m", low=0),
-        "contraction_at_angle_0": column(float, "contraction at angle 0"),
-        "sign": column(int, "1 when it shortens as the angle grows", among=[-1, 1]),
-        "valve_tau_s": column(float, "time constant of the valve, to begin with", unit="s", nullable=True),
-        "braid_angle_deg": column(float, "braid angle at rest, to begin with", unit="degrees", nullable=True),
-        "contraction_factor": column(float, "factor on contraction, to begin with", nullable=True),
-        "damping_n_s": column(float, "tension lost per velocity, to begin with", unit="N s", nullable=True),
-    },
+    MUSCLE_COLUMNS,
     key=("muscle",),
 )
 MEASURED_SESSION = Table(
