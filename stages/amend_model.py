@@ -23,6 +23,7 @@ from stages.discrepancy import (
     estimate_intervals,
     list_cells,
     restore,
+    settle,
     write_amended,
 )
 from stages.plant.machine import Machine
@@ -81,5 +82,5 @@ def amend_model(
         noise = channels[(channels["channel"] == cell.channel) & (channels["muscle"] == cell.element)].iloc[0]
         rows += estimate_intervals(model, values, noise, settings, ctx.generator("resample"))
     amended = pd.DataFrame(rows, columns=list(AMENDED_VALUES.columns))
-    ctx.document("amended", write_amended(cfg.plant, amended, channels, measured_muscles), "yaml")
+    ctx.document("amended", write_amended(settle(cfg.plant, cells), amended, channels, measured_muscles), "yaml")
     return amended

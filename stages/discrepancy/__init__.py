@@ -9,7 +9,7 @@ from stages.discrepancy.cell import Cell, Driver, Form
 from stages.discrepancy.exactness import explain_exactly
 from stages.discrepancy.gaps import locate, upper_ratio
 from stages.discrepancy.judgement import Judgement, judge, tell_truth
-from stages.discrepancy.machines import Measurements, list_cells, write_amended
+from stages.discrepancy.machines import Measurements, list_cells, settle, write_amended
 from stages.discrepancy.odd_trials import find_odd_trials
 from stages.discrepancy.parts import PURPOSES, Parts, assign_parts
 from stages.discrepancy.ranking import rank_first
@@ -72,6 +72,7 @@ __all__ = [
     "restore",
     "restore_states",
     "search",
+    "settle",
     "sum_doubt",
     "summarise_unexplained",
     "tell",

@@ -132,6 +132,19 @@ class Cell(ABC):
         """Return the cell with some of its trials, by position."""
 
     @property
+    def plane(self) -> tuple[str, str]:
+        """Names of the two drivers over which residuals are drawn as a plane."""
+        first, second = [driver.name for driver in self.drivers() if driver.own][:2]
+        return first, second
+
+    @property
+    def loop(self) -> tuple[str, str]:
+        """Names of the driver that a loop of residuals runs over, and of the rate that gives its direction."""
+        own = [driver for driver in self.drivers() if driver.own]
+        state, rate = (next(driver.name for driver in own if driver.rate is rate) for rate in (False, True))
+        return state, rate
+
+    @property
     def pace_s(self) -> float:
         """Time of a usual movement, s; regimes of time and frequency are told by it."""
         return 1.0

@@ -13,14 +13,17 @@ import pandas as pd
 
 from stages.discrepancy.amendment import amend
 from stages.discrepancy.cell import Cell
+from stages.discrepancy.element_cell import ElementCell, build_element
 from stages.discrepancy.oscillator_cell import build_oscillator
 from stages.discrepancy.session import build_cells
 from stages.discrepancy.settings import DiscrepancySettings
+from stages.plant.machine import RecordPlant
 from stages.plant.oscillator import Oscillator, find_oscillator_effect
 from stages.plant.plant import Plant
+from stages.plant.static_map import StaticMap, find_element_effect
 
-HELD_BY = {"muscles": Plant, "records": Oscillator}
-"""Which plant simulates each kind of recording."""
+HELD_BY: dict[str, tuple[type, ...]] = {"muscles": (Plant,), "records": (Oscillator, StaticMap)}
+"""Which plants simulate each kind of recording."""
 
 
 class Measurements(NamedTuple):
@@ -33,7 +36,7 @@ class Measurements(NamedTuple):
     session: pd.DataFrame
 
 
-def list_cells(plant: Plant | Oscillator, measured: Measurements, settings: DiscrepancySettings) -> Sequence[Cell]:
+def list_cells(plant: Plant | RecordPlant, measured: Measurements, settings: DiscrepancySettings) -> Sequence[Cell]:
     """Return the cells of a recording, whatever the machine.
 
     Raises
@@ -43,22 +46,29 @@ def list_cells(plant: Plant | Oscillator, measured: Measurements, settings: Disc
     """
     kind = str(measured.session["kind"].iloc[0])
     if not isinstance(plant, HELD_BY[kind]):
-        hint = "plant=nominal, or measurement=records" if kind == "muscles" else "plant=second_order"
+        hint = "plant=nominal, or measurement=records" if kind == "muscles" else "plant=second_order or static_map"
         raise ValueError(f"plant: expected one that simulates {kind}, got another kind of machine; set {hint}")
     if isinstance(plant, Oscillator):
         return [build_oscillator(measured.signals, measured.trials, plant)]
+    if isinstance(plant, StaticMap):
+        return [build_element(measured.signals, measured.trials, plant)]
     return build_cells(measured.samples, measured.trials, measured.muscles, measured.session, settings)
 
 
+def settle(plant: Plant | RecordPlant, cells: Sequence[Cell]) -> Plant | RecordPlant:
+    """Return the plant with what it left to the data to tell, as its cells have it."""
+    return cells[0].plant if isinstance(cells[0], ElementCell) else plant
+
+
 def write_amended(
-    plant: Plant | Oscillator, values: pd.DataFrame, channels: pd.DataFrame, muscles: pd.DataFrame
+    plant: Plant | RecordPlant, values: pd.DataFrame, channels: pd.DataFrame, muscles: pd.DataFrame
 ) -> dict[str, Any]:
     """Return the configuration of a plant with fitted constants and added effects.
 
     Parameters
     ----------
-    plant : Plant or Oscillator
-        What was configured.
+    plant : Plant, or one of records
+        What was configured, settled.
     values : DataFrame
         Columns ``muscle effect form parameter value``; an empty effect marks a nominal constant.
     channels : DataFrame
@@ -66,15 +76,20 @@ def write_amended(
     muscles : DataFrame
         Columns ``muscle type``; empty for a machine without muscles.
     """
-    if isinstance(plant, Oscillator):
-        return _amend_oscillator(plant, values).model_dump()
+    if isinstance(plant, RecordPlant):
+        return _amend_records(plant, values).model_dump()
     return amend(plant, values, channels, dict(zip(muscles["muscle"], muscles["type"], strict=True)))
 
 
-def _amend_oscillator(plant: Oscillator, values: pd.DataFrame) -> Oscillator:
-    chosen = values[values["effect"] != ""].groupby(["effect", "form"], sort=False)
-    added = [(find_oscillator_effect(str(name), str(form)), _by_name(rows)) for (name, form), rows in chosen]
-    return plant.amend(_by_name(values[values["effect"] == ""]), added)
+def _amend_records(plant: RecordPlant, values: pd.DataFrame) -> RecordPlant:
+    constants = _by_name(values[values["effect"] == ""])
+    chosen = [
+        (str(name), str(form), _by_name(rows))
+        for (name, form), rows in values[values["effect"] != ""].groupby(["effect", "form"], sort=False)
+    ]
+    if isinstance(plant, Oscillator):
+        return plant.amend(constants, [(find_oscillator_effect(name, form), own) for name, form, own in chosen])
+    return plant.amend(constants, [(find_element_effect(name, form), own) for name, form, own in chosen])
 
 
 def _by_name(rows: pd.DataFrame) -> dict[str, float]:

@@ -207,6 +207,8 @@ class ForceCell(MuscleCell):
 
     channel = "force_n"
     unit = "N"
+    plane = ("contraction", "pressure_kpa")
+    loop = ("contraction", "contraction_velocity_per_s")
 
     @property
     def measured(self) -> Array:  # type: ignore[override]

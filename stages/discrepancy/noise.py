@@ -25,6 +25,8 @@ LEAST_WHITE = 0.5
 Sensors have white noise. A model of noise without any would judge a residual by its steps alone, and a simulation whose
 steps come a sample too early or late would be judged worse than one without steps.
 """
+LEAST_SHARE = 0.1
+"""White noise over all of a residual, at least: no model is right to less than that from sample to sample."""
 
 
 class Noise(NamedTuple):
@@ -136,7 +138,7 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, s
         return float(0.5 * (((z - centre) / width) ** 2).sum() - log_density(values, present, build(z), step_s).sum())
 
     bounds = [(c - 4.0 * w, c + 4.0 * w) for c, w in zip(centre, width, strict=True)]
-    least = math.log(max(LEAST_WHITE * _roughness(values, present) / spread, 1e-6))
+    least = math.log(max(LEAST_WHITE * _roughness(values, present) / spread, LEAST_SHARE))
     bounds[0] = (max(bounds[0][0], min(least, 0.0)), bounds[0][1])
     centre[0] = max(centre[0], bounds[0][0])
     found = minimize(cost, centre, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40, "ftol": 1e-6})

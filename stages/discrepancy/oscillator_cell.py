@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from stages.discrepancy.cell import Cell, Driver, Form
 from stages.discrepancy.fitting import Model, begin, fit
 from stages.discrepancy.noise import Noise
+from stages.discrepancy.records import bridge, spread_records
 from stages.plant.effect import DynamicEffect, Parameter, list_effects, list_forms
 from stages.plant.oscillator import SITE, Oscillator
 from stages.plant.second_order import collect_terms, refine, simulate_oscillator
@@ -159,12 +160,7 @@ def build_oscillator(signals: pd.DataFrame, trials: pd.DataFrame, plant: Oscilla
         When one of the signals is missing or has no values.
     """
     samples = int(trials["samples"].max())
-    wide = signals.pivot(index=["record", "time_s"], columns="signal", values="value")
-    for name in (plant.input, plant.output):
-        if name not in wide or not wide[name].notna().any():
-            raise ValueError(f"signal {name}: expected values, got none; known are {', '.join(map(str, wide.columns))}")
-    records = {name: rows.droplevel("record") for name, rows in wide.groupby(level="record", sort=False)}
-    step_s = float(np.median(np.diff(next(iter(records.values())).index)))
+    records, step_s = spread_records(signals, (plant.input, plant.output))
     lead = round(plant.lead_in_s / step_s)
     refined = {name: _refine_record(rows, plant, lead) for name, rows in records.items()}
     blocks = [
@@ -181,7 +177,7 @@ def _refine_record(rows: pd.DataFrame, plant: Oscillator, lead: int) -> tuple[Ar
     missing = np.concatenate([np.ones(lead), ~known])
     total = np.concatenate([[0.0], np.cumsum(missing)])
     clear = total[lead + 1 :] - total[: len(known)] == 0.0
-    return refine(_bridge(rows[plant.input])[:, None], plant.substeps, plant.between_samples)[:, 0], clear
+    return refine(bridge(rows[plant.input])[:, None], plant.substeps, plant.between_samples)[:, 0], clear
 
 
 def _cut(
@@ -202,13 +198,4 @@ def _cut(
     places = np.minimum(places, len(rows) - 1)
     output = rows[plant.output].to_numpy(dtype=float)
     present = inside & clear[places] & np.isfinite(output[places])
-    return fine[np.clip(at, 0, len(fine) - 1)], _bridge(rows[plant.output])[places], present
-
-
-def _bridge(column: pd.Series) -> Array:
-    """Return values with gaps bridged by straight lines and ends held."""
-    values = column.to_numpy(dtype=float)
-    known = np.flatnonzero(np.isfinite(values))
-    if not len(known):
-        return np.zeros(len(values))
-    return np.interp(np.arange(len(values)), known, values[known])
+    return fine[np.clip(at, 0, len(fine) - 1)], bridge(rows[plant.output])[places], present

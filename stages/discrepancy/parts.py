@@ -22,12 +22,17 @@ class Parts(Declared):
 
     fitted: Names | None = Field(description="parts that are fitted; null = all but those of verification")
     verification: Names | None = Field(description="parts opened once; null = trials spread over the fitted parts")
+    last_share: Annotated[float, Field(gt=0.0, lt=1.0)] | None = Field(
+        description="share of the fitted parts' trials, at the end, that is opened; null = spread evenly"
+    )
 
     @model_validator(mode="after")
     def _keep_apart(self) -> Self:
         both = sorted(set(self.fitted or []) & set(self.verification or []))
         if both:
             raise ValueError(f"expected parts that are either fitted or opened for verification, got {both[0]} in both")
+        if self.verification and self.last_share is not None:
+            raise ValueError("expected verification or last_share, got both; set one of them to null")
         return self
 
 
@@ -54,6 +59,8 @@ def assign_parts(given: Sequence[str], parts: Parts, share: float) -> list[str]:
     opened = parts.verification or []
     candidates = [k for k, part in enumerate(given) if part not in opened and part in (parts.fitted or given)]
     chosen = [k for k, part in enumerate(given) if part in opened]
+    if not chosen and parts.last_share is not None:
+        chosen = candidates[len(candidates) - max(round(parts.last_share * len(candidates)), 1) :]
     if not chosen:
         chosen = [candidates[k] for k in choose_verification(len(candidates), share)]
     fitted = [k for k in candidates if k not in chosen]

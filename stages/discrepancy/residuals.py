@@ -19,15 +19,6 @@ from stages.signals.trajectories import Array
 LOOP_BINS, PLANE_BINS = 14, 28
 LEAST_SHARE = 0.002
 """Share of the samples below which the average of a bin says nothing."""
-PLANES = {
-    "force_n": ("contraction", "pressure_kpa"),
-    "pressure_kpa": ("pressure_command_kpa", "command_rate"),
-}
-LOOPS = {
-    "force_n": ("contraction", "contraction_velocity_per_s"),
-    "pressure_kpa": ("pressure_command_kpa", "command_rate"),
-}
-"""By channel: the signal that a loop runs over, and the rate whose sign is its direction."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +44,7 @@ def average_plane(seen: Sequence[Seen]) -> pd.DataFrame:
 def _average_plane(seen: Seen) -> pd.DataFrame:
     own = [each for each in seen.cell.drivers() if each.own]
     signals, rates = list_signals(seen.cell), {each.name for each in own if each.rate}
-    across, along = PLANES.get(seen.cell.channel, tuple(signals)[:2])
+    across, along = seen.cell.plane
     present = seen.cell.present
     x, y = signals[across][present], signals[along][present]
     edges = [_equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else _equal_edges(y, PLANE_BINS)]
@@ -87,7 +78,7 @@ def average_loops(seen: Sequence[Seen]) -> pd.DataFrame:
 
 def _average_loop(seen: Seen) -> pd.DataFrame:
     signals = list_signals(seen.cell)
-    variable, rate = choose_loop(seen.cell)
+    variable, rate = seen.cell.loop
     rows = average_by_direction(signals[variable], signals[rate], seen.residual, seen.cell)
     told = {"channel": seen.cell.channel, "muscle": seen.cell.element, "unit": seen.cell.unit, "variable": variable}
     return rows.assign(**told)
@@ -97,13 +88,6 @@ def list_signals(cell: Cell) -> dict[str, Array]:
     """Return a cell's own drivers by name."""
     own = [driver for driver in cell.drivers() if driver.own]
     return dict(zip((each.name for each in own), map(attrgetter("values"), own), strict=True))
-
-
-def choose_loop(cell: Cell) -> tuple[str, str]:
-    """Return the names of the signal that a loop runs over and of the rate that gives its direction."""
-    own = [each for each in cell.drivers() if each.own]
-    first, rate = (next(each.name for each in own if each.rate is rate) for rate in (False, True))
-    return LOOPS.get(cell.channel, (first, rate))
 
 
 def average_by_direction(variable: Array, rate: Array | None, values: Array, cell: Cell) -> pd.DataFrame:

@@ -17,7 +17,6 @@ from stages.discrepancy.residuals import (
     LOOP_BINS,
     average_by_direction,
     average_in_bins,
-    choose_loop,
     hold_direction,
     list_signals,
 )
@@ -88,7 +87,7 @@ def _trace(cell: Cell, steps: pd.DataFrame, last: int, name: str) -> _Traced:
     own = [each for each in cell.drivers() if each.own]
     variables = list_signals(cell) | _list_variables(cell, without)
     levels = frozenset({"simulated", *(each.name for each in own if not each.rate)})
-    rate = variables[choose_loop(cell)[1]]
+    rate = variables[cell.loop[1]]
     return _Traced(cell, form, cell.measured - without, whole - without, variables, levels, rate)
 
 

@@ -1,9 +1,9 @@
-"""What a named effect is: a site, parameters with their priors, a source, and one of three shapes.
+"""What a named effect is: a site, parameters with their priors, a source, and one of four shapes.
 
 A chain effect maps whole arrays at its site; a joint effect adds to the terms of the joints' one compiled integrator,
-and a dynamic effect to that of another machine. In all, the first parameter is the magnitude, and zero magnitude means
-that the effect is absent. An effect may have several forms in the literature: they share its name, and the module of
-that name lists them.
+and a dynamic effect to that of another machine; an element effect maps what an element on a test bench answers. In all,
+the first parameter is the magnitude, and zero magnitude means that the effect is absent. An effect may have several
+forms in the literature: they share its name, and the module of that name lists them.
 """
 
 from __future__ import annotations
@@ -179,7 +179,48 @@ class DynamicEffect:
     terms: Callable[[Mapping[str, float]], dict[str, float]]
 
 
-Effect = ChainEffect | JointEffect | DynamicEffect
+@dataclass(frozen=True)
+class Bench:
+    """What an effect of an element may look at beside the answer that it maps; arrays are (T, R), records in columns.
+
+    Parameters
+    ----------
+    along : (T, R) ndarray
+        The signal along which the element is moved, over its scale, zero in the middle of its range.
+    rate : (T, R) ndarray
+        How fast it is moved, scales per pace.
+    step_s, pace_s : float
+        Time between samples, and of a usual movement through one scale, s.
+    session_s : (T, R) ndarray
+        Time in the session, s.
+    """
+
+    along: Array
+    rate: Array
+    step_s: float
+    pace_s: float
+    session_s: Array
+
+
+@dataclass(frozen=True)
+class ElementEffect:
+    """An effect of an element on a test bench: ``apply(answer, bench, parameters)`` returns the changed answer.
+
+    The answer is over its scale, so that bounds hold for every element. The other fields are those of `ChainEffect`.
+    """
+
+    name: str
+    form: str
+    parameters: tuple[Parameter, ...]
+    source: str
+    signature: str
+    split_by: str
+    relatives: tuple[str, ...]
+    apply: Callable[[Array, Bench, Mapping[str, float]], Array]
+    site: Literal["element"] = "element"
+
+
+Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect
 
 
 @cache

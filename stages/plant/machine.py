@@ -7,22 +7,34 @@ from typing import Annotated, Any
 
 from pydantic import PlainValidator
 
+from stages.plant.declaration import nearest
 from stages.plant.oscillator import Oscillator
 from stages.plant.plant import Plant
+from stages.plant.static_map import StaticMap
+
+RecordPlant = Oscillator | StaticMap
+"""Plants that simulate records of signals."""
+KINDS: dict[str, type[Oscillator] | type[StaticMap]] = {"second_order": Oscillator, "static_map": StaticMap}
 
 
-def read_machine(section: Any) -> Plant | Oscillator:
+def read_machine(section: Any) -> Plant | RecordPlant:
     """Return a section of the configuration as the model of its kind; muscles have none.
 
     Raises
     ------
     ValidationError
         When the model refuses it.
+    ValueError
+        When there is no such kind.
     """
-    if isinstance(section, Plant | Oscillator):
+    if isinstance(section, Plant | RecordPlant):
         return section
-    model = Oscillator if isinstance(section, Mapping) and "kind" in section else Plant
-    return model.model_validate(section)
+    if not isinstance(section, Mapping) or "kind" not in section:
+        return Plant.model_validate(section)
+    kind = str(section["kind"])
+    if kind not in KINDS:
+        raise ValueError(f"kind: expected {' or '.join(KINDS)}, got {kind!r}; {nearest(kind, KINDS)}")
+    return KINDS[kind].model_validate(section)
 
 
-Machine = Annotated[Plant | Oscillator, PlainValidator(read_machine)]
+Machine = Annotated[Plant | RecordPlant, PlainValidator(read_machine)]

@@ -6,40 +6,17 @@ A section of YAML flows in; checked values and the simulated output of a record 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Self
+from typing import Literal, Self, cast
 
-from pydantic import Field, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from stages.plant.declaration import Declared
-from stages.plant.effect import DynamicEffect, Parameter, find_effect, list_forms
-from stages.plant.plant import check_parameters
+from stages.plant.effect import DynamicEffect, Parameter
+from stages.plant.listed import ListedEffect, NominalConstant, find_effect_at
 from stages.plant.second_order import Between, OscillatorConstants, collect_terms, refine, simulate_oscillator
 from stages.signals.trajectories import Array
 
 SITE = "oscillator"
-
-
-class NominalConstant(Declared):
-    """A constant of the linear model: where a fit begins, and how far it may go."""
-
-    unit: str
-    start: float
-    low: float
-    high: float
-    sd: float = Field(gt=0.0, description="standard deviation of the prior about the start")
-
-    @model_validator(mode="after")
-    def _check_order(self) -> Self:
-        if not self.low <= self.start <= self.high or self.low == self.high:
-            raise ValueError(
-                f"expected low <= start <= high and low < high, got low {self.low}, start {self.start}, "
-                f"high {self.high}"
-            )
-        return self
-
-    def as_parameter(self, name: str, description: str) -> Parameter:
-        """Return what a fit takes."""
-        return Parameter(name, self.unit, self.low, self.high, self.start, self.sd, description, starts=(self.start,))
 
 
 class NominalConstants(Declared):
@@ -60,30 +37,10 @@ class NominalConstants(Declared):
         return self
 
 
-class OscillatorEffect(Declared):
-    """One entry of the plant's list: an effect by name, its form and its parameters, written flat in YAML.
+class OscillatorEffect(ListedEffect):
+    """An effect that acts at an oscillator."""
 
-    `form` is the first that acts at an oscillator, where the entry does not say.
-    """
-
-    name: str
-    form: str
-    parameters: dict[str, float]
-
-    @model_validator(mode="before")
-    @classmethod
-    def _read(cls, entry: Any) -> Any:
-        if not isinstance(entry, Mapping) or "parameters" in entry:
-            return entry
-        if "name" not in entry:
-            raise ValueError("an effect needs a name")
-        effect = find_oscillator_effect(str(entry["name"]), entry.get("form"))
-        numbers = {key: value for key, value in entry.items() if key not in ("name", "form")}
-        return {"name": effect.name, "form": effect.form, "parameters": check_parameters(effect, numbers)}
-
-    @model_serializer
-    def _write(self) -> dict[str, Any]:
-        return {"name": self.name, "form": self.form, **self.parameters}
+    SITE = SITE
 
     @property
     def effect(self) -> DynamicEffect:
@@ -92,18 +49,8 @@ class OscillatorEffect(Declared):
 
 
 def find_oscillator_effect(name: str, form: str | None) -> DynamicEffect:
-    """Return an effect that acts at an oscillator, in the form given or its first.
-
-    Raises
-    ------
-    ValueError
-        When there is none.
-    """
-    wanted = find_effect(name, form) if form is not None else None
-    for effect in list_forms(name) if wanted is None else (wanted,):
-        if isinstance(effect, DynamicEffect) and effect.site == SITE:
-            return effect
-    raise ValueError(f"effect {name}{f', form {form},' if form else ''} does not act at an {SITE}")
+    """Return an effect that acts at an oscillator, in the form given or its first; see `find_effect_at`."""
+    return cast(DynamicEffect, find_effect_at(SITE, name, form))
 
 
 class Oscillator(Declared):

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_serializer, model_validator
 
 from stages.plant.declaration import Declared, nearest
-from stages.plant.effect import DynamicEffect, Effect, Parameter, find_effect, list_forms
+from stages.plant.effect import DynamicEffect, Effect, ElementEffect, Parameter, find_effect, list_forms
 from stages.plant.exoskeleton import Exoskeleton, Muscle
 from stages.plant.muscle import MuscleConstants, braid_coefficients
 
@@ -65,7 +65,7 @@ class AppliedEffect(Declared):
         if "name" not in entry:
             raise ValueError("an effect needs a name")
         effect = _choose_form(entry)
-        if isinstance(effect, DynamicEffect):
+        if isinstance(effect, DynamicEffect | ElementEffect):
             raise ValueError(
                 f"effect {effect.name}, form {effect.form}: acts at the {effect.site}, not at a muscle or joint"
             )

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State
 from stages.plant.filters import shift
 from stages.signals.trajectories import Array
 
@@ -42,6 +42,25 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer as late as its channel is."""
+    return shift(answer, parameters["paces_late"] * bench.pace_s / bench.step_s)
+
+
+LATE_ELEMENT = ElementEffect(
+    name="channel_misalignment",
+    form="element",
+    parameters=(
+        Parameter("paces_late", "1", -0.3, 0.3, 0.0, 0.03, "by which the answer is late, over the pace", (0.03, -0.03)),
+    ),
+    source=EFFECT.source,
+    signature="the answer errs in proportion to its own rate of change",
+    split_by="the same loop at three speeds: its width grows with speed and with stiffness",
+    relatives=("viscous_friction", "hysteresis"),
+    apply=apply_to_element,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -56,4 +75,5 @@ FORMS = (
         signature="force errs in proportion to the velocity of the joint and to pressure",
         apply=apply_to_motion,
     ),
+    LATE_ELEMENT,
 )

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, DynamicEffect, JointEffect, Parameter, State
+from stages.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter, State
 from stages.plant.presliding import PRESLIDING, slide_after_yielding
 from stages.signals.trajectories import Array
 
@@ -107,4 +107,24 @@ YIELDING_CABLE = replace(
     apply=apply_with_presliding,
 )
 
-FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLIDER)
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with a friction of constant size against its motion."""
+    return answer + parameters["share"] * np.tanh(bench.rate / parameters["sliding"])
+
+
+RUBBING_ELEMENT = ElementEffect(
+    name="coulomb_friction",
+    form="element",
+    parameters=(
+        Parameter("share", "1", -2.0, 2.0, 0.0, 0.3, "friction over the answer's scale", (0.1, -0.1)),
+        Parameter("sliding", "1", 0.002, 1.0, 0.05, 0.05, "rate at which it slides, scales per pace", (0.02, 0.2)),
+    ),
+    source=SOURCE,
+    signature="the answer steps by the same amount whenever motion turns",
+    split_by="the same loop at three speeds: a step at the turn, however slow",
+    relatives=("hysteresis", "viscous_friction"),
+    apply=apply_to_element,
+)
+
+FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLIDER, RUBBING_ELEMENT)

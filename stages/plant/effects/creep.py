@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State
 from stages.plant.filters import lag
 from stages.plant.muscle import pull_at_rest
 from stages.plant.valve import respond
@@ -68,6 +68,27 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with what a slow element beside it holds."""
+    held = bench.along - lag(bench.along, parameters["paces"] * bench.pace_s, bench.step_s)
+    return answer + parameters["share"] * held
+
+
+YIELDING_ELEMENT = ElementEffect(
+    name="creep",
+    form="element",
+    parameters=(
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "slow stiffness over the answer's scale", (0.1, -0.1)),
+        Parameter("paces", "1", 0.02, 20.0, 1.0, 1.0, "time in which it yields, over the pace", (0.2, 1.0, 4.0)),
+    ),
+    source=EFFECT.source,
+    signature="the answer goes on changing after motion has ended",
+    split_by="a step that is held for ten times as long as a movement takes",
+    relatives=("hysteresis", "viscous_friction"),
+    apply=apply_to_element,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -102,4 +123,5 @@ FORMS = (
         split_by="a step of pressure held for ten seconds at constant contraction",
         apply=apply_to_force,
     ),
+    YIELDING_ELEMENT,
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
+from stages.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
 from stages.signals.trajectories import Array
 
 USUAL = 0.1
@@ -60,4 +60,23 @@ DUFFING = DynamicEffect(
     terms=stiffen,
 )
 
-FORMS = (EFFECT, DUFFING)
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with the cube of its way from the middle."""
+    return answer + parameters["share"] * bench.along * bench.along * bench.along
+
+
+HARDENING_ELEMENT = ElementEffect(
+    name="cubic_stiffness",
+    form="element",
+    parameters=(
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "at one scale from the middle over the answer's", (0.1, -0.1)),
+    ),
+    source=EFFECT.source,
+    signature="the answer errs by a cubic of position, the same in both directions",
+    split_by="a slow sweep over the whole range",
+    relatives=("saturation",),
+    apply=apply_to_element,
+)
+
+FORMS = (EFFECT, DUFFING, HARDENING_ELEMENT)

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
+from stages.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
 from stages.plant.muscle import pull_at_rest
 from stages.plant.operators import follow_bouc_wen, follow_play, follow_stops
 from stages.signals.trajectories import Array
@@ -101,6 +101,43 @@ BOUC_WEN_SPRING = DynamicEffect(
     terms=yield_at_turns,
 )
 
+
+def apply_stops_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with sliders of equal force along its way."""
+    return answer + parameters["share"] * follow_stops(bench.along, _spread(parameters["width"]))
+
+
+def apply_play_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with one slider along its way, which a record may begin in mid-turn."""
+    width = parameters["width"]
+    before = bench.along[:1] - parameters["begun"] * width
+    stop = follow_stops(np.concatenate([before, bench.along]), np.array([width]))[1:]
+    return answer + parameters["share"] * stop
+
+
+SLIDING_ELEMENT = ElementEffect(
+    name="hysteresis",
+    form="element_maxwell_slip",
+    parameters=(
+        Parameter("share", "1", -2.0, 2.0, 0.0, 0.3, "half the loop's height over the answer's scale", (0.1, -0.1)),
+        Parameter("width", "1", 0.005, 2.0, 0.2, 0.3, "way in which it turns, over the way's scale", (0.03, 0.15, 0.6)),
+    ),
+    source=EFFECT.source,
+    signature="the answer to the same position differs by the way that led there, at any speed",
+    split_by="the same loop at three speeds, and small loops inside it",
+    relatives=("coulomb_friction", "creep"),
+    apply=apply_stops_to_element,
+)
+PLAYING_ELEMENT = replace(
+    SLIDING_ELEMENT,
+    form="element_play",
+    parameters=(
+        *SLIDING_ELEMENT.parameters,
+        Parameter("begun", "1", -1.0, 1.0, 0.0, 0.5, "how far it has turned as a record begins", (0.0,)),
+    ),
+    source="Krasnoselskii, Pokrovskii, Systems with hysteresis, Springer (1989): the stop, complement of the play",
+    apply=apply_play_to_element,
+)
 FORMS = (
     EFFECT,
     replace(
@@ -151,4 +188,6 @@ FORMS = (
         apply=apply_to_command,
     ),
     BOUC_WEN_SPRING,
+    PLAYING_ELEMENT,
+    SLIDING_ELEMENT,
 )

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
+from stages.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
 from stages.signals.trajectories import Array
 
 SCALE_KPA = 1000.0
@@ -79,6 +79,25 @@ READING = replace(
     terms=cut_reading,
 )
 
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer up to a level."""
+    return _clip(answer, 1.0, parameters["scale_over_level"])
+
+
+CUT_ELEMENT = ElementEffect(
+    name="saturation",
+    form="element",
+    parameters=(
+        Parameter("scale_over_level", "1", 0.0, 20.0, 0.5, 1.0, "the answer's scale over the level", (0.6, 1.2, 2.0)),
+    ),
+    source=EFFECT.source,
+    signature="the answer stays at one value wherever it should exceed it",
+    split_by=EFFECT.split_by,
+    relatives=("cubic_stiffness",),
+    apply=apply_to_element,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -91,4 +110,5 @@ FORMS = (
     ),
     DRIVE,
     READING,
+    CUT_ELEMENT,
 )

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State
 from stages.signals.trajectories import Array
 
 MINUTE_S = 60.0
@@ -63,6 +63,25 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with an even drift."""
+    return answer + parameters["share_per_100_paces"] * bench.session_s / (100.0 * bench.pace_s)
+
+
+DRIFTING_ELEMENT = ElementEffect(
+    name="sensor_drift",
+    form="element",
+    parameters=(
+        Parameter("share_per_100_paces", "1", -5.0, 5.0, 0.0, 0.3, "drift over the answer's scale", (0.1, -0.1)),
+    ),
+    source=EFFECT.source,
+    signature="the answer errs by an amount that changes along the session and not with what is done",
+    split_by="the same movement at the beginning and at the end",
+    relatives=("creep",),
+    apply=apply_to_element,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -89,4 +108,5 @@ FORMS = (
         relatives=(),
         apply=apply_warming_to_pressure,
     ),
+    DRIFTING_ELEMENT,
 )

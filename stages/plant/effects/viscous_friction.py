@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
+from stages.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
 from stages.plant.muscle import pull_at_rest
 from stages.signals.trajectories import Array
 
@@ -77,6 +77,25 @@ QUADRATIC = DynamicEffect(
     terms=drag,
 )
 
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with a friction in proportion to the rate of its motion."""
+    return answer + parameters["share"] * bench.rate
+
+
+DAMPED_ELEMENT = ElementEffect(
+    name="viscous_friction",
+    form="element",
+    parameters=(
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "friction at one scale per pace over the answer's", (0.1, -0.1)),
+    ),
+    source=EFFECT.source,
+    signature="the answer errs in proportion to the rate of motion, and is right at rest",
+    split_by="the same loop at three speeds: its width grows with speed",
+    relatives=("coulomb_friction", "channel_misalignment"),
+    apply=apply_to_element,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -99,4 +118,5 @@ FORMS = (
         apply=apply_with_pressure,
     ),
     QUADRATIC,
+    DAMPED_ELEMENT,
 )

@@ -1,0 +1,181 @@
+"""The one channel of an element on a test bench: its answer to measured signals, cut into blocks that serve as trials.
+
+Signals of records and the list of their blocks flow in; a cell flows out. What has a memory remembers its whole record:
+a record is simulated from its beginning, however many of its blocks are looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Self, cast
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.discrepancy.cell import Cell, Driver, Form
+from stages.discrepancy.records import bridge, spread_records, thin_out
+from stages.plant.effect import ElementEffect, Parameter, list_effects
+from stages.plant.listed import list_effects_at
+from stages.plant.static_map import SITE, StaticMap
+from stages.signals.trajectories import Array
+
+SAMPLES_A_PACE = 100
+"""Samples in the time of a usual movement, at most: what is quicker says nothing of how an element answers to it."""
+
+
+@dataclass(frozen=True)
+class ElementCell(Cell):
+    """Blocks of an element's records.
+
+    Parameters
+    ----------
+    plant : StaticMap
+        Settled; effects that it lists already act.
+    step_s : float
+        Time between samples, s.
+    records : tuple of mapping of str to (N_r,) ndarray
+        Inputs of each record, gaps bridged.
+    places : tuple of (int, int)
+        Record and first sample of each block.
+    measured : (T, K) ndarray
+        Answer, gaps bridged.
+    present : (T, K) ndarray of bool
+        Where the answer and all inputs were measured.
+    start_s : (K,) ndarray
+        Start of each block, s.
+    """
+
+    plant: StaticMap
+    step_s: float
+    records: tuple[Mapping[str, Array], ...]
+    places: tuple[tuple[int, int], ...]
+    measured: Array
+    present: NDArray[np.bool_]
+    start_s: Array
+    element: str = SITE
+
+    @property
+    def channel(self) -> str:  # type: ignore[override]
+        """The answer's name, which ends in its unit."""
+        return self.plant.output
+
+    @property
+    def unit(self) -> str:  # type: ignore[override]
+        """The answer's unit."""
+        return self.channel.rpartition("_")[2]
+
+    @property
+    def pace_s(self) -> float:
+        """Time of a usual movement through one scale, s."""
+        return cast(float, self.plant.pace_s)
+
+    @property
+    def constants(self) -> tuple[Parameter, ...]:
+        """Constants of the map."""
+        return self.plant.parameters
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """Effects at an element that its plant does not list yet."""
+        taken = {entry.name for entry in self.plant.effects}
+        names = [name for name in list_effects() if name not in taken]
+        return tuple(
+            Form(each.name, each.form, each.site, each.parameters, each) for each in list_effects_at(SITE, names)
+        )
+
+    def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
+        """Return the answer of the blocks, (T, K)."""
+        placed = [(cast(ElementEffect, form.effect), values) for form, values in effects]
+        whole = {
+            record: self.plant.simulate(
+                {name: values[:, None] for name, values in self.records[record].items()},
+                self.step_s,
+                np.zeros(1),
+                constants,
+                placed,
+            )[:, 0]
+            for record in {record for record, _ in self.places}
+        }
+        return self._cut(whole)
+
+    def drivers(self) -> list[Driver]:
+        """Return the signal along which the element is moved, its rate, and the other inputs."""
+        along = self.plant.along
+        ways = {record: values[along] for record, values in enumerate(self.records)}
+        rates = {
+            record: self.plant.set_up(way[:, None], self.step_s, np.zeros(1)).rate[:, 0] for record, way in ways.items()
+        }
+        drivers = [Driver(along, self._cut(ways)), Driver(f"rate of {along}", self._cut(rates), rate=True)]
+        for name in self.plant.inputs[1:]:
+            drivers.append(Driver(name, self._cut({k: values[name] for k, values in enumerate(self.records)})))
+        return drivers
+
+    def take(self, trials: Sequence[int]) -> Self:
+        """Return the cell with some of its blocks, by position."""
+        chosen = list(trials)
+        return replace(
+            self,
+            places=tuple(self.places[k] for k in chosen),
+            measured=np.ascontiguousarray(self.measured[:, chosen]),
+            present=np.ascontiguousarray(self.present[:, chosen]),
+            start_s=self.start_s[chosen],
+        )
+
+    def _cut(self, whole: Mapping[int, Array]) -> Array:
+        """Return the blocks of whole records; beyond a record's end its last value."""
+        samples = np.arange(len(self.measured))
+        return np.stack(
+            [whole[record][np.minimum(first + samples, len(whole[record]) - 1)] for record, first in self.places],
+            axis=1,
+        )
+
+
+def build_element(signals: pd.DataFrame, trials: pd.DataFrame, plant: StaticMap) -> ElementCell:
+    """Return the cell of an element's records.
+
+    Parameters
+    ----------
+    signals : DataFrame
+        Columns ``record``, ``time_s``, ``signal`` and ``value``; times evenly spaced within a record.
+    trials : DataFrame
+        Columns ``record``, ``start_s`` and ``samples``: the blocks, in the order of the arrays' last axis.
+    plant : StaticMap
+        Names the signals.
+
+    Raises
+    ------
+    ValueError
+        When one of the signals is missing or has no values.
+    """
+    names = (*plant.inputs, plant.output)
+    records, step_s = spread_records(signals, names)
+    joined = {name: np.concatenate([bridge(rows[name]) for rows in records.values()]) for name in names}
+    settled = plant.settle(joined, step_s)
+    stride = max(int(settled.pace_s / step_s / SAMPLES_A_PACE), 1) if settled.pace_s is not None else 1
+    order = {name: k for k, name in enumerate(records)}
+    thinned = [thin_out(rows[list(names)], stride) for rows in records.values()]
+    step_s *= stride
+    filled = [{name: bridge(rows[name]) for name in names} for rows in thinned]
+    known = [rows.notna().all(axis=1).to_numpy() for rows in thinned]
+    samples = int(trials["samples"].max()) // stride
+    places, measured, present = [], [], []
+    for name, start, count in trials[["record", "start_s", "samples"]].itertuples(index=False):
+        record, first = order[str(name)], round(start / step_s)
+        at = first + np.arange(samples)
+        inside = (at < first + count // stride) & (at < len(known[record]))
+        at = np.minimum(at, len(known[record]) - 1)
+        places.append((record, first))
+        measured.append(filled[record][plant.output][at])
+        present.append(inside & known[record][at])
+    inputs = tuple({name: each[name] for name in plant.inputs} for each in filled)
+    return ElementCell(
+        settled,
+        step_s,
+        inputs,
+        tuple(places),
+        np.stack(measured, axis=1),
+        np.stack(present, axis=1),
+        trials["start_s"].to_numpy(dtype=float),
+    )

@@ -1,0 +1,54 @@
+"""Records of signals as arrays: what the cells of machines other than muscles are built from.
+
+Tidy signals flow in; by record, arrays without gaps and where they were measured flow out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from stages.signals.trajectories import Array
+
+
+def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[str, pd.DataFrame], float]:
+    """Return each record's signals, a column each, by time; and the time between samples, s.
+
+    Parameters
+    ----------
+    signals : DataFrame
+        Columns ``record``, ``time_s``, ``signal`` and ``value``; times evenly spaced within a record.
+    names : sequence of str
+        Signals that are needed.
+
+    Raises
+    ------
+    ValueError
+        When one of them is missing or has no values.
+    """
+    wide = signals.pivot(index=["record", "time_s"], columns="signal", values="value")
+    for name in names:
+        if name not in wide or not wide[name].notna().any():
+            raise ValueError(f"signal {name}: expected values, got none; known are {', '.join(map(str, wide.columns))}")
+    records = {str(name): rows.droplevel("record") for name, rows in wide.groupby(level="record", sort=False)}
+    return records, float(np.median(np.diff(next(iter(records.values())).index)))
+
+
+def bridge(column: pd.Series) -> Array:
+    """Return values with gaps bridged by straight lines and ends held."""
+    values = column.to_numpy(dtype=float)
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return np.zeros(len(values))
+    return np.interp(np.arange(len(values)), known, values[known])
+
+
+def thin_out(rows: pd.DataFrame, stride: int) -> pd.DataFrame:
+    """Return means of each `stride` samples of a record, at the time of the first; missing where one is missing."""
+    if stride == 1:
+        return rows
+    whole = len(rows) // stride * stride
+    means = rows.to_numpy(dtype=float)[:whole].reshape(-1, stride, rows.shape[1]).mean(axis=1)
+    return pd.DataFrame(means, index=rows.index[:whole:stride], columns=rows.columns)

@@ -1,0 +1,86 @@
+"""What plants of records have in common: nominal constants with tolerances, and entries of their lists of effects.
+
+A section of YAML flows in; checked values come out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+from pydantic import Field, model_serializer, model_validator
+
+from stages.plant.declaration import Declared
+from stages.plant.effect import Effect, Parameter, find_effect, list_forms
+from stages.plant.plant import check_parameters
+
+
+class NominalConstant(Declared):
+    """A constant of the textbook model: where a fit begins, and how far it may go."""
+
+    unit: str
+    start: float
+    low: float
+    high: float
+    sd: float = Field(gt=0.0, description="standard deviation of the prior about the start")
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if not self.low <= self.start <= self.high or self.low == self.high:
+            raise ValueError(
+                f"expected low <= start <= high and low < high, got low {self.low}, start {self.start}, "
+                f"high {self.high}"
+            )
+        return self
+
+    def as_parameter(self, name: str, description: str) -> Parameter:
+        """Return what a fit takes."""
+        return Parameter(name, self.unit, self.low, self.high, self.start, self.sd, description, starts=(self.start,))
+
+
+class ListedEffect(Declared):
+    """One entry of a plant's list: an effect by name, its form and its parameters, written flat in YAML.
+
+    `form` is the first that acts at the plant's site, where the entry does not say.
+    """
+
+    SITE: ClassVar[str]
+
+    name: str
+    form: str
+    parameters: dict[str, float]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, entry: Any) -> Any:
+        if not isinstance(entry, Mapping) or "parameters" in entry:
+            return entry
+        if "name" not in entry:
+            raise ValueError("an effect needs a name")
+        effect = find_effect_at(cls.SITE, str(entry["name"]), entry.get("form"))
+        numbers = {key: value for key, value in entry.items() if key not in ("name", "form")}
+        return {"name": effect.name, "form": effect.form, "parameters": check_parameters(effect, numbers)}
+
+    @model_serializer
+    def _write(self) -> dict[str, Any]:
+        return {"name": self.name, "form": self.form, **self.parameters}
+
+
+def list_effects_at(site: str, names: Any) -> list[Effect]:
+    """Return the forms of some effects that act at a site."""
+    return [effect for name in names for effect in list_forms(name) if effect.site == site]
+
+
+def find_effect_at(site: str, name: str, form: str | None) -> Effect:
+    """Return an effect that acts at a site, in the form given or its first.
+
+    Raises
+    ------
+    ValueError
+        When there is none.
+    """
+    wanted = find_effect(name, form) if form is not None else None
+    for effect in list_forms(name) if wanted is None else (wanted,):
+        if effect.site == site:
+            return effect
+    raise ValueError(f"effect {name}{f', form {form},' if form else ''} does not act at an {site}")
