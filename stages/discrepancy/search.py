@@ -311,7 +311,7 @@ def rank(
     def worth(name: str, forms: list[str], carries: Array) -> bool:
         return bool(_carriers(found, choices, name, forms, carries, settings))
 
-    verdicts = weigh_names(scores, none, priors, generator, worth)
+    verdicts = _choose_forms(weigh_names(scores, none, priors, generator, worth), choices)
     raws = {name: _raw_with(found, choices, verdicts, name) for name in names}
     raws[NONE] = [state.current.raw for state in found.cells]
     gaps = {name: _pool(found, each) for name, each in raws.items()}
@@ -326,6 +326,21 @@ def rank(
     spoken = (named.name, *named.alternatives) if named else ()
     absorbed = {name: each for name, each in _absorb(candidates, verdicts).items() if name not in spoken}
     return Round(verdicts, absorbed, gaps, heldout, sites, named), choices
+
+
+def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
+    """Return the verdicts with the form of each name that predicts best in each cell, of those that were fitted.
+
+    How probable a name is, its scores say; of its forms, the one is added that leaves least.
+    """
+    forms = {}
+    for name, chosen in verdicts.forms.items():
+        forms[name] = list(chosen)
+        for place, fitted in enumerate(choices):
+            own = {form: float(each.raw.sum()) for (known, form), each in fitted.items() if known == name}
+            if own:
+                forms[name][place] = min(own, key=own.__getitem__)
+    return replace(verdicts, forms=forms)
 
 
 def _least_noise(state: CellState, choices: Choice) -> Noise:
