@@ -19,6 +19,7 @@ from stages.discrepancy.records import bridge, spread_records, thin_out
 from stages.plant.effect import ElementEffect, Parameter, list_effects
 from stages.plant.listed import list_effects_at
 from stages.plant.static_map import SITE, StaticMap
+from stages.recording import own_unit
 from stages.signals.trajectories import Array
 
 SAMPLES_A_PACE = 100
@@ -64,7 +65,7 @@ class ElementCell(Cell):
     @property
     def unit(self) -> str:  # type: ignore[override]
         """The answer's unit."""
-        return self.channel.rpartition("_")[2]
+        return own_unit(self.channel)
 
     @property
     def pace_s(self) -> float:

@@ -1,0 +1,143 @@
+"""Elements on a test bench: a planted loop is named and mended, and nothing is named where there is none."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from stages.discrepancy.element_cell import build_element
+from stages.discrepancy.search import SearchSettings, prepare, search
+from stages.plant.machine import read_machine
+from tests.plant.machines import CONF
+
+RECORDED = Path(__file__).resolve().parents[3] / "shared" / "data" / "pam_antagonistic_ucr"
+STEP_S = 0.02
+BLOCKS = 16
+
+
+@pytest.fixture(scope="module")
+def settings():
+    return SearchSettings(**yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text())["search"])
+
+
+def read_plant(**changes):
+    return read_machine({**yaml.safe_load((CONF / "plant" / "static_map.yaml").read_text()), **changes})
+
+
+def move(seed, samples=4800):
+    generator = np.random.default_rng(seed)
+    time = np.arange(samples) * STEP_S
+    waves = [(0.02, 0.11), (0.01, 0.27), (0.005, 0.61)]
+    return sum(a * np.sin(2.0 * np.pi * f * time + generator.uniform(0.0, 6.0)) for a, f in waves)
+
+
+def slide(way, width):
+    """Dahl's friction, which turns smoothly, as a differential equation of its own."""
+    state = np.zeros(len(way))
+    for k, step in enumerate(np.diff(way), start=1):
+        state[k] = state[k - 1] + step / width * (1.0 - state[k - 1] * np.sign(step))
+    return state
+
+
+def tabulate(signals, record="given"):
+    time = np.arange(len(next(iter(signals.values())))) * STEP_S
+    rows = [pd.DataFrame({"record": record, "time_s": time, "signal": n, "value": v}) for n, v in signals.items()]
+    size = len(time) // BLOCKS
+    trials = pd.DataFrame({"record": record, "start_s": np.arange(BLOCKS) * size * STEP_S, "samples": size})
+    return pd.concat(rows, ignore_index=True), trials
+
+
+def build(added=0.0, seed=1, noise=0.05, hole=None):
+    way = move(seed)
+    force = 300.0 * way + 2.0 + added + noise * np.random.default_rng(seed).standard_normal(len(way))
+    if hole is not None:
+        force[hole] = np.nan
+    return build_element(*tabulate({"position_m": way, "force_n": force}), read_plant())
+
+
+def look(cell, settings):
+    return search([prepare(cell)], settings, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_hidden_loop_is_named_and_mended(seed, settings):
+    found = look(build(0.8 * slide(move(seed), 0.004), seed), settings)
+    assert [each.name for each in found.named] == ["hysteresis"]
+    state = found.cells[0]
+    after, before = (np.sqrt(each.raw.sum() / state.samples.sum()) for each in (state.current, state.nominal))
+    assert before > 0.3
+    assert after < 0.3 * before
+
+
+def test_a_hidden_cubic_is_named_with_its_size(settings):
+    way = move(4)
+    found = look(build(2.0e5 * (way - way.mean()) ** 3, 4), settings)
+    assert found.named[0].name == "cubic_stiffness"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_named_where_nothing_is_missing(seed, settings):
+    assert not look(build(seed=seed), settings).named
+
+
+def test_blocks_are_cut_as_recorded_and_gaps_are_not_judged():
+    cell = build(hole=slice(400, 450))
+    assert cell.measured.shape == (300, BLOCKS)
+    assert not cell.present[100:150, 1].any()
+    assert cell.present.sum() == 4800 - 50
+    chosen = cell.take([3, 1])
+    np.testing.assert_array_equal(chosen.measured, cell.measured[:, [3, 1]])
+    constants = {"stiffness": 300.0, "offset": 2.0}
+    np.testing.assert_array_equal(chosen.simulate(constants, []), cell.simulate(constants, [])[:, [3, 1]])
+    residual = (cell.measured - cell.simulate(constants, []))[cell.present]
+    assert residual.std() == pytest.approx(0.05, rel=0.05)
+
+
+def test_a_loop_remembers_what_was_before_its_block():
+    cell = build()
+    form = next(each for each in cell.forms if each.form == "element_maxwell_slip")
+    constants, values = {"stiffness": 300.0, "offset": 2.0}, {"share": 0.2, "width": 0.5}
+    whole = cell.simulate(constants, [(form, values)])
+    np.testing.assert_array_equal(cell.take([9]).simulate(constants, [(form, values)])[:, 0], whole[:, 9])
+
+
+def test_samples_far_quicker_than_the_movement_are_averaged():
+    way = np.repeat(move(1, 1200), 4)
+    force = 300.0 * way + np.tile([1.0, -1.0], len(way) // 2)
+    cell = build_element(*tabulate({"position_m": way, "force_n": force}), read_plant(pace_s=8.0))
+    assert cell.step_s == pytest.approx(4 * STEP_S)
+    np.testing.assert_allclose(cell.measured, cell.simulate({"stiffness": 300.0, "offset": 0.0}, []), atol=1e-9)
+
+
+def test_a_missing_signal_is_told():
+    with pytest.raises(ValueError, match="signal force_n: expected values, got none; known are position_m"):
+        build_element(*tabulate({"position_m": move(1)}), read_plant())
+
+
+@pytest.mark.skipif(not RECORDED.exists(), reason=f"recorded data of others are needed at {RECORDED}")
+def test_the_loop_of_a_recorded_joint_is_named_by_a_column_map_alone(pamid, tmp_path):
+    """An antagonistic pneumatic joint under a sinusoidal force (Wang and Realmuto): it sticks as the force turns."""
+    run = pamid(
+        "workflow=discrepancy",
+        "measurement=records",
+        f"measured={RECORDED / 'pam_antagonistic_ucr.parquet'}",
+        "columns.time_s=t",
+        "+columns.force_n=force_N",
+        "+columns.position_m=x_m",
+        "plant=static_map",
+        "plant.along=force_n",
+        "plant.output=position_m",
+        "plant.constants.stiffness.of=[force_n]",
+        "parts.last_share=0.4",
+        "measurement.blocks=20",
+    )
+    assert run.returncode == 0, run.stderr
+    verdict = json.loads(next(tmp_path.glob("outputs/runs/*/verdict.json")).read_text())
+    assert [each["name"] for each in verdict["effects"]] == ["hysteresis"]
+    verification = pd.read_parquet(next(tmp_path.glob("outputs/runs/*/tables/verification.parquet")))
+    before, after = verification["gap_over_std"].iloc[:2]
+    assert before > 0.3
+    assert after < 0.12
