@@ -35,6 +35,8 @@ class Form:
         The first is the magnitude.
     effect : object
         What the cell's `simulate` takes.
+    scales : bool
+        Whether what it does grows in proportion to its magnitude, to begin with.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Form:
     site: str
     parameters: tuple[Parameter, ...]
     effect: object
+    scales: bool = True
 
 
 def list_starts(form: Form, most: int = MOST_STARTS) -> list[dict[str, float]]:

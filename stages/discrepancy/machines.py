@@ -13,16 +13,17 @@ import pandas as pd
 
 from stages.discrepancy.amendment import amend
 from stages.discrepancy.cell import Cell
-from stages.discrepancy.element_cell import ElementCell, build_element
 from stages.discrepancy.oscillator_cell import build_oscillator
 from stages.discrepancy.session import build_cells
 from stages.discrepancy.settings import DiscrepancySettings
+from stages.discrepancy.whole_record_cell import WholeRecordCell, build_whole_records
 from stages.plant.machine import RecordPlant
 from stages.plant.oscillator import Oscillator, find_oscillator_effect
 from stages.plant.plant import Plant
 from stages.plant.static_map import StaticMap, find_element_effect
+from stages.plant.tanks import CascadedTanks, find_tank_effect
 
-HELD_BY: dict[str, tuple[type, ...]] = {"muscles": (Plant,), "records": (Oscillator, StaticMap)}
+HELD_BY: dict[str, tuple[type, ...]] = {"muscles": (Plant,), "records": (Oscillator, StaticMap, CascadedTanks)}
 """Which plants simulate each kind of recording."""
 
 
@@ -46,18 +47,22 @@ def list_cells(plant: Plant | RecordPlant, measured: Measurements, settings: Dis
     """
     kind = str(measured.session["kind"].iloc[0])
     if not isinstance(plant, HELD_BY[kind]):
-        hint = "plant=nominal, or measurement=records" if kind == "muscles" else "plant=second_order or static_map"
+        hint = (
+            "plant=nominal, or measurement=records"
+            if kind == "muscles"
+            else "plant=second_order, static_map or cascaded_tanks"
+        )
         raise ValueError(f"plant: expected one that simulates {kind}, got another kind of machine; set {hint}")
     if isinstance(plant, Oscillator):
         return [build_oscillator(measured.signals, measured.trials, plant)]
-    if isinstance(plant, StaticMap):
-        return [build_element(measured.signals, measured.trials, plant)]
+    if isinstance(plant, StaticMap | CascadedTanks):
+        return [build_whole_records(measured.signals, measured.trials, plant)]
     return build_cells(measured.samples, measured.trials, measured.muscles, measured.session, settings)
 
 
 def settle(plant: Plant | RecordPlant, cells: Sequence[Cell]) -> Plant | RecordPlant:
     """Return the plant with what it left to the data to tell, as its cells have it."""
-    return cells[0].plant if isinstance(cells[0], ElementCell) else plant
+    return cells[0].plant if isinstance(cells[0], WholeRecordCell) else plant
 
 
 def write_amended(
@@ -89,6 +94,8 @@ def _amend_records(plant: RecordPlant, values: pd.DataFrame) -> RecordPlant:
     ]
     if isinstance(plant, Oscillator):
         return plant.amend(constants, [(find_oscillator_effect(name, form), own) for name, form, own in chosen])
+    if isinstance(plant, CascadedTanks):
+        return plant.amend(constants, [(find_tank_effect(name, form), own) for name, form, own in chosen])
     return plant.amend(constants, [(find_element_effect(name, form), own) for name, form, own in chosen])
 
 

@@ -39,6 +39,11 @@ class Noise(NamedTuple):
     slow_s: float
 
 
+def make_plain(spread: float) -> Noise:
+    """Return white noise alone."""
+    return Noise(max(spread, 1e-9), 1e-12, 0.03, 1e-12, 1.0)
+
+
 @njit(cache=True, error_model="numpy")
 def _whiten_trials(values: Array, present: NDArray[np.bool_], noise: Array, step_s: float) -> tuple[Array, Array]:
     samples, trials, columns = values.shape

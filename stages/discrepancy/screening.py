@@ -7,13 +7,20 @@ free constants could imitate, is regressed on the residual, trials left out in t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.discrepancy.cell import Form
 from stages.discrepancy.fitting import Fit, Grams, collect_grams
-from stages.discrepancy.noise import Noise, whiten
+from stages.discrepancy.fitting import fit as fit_values
+from stages.discrepancy.noise import Noise, make_plain, whiten
+from stages.signals.trajectories import Array
+
+TRIED = 12
+"""Steps of a fit by which a form that sets in somewhere is judged."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +39,8 @@ class Screened:
         The same of the sum of squares in the channel's unit, fitted so, over what there is.
     absorbed : float
         Share of its change, squared, that the free constants imitate, at this start.
+    known : (P,) ndarray
+        Values of the model without it from which it begins.
     """
 
     form: Form
@@ -39,6 +48,7 @@ class Screened:
     gain: float
     raw_gain: float
     absorbed: float
+    known: Array
 
 
 def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
@@ -63,8 +73,10 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
     unit = raw.square.sum() / max(raw.samples.sum(), 1.0)
     plain = Grams(raw.slopes / unit, raw.cross / unit, raw.square / unit, raw.samples)
     known = len(fit.values)
-    best: dict[tuple[str, str], Screened] = {}
+    best = _try_starts(fit, forms)
     for index, (form, start) in enumerate(zip(owners, starts, strict=True)):
+        if not form.scales:
+            continue
         signed = form.parameters[0].low < 0.0
         gain, scale, absorbed = _regress(fit, grams, known + index, signed)
         raw_gain = _regress(fit, plain, known + index, signed)[0]
@@ -76,13 +88,50 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
         started = {**start, first.name: magnitude if magnitude != 0.0 else start[first.name]}
         key = (form.name, form.form)
         if key not in best or gain > best[key].gain:
-            best[key] = Screened(form, started, gain, raw_gain, absorbed)
+            best[key] = Screened(form, started, gain, raw_gain, absorbed, fit.values)
     return list(best.values())
+
+
+def _try_starts(found: Fit, forms: Sequence[Form]) -> dict[tuple[str, str], Screened]:
+    """Return what forms promise that set in somewhere: a few steps of a fit from each of their starts.
+
+    Constants begin where they are, and at their priors' means: without the effect they may have gone far astray.
+    """
+    cell, model = found.model.cell, found.model
+    before = np.sum(np.where(cell.present, found.leave_each_out(), 0.0) ** 2)
+    noise = make_plain(float(np.sqrt((found.residual**2).sum() / max(cell.present.sum(), 1))))
+    fixed = len(cell.constants)
+    bases = (found.values, np.concatenate([model.prior[0][:fixed], found.values[fixed:]]))
+    best: dict[tuple[str, str], Screened] = {}
+    for form in forms:
+        constants, known = model.name_values(found.values)[0], len(found.values)
+        for base, start in product(bases, [] if form.scales else cell.starts(form, constants)):
+            extended = replace(model, forms=(*model.forms, form))
+            values = np.concatenate([base, [start[each.name] for each in form.parameters]])
+            tried = fit_values(extended, noise, values, iterations=TRIED)
+            share = 1.0 - float(np.sum(np.where(cell.present, tried.leave_each_out(), 0.0) ** 2) / before)
+            key = (form.name, form.form)
+            gain = found.cost(noise) - tried.cost(noise)
+            if key not in best or gain > best[key].gain:
+                reached = {each.name: float(v) for each, v in zip(form.parameters, tried.values[known:], strict=True)}
+                absorbed = _find_absorbed(tried.white.slopes.sum(axis=0), np.flatnonzero(tried.free[:known]), known)
+                best[key] = Screened(form, reached, gain, share, absorbed, tried.values[:known])
+    return best
 
 
 def _take(grams: Grams, column: int) -> float:
     """Return by how much the sum of squares falls if a change is taken as it is."""
     return float(2.0 * grams.cross[:, column].sum() - grams.slopes[:, column, column].sum())
+
+
+def _find_absorbed(total: Array, constants: NDArray[np.int_], column: int) -> float:
+    """Return the share of a column's square, of summed products of slopes, that free constants imitate."""
+    size = float(total[column, column])
+    if size <= 0.0:
+        return 1.0
+    shared, among = total[constants, column], total[np.ix_(constants, constants)]
+    firm = among + 1e-9 * np.diag(np.maximum(np.diag(among), 1e-300))  # a constant may do nothing in these data
+    return 1.0 - max(size - float(shared @ np.linalg.solve(firm, shared)), 0.0) / size
 
 
 def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, float, float]:
@@ -98,10 +147,7 @@ def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, 
     size = total[-1, -1]
     if size <= 0.0:  # it changes nothing in these data
         return 0.0, 0.0, 1.0
-    shared = total[:-1, -1]
-    firm = total[:-1, :-1] + 1e-9 * np.diag(precision[:-1])  # a constant may do nothing in these data
-    own = size - shared @ np.linalg.solve(firm, shared)
-    absorbed = 1.0 - max(own, 0.0) / size
+    absorbed = _find_absorbed(total, np.arange(len(free)), len(free))
     curvature = total + np.diag(precision) + np.diag(np.append(np.zeros(len(free)), 1e-9 * size))
     whole = np.linalg.solve(curvature, cross.sum(axis=0) + pull)
     if whole[-1] <= 0.0 and not signed:

@@ -17,7 +17,7 @@ from stages.discrepancy.evidence import NONE, Verdicts, weigh_names
 from stages.discrepancy.features import build_features
 from stages.discrepancy.fitting import Fit, Model, begin, fit
 from stages.discrepancy.flexible import Leftover, explain_by_features, explain_by_trees, keep_least
-from stages.discrepancy.noise import Noise, estimate_noise, log_density
+from stages.discrepancy.noise import Noise, estimate_noise, log_density, make_plain
 from stages.discrepancy.screening import Screened, screen
 from stages.signals.trajectories import Array
 
@@ -206,11 +206,6 @@ def colour(plain: Fitted) -> Fitted:
     return min(plain, coloured, key=lambda each: float(each.raw.sum()))
 
 
-def make_plain(spread: float) -> Noise:
-    """Return white noise alone."""
-    return Noise(max(spread, 1e-9), 1e-12, 0.03, 1e-12, 1.0)
-
-
 def assess(found: Fit) -> Fitted:
     """Judge a fit on its trials, each left out."""
     residual = np.where(found.model.cell.present, found.leave_each_out(), 0.0)
@@ -396,7 +391,7 @@ def _extend(state: CellState, chosen: Sequence[Screened]) -> Choice:
     plain: Choice = {}
     for each in chosen:
         model = replace(state.current.fit.model, forms=(*state.current.forms, each.form))
-        start = np.concatenate([state.current.fit.values, [each.start[own.name] for own in each.form.parameters]])
+        start = np.concatenate([each.known, [each.start[own.name] for own in each.form.parameters]])
         plain[each.form.name, each.form.form] = fit_plain(model, start, spread)
     near = NEAR * min((float(fitted.raw.sum()) for fitted in plain.values()), default=0.0)
     return {key: colour(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}

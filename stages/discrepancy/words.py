@@ -103,8 +103,9 @@ def _tell_channel(rows: Sequence[Mapping[str, Any]]) -> str:
     if first["share_of_gap"] < CONCENTRATED * first["share_of_time"]:
         return f"{text}, in no regime of motion more than in others."
     whose = f"{first['muscle']}: " if len(rows) > 1 else ""
+    share = min(float(first["share_of_gap"]), 1.0)
     return (
-        f"{text}, most of all {_place(first['regime'])} ({whose}{_percent(first['share_of_gap'])} of the gap in "
+        f"{text}, most of all {_place(first['regime'])} ({whose}{_percent(share)} of the gap in "
         f"{_percent(first['share_of_time'])} of the time)."
     )
 

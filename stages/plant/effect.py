@@ -165,7 +165,8 @@ class DynamicEffect:
     """An effect inside a machine that is one integrator: ``terms(parameters)`` returns what it adds to its terms.
 
     The other fields are those of `ChainEffect`. Sizes are told in the machine's own scales, so that bounds hold for
-    every machine of the kind.
+    every machine of the kind. What an effect does grows with its magnitude in proportion to begin with (`scales`), or
+    sets in somewhere: then a fit has to be tried from each of its starts.
     """
 
     name: str
@@ -177,6 +178,7 @@ class DynamicEffect:
     split_by: str
     relatives: tuple[str, ...]
     terms: Callable[[Mapping[str, float]], dict[str, float]]
+    scales: bool = True
 
 
 @dataclass(frozen=True)

@@ -83,4 +83,5 @@ def find_effect_at(site: str, name: str, form: str | None) -> Effect:
     for effect in list_forms(name) if wanted is None else (wanted,):
         if effect.site == site:
             return effect
-    raise ValueError(f"effect {name}{f', form {form},' if form else ''} does not act at an {site}")
+    article = "an" if site[0] in "aeio" else "a"
+    raise ValueError(f"effect {name}{f', form {form},' if form else ''} does not act at {article} {site}")

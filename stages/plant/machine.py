@@ -11,10 +11,15 @@ from stages.plant.declaration import nearest
 from stages.plant.oscillator import Oscillator
 from stages.plant.plant import Plant
 from stages.plant.static_map import StaticMap
+from stages.plant.tanks import CascadedTanks
 
-RecordPlant = Oscillator | StaticMap
+RecordPlant = Oscillator | StaticMap | CascadedTanks
 """Plants that simulate records of signals."""
-KINDS: dict[str, type[Oscillator] | type[StaticMap]] = {"second_order": Oscillator, "static_map": StaticMap}
+KINDS: dict[str, type[Oscillator] | type[StaticMap] | type[CascadedTanks]] = {
+    "second_order": Oscillator,
+    "static_map": StaticMap,
+    "cascaded_tanks": CascadedTanks,
+}
 
 
 def read_machine(section: Any) -> Plant | RecordPlant:

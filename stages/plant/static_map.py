@@ -8,7 +8,7 @@ and effects; the answer flows out. What depends on the way or the speed is never
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal, Self, cast
+from typing import Annotated, ClassVar, Literal, Self, cast
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -87,6 +87,8 @@ def find_element_effect(name: str, form: str | None) -> ElementEffect:
 
 class StaticMap(Declared):
     """Everything that simulating an element takes."""
+
+    SITE: ClassVar[str] = SITE
 
     kind: Literal["static_map"]
     along: str = Field(description="signal along which the element is moved")
@@ -195,6 +197,12 @@ class StaticMap(Declared):
         within = np.arange(len(along))[:, None] * step_s
         rate = np.gradient(way, step_s, axis=0) * self.pace_s
         return Bench(way, rate, step_s, self.pace_s, within + start_s)
+
+    def watch(self, signals: Mapping[str, Array], step_s: float) -> list[tuple[str, Array, bool]]:
+        """Return what may explain a residual, by name, and whether it is a rate: the inputs, and how it is moved."""
+        rate = self.set_up(signals[self.along], step_s, np.zeros(1)).rate
+        others = [(name, signals[name], False) for name in self.inputs[1:]]
+        return [(self.along, signals[self.along], False), (f"rate of {self.along}", rate, True), *others]
 
     def amend(self, constants: Mapping[str, float], effects: Sequence[Placed]) -> StaticMap:
         """Return the plant with fitted constants and with effects added to its list."""

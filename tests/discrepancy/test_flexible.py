@@ -6,8 +6,7 @@ import pytest
 from stages.discrepancy.features import build_features
 from stages.discrepancy.fitting import Model, begin, fit
 from stages.discrepancy.flexible import explain_by_features, explain_by_trees, find_floor, keep_least
-from stages.discrepancy.noise import Noise
-from stages.discrepancy.search import make_plain
+from stages.discrepancy.noise import Noise, make_plain
 from tests.discrepancy.toys import make_toy
 
 NOISE = 0.1

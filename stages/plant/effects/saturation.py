@@ -80,6 +80,22 @@ READING = replace(
 )
 
 
+def cut_tank_reading(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the tanks' term: scale over the largest reading."""
+    return {"reading_cut": parameters["scale_over_level"]}
+
+
+TANK_READING = replace(
+    READING,
+    form="tank_reading",
+    site="tank",
+    signature="the reading stays at one value wherever the level should exceed it",
+    split_by="a gauge on the glass beside the sensor",
+    relatives=("overflow",),
+    terms=cut_tank_reading,
+)
+
+
 def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
     """Return an element's answer up to a level."""
     return _clip(answer, 1.0, parameters["scale_over_level"])
@@ -111,4 +127,5 @@ FORMS = (
     DRIVE,
     READING,
     CUT_ELEMENT,
+    TANK_READING,
 )

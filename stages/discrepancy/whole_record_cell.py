@@ -1,4 +1,4 @@
-"""The one channel of an element on a test bench: its answer to measured signals, cut into blocks that serve as trials.
+"""The one channel of a machine that is simulated a whole record at a time, cut into blocks that serve as trials.
 
 Signals of records and the list of their blocks flow in; a cell flows out. What has a memory remembers its whole record:
 a record is simulated from its beginning, however many of its blocks are looked at.
@@ -8,31 +8,36 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self, cast
+from typing import Any, Self, cast
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.discrepancy.cell import Cell, Driver, Form
+from stages.discrepancy.cell import Cell, Driver, Form, list_starts
+from stages.discrepancy.exact_values import find_level
 from stages.discrepancy.records import bridge, spread_records, thin_out
-from stages.plant.effect import ElementEffect, Parameter, list_effects
+from stages.plant.effect import Parameter, list_effects
 from stages.plant.listed import list_effects_at
-from stages.plant.static_map import SITE, StaticMap
+from stages.plant.static_map import StaticMap
+from stages.plant.tanks import CascadedTanks
 from stages.recording import own_unit
 from stages.signals.trajectories import Array
 
+WholeRecordPlant = StaticMap | CascadedTanks
+EXACT, CLIPPED = "saturation", ("element", "tank_reading")
+"""The effect whose level exact values give away, in the forms that clip what is read."""
 SAMPLES_A_PACE = 100
-"""Samples in the time of a usual movement, at most: what is quicker says nothing of how an element answers to it."""
+"""Samples in the time of a usual movement, at most: what is quicker says nothing of how a machine answers to it."""
 
 
 @dataclass(frozen=True)
-class ElementCell(Cell):
-    """Blocks of an element's records.
+class WholeRecordCell(Cell):
+    """Blocks of a machine's records.
 
     Parameters
     ----------
-    plant : StaticMap
+    plant : StaticMap or CascadedTanks
         Settled; effects that it lists already act.
     step_s : float
         Time between samples, s.
@@ -48,14 +53,14 @@ class ElementCell(Cell):
         Start of each block, s.
     """
 
-    plant: StaticMap
+    plant: WholeRecordPlant
     step_s: float
     records: tuple[Mapping[str, Array], ...]
     places: tuple[tuple[int, int], ...]
     measured: Array
     present: NDArray[np.bool_]
     start_s: Array
-    element: str = SITE
+    element: str
 
     @property
     def channel(self) -> str:  # type: ignore[override]
@@ -79,16 +84,18 @@ class ElementCell(Cell):
 
     @property
     def forms(self) -> tuple[Form, ...]:
-        """Effects at an element that its plant does not list yet."""
+        """Effects at the plant's site that it does not list yet."""
         taken = {entry.name for entry in self.plant.effects}
         names = [name for name in list_effects() if name not in taken]
+        found = list_effects_at(self.element, names)
         return tuple(
-            Form(each.name, each.form, each.site, each.parameters, each) for each in list_effects_at(SITE, names)
+            Form(each.name, each.form, each.site, each.parameters, each, getattr(each, "scales", True))
+            for each in found
         )
 
     def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
         """Return the answer of the blocks, (T, K)."""
-        placed = [(cast(ElementEffect, form.effect), values) for form, values in effects]
+        placed: list[Any] = [(form.effect, values) for form, values in effects]
         whole = {
             record: self.plant.simulate(
                 {name: values[:, None] for name, values in self.records[record].items()},
@@ -102,16 +109,30 @@ class ElementCell(Cell):
         return self._cut(whole)
 
     def drivers(self) -> list[Driver]:
-        """Return the signal along which the element is moved, its rate, and the other inputs."""
-        along = self.plant.along
-        ways = {record: values[along] for record, values in enumerate(self.records)}
-        rates = {
-            record: self.plant.set_up(way[:, None], self.step_s, np.zeros(1)).rate[:, 0] for record, way in ways.items()
-        }
-        drivers = [Driver(along, self._cut(ways)), Driver(f"rate of {along}", self._cut(rates), rate=True)]
-        for name in self.plant.inputs[1:]:
-            drivers.append(Driver(name, self._cut({k: values[name] for k, values in enumerate(self.records)})))
-        return drivers
+        """Return what the plant watches, cut into blocks."""
+        watched = [
+            self.plant.watch({name: values[:, None] for name, values in record.items()}, self.step_s)
+            for record in self.records
+        ]
+        return [
+            Driver(name, self._cut({k: each[place][1][:, 0] for k, each in enumerate(watched)}), rate=rate)
+            for place, (name, _, rate) in enumerate(watched[0])
+        ]
+
+    def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
+        """Return where fits of a form begin; a clipped reading at the level that the values show, or nowhere."""
+        if not self.is_exact(form):
+            return list_starts(form)
+        level = find_level(self.measured[self.present])
+        return [] if level is None else [{form.parameters[0].name: cast(float, self.plant.output_scale) / level}]
+
+    def is_exact(self, form: Form) -> bool:
+        """Return whether the values show a form's parameter: the level at which a reading is clipped."""
+        return form.name == EXACT and form.form in CLIPPED
+
+    def gives_away(self) -> bool:
+        """Return whether the largest value comes again and again, exactly."""
+        return find_level(self.measured[self.present]) is not None
 
     def take(self, trials: Sequence[int]) -> Self:
         """Return the cell with some of its blocks, by position."""
@@ -133,8 +154,8 @@ class ElementCell(Cell):
         )
 
 
-def build_element(signals: pd.DataFrame, trials: pd.DataFrame, plant: StaticMap) -> ElementCell:
-    """Return the cell of an element's records.
+def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: WholeRecordPlant) -> WholeRecordCell:
+    """Return the cell of a machine's records.
 
     Parameters
     ----------
@@ -142,7 +163,7 @@ def build_element(signals: pd.DataFrame, trials: pd.DataFrame, plant: StaticMap)
         Columns ``record``, ``time_s``, ``signal`` and ``value``; times evenly spaced within a record.
     trials : DataFrame
         Columns ``record``, ``start_s`` and ``samples``: the blocks, in the order of the arrays' last axis.
-    plant : StaticMap
+    plant : StaticMap or CascadedTanks
         Names the signals.
 
     Raises
@@ -171,7 +192,7 @@ def build_element(signals: pd.DataFrame, trials: pd.DataFrame, plant: StaticMap)
         measured.append(filled[record][plant.output][at])
         present.append(inside & known[record][at])
     inputs = tuple({name: each[name] for name in plant.inputs} for each in filled)
-    return ElementCell(
+    return WholeRecordCell(
         settled,
         step_s,
         inputs,
@@ -179,4 +200,5 @@ def build_element(signals: pd.DataFrame, trials: pd.DataFrame, plant: StaticMap)
         np.stack(measured, axis=1),
         np.stack(present, axis=1),
         trials["start_s"].to_numpy(dtype=float),
+        settled.SITE,
     )

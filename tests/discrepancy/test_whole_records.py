@@ -8,12 +8,13 @@ import pandas as pd
 import pytest
 import yaml
 
-from stages.discrepancy.element_cell import build_element
 from stages.discrepancy.search import SearchSettings, prepare, search
+from stages.discrepancy.whole_record_cell import build_whole_records
 from stages.plant.machine import read_machine
 from tests.plant.machines import CONF
 
-RECORDED = Path(__file__).resolve().parents[3] / "shared" / "data" / "pam_antagonistic_ucr"
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+RECORDED, TANKS = DATA / "pam_antagonistic_ucr", DATA / "cascaded_tanks"
 STEP_S = 0.02
 BLOCKS = 16
 
@@ -23,8 +24,29 @@ def settings():
     return SearchSettings(**yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text())["search"])
 
 
-def read_plant(**changes):
-    return read_machine({**yaml.safe_load((CONF / "plant" / "static_map.yaml").read_text()), **changes})
+def read_plant(name="static_map", **changes):
+    return read_machine({**yaml.safe_load((CONF / "plant" / f"{name}.yaml").read_text()), **changes})
+
+
+def pump_tanks(seed, rim=None, cut=None, samples=1600):
+    """Levels of two tanks by small steps of Euler's rule; water above a soft rim runs over, half of it down."""
+    generator = np.random.default_rng(seed)
+    pump = 2.8 + np.convolve(generator.standard_normal(samples + 60), np.ones(60) / 8.0, mode="valid")[:samples]
+    upper, lower, reading = 4.0, 5.0, np.empty(samples)
+    for k in range(samples):
+        reading[k] = lower
+        for _ in range(40):
+            over = 0.0 if rim is None else 0.3 * np.logaddexp(0.0, (upper - rim) / 0.05) * 0.05
+            down = 0.05 * np.sqrt(upper)
+            upper = max(upper + 0.1 * (0.045 * max(pump[k], 0.0) - down - over), 0.0)
+            lower = max(lower + 0.1 * (down + 0.5 * over - 0.045 * np.sqrt(lower)), 0.0)
+    reading += 0.02 * generator.standard_normal(samples)
+    return {"pump_v": pump, "level_v": reading if cut is None else np.minimum(reading, cut)}
+
+
+def build_tanks(**kwargs):
+    signals, trials = tabulate(pump_tanks(**kwargs), step_s=4.0)
+    return build_whole_records(signals, trials, read_plant("cascaded_tanks"))
 
 
 def move(seed, samples=4800):
@@ -42,11 +64,11 @@ def slide(way, width):
     return state
 
 
-def tabulate(signals, record="given"):
-    time = np.arange(len(next(iter(signals.values())))) * STEP_S
+def tabulate(signals, record="given", step_s=STEP_S):
+    time = np.arange(len(next(iter(signals.values())))) * step_s
     rows = [pd.DataFrame({"record": record, "time_s": time, "signal": n, "value": v}) for n, v in signals.items()]
     size = len(time) // BLOCKS
-    trials = pd.DataFrame({"record": record, "start_s": np.arange(BLOCKS) * size * STEP_S, "samples": size})
+    trials = pd.DataFrame({"record": record, "start_s": np.arange(BLOCKS) * size * step_s, "samples": size})
     return pd.concat(rows, ignore_index=True), trials
 
 
@@ -55,7 +77,7 @@ def build(added=0.0, seed=1, noise=0.05, hole=None):
     force = 300.0 * way + 2.0 + added + noise * np.random.default_rng(seed).standard_normal(len(way))
     if hole is not None:
         force[hole] = np.nan
-    return build_element(*tabulate({"position_m": way, "force_n": force}), read_plant())
+    return build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant())
 
 
 def look(cell, settings):
@@ -107,14 +129,52 @@ def test_a_loop_remembers_what_was_before_its_block():
 def test_samples_far_quicker_than_the_movement_are_averaged():
     way = np.repeat(move(1, 1200), 4)
     force = 300.0 * way + np.tile([1.0, -1.0], len(way) // 2)
-    cell = build_element(*tabulate({"position_m": way, "force_n": force}), read_plant(pace_s=8.0))
+    cell = build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(pace_s=8.0))
     assert cell.step_s == pytest.approx(4 * STEP_S)
     np.testing.assert_allclose(cell.measured, cell.simulate({"stiffness": 300.0, "offset": 0.0}, []), atol=1e-9)
 
 
 def test_a_missing_signal_is_told():
     with pytest.raises(ValueError, match="signal force_n: expected values, got none; known are position_m"):
-        build_element(*tabulate({"position_m": move(1)}), read_plant())
+        build_whole_records(*tabulate({"position_m": move(1)}), read_plant())
+
+
+def test_a_hidden_overflow_is_named(settings):
+    found = look(build_tanks(seed=1, rim=6.0), settings)
+    assert [each.name for each in found.named] == ["overflow"]
+
+
+def test_a_reading_that_is_cut_is_named_with_its_level(settings):
+    level = float(np.quantile(pump_tanks(seed=2)["level_v"], 0.85))
+    found = look(build_tanks(seed=2, cut=level), settings)
+    assert [each.name for each in found.named] == ["saturation"]
+    assert 5.0 / found.cells[0].current.fit.listed()[-1] == pytest.approx(level, rel=0.01)
+
+
+def test_tanks_without_an_effect_have_none_named(settings):
+    assert not look(build_tanks(seed=3), settings).named
+
+
+@pytest.mark.skipif(not TANKS.exists(), reason=f"recorded data of others are needed at {TANKS}")
+def test_recorded_tanks_overflow(pamid, tmp_path):
+    """Two tanks recorded by Schoukens and Noel, estimation and validation apart."""
+    run = pamid(
+        "workflow=discrepancy",
+        "measurement=records",
+        f"measured={TANKS / 'cascaded_tanks.parquet'}",
+        "columns.time_s=t",
+        "+columns.pump_v=u",
+        "+columns.level_v=y",
+        "plant=cascaded_tanks",
+        "parts.fitted=[est]",
+        "parts.verification=[val]",
+    )
+    assert run.returncode == 0, run.stderr
+    verdict = json.loads(next(tmp_path.glob("outputs/runs/*/verdict.json")).read_text())
+    assert {each["name"] for each in verdict["effects"]} <= {"overflow", "saturation"}
+    assert verdict["effects"]
+    verification = pd.read_parquet(next(tmp_path.glob("outputs/runs/*/tables/verification.parquet")))
+    assert verification["gap_over_std"].iloc[len(verdict["effects"])] < 0.75 * verification["gap_over_std"].iloc[0]
 
 
 @pytest.mark.skipif(not RECORDED.exists(), reason=f"recorded data of others are needed at {RECORDED}")

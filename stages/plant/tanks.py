@@ -1,0 +1,197 @@
+"""Two water tanks, one above the other: a pump fills the upper, which runs into the lower, which runs out.
+
+Flow out of a tank goes with the root of its level (Torricelli). A measured pump voltage flows in, with constants and
+the terms that named effects add; the reading of the lower level flows out. Levels are told in the unit of the reading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self, cast
+
+import numpy as np
+from numba import njit
+from pydantic import Field, model_validator
+
+from stages.plant.declaration import Declared
+from stages.plant.effect import DynamicEffect, Parameter
+from stages.plant.listed import ListedEffect, NominalConstant, find_effect_at
+from stages.signals.trajectories import Array
+
+SITE = "tank"
+Positive = Annotated[float, Field(gt=0.0)]
+Placed = tuple[DynamicEffect, Mapping[str, float]]
+
+
+class TankValues(NamedTuple):
+    """Constants of both tanks, levels in the unit of the reading, time in seconds."""
+
+    upper_outflow: float
+    lower_inflow: float
+    lower_outflow: float
+    pump_gain: float
+    upper_start: float
+    lower_start: float
+    reading_offset: float
+
+
+class TankTerms(NamedTuple):
+    """What effects add; levels over the output's scale, without a value given, nothing."""
+
+    scale_over_rim: float = 0.0
+    share_down: float = 0.0
+    leak: float = 0.0
+    drive_cut: float = 0.0
+    reading_cut: float = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _change(
+    upper: float, lower: float, pump: float, values: TankValues, terms: TankTerms, rim: float
+) -> tuple[float, float]:
+    filled = values.pump_gain * max(pump, 0.0)
+    down = math.sqrt(max(upper, 0.0))
+    over = 0.0
+    gain = filled - values.upper_outflow * down - terms.leak * upper
+    if terms.scale_over_rim > 0.0 and upper >= rim and gain > 0.0:
+        over, gain = gain, 0.0
+    into = values.lower_inflow * down + terms.share_down * over
+    return gain, into - values.lower_outflow * math.sqrt(max(lower, 0.0))
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(pump: Array, values: TankValues, terms: TankTerms, scale: float, step_s: float, substeps: int) -> Array:
+    reading = np.empty(pump.shape[0])
+    h = step_s / substeps
+    rim = scale / terms.scale_over_rim if terms.scale_over_rim > 0.0 else 1e300
+    upper, lower = min(max(values.upper_start, 0.0), rim), max(values.lower_start, 0.0)
+    most = scale / terms.drive_cut if terms.drive_cut > 0.0 else 1e300
+    for k in range(pump.shape[0]):
+        reading[k] = lower + values.reading_offset
+        u = min(pump[k], most)
+        for _ in range(substeps):
+            a1, b1 = _change(upper, lower, u, values, terms, rim)
+            middle_upper, middle_lower = upper + 0.5 * h * a1, lower + 0.5 * h * b1
+            a2, b2 = _change(middle_upper, middle_lower, u, values, terms, rim)
+            upper = min(max(upper + h * a2, 0.0), rim)
+            lower = max(lower + h * b2, 0.0)
+    if terms.reading_cut > 0.0:
+        for k in range(reading.shape[0]):
+            reading[k] = min(reading[k], scale / terms.reading_cut)
+    return reading
+
+
+class TankConstants(Declared):
+    """Constants of the textbook tanks."""
+
+    upper_outflow: NominalConstant = Field(description="flow out of the upper tank over the root of its level")
+    lower_inflow: NominalConstant = Field(description="the same flow as it fills the lower tank")
+    lower_outflow: NominalConstant = Field(description="flow out of the lower tank over the root of its level")
+    pump_gain: NominalConstant = Field(description="rise of the upper level over the pump's voltage")
+    upper_start: NominalConstant = Field(description="upper level as a record begins")
+    lower_start: NominalConstant = Field(description="lower level as a record begins")
+    reading_offset: NominalConstant = Field(description="what the sensor adds to the lower level")
+
+
+class TankEffect(ListedEffect):
+    """An effect that acts at the tanks."""
+
+    SITE = SITE
+
+    @property
+    def effect(self) -> DynamicEffect:
+        """The effect itself."""
+        return find_tank_effect(self.name, self.form)
+
+
+def find_tank_effect(name: str, form: str | None) -> DynamicEffect:
+    """Return an effect that acts at the tanks, in the form given or its first; see `find_effect_at`."""
+    return cast(DynamicEffect, find_effect_at(SITE, name, form))
+
+
+class CascadedTanks(Declared):
+    """Everything that simulating two tanks takes."""
+
+    SITE: ClassVar[str] = SITE
+
+    kind: Literal["cascaded_tanks"]
+    input: str
+    output: str
+    substeps: int = Field(ge=1, le=1000, description="integration steps per sample")
+    output_scale: Positive = Field(description="level in which effects tell theirs, unit of the reading")
+    pace_s: Positive = Field(description="time in which a level follows, s")
+    constants: TankConstants
+    effects: list[TankEffect]
+
+    @model_validator(mode="after")
+    def _check_effects(self) -> Self:
+        collect_terms([(entry.effect, entry.parameters) for entry in self.effects])
+        return self
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The pump's voltage."""
+        return (self.input,)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Constants as a fit takes them."""
+        fields = TankConstants.model_fields
+        return tuple(
+            getattr(self.constants, name).as_parameter(name, str(field.description)) for name, field in fields.items()
+        )
+
+    def settle(self, signals: Mapping[str, Array], step_s: float) -> CascadedTanks:
+        """Return the plant itself: nothing is left open."""
+        return self
+
+    def simulate(
+        self,
+        signals: Mapping[str, Array],
+        step_s: float,
+        start_s: Array,
+        constants: Mapping[str, float],
+        effects: Sequence[Placed] = (),
+    ) -> Array:
+        """Return the reading, (T, R), each record from its own beginning; see `StaticMap.simulate`."""
+        terms = collect_terms([*((entry.effect, entry.parameters) for entry in self.effects), *effects])
+        pump, values = signals[self.input], TankValues(**constants)
+        readings = [
+            _fill(np.ascontiguousarray(column), values, terms, self.output_scale, step_s, self.substeps)
+            for column in pump.T
+        ]
+        return np.stack(readings, axis=1)
+
+    def watch(self, signals: Mapping[str, Array], step_s: float) -> list[tuple[str, Array, bool]]:
+        """Return what may explain a residual: the input, and the levels as the textbook's tanks would have them."""
+        pump = signals[self.input]
+        constants = {each.name: each.prior_mean for each in self.parameters}
+        level = self.model_copy(update={"effects": []}).simulate(signals, step_s, np.zeros(1), constants)
+        rate = np.gradient(level, step_s, axis=0) * self.pace_s
+        return [(self.input, pump, False), ("level", level, False), ("rate of level", rate, True)]
+
+    def amend(self, constants: Mapping[str, float], effects: Sequence[Placed]) -> CascadedTanks:
+        """Return the plant with fitted constants and with effects added to its list."""
+        fitted = {
+            name: getattr(self.constants, name).model_copy(update={"start": value}) for name, value in constants.items()
+        }
+        added = [TankEffect(name=e.name, form=e.form, parameters=dict(values)) for e, values in effects]
+        return self.model_copy(update={"constants": TankConstants(**fitted), "effects": [*self.effects, *added]})
+
+
+def collect_terms(effects: Sequence[Placed]) -> TankTerms:
+    """Return the terms of several effects.
+
+    Raises
+    ------
+    ValueError
+        When two of them set the same term.
+    """
+    found: dict[str, float] = {}
+    for effect, values in effects:
+        terms = effect.terms(values)
+        if set(terms) & set(found):
+            raise ValueError(f"effect {effect.name}: another listed effect sets the same term; list one of them")
+        found |= terms
+    return TankTerms(**found)

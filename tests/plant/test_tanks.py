@@ -1,0 +1,103 @@
+"""Two tanks: levels at rest in closed form, water that is not lost, a rim that holds, and lists that are checked."""
+
+import numpy as np
+import pytest
+import yaml
+from pydantic import ValidationError
+from scipy.integrate import solve_ivp
+
+from stages.plant.effect import find_effect
+from stages.plant.machine import read_machine
+from tests.plant.machines import CONF
+
+STEP_S = 4.0
+CONSTANTS = {
+    "upper_outflow": 0.05,
+    "lower_inflow": 0.05,
+    "lower_outflow": 0.04,
+    "pump_gain": 0.04,
+    "upper_start": 4.0,
+    "lower_start": 6.0,
+    "reading_offset": 0.3,
+}
+RIM = find_effect("overflow", "rim")
+CUT = find_effect("saturation", "tank_reading")
+
+
+def read_tanks(**changes):
+    return read_machine({**yaml.safe_load((CONF / "plant" / "cascaded_tanks.yaml").read_text()), **changes})
+
+
+def fill(pump, effects=(), **changes):
+    signals = {"pump_v": np.asarray(pump, dtype=float)[:, None]}
+    return read_tanks().simulate(signals, STEP_S, np.zeros(1), {**CONSTANTS, **changes}, effects)[:, 0]
+
+
+def test_levels_rest_where_torricelli_says():
+    reading = fill(np.full(3000, 2.5))
+    upper = (0.04 * 2.5 / 0.05) ** 2
+    lower = (0.05 * np.sqrt(upper) / 0.04) ** 2
+    assert reading[-1] == pytest.approx(lower + 0.3, abs=1e-6)
+    assert reading[0] == pytest.approx(6.3)
+
+
+def test_the_way_there_is_that_of_another_integrator():
+    pump = 2.5 + np.sin(0.05 * np.arange(200))
+
+    def change(time, levels):
+        filled = 0.04 * pump[min(int(time / STEP_S), 199)]
+        down, out = 0.05 * np.sqrt(max(levels[0], 0.0)), 0.04 * np.sqrt(max(levels[1], 0.0))
+        return [filled - down, down - out]
+
+    exact = solve_ivp(
+        change, (0.0, 199 * STEP_S), [4.0, 6.0], t_eval=np.arange(200) * STEP_S, max_step=0.1, rtol=1e-8, atol=1e-8
+    )
+    np.testing.assert_allclose(fill(pump), exact.y[1] + 0.3, atol=2e-3)
+
+
+def test_above_the_rim_water_runs_over_and_a_share_of_it_down():
+    pump = np.full(3000, 4.0)
+    lost, kept = (fill(pump, [(RIM, {"scale_over_rim": 1.0, "share_down": share})])[-1] for share in (0.0, 1.0))
+    rim = 5.0
+    assert lost - 0.3 == pytest.approx((0.05 * np.sqrt(rim) / 0.04) ** 2, rel=1e-3)
+    assert kept - 0.3 == pytest.approx((0.04 * 4.0 / 0.04) ** 2, rel=1e-3)
+
+
+def test_a_rim_that_is_never_reached_and_a_reading_never_cut_change_nothing():
+    pump = 1.5 + 0.5 * np.sin(0.05 * np.arange(500))
+    effects = [(RIM, {"scale_over_rim": 0.05, "share_down": 0.5}), (CUT, {"scale_over_level": 0.05})]
+    np.testing.assert_array_equal(fill(pump), fill(pump, effects))
+    absent = [(RIM, {"scale_over_rim": 0.0, "share_down": 0.5}), (CUT, {"scale_over_level": 0.0})]
+    np.testing.assert_array_equal(fill(np.full(500, 4.0)), fill(np.full(500, 4.0), absent))
+
+
+def test_a_reading_is_cut_and_the_level_is_not():
+    pump = np.concatenate([np.full(500, 4.0), np.full(500, 1.0)])
+    plain, cut = fill(pump), fill(pump, [(CUT, {"scale_over_level": 0.5})])
+    np.testing.assert_array_equal(cut, np.minimum(plain, 10.0))
+
+
+def test_an_amended_plant_simulates_as_fitted_and_reads_back():
+    amended = read_tanks().amend(CONSTANTS, [(RIM, {"scale_over_rim": 1.0, "share_down": 0.4})])
+    again = read_machine(yaml.safe_load(yaml.safe_dump(amended.model_dump())))
+    constants = {each.name: each.prior_mean for each in again.parameters}
+    assert constants == CONSTANTS
+    pump = np.full((800, 1), 4.0)
+    np.testing.assert_array_equal(
+        again.simulate({"pump_v": pump}, STEP_S, np.zeros(1), constants)[:, 0],
+        fill(pump[:, 0], [(RIM, {"scale_over_rim": 1.0, "share_down": 0.4})]),
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"output_scale": 0.0}, "greater than 0"),
+        ({"effects": [{"name": "creep", "share": 0.1}]}, "does not act at a tank"),
+        ({"effects": [{"name": "overflow", "scale_over_rim": 1.0, "share_down": 0.1}] * 2}, "sets the same term"),
+        ({"substeps": 0}, "greater than or equal to 1"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes, told):
+    with pytest.raises(ValidationError, match=told):
+        read_tanks(**changes)
