@@ -156,7 +156,7 @@ class Search:
 def prepare(cell: Cell) -> CellState:
     """Fit a cell's nominal constants, and estimate its noise from what a flexible model leaves."""
     model = Model(cell)
-    rough = assess(fit(model, make_plain(0.01 * cell.range), begin(model)))
+    rough = fit_plain(model, begin(model), 0.01 * cell.range)
     features, by_trees = build_features(cell), explain_by_trees(cell, rough.residual)
     least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], cell)
     noise = estimate_noise(least.residual, cell.present, cell.step_s)
@@ -197,18 +197,29 @@ def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
     What another model left says little of this one's noise: a missing effect passes for wander, and under so much
     wander only steps would count.
     """
-    return assess(fit(model, make_plain(spread), start))
+    plain = make_plain(spread)
+    return assess(fit(model, plain, start), plain)
 
 
 def colour(plain: Fitted) -> Fitted:
     """Fit a model once more, under the noise that it left; return what predicts better."""
-    coloured = assess(fit(plain.fit.model, plain.estimate_noise(), plain.fit.values, iterations=4))
+    noise = plain.estimate_noise()
+    coloured = assess(fit(plain.fit.model, noise, plain.fit.values, iterations=4), noise)
     return min(plain, coloured, key=lambda each: float(each.raw.sum()))
 
 
-def assess(found: Fit) -> Fitted:
-    """Judge a fit on its trials, each left out."""
-    residual = np.where(found.model.cell.present, found.leave_each_out(), 0.0)
+def assess(found: Fit, noise: Noise) -> Fitted:
+    """Judge a fit on its trials, each left out; where that changes much, by fitting once more without the trial."""
+    cell = found.model.cell
+    residual = np.where(cell.present, found.leave_each_out(), 0.0)
+    squares, inside = (residual**2).sum(axis=0), (found.residual**2).sum(axis=0)
+    far = np.flatnonzero((squares > FAR * inside) & (squares > LARGE * squares.sum()))
+    for trial in far if cell.trials > 2 else ():
+        others = [k for k in range(cell.trials) if k != trial]
+        without = fit(replace(found.model, cell=cell.take(others)), noise, found.values)
+        alone = cell.take([int(trial)])
+        left = alone.measured - replace(found.model, cell=alone).simulate(without.values)
+        residual[:, trial] = np.where(alone.present, left, 0.0)[:, 0]
     return Fitted(found, residual, (residual**2).sum(axis=0))
 
 
@@ -247,6 +258,9 @@ AS_MUCH, LIKE = 0.985, 0.95
 
 NOT_WORTH = 1.0
 """Fall of a trial's score, in a cell, of a form that did not seem worth a full fit there."""
+
+FAR, LARGE = 4.0, 0.1
+"""Sum of squares of a trial left out, over that when it is not, and over all trials', above which a fit is repeated."""
 
 NEAR = 1.25
 """Sum of squares, over that of the best form in a cell, up to which a form is fitted under its own noise too."""
@@ -564,4 +578,4 @@ def _without(state: CellState, name: str) -> Fitted:
             start += list(state.current.fit.values[place : place + len(form.parameters)])
         place += len(form.parameters)
     kept = replace(model, forms=tuple(form for form in model.forms if form.name != name))
-    return assess(fit(kept, state.noise, np.array(start)))
+    return assess(fit(kept, state.noise, np.array(start)), state.noise)
