@@ -41,7 +41,7 @@ def test_parameters_begin_and_are_expected_within_their_bounds(effect):
         assert parameter.low < parameter.high
         assert parameter.low <= parameter.prior_mean <= parameter.high
         assert 0.0 < parameter.prior_sd <= parameter.high - parameter.low
-        assert 1 <= len(parameter.starts) <= 3
+        assert 1 <= len(parameter.starts) <= (3 if getattr(effect, "scales", True) else 6)
         assert all(parameter.low < start < parameter.high for start in parameter.starts)
         unit = parameter.unit.replace("N m", "nm").replace("/", "_per_").removeprefix("1_").lower()
         assert parameter.unit == "1" or parameter.name.endswith(unit) or f"{unit}_" in parameter.name

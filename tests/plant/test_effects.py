@@ -47,7 +47,7 @@ def test_an_effect_declares_itself(name):
     effect = find_effect(name)
     module = importlib.import_module(f"stages.plant.effects.{name}")
     assert effect.name == name
-    assert effect.site in ("command", "valve", "pressure", "muscle", "transmission", "joint", "sensor")
+    assert effect.site in ("command", "valve", "pressure", "muscle", "transmission", "joint", "sensor", "tank")
     assert module.FORMS[0] is effect is module.EFFECT
     assert len(module.__doc__) > 60
     assert "(" in effect.source
