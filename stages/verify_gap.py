@@ -35,6 +35,8 @@ from stages.discrepancy import (
     resample,
     summarise_unexplained,
     tell,
+    tell_few,
+    tell_floor,
     tell_odd,
     tell_silent,
     trace_effects,
@@ -137,7 +139,7 @@ def verify_gap(
     last = len(labels) - 1 if status == "named" else 0
     weights = resample(len(opened), settings.bootstraps, ctx.generator("resample", "verification"))
     over_floor = bound_ratio(found, last, opened, weights, settings.level)
-    if status == "no_discrepancy" and over_floor["low"] > settings.search.smallest_gap:
+    if status == "no_discrepancy" and over_floor["value"] > settings.search.smallest_gap:
         status = "unexplained"
     verdict = {
         "status": status,
@@ -162,6 +164,8 @@ def verify_gap(
     remarks = [
         *tell_silent(judgeable, list(measured_muscles["muscle"])),
         *tell_odd(odd),
+        *tell_few(int(learnt.sum()), len(opened)),
+        *tell_floor(channels),
         tell_command(measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
     ]
     return {

@@ -30,7 +30,7 @@ from stages.discrepancy.verdict import (
     summarise_unexplained,
 )
 from stages.discrepancy.verification import Verified, bound_ratio, compare_steps, list_predictions, verify
-from stages.discrepancy.words import tell, tell_odd, tell_silent
+from stages.discrepancy.words import tell, tell_few, tell_floor, tell_odd, tell_silent
 
 __all__ = [
     "PURPOSES",
@@ -76,6 +76,8 @@ __all__ = [
     "sum_doubt",
     "summarise_unexplained",
     "tell",
+    "tell_few",
+    "tell_floor",
     "tell_odd",
     "tell_silent",
     "tell_truth",

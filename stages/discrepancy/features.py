@@ -47,8 +47,12 @@ def build_features(cell: Cell) -> Array:
     for rate in rates:
         moved = np.cumsum(np.abs(rate), axis=0) * cell.step_s
         columns += [moved * scale for scale in scales]
+    changes = [signal - _lag(signal, LAGS_S[1], cell.step_s) for signal in states]
     for each in [driver for driver in drivers if not driver.own]:
-        columns += _look_aside(_standardise(each.values), cell.step_s)
+        aside = _standardise(each.values)
+        columns += [*_look_aside(aside, cell.step_s), *(aside * signal for _, signal in own)]
+        columns += [aside * change for change in changes]
+        columns += [np.abs(aside), np.abs(aside) * own[0][1]]
     columns += _session(cell, states)
     features = np.stack([_standardise(column) for column in columns], axis=2)
     return np.where(cell.present[:, :, None], cell.respond(features), 0.0)

@@ -195,11 +195,13 @@ class PressureCell(MuscleCell):
         return {"mpa_over_level": 1000.0 / level}
 
     def drivers(self) -> list[Driver]:
-        """Return the command, how it changes, and the other muscles' commands."""
+        """Return the command, how it changes, the muscle's motion, and the other muscles' commands."""
         records = self.records
         rate = np.gradient(records.command_kpa, records.step_s, axis=0)
         own = [Driver("pressure_command_kpa", records.command_kpa), Driver("command_rate", rate, rate=True)]
-        return own + [Driver(name, v, own=False) for name, v in records.others.items() if "command" in name]
+        aside = {name: values for name, values in records.others.items() if "command" in name}
+        aside |= {"contraction": records.contraction, "contraction_velocity_per_s": records.velocity_per_s}
+        return own + [Driver(name, values, own=False) for name, values in aside.items()]
 
 
 class ForceCell(MuscleCell):
@@ -278,6 +280,10 @@ class ForceCell(MuscleCell):
         ]
         aside = {name: values for name, values in records.others.items() if "command" not in name}
         aside["pressure_command_kpa"] = records.command_kpa
+        aside["contraction_acceleration_per_s2"] = np.gradient(records.velocity_per_s, records.step_s, axis=0)
+        for name, values in records.others.items():
+            if name.endswith("contraction"):
+                aside[f"{name} rate"] = np.gradient(values, records.step_s, axis=0)
         return own + [Driver(name, values, own=False) for name, values in aside.items()]
 
 

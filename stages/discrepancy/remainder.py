@@ -49,7 +49,8 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
         initial = _draw_gap(states, weights, lambda state: state.nominal.raw)
         now = _draw_gap(states, weights, lambda state: state.current.raw)
         least = _draw_gap(states, weights, lambda state: state.leftover.raw)
-        share = np.where(initial > least, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
+        seen = initial > (1.0 + 0.5 * (settings.smallest_gap - 1.0)) * least  # beside no gap, no share of it means much
+        share = np.where(seen, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
         unknown = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
         named = any(state.current.forms for state in states)
         imitated = float((share > settings.imitation_share).mean()) if named else 0.0

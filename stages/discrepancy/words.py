@@ -5,8 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+import pandas as pd
+
 from stages.plant.effect import Effect, find_effect
 
+FEW_TRIALS = 6
+"""Fitted trials below which it is told that they say little."""
+HIGH_FLOOR = 3.0
+"""Noise floor, over the white part of the noise, above which it is told that it is high."""
 NOT_EFFECTS = ("none", "unknown")
 CONCENTRATED = 1.2
 """Share of the gap over share of time above which a gap is said to lie in a regime."""
@@ -77,11 +83,15 @@ def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
     near = f" The nearest is {_spell(nearest['name'])}, which is not enough." if nearest else ""
-    line = "" if verdict["line_hz"] is None else f" It oscillates at {verdict['line_hz']:.3g} Hz in all trials."
+    line_hz = verdict["line_hz"]
+    reproducible = (
+        f"a flexible model would still take away {_percent(share)} of what is above the noise"
+        if line_hz is None
+        else f"an oscillation at {line_hz:.3g} Hz runs through all trials, which nothing measured brings about"
+    )
     return [
-        f"A gap is real and no effect of the library explains it: a flexible model would still take away "
-        f"{_percent(share)} of what is above the noise.{line}{near} Nothing is named, and the plant is not changed "
-        "but for its fitted constants.",
+        f"A gap is real and no effect of the library explains it: {reproducible}.{near} Nothing is named, and the "
+        "plant is not changed but for its fitted constants.",
         f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
         f"{_percent(gap['noise_floor'])}.",
     ]
@@ -154,6 +164,35 @@ def tell_odd(odd: Sequence[Mapping[str, Any]]) -> list[str]:
     return [
         f"Look at trial {', '.join(trials[:MOST_LISTED])}{more}: the error there is up to {odd[0]['ratio']:.0f} times "
         f"that of other trials ({what}); if something came loose, run again without it."
+    ]
+
+
+def tell_few(fitted: int, opened: int) -> list[str]:
+    """Return that so few trials say little, if they are."""
+    if fitted >= FEW_TRIALS:
+        return []
+    return [
+        f"This rests on {fitted} fitted trials and {opened} opened at the end: intervals and probabilities say less "
+        f"than they seem to; record {FEW_TRIALS} and more."
+    ]
+
+
+def tell_floor(channels: pd.DataFrame) -> list[str]:
+    """Return where what is called noise is far above the sensor's own, from sample to sample.
+
+    Parameters
+    ----------
+    channels : DataFrame
+        Columns ``channel muscle noise_floor white``.
+    """
+    high = channels[channels["noise_floor"] > HIGH_FLOOR * channels["white"]]
+    if high.empty:
+        return []
+    where = [f"{_spell(str(row['channel']))} of {row['muscle']}" for row in high.to_dict("records")]
+    return [
+        f"The noise floor is more than {HIGH_FLOOR:g} times the sensor's noise from sample to sample "
+        f"({_shorten(where)}): something wanders, or acts that no measured signal tells; trials repeated alike would "
+        "tell which."
     ]
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.discrepancy import summarise_unexplained, tell
+from stages.discrepancy import summarise_unexplained, tell, tell_few, tell_floor
 
 GAP = {
     "before": 0.081,
@@ -62,12 +62,31 @@ def test_a_name_that_may_be_an_imitation_is_said_to_be(imitated, doubted):
     assert ("8.0 % of the gap above the noise) is more than forms of one effect" in text) == doubted
 
 
-@pytest.mark.parametrize(("line_hz", "told"), [(None, False), (49.94, True)])
-def test_what_oscillates_is_told_where_nothing_is_named(line_hz, told):
-    text = speak("unexplained", line_hz=line_hz)
+def test_where_nothing_is_named_it_is_told_what_is_left():
+    text = speak("unexplained")
     assert "a flexible model would still take away 40 % of what is above the noise" in text
     assert "The nearest is hysteresis, which is not enough" in text
-    assert ("It oscillates at 49.9 Hz in all trials" in text) == told
+
+
+def test_an_oscillation_is_told_instead_of_a_share():
+    text = speak("unexplained", line_hz=49.94)
+    assert "an oscillation at 49.9 Hz runs through all trials" in text
+    assert "flexible model" not in text
+
+
+@pytest.mark.parametrize(("fitted", "told"), [(2, 1), (5, 1), (6, 0)])
+def test_few_trials_are_told(fitted, told):
+    assert len(tell_few(fitted, 1)) == told
+
+
+def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
+    channels = pd.DataFrame(
+        {"channel": ["force_n", "force_n"], "muscle": ["pam1", "pam2"], "noise_floor": [9.0, 2.0], "white": [1.0, 1.0]}
+    )
+    (sentence,) = tell_floor(channels)
+    assert "force n of pam1" in sentence
+    assert "pam2" not in sentence
+    assert tell_floor(channels.assign(noise_floor=2.0)) == []
 
 
 def test_nothing_missing_is_told_with_its_limit():
