@@ -62,9 +62,9 @@ def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
     panels[0].set_ylabel(
         f"{shorten(first['channel'])} without it:\nmeasured less simulated ({first['unit']})", fontsize=9
     )
-    figure.legend(
-        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False, fontsize=8
-    )
+    abreast = 4 if len(panels) > 1 else 2
+    handles = panels[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=abreast, frameon=False, fontsize=8)
     title = f"{spell(first['effect'])}: {signature}"
     figure.suptitle(fill(title, round(LETTERS_PER_INCH * figure.get_figwidth())), fontsize=10)
     return figure
