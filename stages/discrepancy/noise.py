@@ -109,7 +109,7 @@ def log_density(residual: Array, present: NDArray[np.bool_], noise: Noise, step_
     return density
 
 
-def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, start: Noise | None = None) -> Noise:
+def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float) -> Noise:
     """Return the noise that a residual most likely is, under weak priors on its constants.
 
     Parameters

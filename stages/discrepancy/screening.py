@@ -57,8 +57,9 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
     present = cell.present
     constants, placed = fit.model.name_values(fit.values)
     simulated = cell.simulate(constants, placed)
+    best = _try_starts(fit, forms)
     owners, starts, changes = [], [], []
-    for form in forms:
+    for form in [each for each in forms if each.scales]:
         for start in cell.starts(form, constants):
             change = cell.simulate(constants, [*placed, (form, start)]) - simulated
             if np.isfinite(change).all() and np.abs(change[present]).max(initial=0.0) > 0.0:
@@ -66,17 +67,14 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
                 starts.append(start)
                 changes.append(np.where(present, change, 0.0))
     if not changes:
-        return []
+        return list(best.values())
     columns = np.concatenate([fit.slopes, np.stack(changes, axis=2), fit.residual[:, :, None]], axis=2)
     white = whiten(columns, present, noise, cell.step_s)
     grams, raw = (collect_grams(each[:, :, :-1], each[:, :, -1], present) for each in (white, columns))
     unit = raw.square.sum() / max(raw.samples.sum(), 1.0)
     plain = Grams(raw.slopes / unit, raw.cross / unit, raw.square / unit, raw.samples)
     known = len(fit.values)
-    best = _try_starts(fit, forms)
     for index, (form, start) in enumerate(zip(owners, starts, strict=True)):
-        if not form.scales:
-            continue
         signed = form.parameters[0].low < 0.0
         gain, scale, absorbed = _regress(fit, grams, known + index, signed)
         raw_gain = _regress(fit, plain, known + index, signed)[0]
