@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -38,10 +39,12 @@ class Watch:
     stopping: bool = False
 
     def note(self, number: int, frame: FrameType | None) -> None:
-        """Note a signal and raise, unless the process is stopping already."""
-        self.number = self.number or number
+        """Note the first signal and raise, unless the process is stopping already."""
+        if self.number is not None:
+            return
+        self.number = number
         if not self.stopping:
-            raise Interrupted(self.number)
+            raise Interrupted(number)
 
     def check(self) -> None:
         """Raise if a signal arrived and its exception was lost on the way.
@@ -67,7 +70,6 @@ def watch() -> Iterator[Watch]:
             for number, handler in before.items():
                 signal.signal(number, handler)
         else:
-            kept.stopping = True
             ignore_from_now_on()
 
 
@@ -92,8 +94,11 @@ def leave_at_once(command: str) -> None:
 def ignore_from_now_on() -> None:
     """Let neither signal change an exit code that is settled.
 
-    Signals are blocked meanwhile: one that arrived but has not reached its handler yet would be told as lost.
+    A signal may have arrived and not reached its handler yet: it is blocked here, but a library's thread may still take
+    it. The interpreter then tells on stderr that it is ignored, which is what is wanted, and nothing to tell.
     """
+    tell = sys.unraisablehook
+    sys.unraisablehook = lambda unraisable: None if _is_late_signal(unraisable) else tell(unraisable)
     can_block = hasattr(signal, "pthread_sigmask")
     if can_block:
         signal.pthread_sigmask(signal.SIG_BLOCK, WORDS)
@@ -101,3 +106,8 @@ def ignore_from_now_on() -> None:
         signal.signal(number, signal.SIG_IGN)
     if can_block:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, WORDS)
+    sys.unraisablehook = tell
+
+
+def _is_late_signal(unraisable: sys.UnraisableHookArgs) -> bool:
+    return isinstance(unraisable.exc_value, OSError) and "ignored due to race condition" in str(unraisable.exc_value)

@@ -395,6 +395,34 @@ def test_impatient_ctrl_c(toy, reference):
     finish(toy, reference, "doubling.pause_s=0.3")
 
 
+THREADED = """
+import threading, time
+from pipeline.interruption import watch
+
+for _ in range(4):
+    threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+print("ready", flush=True)
+try:
+    with watch():
+        time.sleep(60)
+except BaseException as error:
+    print(error, flush=True)
+"""
+
+
+def test_a_storm_of_ctrl_c_among_threads_says_nothing_of_its_own():
+    for _ in range(10):
+        with subprocess.Popen(
+            [sys.executable, "-c", THREADED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as process:
+            process.stdout.readline()
+            time.sleep(0.02)
+            while process.poll() is None:
+                process.send_signal(signal.SIGINT)
+            output, errors = process.communicate(timeout=30)
+        assert (process.returncode, output, errors) == (0, "stopped by Ctrl-C\n", "")
+
+
 def is_listening(process):
     """SIGTERM is handled: Python has begun to run the command."""
     with open(f"/proc/{process.pid}/status") as status:
