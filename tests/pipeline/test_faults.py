@@ -401,9 +401,9 @@ from pipeline.interruption import watch
 
 for _ in range(4):
     threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
-print("ready", flush=True)
 try:
     with watch():
+        print("ready", flush=True)
         time.sleep(60)
 except BaseException as error:
     print(error, flush=True)
@@ -416,7 +416,6 @@ def test_a_storm_of_ctrl_c_among_threads_says_nothing_of_its_own():
             [sys.executable, "-c", THREADED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         ) as process:
             process.stdout.readline()
-            time.sleep(0.02)
             while process.poll() is None:
                 process.send_signal(signal.SIGINT)
             output, errors = process.communicate(timeout=30)
