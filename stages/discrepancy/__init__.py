@@ -6,6 +6,14 @@ effects and adds them; `locate` tells in which regimes the gap lies.
 
 from stages.discrepancy.amendment import amend, estimate_intervals
 from stages.discrepancy.cell import Cell, Driver, Form
+from stages.discrepancy.description import (
+    Description,
+    DescriptionSettings,
+    average_dependence,
+    describe,
+    describe_above_floor,
+    tabulate,
+)
 from stages.discrepancy.exactness import explain_exactly
 from stages.discrepancy.gaps import locate, upper_ratio
 from stages.discrepancy.judgement import Judgement, judge, tell_truth
@@ -26,16 +34,19 @@ from stages.discrepancy.verdict import (
     describe_effects,
     list_absorbed,
     list_candidates,
+    list_remainder,
     locate_most,
     summarise_unexplained,
 )
 from stages.discrepancy.verification import Verified, bound_ratio, compare_steps, list_predictions, verify
-from stages.discrepancy.words import tell, tell_few, tell_floor, tell_odd, tell_silent
+from stages.discrepancy.words import tell, tell_few, tell_floor, tell_odd, tell_remainder, tell_silent
 
 __all__ = [
     "PURPOSES",
     "Cell",
     "CellState",
+    "Description",
+    "DescriptionSettings",
     "DiscrepancySettings",
     "Driver",
     "Form",
@@ -47,6 +58,7 @@ __all__ = [
     "Verified",
     "amend",
     "assign_parts",
+    "average_dependence",
     "average_loops",
     "average_plane",
     "bound_ratio",
@@ -54,6 +66,8 @@ __all__ = [
     "choose_verification",
     "compare_steps",
     "decide_status",
+    "describe",
+    "describe_above_floor",
     "describe_effects",
     "estimate_intervals",
     "explain_exactly",
@@ -63,6 +77,7 @@ __all__ = [
     "list_candidates",
     "list_cells",
     "list_predictions",
+    "list_remainder",
     "list_residuals",
     "locate",
     "locate_most",
@@ -75,10 +90,12 @@ __all__ = [
     "settle",
     "sum_doubt",
     "summarise_unexplained",
+    "tabulate",
     "tell",
     "tell_few",
     "tell_floor",
     "tell_odd",
+    "tell_remainder",
     "tell_silent",
     "tell_truth",
     "trace_effects",

@@ -24,6 +24,8 @@ BUMPS = 8
 """Places, evenly over a signal's range, at which something may happen that does not happen beside them."""
 TURNING = 0.1
 """Rate, in its standard deviations, at which a direction is half told."""
+CHANGE, DISTANCE, RECENT = "change of", "distance by", "recent"
+"""What histories of signals are called."""
 START_S = 0.5
 """Time constant of what happens at a trial's start, s."""
 
@@ -56,6 +58,22 @@ def build_features(cell: Cell) -> Array:
     columns += _session(cell, states)
     features = np.stack([_standardise(column) for column in columns], axis=2)
     return np.where(cell.present[:, :, None], cell.respond(features), 0.0)
+
+
+def list_histories(cell: Cell) -> list[Driver]:
+    """Return the past of a cell's signals: where each was lately, the distance moved so far, how others change."""
+    found = []
+    for each in cell.drivers():
+        if not each.own:
+            change = each.values - _lag(each.values, LAGS_S[1], cell.step_s)
+            found.append(Driver(f"{CHANGE} {each.name}", change, own=False))
+        elif each.rate:
+            found.append(
+                Driver(f"{DISTANCE} {each.name}", np.cumsum(np.abs(each.values), axis=0) * cell.step_s, own=False)
+            )
+        else:
+            found.append(Driver(f"{RECENT} {each.name}", _lag(each.values, LAGS_S[2], cell.step_s), own=False))
+    return found
 
 
 def _remember(driver: Driver, signal: Array, step_s: float) -> list[Array]:

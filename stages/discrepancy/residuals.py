@@ -47,7 +47,7 @@ def _average_plane(seen: Seen) -> pd.DataFrame:
     across, along = seen.cell.plane
     present = seen.cell.present
     x, y = signals[across][present], signals[along][present]
-    edges = [_equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else _equal_edges(y, PLANE_BINS)]
+    edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else equal_edges(y, PLANE_BINS)]
     counts = np.histogram2d(x, y, bins=edges)[0]
     sums = np.histogram2d(x, y, bins=edges, weights=seen.residual[present])[0]
     column, row = np.nonzero(counts >= max(LEAST_SHARE * 0.1 * x.size, 3.0))
@@ -108,7 +108,7 @@ def average_by_direction(variable: Array, rate: Array | None, values: Array, cel
         Columns ``direction x mean error``; direction is ``rising``, ``falling`` or ``both``.
     """
     present = cell.present
-    edges = _equal_edges(variable[present], LOOP_BINS)
+    edges = equal_edges(variable[present], LOOP_BINS)
     masks = {"both": present}
     if rate is not None:
         direction = hold_direction(rate, present)
@@ -155,7 +155,8 @@ def average_in_bins(
     return mean, error, count
 
 
-def _equal_edges(values: Array, bins: int) -> Array:
+def equal_edges(values: Array, bins: int) -> Array:
+    """Return the edges of bins of one width over nearly all of the values, (bins + 1,) ndarray."""
     low, high = np.quantile(values, [0.005, 0.995]) if values.size else (0.0, 1.0)
     return np.linspace(low, high if high > low else low + 1.0, bins + 1)
 
@@ -164,5 +165,5 @@ def _compressed_edges(values: Array) -> Array:
     """Return edges that are even for slow rates and ever wider for quick ones, as steps are very quick."""
     usual = np.abs(values[values != 0.0])
     scale = float(np.median(usual)) if usual.size else 1.0
-    edges: Array = scale * np.sinh(_equal_edges(np.arcsinh(values / scale), PLANE_BINS))
+    edges: Array = scale * np.sinh(equal_edges(np.arcsinh(values / scale), PLANE_BINS))
     return edges

@@ -65,6 +65,24 @@ def summarise_unexplained(unexplained: pd.DataFrame) -> dict[str, Any]:
     }
 
 
+def list_remainder(remainder: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return on what depends that which stays unexplained, as the verdict lists it; a hint, no name.
+
+    Parameters
+    ----------
+    remainder : DataFrame
+        Table `remainder`.
+    """
+    kept = ["channel", "muscle", "share", "low", "high", "hint", "hint_share"]
+    return [
+        {
+            "inputs": str(row["inputs"]).split(", ") if row["inputs"] else [],
+            **{name: _plain(row[name]) if row["hint"] or "hint" not in name else None for name in kept},
+        }
+        for row in remainder.to_dict("records")
+    ]
+
+
 def list_candidates(ranking: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the candidates of the first round as the verdict lists them.
 

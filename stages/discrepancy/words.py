@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from stages.discrepancy.signal_names import name_signal
 from stages.plant.effect import Effect, find_effect
 
 FEW_TRIALS = 6
@@ -194,6 +195,62 @@ def tell_floor(channels: pd.DataFrame) -> list[str]:
         f"({_shorten(where)}): something wanders, or acts that no measured signal tells; trials repeated alike would "
         "tell which."
     ]
+
+
+def tell_remainder(remainder: pd.DataFrame) -> list[str]:
+    """Return on what depends that which stays unexplained, channel by channel; a hint, marked as one.
+
+    Parameters
+    ----------
+    remainder : DataFrame
+        Table `remainder`.
+    """
+    sentences = []
+    for channel, rows in remainder.groupby("channel", sort=False):
+        name = name_signal(str(channel))[0]
+        known = rows[rows["inputs"] != ""].sort_values("share", ascending=False).to_dict("records")
+        if known:
+            sentences.append(_tell_dependence(name, known))
+        sentences += [_tell_hint(name, row) for row in known if row["hint"]][:1]
+        silent = rows.loc[rows["inputs"] == "", "muscle"].to_list()
+        if silent:
+            sentences.append(
+                f"What stays unexplained in {name} of {_join(silent)} depends on no measured signal, as far as a "
+                "Gaussian process can tell on trials left out."
+            )
+    return sentences
+
+
+def _tell_dependence(name: str, rows: Sequence[Mapping[Any, Any]]) -> str:
+    first, inputs = rows[0], _name_inputs(rows[0])
+    unit = name_signal(str(first["inputs"]).split(", ")[0])[1]
+    above = first["above_floor"]
+    text = (
+        f"What stays unexplained in {name} of {first['muscle']} depends on {_join(inputs)}: a Gaussian process takes "
+        f"away {_percent(first['share'])} of its variance on trials left out ({_percent(first['low'])} to "
+        f"{_percent(first['high'])}{f'; {_percent(above)} is above the noise floor' if above > first['share'] else ''})"
+    )
+    if first["range_part"] > CONCENTRATED * first["range_time"]:
+        text += (
+            f", {_percent(first['range_part'])} of that at {inputs[0]} {first['range_low']:.3g} to "
+            f"{first['range_high']:.3g}{f' {unit}' if unit else ''}, in {_percent(first['range_time'])} of the time"
+        )
+    others = [f"{row['muscle']} on {_join(_name_inputs(row))} ({_percent(row['share'])})" for row in rows[1:]]
+    return f"{text}. Likewise {_shorten(others)}." if others else f"{text}."
+
+
+def _tell_hint(name: str, row: Mapping[Any, Any]) -> str:
+    named = [(name, str(row["unit"])), *map(name_signal, str(row["inputs"]).split(", "))]
+    by_unit = {unit: [words for words, own in named if own == unit] for _, unit in named if unit}
+    units = ", ".join(f"{_join(words)} in {unit}" for unit, words in by_unit.items())
+    return (
+        f"A hint, no finding: on {row['muscle']} it is about {row['hint']} ({units}), which, the constants refitted, "
+        f"takes away {_percent(row['hint_share'])} of it."
+    )
+
+
+def _name_inputs(row: Mapping[Any, Any]) -> list[str]:
+    return [name_signal(each)[0] for each in str(row["inputs"]).split(", ")]
 
 
 def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
