@@ -31,6 +31,7 @@ from stages.discrepancy import (
     list_candidates,
     list_cells,
     list_predictions,
+    list_remainder,
     locate_most,
     resample,
     summarise_unexplained,
@@ -38,6 +39,7 @@ from stages.discrepancy import (
     tell_few,
     tell_floor,
     tell_odd,
+    tell_remainder,
     tell_silent,
     trace_effects,
     verify,
@@ -115,6 +117,7 @@ def verify_gap(
     unexplained: pd.DataFrame,
     steps: pd.DataFrame,
     amended_values: pd.DataFrame,
+    remainder: pd.DataFrame,
     ctx: Context,
 ) -> dict[str, pd.DataFrame]:
     """Open the verification trials, once, and say what was found."""
@@ -148,6 +151,7 @@ def verify_gap(
         "absorbed": list_absorbed(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
         **summarise_unexplained(unexplained),
+        "remainder": list_remainder(remainder),
         "gap": {**tell_gap(verification, last, judged), "over_floor": over_floor},
         "verification_trials": [int(trial) for trial in trial_parts["trial"].iloc[opened]],
     }
@@ -162,6 +166,7 @@ def verify_gap(
     relevant = list_absorbed(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
+        *(tell_remainder(remainder) if status != "no_discrepancy" else []),
         *tell_silent(judgeable, list(measured_muscles["muscle"])),
         *tell_odd(odd),
         *tell_few(int(learnt.sum()), len(opened)),

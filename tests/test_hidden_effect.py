@@ -18,10 +18,19 @@ STAGES = (
     "locate_gap",
     "name_effect",
     "amend_model",
+    "describe_remainder",
     "verify_gap",
     "opened_seal",
 )
-GROUPS = ("rig=hidden", "+discrepancy=stated", "+measurement=muscles", "+measured=null", "rig.trials=3", "seed=5")
+GROUPS = (
+    "rig=hidden",
+    "+discrepancy=stated",
+    "+measurement=muscles",
+    "+measured=null",
+    "rig.trials=3",
+    "seed=5",
+    "+describe_remainder=stated",
+)
 
 
 def truth_of(rig):

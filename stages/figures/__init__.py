@@ -19,6 +19,7 @@ from stages.figures.rival_curves import draw_rival_curves
 from stages.figures.scores import draw_confusion, draw_rates, draw_said_against_right
 from stages.figures.sensitivity import draw_sensitivity
 from stages.figures.shift_curves import draw_shift_curves
+from stages.figures.unexplained import draw_unexplained
 from stages.figures.verified_trials import draw_verified_trials
 
 __all__ = [
@@ -43,5 +44,6 @@ __all__ = [
     "draw_said_against_right",
     "draw_sensitivity",
     "draw_shift_curves",
+    "draw_unexplained",
     "draw_verified_trials",
 ]
