@@ -1,4 +1,4 @@
-"""Files that a person brings: a path in the configuration flows in; hashes of its bytes, tables and mappings flow out.
+"""Files that a person brings: a path in the configuration flows in; hashes of its bytes and mappings flow out.
 
 A stage whose model has an `InputPath` reads what lies at that path. Its bytes count in the stage's freshness, so that
 other bytes at the same path are another study's.
@@ -11,18 +11,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-import pyarrow
-import pyarrow.parquet
 from pydantic import BaseModel, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from pipeline.errors import InputError, PipelineError
 from pipeline.files import hash_file
-
-TABLE_SUFFIXES = (".parquet", ".csv")
-SEPARATORS = ("\t", ";", ",")
-"""Between the columns of a CSV file; the one that its header has most of, the first among equals."""
 
 
 class InputPath(str):
@@ -73,39 +66,6 @@ def hash_inputs(config: BaseModel) -> dict[str, str]:
     return hashes
 
 
-def read_foreign(path: Path) -> pd.DataFrame:
-    """Read a Parquet or CSV file that others wrote; its rows are counted from 0.
-
-    Raises
-    ------
-    InputError
-        When it is neither, whatever the reason.
-    """
-    try:
-        if _suffix(path) == ".csv":
-            return pd.read_csv(path, sep=_find_separator(path), encoding="utf-8-sig", low_memory=False)
-        frame: pd.DataFrame = pd.read_parquet(path).reset_index(drop=True)
-    except (OSError, ValueError, KeyError, TypeError, pyarrow.ArrowException) as error:
-        raise _unreadable(path, error) from None
-    return frame
-
-
-def read_header(path: Path) -> list[str]:
-    """Return the names of the columns of a Parquet or CSV file that others wrote.
-
-    Raises
-    ------
-    InputError
-        As of `read_foreign`.
-    """
-    try:
-        if _suffix(path) == ".csv":
-            return list(pd.read_csv(path, sep=_find_separator(path), encoding="utf-8-sig", nrows=0).columns)
-        return [str(name) for name in pyarrow.parquet.read_schema(path).names]
-    except (OSError, ValueError, KeyError, TypeError, pyarrow.ArrowException) as error:
-        raise _unreadable(path, error) from None
-
-
 def read_json(path: Path) -> Any:
     """Read a JSON file that others wrote.
 
@@ -120,24 +80,6 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path}: expected JSON, got {error.msg} in line {error.lineno}") from None
     except (OSError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read ({error})") from None
-
-
-def _suffix(path: Path) -> str:
-    suffix = path.suffix.lower()
-    if suffix not in TABLE_SUFFIXES:
-        raise InputError(f"{path}: expected a {' or '.join(TABLE_SUFFIXES)} file, got '{path.name}'")
-    return suffix
-
-
-def _find_separator(path: Path) -> str:
-    with path.open(encoding="utf-8-sig") as handle:
-        header = handle.readline()
-    return max(SEPARATORS, key=header.count)
-
-
-def _unreadable(path: Path, error: Exception) -> InputError:
-    told = (str(error).splitlines() or [type(error).__name__])[0]
-    return InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({told[:120]})")
 
 
 def _find_paths(value: Any, key: str) -> Iterator[tuple[str, InputPath]]:

@@ -16,14 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
-import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
+from pipeline.command import command_line
 from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.errors import InputError, suggest
-from pipeline.inputs import InputPath, read_foreign, read_header, read_json
+from pipeline.foreign import Header, UnequalColumns, read_columns, read_foreign, read_header
+from pipeline.inputs import InputPath, read_json
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton
@@ -34,20 +35,32 @@ from stages.recording import (
     RecordingError,
     Session,
     adopt,
+    arrange_records,
+    check_headings,
     check_plausible,
     check_rows,
     choose_muscles,
     complete,
+    count_time,
+    describe_clock,
+    describe_columns,
     describe_muscles,
     find_rate,
+    find_starts,
+    guess_columns,
+    join_parts,
+    list_arguments,
     list_blocks,
-    number_blocks,
+    list_trials,
+    name_parts,
     own_unit,
+    quote,
     read_parts,
     read_session,
     regularise,
     split_records,
     tell_rows,
+    tell_unknown,
 )
 
 SAMPLES, META = "samples.parquet", "meta.json"
@@ -133,8 +146,12 @@ MEASURED_SESSION = Table(
 MEASURED_NOTES = Table(
     "measured_notes",
     "What was left out of what was measured, or made from something else",
-    {"about": column(str, "column, muscle or trial"), "note": column(str, "what was done")},
+    {"about": column(str, "column, muscle, trial or record"), "note": column(str, "what was done")},
 )
+DEFAULT_NAMES = {True: (*MEASURED.columns, "part"), False: ("record", "part", "time_s")}
+"""Names that conf/measurement has, for muscles and for records."""
+USUAL_JITTER = 0.01
+"""As conf/measurement has it."""
 READINGS = tuple(MEASURED.columns)[3:]
 
 
@@ -142,7 +159,9 @@ class Measurement(Section):
     """How recordings are read."""
 
     kind: Literal["muscles", "records"]
+    rate_hz: Annotated[float, Field(gt=0.0, le=1e9)] | None
     largest_jitter: Annotated[float, Field(ge=0.0, le=0.4)]
+    part_endings: Annotated[list[str], Field(min_length=1)] | None
     blocks: Annotated[int, Field(ge=2, le=10000)]
 
 
@@ -162,8 +181,8 @@ class SomethingMeasured(View):
     def _find_source(self) -> Self:
         if self.measured is None and not {"hardware", "sealed_session"} & set(self.workflow.stages):
             raise ValueError(
-                "measured: expected what was measured (a folder with samples.parquet and meta.json, or one .parquet or "
-                ".csv file), got null; set measured=PATH"
+                "measured: expected what was measured (a folder with samples.parquet and meta.json, or one .parquet, "
+                ".csv or .mat file), got null; set measured=PATH"
             )
         return self
 
@@ -229,15 +248,57 @@ def show_map(cfg: Config) -> list[str]:
     if cfg.measured is None:
         return ["measured=null: from what the rig records"]
     file = find_samples(cfg.measured)
-    header = read_header(file)
+    told = read_header(file)
+    with about(str(file)):
+        header = list_columns(cfg, told.names)
     wanted = [name for name in cfg.columns if cfg.columns[name] or name in header or name in needed_columns(cfg)]
     absent = [name for name in cfg.columns if name not in wanted]
-    lines = [f"{file}:", *(f"  {name:<26} <- {tell_origin(name, cfg, header)}" for name in wanted)]
+    lines = [f"{file}:", *(f"  {each}" for each in told.remarks)]
+    lines += [f"  {name:<26} <- {tell_origin(name, cfg, header)}" for name in wanted]
+    if cfg.measurement.part_endings:
+        lines.append(f"  {'part':<26} <- ends of names: {', '.join(cfg.measurement.part_endings)}")
+    if cfg.measurement.rate_hz is not None and "time_s" not in wanted:
+        lines.append(f"  {'time_s':<26} <- counted, {cfg.measurement.rate_hz:g} Hz")
     if absent:
         lines.append(f"  not there, not needed: {', '.join(absent)}")
     taken = [cfg.columns[name] or name for name in wanted]
-    unused = [name for name in header if name not in taken]
+    taken += [f"{name}{end}" for name in taken for end in cfg.measurement.part_endings or []]
+    unused = [name for name in told.names if name not in taken]
     return [*lines, f"  left alone: {', '.join(unused)}"] if unused else lines
+
+
+def describe_file(path: InputPath) -> list[str]:
+    """Return what a file holds, as lines that end in the command line with the map of its columns."""
+    file = find_samples(path)
+    header, columns = read_header(file), read_columns(file)
+    rows = sorted({len(values) for values in columns.values()})
+    if not rows or rows[-1] == 0:
+        raise InputError("; ".join([f"{file}: expected columns with values, got none", *header.remarks]))
+    guess = guess_columns(columns, header.units, header.single)
+    size = " or ".join(f"{each}" for each in rows) + " rows"
+    lines = [f"{file}: {len(columns)} columns, {size}", *(f"  {each}" for each in header.remarks)]
+    lines += [f"  {name} = {value:g}, a single number" for name, value in header.single.items()]
+    lines += ["", *describe_columns(columns, header.units, guess), ""]
+    lines += describe_clock(columns, guess, USUAL_JITTER)
+    unknown = tell_unknown(guess)
+    if unknown:
+        lines += ["", "not told by the file:", *(f"  {each}" for each in unknown)]
+    kind = [] if guess.muscles else ["measurement=records"]
+    told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles])]
+    if not guess.muscles:
+        roles = [f"plant.{role}={name}" for role, name in (("input", guess.input), ("output", guess.output)) if name]
+        told += ["plant=second_order", *roles]
+    last = "to see how it would be read (complete it with what is not told; plan=true writes nothing):"
+    return [*lines, "", last, f"  {command_line(['workflow=discrepancy', *told, 'plan=true'])}"]
+
+
+def list_columns(cfg: Config, names: Sequence[str]) -> list[str]:
+    """Return the columns that a file gives, those that are told apart by the ends of their names under one name."""
+    if cfg.measurement.part_endings is None:
+        return list(names)
+    wanted = [cfg.columns[name] or name for name in cfg.columns]
+    parts = name_parts(wanted, names, cfg.measurement.part_endings).values()
+    return list(dict.fromkeys(name for part in parts for name in part.values()))
 
 
 def tell_origin(name: str, cfg: Config, header: Sequence[str]) -> str:
@@ -294,9 +355,9 @@ def about(file: str) -> Iterator[None]:
 
 def needed_columns(cfg: Config) -> Sequence[str]:
     """Return the columns that a file must have."""
-    if cfg.measurement.kind == "muscles":
-        return NEEDED
-    return [name for name in cfg.columns if name not in NAMES]
+    counted = () if cfg.measurement.rate_hz is None else ("time_s",)
+    names = NEEDED if cfg.measurement.kind == "muscles" else cfg.columns
+    return [name for name in names if name not in counted and (name in NEEDED or name not in NAMES)]
 
 
 def find_samples(path: InputPath) -> Path:
@@ -309,8 +370,8 @@ def read_muscles(path: InputPath, cfg: Config) -> Source:
     if Path(path).is_dir():
         return read_folder(Path(path), cfg)
     known, site = describe_muscles(cfg.exoskeleton), cfg.exoskeleton.load_cell_site
-    samples, name = adopt_muscles(Path(path), cfg), Path(path).name
-    return Source(name, path, samples, known, "exoskeleton.muscles", site, "", None, None)
+    samples, name, rate = adopt_muscles(Path(path), cfg), Path(path).name, cfg.measurement.rate_hz
+    return Source(name, path, samples, known, "exoskeleton.muscles", site, "", rate, None)
 
 
 def read_folder(folder: Path, cfg: Config) -> Source:
@@ -341,15 +402,37 @@ def adopt_muscles(file: Path, cfg: Config) -> pd.DataFrame:
 
 def adopt_file(file: Path, cfg: Config, key: Sequence[str]) -> pd.DataFrame:
     """Read the configured columns of a file, split into records where the key asks for them, and check the key."""
-    frame = read_foreign(file)
+    header = read_header(file)
     with about(str(file)):
+        check_headings(cfg.columns, cfg.units, header.units, set(header.names))
+        frame = read_wanted(file, cfg, header)
         if frame.empty:
             raise RecordingError("expected samples, got no rows")
-        samples = adopt(frame, cfg.columns, cfg.units, NAMES, needed_columns(cfg))
+        known = [*dict.fromkeys([*header.names, *map(str, frame.columns)])]
+        columns = cfg.columns | ({"part": "part"} if cfg.measurement.part_endings else {})
+        samples = adopt(frame, columns, cfg.units, NAMES, needed_columns(cfg), known)
+        if "time_s" not in samples and cfg.measurement.rate_hz is not None:
+            samples = count_time(samples, [*key[:-1], "part"], cfg.measurement.rate_hz)
         if "record" in key:
             samples = split_records(samples)
         check_rows(samples, key)
     return samples
+
+
+def read_wanted(file: Path, cfg: Config, header: Header) -> pd.DataFrame:
+    """Read the columns that the map names, of each part behind each other where the ends of names tell parts."""
+    wanted = [cfg.columns[name] or name for name in cfg.columns]
+    endings = cfg.measurement.part_endings
+    if endings is None:
+        try:
+            return read_foreign(file, wanted)
+        except UnequalColumns as error:
+            raise InputError(
+                f"{error}; if the ends of their names tell parts, as in uEst and uVal, map u and set "
+                "measurement.part_endings=[Est,Val]; else write them as one table"
+            ) from None
+    parts = name_parts(wanted, header.names, endings)
+    return join_parts({end: read_foreign(file, own).rename(columns=own) for end, own in parts.items()})
 
 
 def bounds_of(name: str) -> tuple[float, float]:
@@ -381,6 +464,8 @@ def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:
 def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     """Return the tables of a recording of muscles."""
     notes: Notes = []
+    if cfg.measured is not None and not Path(cfg.measured).is_dir():
+        notes.extend(note_counting(read_header(Path(cfg.measured)).names, cfg))
     samples, muscles = choose_muscles(source.samples, source.muscles, source.told_in, notes)
     rate = find_rate(samples, ("trial", "muscle"), source.rate_hz)
     parts = read_parts(samples, WHOLE)
@@ -397,19 +482,10 @@ def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     }
 
 
-def list_trials(samples: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-    """Return number, samples and duration of each trial of muscles."""
-    count = samples.groupby("trial")["time_s"].nunique()
-    return pd.DataFrame(
-        {"trial": count.index, "record": "", "samples": count.to_numpy(), "duration_s": count.to_numpy() / rate_hz}
-    )
-
-
-def find_starts(session: Session | None, starts: pd.Series) -> list[float]:
-    """Return when each trial started in the session, s; nan where neither meta.json nor the clock says."""
-    if session is not None and session.trial_start_s is not None:
-        return session.starts_of([int(each) for each in starts.index])
-    return [float(each) if starts.any() else np.nan for each in starts]
+def note_counting(header: Sequence[str], cfg: Config) -> Iterator[tuple[str, str]]:
+    """Yield a note where samples are counted, as the file has no column of time."""
+    if cfg.measurement.rate_hz is not None and (cfg.columns["time_s"] or "time_s") not in list_columns(cfg, header):
+        yield "time_s", f"counted at {cfg.measurement.rate_hz:g} Hz (measurement.rate_hz)"
 
 
 def describe_session(source: Source, rate: float, trials: int, muscles: int) -> pd.DataFrame:
@@ -423,11 +499,10 @@ def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
     file = find_samples(path)
     frame = adopt_file(file, cfg, ("record", "time_s"))
     signals = [name for name in needed_columns(cfg) if name != "time_s"]
+    given = cfg.measurement
+    notes: Notes = list(note_counting(read_header(file).names, cfg))
     with about(str(file)):
-        rate = find_rate(frame, ("record",), None)
-        parts = frame.groupby("record", sort=False)["part"].first()
-        frame, _ = regularise(frame[["record", "time_s", *signals]], "record", [], rate, cfg.measurement.largest_jitter)
-    frame = frame.assign(part=frame["record"].map(parts), trial=number_blocks(frame, cfg.measurement.blocks))
+        frame, rate = arrange_records(frame, signals, given.blocks, given.rate_hz, given.largest_jitter, notes)
     trials = list_blocks(frame, rate)
     row = (file.name, "records", rate, "unknown", "", len(trials), 0)
     long = frame.melt(["record", "part", "trial", "time_s"], signals, "signal", "value")
@@ -435,4 +510,5 @@ def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
         MEASURED_SIGNALS.name: long[list(MEASURED_SIGNALS.columns)],
         MEASURED_TRIALS.name: trials[list(MEASURED_TRIALS.columns)],
         MEASURED_SESSION.name: pd.DataFrame([row], columns=list(MEASURED_SESSION.columns)),
+        MEASURED_NOTES.name: pd.DataFrame(notes, columns=list(MEASURED_NOTES.columns)),
     }

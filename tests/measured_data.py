@@ -4,6 +4,11 @@ import json
 
 import numpy as np
 import pandas as pd
+from hydra import compose, initialize_config_dir
+
+from pipeline.config import read_study
+from tests.conftest import ROOT
+from tests.studies import run_stage
 
 RATE_HZ = 250.0
 GEOMETRY = {
@@ -54,3 +59,13 @@ def write_dataset(folder, samples=None, meta=None):
     (make_samples() if samples is None else samples).to_parquet(folder / "samples.parquet")
     (folder / "meta.json").write_text(json.dumps(make_meta() if meta is None else meta))
     return folder
+
+
+def read_measured(tmp_path, path, *overrides):
+    """Return the tables that the stage makes of a path."""
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composed = compose("config", overrides=["workflow=discrepancy", f"measured={path}", *overrides])
+    composed.workflow.stages, composed.workflow.headline = ["measurement"], []
+    composed.workflow.quoted = [str(name) for name in composed]
+    study, (stage,) = read_study(composed)
+    return run_stage(study, stage, tmp_path, {})

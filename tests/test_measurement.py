@@ -14,20 +14,11 @@ from pipeline.config import read_study
 from pipeline.errors import ConfigError, InputError
 from tests.conftest import ROOT
 from tests.measured_data import GEOMETRY, make_meta, make_samples, write_dataset
+from tests.measured_data import read_measured as read
 from tests.studies import run_stage
 
 DATA = Path("/work/shared/data")
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no recordings of others in {DATA}")
-
-
-def read(tmp_path, path, *overrides):
-    """Return the tables that the stage makes of a path."""
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        composed = compose("config", overrides=["workflow=discrepancy", f"measured={path}", *overrides])
-    composed.workflow.stages, composed.workflow.headline = ["measurement"], []
-    composed.workflow.quoted = [str(name) for name in composed]
-    study, (stage,) = read_study(composed)
-    return run_stage(study, stage, tmp_path, {})
 
 
 def refusal(tmp_path, samples=None, meta=None, *overrides):
@@ -293,7 +284,7 @@ def without(muscle, key):
         ),
         (make_meta(load_cell_site="tip"), "load_cell_site: input should be 'muscle_tip', 'joint_end'"),
         (make_meta(sampling_rate_hz="fast"), "sampling_rate_hz: input should be a valid number"),
-        (make_meta(sampling_rate_hz=100.0), "expected steps of 0.01 s (sampling_rate_hz 100), got 0.004 s; correct"),
+        (make_meta(sampling_rate_hz=100.0), "expected steps of 0.01 s (100 Hz are stated), got 0.004 s; correct"),
         (make_meta(trial_start_s=[0.0, 5.0]), "trial_start_s: expected one for each of 3 trials, got 2"),
         (make_meta(trial_start_s=[0.0, 5.0, 4.0]), "trial_start_s: expected each trial to start after the one before"),
     ],

@@ -5,36 +5,69 @@ out, or a `RecordingError` that names column and rows. No path is known here.
 """
 
 from stages.recording.assembly import Notes, choose_muscles, complete, read_parts
-from stages.recording.blocks import WHOLE, list_blocks, number_blocks, split_records
-from stages.recording.clock import find_rate, regularise
+from stages.recording.blocks import WHOLE, arrange_records, list_blocks, number_blocks, split_records
+from stages.recording.clock import count_time, find_rate, regularise
 from stages.recording.columns import RecordingError, adopt, check_rows, tell_rows
+from stages.recording.description import (
+    describe_clock,
+    describe_columns,
+    guess_columns,
+    list_arguments,
+    quote,
+    tell_unknown,
+)
+from stages.recording.endings import join_parts, name_parts
+from stages.recording.guessing import Guess, guess_map
+from stages.recording.headings import check_headings, read_heading
 from stages.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.recording.plausibility import check_plausible
-from stages.recording.units import known_units, own_unit
+from stages.recording.rates import equalise, find_rates
+from stages.recording.trials import find_starts, list_trials
+from stages.recording.units import convert, known_units, own_unit, read_unit
 from stages.recording.whole_sessions import SessionFrames, tabulate_session
 
 __all__ = [
     "MUSCLE_COLUMNS",
     "WHOLE",
+    "Guess",
     "Notes",
     "RecordingError",
     "Session",
     "SessionFrames",
     "adopt",
+    "arrange_records",
+    "check_headings",
     "check_plausible",
     "check_rows",
     "choose_muscles",
     "complete",
+    "convert",
+    "count_time",
+    "describe_clock",
+    "describe_columns",
     "describe_muscles",
+    "equalise",
     "find_rate",
+    "find_rates",
+    "find_starts",
+    "guess_columns",
+    "guess_map",
+    "join_parts",
     "known_units",
+    "list_arguments",
     "list_blocks",
+    "list_trials",
+    "name_parts",
     "number_blocks",
     "own_unit",
+    "quote",
+    "read_heading",
     "read_parts",
     "read_session",
+    "read_unit",
     "regularise",
     "split_records",
     "tabulate_session",
     "tell_rows",
+    "tell_unknown",
 ]

@@ -5,9 +5,15 @@ A tidy frame with signals side by side flows in; records in long form and their 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+
+from stages.recording.assembly import Notes
+from stages.recording.clock import regularise
+from stages.recording.rates import equalise, find_rates
 
 Array = NDArray[np.int64]
 
@@ -19,11 +25,13 @@ def split_records(frame: pd.DataFrame) -> pd.DataFrame:
     """Return the frame with ``record`` and ``part`` in every row.
 
     A record is a value of ``record`` where there is such a column, and else a run of rows of one ``part``: what follows
-    in another part begins anew. The second run of a part is another record.
+    in another part begins anew. The second run of a part is another record. Records that are counted anew in each part
+    are named after both.
     """
     part = frame["part"] if "part" in frame else pd.Series(WHOLE, index=frame.index)
     if "record" in frame:
-        return frame.assign(part=part)
+        anew = part.groupby(frame["record"]).nunique().gt(1).any()
+        return frame.assign(record=part + " " + frame["record"] if anew else frame["record"], part=part)
     begins = part.ne(part.shift())
     run = begins.groupby(part).cumsum()
     return frame.assign(record=part.where(run == 1, part + "_" + run.astype(str)), part=part)
@@ -35,14 +43,67 @@ def number_blocks(frame: pd.DataFrame, blocks: int) -> Array:
     Parameters
     ----------
     frame : DataFrame
-        With ``record``, the rows of each together and in the order of time.
+        With ``record`` and ``part``, the rows of each record together and in the order of time.
     blocks : int
-        Of each record, which differ by a sample at most; a record with fewer samples has as many blocks.
+        Of each part, shared among its records by their lengths, at least one for each. Those of a record differ by a
+        sample at most; a record with fewer samples has as many blocks.
     """
-    sizes = [int(size) for size in frame.groupby("record", sort=False).size()]
-    within = [np.arange(size) * min(blocks, size) // size for size in sizes]
+    records = frame.groupby("record", sort=False)
+    sizes, parts = records.size(), records["part"].first()
+    shares = blocks * sizes / sizes.groupby(parts).transform("sum")
+    counts = np.clip(np.rint(shares), 1, sizes).astype(int)
+    within = [np.arange(size) * count // size for size, count in zip(sizes, counts, strict=True)]
     first = np.cumsum([0, *(each[-1] + 1 for each in within[:-1])])
     return np.concatenate([each + start for each, start in zip(within, first, strict=True)])
+
+
+def arrange_records(
+    frame: pd.DataFrame,
+    signals: Sequence[str],
+    blocks: int,
+    stated_hz: float | None,
+    largest_jitter: float,
+    notes: Notes,
+) -> tuple[pd.DataFrame, float]:
+    """Return records on one clock, cut into blocks: with ``record``, ``part``, ``trial``, ``time_s`` and the signals.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        From `split_records`.
+    signals : sequence of str
+        Columns that were measured.
+    blocks : int
+        As of `number_blocks`.
+    stated_hz : float or None
+        Samples per second, if they are stated.
+    largest_jitter : float
+        As of `regularise`.
+    notes : list
+        Receives what was resampled.
+
+    Returns
+    -------
+    DataFrame
+        A row for each sample.
+    float
+        Samples per second.
+
+    Raises
+    ------
+    RecordingError
+        When a clock is not uniform.
+    """
+    parts = frame.groupby("record", sort=False)["part"].first()
+    rates = find_rates(frame, stated_hz)
+    columns = ["record", "time_s", *signals]
+    placed = [
+        regularise(rows[columns], "record", [], rates[str(name)], largest_jitter)[0]
+        for name, rows in frame.groupby("record", sort=False)
+    ]
+    told, rate = equalise(pd.concat(placed, ignore_index=True), rates, signals, largest_jitter, notes)
+    told = told.assign(part=told["record"].map(parts))
+    return told.assign(trial=number_blocks(told, blocks)), rate
 
 
 def list_blocks(frame: pd.DataFrame, rate_hz: float) -> pd.DataFrame:

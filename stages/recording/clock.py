@@ -21,6 +21,13 @@ SAME_RATE = 0.01
 """Relative difference of two rates that are the same."""
 
 
+def count_time(frame: pd.DataFrame, stream: Sequence[str], rate_hz: float) -> pd.DataFrame:
+    """Return the frame with ``time_s``, which counts the samples of each stream from 0 at a rate."""
+    told = [name for name in stream if name in frame]
+    count = frame.groupby(told, sort=False).cumcount().to_numpy() if told else np.arange(len(frame))
+    return frame.assign(time_s=count / rate_hz)
+
+
 def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | None) -> float:
     """Return samples per second: as stated, if the times agree, else what the times say.
 
@@ -44,7 +51,7 @@ def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | Non
         ]
         remedy = f"; set units.time_s={units[0]}" if units else "; correct the one or the other"
         raise RecordingError(
-            f"column time_s: expected steps of {1.0 / stated_hz:.6g} s (sampling_rate_hz {stated_hz:g}), "
+            f"column time_s: expected steps of {1.0 / stated_hz:.6g} s ({stated_hz:g} Hz are stated), "
             f"got {step_s:.6g} s{remedy}"
         )
     return stated_hz

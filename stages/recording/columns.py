@@ -12,9 +12,13 @@ from difflib import get_close_matches
 import numpy as np
 import pandas as pd
 
-from stages.recording.units import known_units, own_unit
+from stages.recording.units import choose_unit, convert
 
 SHOWN_ROWS = 3
+TIME = "time_s"
+COUNTED = ", or set measurement.rate_hz (Hz) where no column is time"
+CLOCK, DATE = r"\d{1,2}:\d{2}:\d{2}([.,]\d+)?", r"\d{4}-\d{2}-\d{2}"
+"""A time of day, and how a date begins (ISO 8601)."""
 
 
 class RecordingError(ValueError):
@@ -34,6 +38,7 @@ def adopt(
     units: Mapping[str, str | None],
     names: Sequence[str],
     needed: Sequence[str],
+    header: Sequence[str] = (),
 ) -> pd.DataFrame:
     """Return the columns of this project that a foreign frame has, as numbers in this project's units.
 
@@ -49,6 +54,8 @@ def adopt(
         Columns that are wanted, whose values are text.
     needed : sequence of str
         Columns that must be there; those of `columns` that are neither are taken where they are.
+    header : sequence of str
+        Columns of the file, where the frame holds some of them only; for messages.
 
     Raises
     ------
@@ -56,14 +63,16 @@ def adopt(
         For a column that is missing or holds something else than numbers, and for a unit that is unknown.
     """
     found = {}
+    there = list(header) or [str(each) for each in frame.columns]
     for name in columns:
         source = columns[name] or name
         if source in frame:
             found[name] = frame[source].astype(str) if name in names else _convert(frame[source], name, units)
         elif columns[name] is not None:
-            raise RecordingError(f"no column '{source}', which columns.{name} names; {_offer(source, frame)}")
+            raise RecordingError(f"no column '{source}', which columns.{name} names; {_offer(source, there)}")
         elif name in needed:
-            raise RecordingError(f"no column {name}; {_offer(name, frame)}; say which with columns.{name}=NAME")
+            remedy = f"say which with columns.{name}=NAME{COUNTED if name == TIME else ''}"
+            raise RecordingError(f"no column {name}; {_offer(name, there)}; {remedy}")
     for name in names:
         source = columns.get(name) or name
         if name in found and frame[source].isna().any():
@@ -93,22 +102,31 @@ def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
     repeated = frame.duplicated(list(key))
     if repeated.any():
         told = ", ".join(f"{name} {frame.loc[repeated, name].iloc[0]}" for name in key)
-        raise RecordingError(f"column {time}: {tell_rows(repeated)} repeat an earlier one ({told}); remove them")
+        raise RecordingError(
+            f"column {time}: {tell_rows(repeated)} repeat an earlier one ({told}); remove them" + _begin_anew(stream)
+        )
     steps = frame.groupby(stream, sort=False)[time].diff() if stream else frame[time].diff()
     if (steps < 0.0).any():
         raise RecordingError(
-            f"column {time}: time goes back in {tell_rows(steps < 0.0)}; sort the rows"
-            + (f", or tell what begins there apart by {' and '.join(stream)}" if stream else "")
+            f"column {time}: time goes back in {tell_rows(steps < 0.0)}; sort the rows" + _begin_anew(stream)
         )
 
 
+def _begin_anew(stream: Sequence[str]) -> str:
+    return f", or tell what begins anew there apart: set columns.{stream[0]}=NAME" if stream else ""
+
+
 def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> pd.Series:
-    unit = units.get(name) or own_unit(name)
-    known = known_units(name)
-    if unit not in known:
-        raise RecordingError(f"units.{name}: no unit '{unit}'; choose from: {', '.join(known)}")
+    try:
+        unit = choose_unit(name, units.get(name))
+    except ValueError as error:
+        raise RecordingError(str(error)) from None
+    if name == TIME and (passed := read_dates(values)) is not None:
+        return passed
     numbers = values if values.dtype.kind in "fiu" else pd.to_numeric(values, errors="coerce")
     wrong = numbers.isna() & values.notna()
+    if values.dtype.kind in "mM":
+        wrong = values.notna()
     if wrong.any():
         first = values[wrong].iloc[0]
         raise RecordingError(f"column {values.name}: expected numbers, got {str(first)[:40]!r} in {tell_rows(wrong)}")
@@ -116,14 +134,28 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
     infinite = numbers.abs() == np.inf
     if infinite.any():
         raise RecordingError(f"column {values.name}: expected finite numbers, got inf in {tell_rows(infinite)}")
-    return numbers * known[unit]
+    return convert(numbers, name, unit)
+
+
+def read_dates(values: pd.Series) -> pd.Series | None:
+    """Return seconds from the first of dates, or of times of day; None where the values are neither."""
+    if values.dtype.kind not in "mM":
+        if values.dtype.kind in "fiub" or not values.notna().any():
+            return None
+        text = values.astype(str)
+        if text.str.fullmatch(CLOCK).all():
+            values = pd.to_timedelta(text.str.replace(",", "."))
+        elif text.str.match(DATE).all():
+            values = pd.to_datetime(text.str.replace(",", "."), format="ISO8601", errors="coerce", utc=True)
+        if values.dtype.kind not in "mM" or values.isna().any():
+            return None
+    return (values - values.iloc[0]).dt.total_seconds()
 
 
 def _rows(values: pd.Series) -> str:
     return tell_rows(values.isna())
 
 
-def _offer(name: str, frame: pd.DataFrame) -> str:
-    known = [str(each) for each in frame.columns]
+def _offer(name: str, known: Sequence[str]) -> str:
     near = get_close_matches(name, known, n=1)
     return f"did you mean '{near[0]}'?" if near else f"there are: {', '.join(known)}"

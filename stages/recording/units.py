@@ -1,17 +1,18 @@
-"""Units in which others record, and their factors to this project's.
+"""Units in which others record, and how they convert to this project's.
 
-A column's name and a unit flow in; the factor flows out. The end of a column's name says its own unit.
+A column's name and a unit flow in; factor and offset flow out. The end of a column's name says its own unit.
 """
 
 from __future__ import annotations
 
 import math
+import re
 
-FACTORS: dict[str, dict[str, float]] = {
-    "rad_per_s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
-    "m_per_s": {"m/s": 1.0, "mm/s": 1e-3},
-    "per_s": {"1/s": 1.0, "percent/s": 0.01},
-    "kpa": {
+import pandas as pd
+
+KINDS: dict[str, dict[str, float]] = {
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665},
+    "pressure": {
         "kPa": 1.0,
         "Pa": 1e-3,
         "hPa": 0.1,
@@ -20,25 +21,125 @@ FACTORS: dict[str, dict[str, float]] = {
         "bar": 100.0,
         "psi": 6.894757293168361,
     },
-    "rad": {"rad": 1.0, "deg": math.pi / 180.0},
-    "n": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665},
-    "s": {"s": 1.0, "us": 1e-6, "ms": 1e-3, "min": 60.0},
-    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254},
-    "v": {"V": 1.0, "mV": 1e-3},
+    "time": {"s": 1.0, "us": 1e-6, "ms": 1e-3, "min": 60.0},
+    "angle": {"rad": 1.0, "deg": math.pi / 180.0},
+    "angular velocity": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
+    "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254},
+    "velocity": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1.0 / 3.6},
+    "acceleration": {"m/s2": 1.0, "mm/s2": 1e-3},
+    "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "kN m": 1e3},
+    "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
+    "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
+    "power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
+    "frequency": {"Hz": 1.0, "kHz": 1e3},
+    "mass": {"kg": 1.0, "g": 1e-3},
+    "flow": {"m3/s": 1.0, "l/s": 1e-3, "l/min": 1e-3 / 60.0},
+    "temperature": {"K": 1.0, "degC": 1.0, "degF": 5.0 / 9.0},
     "ratio": {"ratio": 1.0, "percent": 0.01},
+    "rate of a ratio": {"1/s": 1.0, "percent/s": 0.01},
 }
-"""By the end of a column's name: each unit's multiple of the first. Pressures are gauge pressures in all of them."""
+"""By kind of quantity: each unit's multiple of the first. Pressures are gauge pressures in all of them."""
 
-WITHOUT_END = "ratio"
-"""What a column is whose name ends in no unit."""
+ZEROS = {"degC": 273.15, "degF": 459.67 * 5.0 / 9.0}
+"""Where a unit's zero lies, in the first unit of its kind; at zero for the others."""
+
+OTHER_SPELLINGS = {
+    "%": "percent",
+    "-": "ratio",
+    "sec": "s",
+    "inch": "in",
+    "degree": "deg",
+    "degrees": "deg",
+    "°": "deg",
+    "°/s": "deg/s",
+    "°C": "degC",
+    "°F": "degF",
+    "Nm": "N m",
+    "mNm": "mN m",
+    "Ncm": "N cm",
+    "kNm": "kN m",
+    "rev/min": "rpm",
+    "1/min": "rpm",
+    "volt": "V",
+    "volts": "V",
+}
 
 
-def known_units(name: str) -> dict[str, float]:
-    """Return the units in which a column may be recorded, its own first, each with the factor to its own."""
-    ends = [end for end in FACTORS if name == end or name.endswith(f"_{end}")]
-    return FACTORS[max(ends, key=len, default=WITHOUT_END)]
+def _spell(unit: str) -> str:
+    """Return a unit as it stands at the end of a column's name."""
+    return re.sub(r"^_", "", unit.lower().replace(" ", "").replace("1/", "/").replace("/", "_per_"))
+
+
+ENDS = {_spell(unit): (kind, unit) for kind, units in KINDS.items() for unit in units if unit != "in"}
+"""Unit that a name's end states. None ends in inches, as too many names end in the word."""
+
+WITHOUT_END = ("ratio", "ratio")
+"""Kind and unit of a column whose name ends in none."""
+
+
+def _state(name: str) -> tuple[str, str]:
+    ends = [end for end in ENDS if name == end or name.endswith(f"_{end}")]
+    return ENDS[max(ends, key=len)] if ends else WITHOUT_END
 
 
 def own_unit(name: str) -> str:
     """Return the unit that a column's name states."""
-    return next(iter(known_units(name)))
+    return _state(name)[1]
+
+
+def known_units(name: str) -> dict[str, float]:
+    """Return the units in which a column may be recorded, its own first, each with the factor to its own."""
+    kind, own = _state(name)
+    units = KINDS[kind]
+    return {own: 1.0} | {unit: factor / units[own] for unit, factor in units.items() if unit != own}
+
+
+def convert(values: pd.Series, name: str, unit: str) -> pd.Series:
+    """Return values of a column, recorded in a unit that `known_units` lists, in its own."""
+    own = own_unit(name)
+    if unit == own:
+        return values
+    shift = (ZEROS.get(unit, 0.0) - ZEROS.get(own, 0.0)) / KINDS[_state(name)[0]][own]
+    scaled = values * known_units(name)[unit]
+    return scaled + shift if shift else scaled
+
+
+def read_unit(text: str) -> str | None:
+    """Return the unit that a text means, however it is spelled; None where it is none."""
+    told = re.sub(r"\s+", " ", text.strip().replace("µ", "u").replace("μ", "u").replace("·", " ").replace("*", " "))
+    told = told.replace("^", "").replace("²", "2").replace("³", "3")
+    told = OTHER_SPELLINGS.get(told, OTHER_SPELLINGS.get(told.replace(" ", ""), told))
+    known = [unit for units in KINDS.values() for unit in units]
+    if told in known:
+        return told
+    alike = {unit.lower(): unit for unit in known}
+    return alike.get(told.lower()) if len(told) > 1 or told.lower() in "snvaw" else None
+
+
+def end_of(unit: str) -> str:
+    """Return how a column's name ends that states a unit."""
+    return next(end for end, (_, each) in ENDS.items() if each == unit)
+
+
+def find_kind(unit: str) -> str:
+    """Return the kind of quantity of a unit."""
+    return next(kind for kind, units in KINDS.items() if unit in units)
+
+
+def choose_unit(name: str, unit: str | None) -> str:
+    """Return the unit in which a column is recorded; its own where none is told.
+
+    Raises
+    ------
+    ValueError
+        When it is none of those that `known_units` lists, however it is spelled.
+    """
+    known = known_units(name)
+    meant = own_unit(name) if unit is None else unit if unit in known else read_unit(unit)
+    if meant in known:
+        return str(meant)
+    told = f"units.{name}: no unit '{unit}'"
+    if meant is not None and _state(name) == WITHOUT_END:
+        stated = next(iter(KINDS[find_kind(meant)]))
+        raise ValueError(f"{told} for a name that ends in no unit; name the signal {name}_{end_of(stated)}")
+    raise ValueError(f"{told}; choose from: {', '.join(known)}")

@@ -6,7 +6,8 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.inputs import read_foreign, read_header, read_json
+from pipeline.foreign import read_foreign, read_header
+from pipeline.inputs import read_json
 from tests.conftest import Command
 
 
@@ -83,7 +84,7 @@ def test_reads_a_csv_file_whatever_separates_its_columns(tmp_path, separator):
     path = tmp_path / "x.csv"
     frame.to_csv(path, sep=separator, index=False, encoding="utf-8-sig")
     pd.testing.assert_frame_equal(read_foreign(path), frame)
-    assert read_header(path) == list(frame)
+    assert list(read_header(path).names) == list(frame)
 
 
 def test_reads_a_parquet_file_whatever_its_index(tmp_path):
@@ -99,7 +100,11 @@ def test_reads_a_parquet_file_whatever_its_index(tmp_path):
         ("x.csv", b"\xff\xfe\x00", "x.csv: cannot be read as CSV ("),
         ("x.csv", b"", "x.csv: cannot be read as CSV (No columns"),
         ("x.csv", b"a,b\n1,2\n1,2,3\n", "Expected 2 fields in line 3, saw 3"),
-        ("x.xlsx", b"", "x.xlsx: expected a .parquet or .csv file, got 'x.xlsx'"),
+        (
+            "x.xlsx",
+            b"",
+            "x.xlsx: expected a .parquet, .mat, .csv, .tsv, .txt or .dat file, got 'x.xlsx'; save the sheet as CSV",
+        ),
     ],
 )
 def test_refuses_what_is_no_table_in_one_line(tmp_path, name, content, told):

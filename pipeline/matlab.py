@@ -1,0 +1,134 @@
+"""MAT files of version 7 and older: vectors, in structs too, flow out by name, with single numbers and what is neither.
+
+scipy is imported where a file is read, as most studies read none.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+MOST_COLUMNS = 64
+"""Columns of a matrix beyond which it is no set of signals."""
+
+Vector = NDArray[Any]
+
+
+@dataclass
+class Variables:
+    """What a MAT file holds.
+
+    Parameters
+    ----------
+    vectors : dict of str to (N,) ndarray
+        Numbers or text; a struct's are named ``struct.field``, a matrix's columns ``matrix_1``, ``matrix_2``.
+    single : dict of str to float
+        Numbers that stand alone.
+    left : dict of str to str
+        What cannot be read as columns, and why.
+    """
+
+    vectors: dict[str, Vector] = field(default_factory=dict)
+    single: dict[str, float] = field(default_factory=dict)
+    left: dict[str, str] = field(default_factory=dict)
+
+
+def read_variables(path: Path) -> Variables:
+    """Read a MAT file.
+
+    Raises
+    ------
+    ValueError
+        When it is one of version 7.3, or none.
+    """
+    with path.open("rb") as handle:
+        head = handle.read(520)
+    if head.startswith((b"MATLAB 7.3", HDF5)) or head[512:] == HDF5:
+        raise ValueError("version 7.3, expected 7 or older; load it in MATLAB and type: save('new.mat', '-v7')")
+    from scipy.io import loadmat
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            loaded = loadmat(path, squeeze_me=True, struct_as_record=False)
+        except OSError:
+            raise
+        except Exception as error:  # scipy raises whatever the bytes make it stumble over
+            raise ValueError(str(error) or type(error).__name__) from None
+    found = Variables()
+    for name, value in loaded.items():
+        if not name.startswith("__"):
+            _sort(name, value, found)
+    return found
+
+
+def _sort(name: str, value: Any, found: Variables) -> None:
+    if type(value).__name__ == "mat_struct":
+        for each in value._fieldnames:
+            _sort(f"{name}.{each}", getattr(value, each), found)
+        return
+    array = np.asarray(value.toarray() if hasattr(value, "toarray") else value)
+    reason = _refuse(array)
+    if reason:
+        found.left[name] = reason
+    elif array.dtype.kind == "O" and array.size and type(array.flat[0]).__name__ == "mat_struct":
+        _stack(name, list(array.flat), found)
+    elif array.size == 1:
+        if array.dtype.kind in "fiub":
+            found.single[name] = float(array.reshape(()))
+    elif array.ndim == 1:
+        found.vectors[name] = array.astype(str) if array.dtype.kind in "OU" else array
+    else:
+        columns = array if array.shape[0] >= array.shape[1] else array.T
+        found.vectors |= {f"{name}_{k + 1}": column for k, column in enumerate(columns.T)}
+
+
+def _refuse(array: Vector) -> str:
+    """Return why an array holds no columns; empty where it does."""
+    kind, shape = array.dtype.kind, " x ".join(map(str, array.shape))
+    if kind == "V" or (kind == "O" and type(array.item() if array.size == 1 else None).__name__ == "MatlabOpaque"):
+        return "an object of MATLAB (a table, timetable or string); write its columns as vectors"
+    if kind == "O" and array.ndim == 1 and array.size:
+        first = array.flat[0]
+        if type(first).__name__ == "mat_struct" or all(isinstance(each, str) for each in array.flat):
+            return ""
+    if kind == "O":
+        return "a cell array; write its numbers as vectors"
+    if kind == "c":
+        return "complex numbers; write their parts as vectors"
+    if array.size == 0:
+        return "empty"
+    if array.ndim > 2 or (array.ndim == 2 and min(array.shape) > MOST_COLUMNS):
+        return f"{shape} numbers; write one vector for each signal"
+    return "" if kind in "fiubU" else "neither numbers nor text"
+
+
+def _stack(name: str, structs: list[Any], found: Variables) -> None:
+    """Take an array of structs for records: each field's vectors behind each other, and the struct's number."""
+    told = [Variables() for _ in structs]
+    for each, into in zip(structs, told, strict=True):
+        for part in each._fieldnames:
+            _sort(f"{name}.{part}", getattr(each, part), into)
+    shared = [key for key in told[0].vectors if all(key in each.vectors for each in told)]
+    sizes = [{len(each.vectors[key]) for key in shared} for each in told]
+    if not shared or any(len(each) != 1 for each in sizes):
+        found.left[name] = "structs whose vectors differ in length; write one vector for each signal"
+        return
+    found.vectors[name] = np.repeat([f"{k + 1}" for k in range(len(structs))], [each.pop() for each in sizes])
+    found.vectors |= {key: np.concatenate([each.vectors[key] for each in told]) for key in shared}
+
+
+def list_unequal(lengths: dict[str, int]) -> Iterator[tuple[str, int]]:
+    """Yield the first vector of each length."""
+    seen: set[int] = set()
+    for name, length in lengths.items():
+        if length not in seen:
+            seen.add(length)
+            yield name, length

@@ -1,0 +1,160 @@
+"""Files of numbers as other programs write them, each written by hand or by the program's own library."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+
+from pipeline.errors import InputError
+from pipeline.foreign import UnequalColumns, read_columns, read_foreign, read_header
+
+TIMES, FORCES = [0.0, 0.5, 1.0], [1.5, -2.25, 1000.0]
+
+
+def refusal(path, names=None):
+    with pytest.raises(InputError) as refused:
+        read_foreign(path, names)
+    assert "\n" not in str(refused.value)
+    assert str(path) in str(refused.value)
+    return str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "units"),
+    [
+        ("t,F\n0,1.5\n0.5,-2.25\n1,1000\n", ["t", "F"], {}),
+        ("t;F\n0;1,5\n0,5;-2,25\n1;1000\n", ["t", "F"], {}),
+        ("t\tF\n0,0\t1,5\n0,5\t-2,25\n1,0\t1e3\n", ["t", "F"], {}),
+        ("t F\n0 1.5\n0.5 -2.25\n1 1000\n", ["t", "F"], {}),
+        ("  0.0   1.5\n  0.5  -2.25\n  1.0  1000\n", ["column_1", "column_2"], {}),
+        ('"t","F"\n"0","1,5"\n"0,5","-2,25"\n"1","1000"\n', ["t", "F"], {}),
+        ("t, F\n0, 1.5\n0.5, -2.25\n1, 1000\n", ["t", "F"], {}),
+        ("\ufefft;F;\n0;1.5;\n0.5;-2.25;\n1;1000;\n", ["t", "F"], {}),
+        ("# rig 3\n% day 2\n\nt,F\n0,1.5\n0.5,-2.25\n1,1000\n", ["t", "F"], {}),
+        ("# t F\n0 1.5\n0.5 -2.25\n1 1000\n", ["t", "F"], {}),
+        ("#t,F\n#[s],[kN]\n0,1.5\n0.5,-2.25\n1,1000\n", ["t", "F"], {"t": "s", "F": "kN"}),
+        ("t,F\ns,kN\n0,1.5\n0.5,-2.25\n1,1000\n", ["t", "F"], {"t": "s", "F": "kN"}),
+        ("t,F\n% s,kN\n0,1.5\n0.5,-2.25\n1,1000\n", ["t", "F"], {"t": "s", "F": "kN"}),
+        ("Zeit [s];Kraft [%]\n0,0;1,5\n0,5;-2,25\n1,0;1000\n", ["Zeit [s]", "Kraft [%]"], {}),
+        ("t,F\r\n0,1.5\r\n0.5,-2.25\r\n1,1000\r\n", ["t", "F"], {}),
+        ("F,F\n0,1.5\n0.5,-2.25\n1,1000\n", ["F", "F.1"], {}),
+    ],
+)
+def test_text_is_read_whatever_wrote_it(tmp_path, text, names, units):
+    path = tmp_path / "run.csv"
+    path.write_bytes(text.encode())
+    header = read_header(path)
+    assert list(header.names) == names
+    assert header.units == units
+    np.testing.assert_array_equal(read_foreign(path).astype(float).to_numpy().T, [TIMES, FORCES])
+    (last,) = read_foreign(path, names[1:])
+    assert last == names[1]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_text_of_any_usual_encoding_is_read(tmp_path, encoding):
+    path = tmp_path / "run.txt"
+    path.write_bytes("t/µs\tT/°C\n0\t20,5\n1\t21,5\n".encode(encoding))
+    assert list(read_foreign(path)) == ["t/µs", "T/°C"]
+    assert read_foreign(path)["T/°C"].tolist() == [20.5, 21.5]
+
+
+def test_a_column_of_text_and_missing_values_stay(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t;F;part\n0;1,5;est\n1;;est\n2;nan;val\n")
+    frame = read_foreign(path)
+    assert frame["part"].tolist() == ["est", "est", "val"]
+    assert frame["F"].isna().tolist() == [False, True, True]
+    assert read_header(path).remarks == ("columns separated by semicolons", "decimal commas")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("t,F\n0,5,1,2\n0,6,1,3\n", "its first line has 2 fields and those below have 4; if its numbers have decimal"),
+        ("Report of today\nt,F\n0,1\n1,2\n2,3\n", "put # before the lines above the names of the columns"),
+        ("# nothing\n", "No columns to parse"),
+        ("t,F\n0,1\n" + "1,2\n" * 200 + "1,2,3\n", "Expected 2 fields in line 203, saw 3"),
+        ("t\0,F\n0,1\n", "it holds no text"),
+    ],
+)
+def test_text_that_is_no_table_is_refused_with_the_remedy(tmp_path, text, told):
+    path = tmp_path / "run.csv"
+    path.write_text(text)
+    assert told in refusal(path)
+
+
+def test_an_index_of_a_parquet_file_that_has_a_name_is_a_column(tmp_path):
+    frame = pd.DataFrame({"F": FORCES}, index=pd.Index(TIMES, name="t"))
+    frame.to_parquet(tmp_path / "x.parquet")
+    assert read_foreign(tmp_path / "x.parquet")["t"].tolist() == TIMES
+    assert list(read_foreign(tmp_path / "x.parquet", ["F", "gone"])) == ["F"]
+
+
+def test_vectors_of_a_mat_file_are_columns_and_single_numbers_are_told(tmp_path):
+    path = tmp_path / "run.mat"
+    column = np.array(FORCES)[:, None]
+    struct = {"F": column, "deep": {"x": np.array(TIMES)}, "fs": 50}
+    savemat(path, {"t": np.array(TIMES), "data": struct, "Ts": 0.5, "M": np.arange(6).reshape(3, 2), "who": "me"})
+    header = read_header(path)
+    assert sorted(header.names) == ["M_1", "M_2", "data.F", "data.deep.x", "t"]
+    assert header.single == {"Ts": 0.5, "data.fs": 50.0}
+    frame = read_foreign(path, ["t", "data.F", "M_2"])
+    assert frame["data.F"].tolist() == FORCES
+    assert frame["M_2"].tolist() == [1, 3, 5]
+    assert len(read_foreign(path)) == 3
+
+
+def test_a_wide_matrix_holds_its_signals_in_rows(tmp_path):
+    savemat(tmp_path / "x.mat", {"M": np.arange(20).reshape(2, 10)})
+    assert read_foreign(tmp_path / "x.mat")["M_2"].tolist() == list(range(10, 20))
+
+
+def test_an_array_of_structs_is_an_array_of_records(tmp_path):
+    runs = np.zeros(2, dtype=[("t", "O"), ("y", "O"), ("mass", "O")])
+    runs[0] = (np.arange(3.0), np.arange(3.0) + 10.0, 1.0)
+    runs[1] = (np.arange(5.0), np.arange(5.0) + 20.0, 2.0)
+    savemat(tmp_path / "x.mat", {"run": runs})
+    frame = read_foreign(tmp_path / "x.mat")
+    assert frame["run"].tolist() == ["1"] * 3 + ["2"] * 5
+    assert frame["run.y"].tolist() == [10, 11, 12, 20, 21, 22, 23, 24]
+
+
+def test_vectors_of_unequal_length_are_refused_together_only(tmp_path):
+    path = tmp_path / "x.mat"
+    savemat(path, {"u": np.arange(3.0), "y": np.arange(3.0), "more": np.arange(5.0)})
+    assert list(read_foreign(path, ["u", "y"])) == ["u", "y"]
+    assert {name: len(values) for name, values in read_columns(path).items()} == {"u": 3, "y": 3, "more": 5}
+    with pytest.raises(UnequalColumns, match=r"expected columns of one length, got u \(3\) and more \(5\)"):
+        read_foreign(path, ["u", "more"])
+
+
+def test_what_is_no_vector_is_left_alone_and_said(tmp_path):
+    cells = np.empty(2, dtype=object)
+    cells[:] = [np.arange(3.0), np.arange(4.0)]
+    path = tmp_path / "x.mat"
+    savemat(path, {"u": np.arange(3.0), "c": cells, "z": np.array([1j, 2.0]), "cube": np.zeros((2, 3, 4))})
+    told = "; ".join(read_header(path).remarks)
+    assert "c is left alone: a cell array; write its numbers as vectors" in told
+    assert "z is left alone: complex numbers" in told
+    assert "cube is left alone: 2 x 3 x 4 numbers; write one vector for each signal" in told
+    assert list(read_foreign(path)) == ["u"]
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (
+            b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n",
+            "version 7.3, expected 7 or older; load it in MATLAB and type: save('new.mat', '-v7')",
+        ),
+        (b"\x89HDF\r\n\x1a\n" + b"\0" * 600, "version 7.3, expected"),
+        (b"no such thing", "cannot be read as MAT ("),
+        (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"\x0f\0\0\0\xff\0\0\0abc", "cannot be read as MAT ("),
+        (b"", "cannot be read as MAT ("),
+    ],
+)
+def test_a_mat_file_that_cannot_be_read_is_refused_with_the_remedy(tmp_path, content, told):
+    path = tmp_path / "x.mat"
+    path.write_bytes(content)
+    assert told in refusal(path)
