@@ -29,7 +29,7 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from pipeline.choices import read_choices
@@ -156,7 +156,10 @@ def explain(error: Exception) -> str:
         path = unknown.group(1).removeprefix("+").split("@")[0]
         if path.split(".")[-1] in _known_keys(path):
             return f"{path}: a key that is set in it is not there yet; add it as +{path}.KEY=..."
-        return f"unknown key '{path}': {suggest(path.split('.')[-1], _known_keys(path))}"
+        known = _known_keys(path)
+        grows = "." in path and bool(known) and all(each is None or isinstance(each, str) for each in known.values())
+        added = f"; to add it, type +{path}=..." if grows else ""
+        return f"unknown key '{path}': {suggest(path.split('.')[-1], known)}{added}"
     option = re.search(r"Could not find '([^']+)'[\s\S]*Available options in '[^']+':\s*([\s\S]*?)(?:\n\S|\Z)", text)
     if option:
         group, _, name = option.group(1).rpartition("/")
@@ -175,11 +178,12 @@ def list_groups(arguments: list[str]) -> list[str]:
     return [each.name for folder in folders for each in folder.iterdir() if each.is_dir() and each.name != "hydra"]
 
 
-def _known_keys(path: str) -> list[str]:
-    """Return the keys beside the one at `path`, in the configuration that the rest of the command line composes."""
+def _known_keys(path: str) -> dict[str, object]:
+    """Return the keys and values beside the one at `path`, with the groups that the command line chooses."""
     parser = get_args_parser()
     options = parser.parse_args(sys.argv[1:])
-    kept = [each for each in options.overrides if each.lstrip("+~").split("=")[0] != path]
+    typed = {each: each.lstrip("+~").split("=")[0] for each in options.overrides}
+    kept = [each for each, key in typed.items() if key != path and "." not in key]
     if options.config_dir:
         kept.append(f"hydra.searchpath=[file://{Path(options.config_dir).resolve()}]")
     GlobalHydra.instance().clear()
@@ -187,14 +191,14 @@ def _known_keys(path: str) -> list[str]:
         with hydra.initialize_config_dir(str(CONFIG_FOLDER), version_base="1.3"):
             node: object = hydra.compose("config", overrides=kept)
     except HydraException:
-        return []
+        return {}
     for part in path.split(".")[:-1]:
         if not isinstance(node, DictConfig) or part not in node:
-            return []
+            return {}
         node = node[part]
-    groups = list_groups(sys.argv[1:])
-    keys = [str(key) for key in node] if isinstance(node, DictConfig) else []
-    return keys if "." in path else [*keys, *groups]
+    held = OmegaConf.to_container(node, resolve=False) if isinstance(node, DictConfig) else {}
+    keys: dict[str, object] = {str(key): value for key, value in dict(held).items()}  # type: ignore[arg-type]
+    return keys if "." in path else keys | dict.fromkeys(list_groups(sys.argv[1:]))
 
 
 if __name__ == "__main__":

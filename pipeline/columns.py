@@ -1,0 +1,58 @@
+"""Looks at a file that others wrote: ``python -m pipeline.columns FILE``.
+
+What its columns hold and the command line that would read them flow out; nothing is written. What is said of them is
+known to the function that ``conf/columns.yaml`` names.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import yaml
+
+from pipeline.errors import ConfigError, PipelineError
+from pipeline.inputs import InputPath
+from pipeline.terminal import open_console
+
+CONFIG_FILE = Path(__file__).resolve().parent.parent / "conf" / "columns.yaml"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.columns",
+        description="Tell what a measured file holds, and print the command with the map of its columns.",
+    )
+    parser.add_argument("file", metavar="FILE", help="a table (.parquet, .csv, .mat, ...), or a folder with one")
+    options = parser.parse_args(arguments)
+    try:
+        lines = describe(options.file)
+    except PipelineError as error:
+        open_console(stderr=True).print(str(error), soft_wrap=True, highlight=False, markup=False)
+        return 2
+    console = open_console(piped_width=200)
+    for line in lines:
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
+    return 0
+
+
+def describe(file: str) -> list[str]:
+    """Return the lines that the configured function tells of a file.
+
+    Raises
+    ------
+    PipelineError
+        When the file cannot be read.
+    """
+    if not Path(file).exists():
+        raise ConfigError(f"expected the path of a file, got {file!r}, which is not in {Path.cwd()}")
+    module, _, name = yaml.safe_load(CONFIG_FILE.read_text())["describe"].rpartition(".")
+    told: list[str] = getattr(import_module(module), name)(InputPath(file))
+    return told
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,194 @@
+"""The command that looks at a foreign file: what it prints, and that what it prints can be typed."""
+
+import re
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+
+from pipeline.columns import main
+from tests.conftest import ROOT
+from tests.measured_data import make_samples, write_dataset
+
+
+@pytest.fixture
+def look(capsys):
+    """Return what the command prints of a file; the last line is the command to type."""
+
+    def call(path):
+        assert main([str(path)]) == 0
+        return capsys.readouterr().out.splitlines()
+
+    return call
+
+
+def arguments(lines):
+    words = shlex.split(lines[-1])
+    return [word for word in words[words.index("pipeline") + 1 :] if not word.startswith("measured=")]
+
+
+def make_run(samples=200, rate_hz=100.0):
+    time = np.arange(samples) / rate_hz
+    return time, np.sin(3.0 * time), 10.0 * np.cos(2.0 * time)
+
+
+def test_it_tells_type_range_gaps_unit_and_use_of_every_column(look, tmp_path):
+    time, force, way = make_run()
+    way[50:60] = np.nan
+    run = np.repeat([1, 2], 100)
+    frame = pd.DataFrame({"Time (ms)": 1e3 * time, "Force [kN]": force, "x_mm": way, "run": run, "note": "a"})
+    frame.to_csv(tmp_path / "bench.csv", sep=";", decimal=",", index=False)
+    lines = look(tmp_path / "bench.csv")
+    assert lines[0] == f"{tmp_path}/bench.csv: 5 columns, 200 rows"
+    assert lines[1:3] == ["  columns separated by semicolons", "  decimal commas"]
+    rows = {re.split(r"\s{2,}", line)[0]: re.split(r"\s{2,}", line)[1:] for line in lines[4:10]}
+    assert rows["Time (ms)"] == ["numbers", "0", "1990", "0", "ms", "time_s"]
+    assert rows["Force [kN]"] == ["numbers", f"{force.min():.6g}", f"{force.max():.6g}", "0", "kN", "force_n"]
+    assert rows["x_mm"] == ["numbers", f"{np.nanmin(way):.6g}", "10", "10", "mm", "x_m"]
+    assert rows["run"] == ["whole numbers", "1", "2", "0", "record"]
+    assert rows["note"] == ["text", "a", "a", "0", "-"]
+    assert "time: even steps, 100 Hz" in lines
+    assert "records: 1 (100 rows), 2 (100 rows)" in lines
+    assert "  which signal drives the machine: plant.input=NAME, of force_n, x_m" in lines
+    assert arguments(lines) == [
+        "workflow=discrepancy",
+        "measurement=records",
+        'columns.time_s="Time (ms)"',
+        "columns.record=run",
+        '+columns.force_n="Force [kN]"',
+        "+columns.x_m=x_mm",
+        "units.time_s=ms",
+        "+units.force_n=kN",
+        "+units.x_m=mm",
+        "plant=second_order",
+        "plan=true",
+    ]
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "mat", "txt"])
+def test_what_it_prints_can_be_typed(look, pamid, tmp_path, suffix):
+    time, drive, answer = make_run()
+    path = tmp_path / f"a record.{suffix}"
+    if suffix == "mat":
+        savemat(path, {"data": {"t": time, "u": drive, "y": answer}})
+    elif suffix == "parquet":
+        pd.DataFrame({"t": time, "u": drive, "y": answer}).to_parquet(path)
+    else:
+        np.savetxt(path, np.stack([time, drive, answer], axis=1), header="t u y")
+        text = path.read_text()
+        path.write_text(text if suffix == "txt" else text.replace(" ", ",").replace("#,", "# "))
+    line = shlex.split(look(path)[-1])
+    told = line[line.index("pipeline") + 1 :]
+    assert told[-4:-1] == ["plant=second_order", "plant.input=drive_v", "plant.output=response_v"]
+    plan = pamid(*told)
+    assert plan.returncode == 0, plan.stderr
+    assert re.search(r"drive_v +<- (data\.)?u\n", plan.stdout)
+    done = pamid(*told[:-1], "stages=[measurement]")
+    assert done.returncode == 0, done.stderr
+    found = pd.read_parquet(pamid.runs[0] / "tables/measured_signals.parquet")
+    np.testing.assert_allclose(found.loc[found["signal"] == "response_v", "value"], answer)
+
+
+def test_parts_by_name_and_a_sampling_time_come_into_the_command(look, tmp_path):
+    _, drive, answer = make_run()
+    savemat(tmp_path / "x.mat", {"uEst": drive, "yEst": answer, "uVal": drive[:90], "yVal": answer[:90], "Ts": 4.0})
+    lines = look(tmp_path / "x.mat")
+    assert lines[0].endswith("x.mat: 4 columns, 90 or 200 rows")
+    assert "parts, by the ends of names: Est (200 rows), Val (90 rows)" in lines
+    told = arguments(lines)
+    assert told[2:4] == ["+columns.drive_v=u", "+columns.response_v=y"]
+    assert told[4:8] == [
+        "measurement.rate_hz=0.25",
+        "measurement.part_endings=[Est,Val]",
+        "parts.fitted=[Est]",
+        "parts.verification=[Val]",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("times", "told"),
+    [
+        (np.arange(20.0), "time: even steps, 1 Hz"),
+        (np.delete(np.arange(20.0), [5, 9, 10]), "time: even steps, 1 Hz, but for 2 gaps"),
+        (np.cumsum(np.linspace(1.0, 1.5, 20)), "time: uneven steps of 1.026 to 1.5 s about 1.263 s"),
+        (np.tile(np.arange(10.0), 2), "time: goes back; if records follow each other, tell them apart: columns.record"),
+        (np.zeros(20), "time: stands still"),
+    ],
+)
+def test_it_tells_how_the_clock_runs(look, tmp_path, times, told):
+    pd.DataFrame({"t": times, "u": 1.0 * np.arange(len(times))}).to_csv(tmp_path / "x.csv", index=False)
+    assert any(line.startswith(told) for line in look(tmp_path / "x.csv"))
+
+
+def test_unequal_rates_are_told(look, tmp_path):
+    runs = [pd.DataFrame({"t": np.arange(50) / rate, "u": 1.0, "run": rate}) for rate in (50, 100)]
+    pd.concat(runs).to_csv(tmp_path / "x.csv", index=False)
+    assert "time: 50 to 100 Hz, by record; they are resampled to the lowest" in look(tmp_path / "x.csv")
+
+
+def test_what_it_cannot_guess_is_left_to_the_person(look, tmp_path):
+    pd.DataFrame({"a": [0.0, 1.0, 2.0], "qm": [1.0, 2.0, 4.0]}).to_csv(tmp_path / "x.csv", index=False)
+    lines = look(tmp_path / "x.csv")
+    assert "  which column is time: columns.time_s=NAME; or, without one, its rate: measurement.rate_hz=..." in lines
+    assert "  the unit of a, qm, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F" in lines
+    assert arguments(lines) == ["workflow=discrepancy", "measurement=records", "plant=second_order", "plan=true"]
+
+
+def test_a_folder_of_muscles_needs_no_map(look, tmp_path):
+    assert arguments(look(write_dataset(tmp_path / "arm"))) == ["workflow=discrepancy", "plan=true"]
+
+
+def test_muscles_under_names_of_others_are_found(look, tmp_path):
+    samples = make_samples()
+    names = {"trial": "run", "pressure_kpa": "p [bar]", "pressure_command_kpa": "p_ref [bar]", "force_n": "F_kN"}
+    samples[["trial", "time_s", "muscle", *list(names)[1:], "joint_angle_rad"]].rename(columns=names).to_csv(
+        tmp_path / "arm.csv", index=False
+    )
+    told = arguments(look(tmp_path / "arm.csv"))
+    assert told[1:] == [
+        "columns.trial=run",
+        'columns.pressure_kpa="p [bar]"',
+        'columns.pressure_command_kpa="p_ref [bar]"',
+        "columns.force_n=F_kN",
+        "units.pressure_kpa=bar",
+        "units.pressure_command_kpa=bar",
+        "units.force_n=kN",
+        "plan=true",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("x.csv", None, "expected the path of a file, got"),
+        ("x.csv", b"", "x.csv: cannot be read as CSV (No columns"),
+        (
+            "x.xlsx",
+            b"PK",
+            "expected a .parquet, .mat, .csv, .tsv, .txt or .dat file, got 'x.xlsx'; save the sheet as CSV",
+        ),
+        ("x.mat", b"MATLAB 7.3 MAT-file" + b" " * 600, "save('new.mat', '-v7')"),
+        ("x.csv", b"t,u\n", "x.csv: expected columns with values, got none"),
+    ],
+)
+def test_bad_input_is_one_line_and_no_success(capsys, tmp_path, name, content, told):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    assert main([str(tmp_path / name)]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert told in shown.err
+    assert len(shown.err.strip().splitlines()) == 1
+
+
+def test_by_the_command_line(tmp_path):
+    pd.DataFrame({"t": [0.0, 1.0], "u": [1.0, 2.0]}).to_csv(tmp_path / "x.csv", index=False)
+    line = [sys.executable, "-m", "pipeline.columns", str(tmp_path / "x.csv")]
+    result = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0
+    assert "time: even steps, 1 Hz" in result.stdout
+    assert result.stderr == ""
