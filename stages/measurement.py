@@ -31,6 +31,7 @@ from stages.plant import Exoskeleton
 from stages.recording import (
     MUSCLE_COLUMNS,
     WHOLE,
+    ColumnMap,
     Notes,
     RecordingError,
     Session,
@@ -42,25 +43,20 @@ from stages.recording import (
     choose_muscles,
     complete,
     count_time,
-    describe_clock,
-    describe_columns,
+    describe,
     describe_muscles,
     find_rate,
     find_starts,
-    guess_columns,
     join_parts,
     list_arguments,
     list_blocks,
     list_trials,
-    name_parts,
-    own_unit,
     quote,
     read_parts,
     read_session,
     regularise,
     split_records,
     tell_rows,
-    tell_unknown,
 )
 
 SAMPLES, META = "samples.parquet", "meta.json"
@@ -207,6 +203,14 @@ class Config(Section):
                     raise ValueError(f"{section}: no column '{name}'; {suggest(name, known)}")
         return self
 
+    @property
+    def map(self) -> ColumnMap:
+        """Which column of a file is what."""
+        given = self.measurement
+        names = NEEDED if given.kind == "muscles" else [name for name in self.columns if name not in NAMES]
+        needed = [name for name in names if name != "time_s" or given.rate_hz is None]
+        return ColumnMap(self.columns, self.units, needed, given.part_endings or [], given.rate_hz)
+
 
 @dataclass(frozen=True)
 class Source:
@@ -248,66 +252,21 @@ def show_map(cfg: Config) -> list[str]:
     if cfg.measured is None:
         return ["measured=null: from what the rig records"]
     file = find_samples(cfg.measured)
-    told = read_header(file)
+    header = read_header(file)
     with about(str(file)):
-        header = list_columns(cfg, told.names)
-    wanted = [name for name in cfg.columns if cfg.columns[name] or name in header or name in needed_columns(cfg)]
-    absent = [name for name in cfg.columns if name not in wanted]
-    lines = [f"{file}:", *(f"  {each}" for each in told.remarks)]
-    lines += [f"  {name:<26} <- {tell_origin(name, cfg, header)}" for name in wanted]
-    if cfg.measurement.part_endings:
-        lines.append(f"  {'part':<26} <- ends of names: {', '.join(cfg.measurement.part_endings)}")
-    if cfg.measurement.rate_hz is not None and "time_s" not in wanted:
-        lines.append(f"  {'time_s':<26} <- counted, {cfg.measurement.rate_hz:g} Hz")
-    if absent:
-        lines.append(f"  not there, not needed: {', '.join(absent)}")
-    taken = [cfg.columns[name] or name for name in wanted]
-    taken += [f"{name}{end}" for name in taken for end in cfg.measurement.part_endings or []]
-    unused = [name for name in told.names if name not in taken]
-    return [*lines, f"  left alone: {', '.join(unused)}"] if unused else lines
+        return [f"{file}:", *(f"  {each}" for each in [*header.remarks, *cfg.map.describe(header.names)])]
 
 
 def describe_file(path: InputPath) -> list[str]:
     """Return what a file holds, as lines that end in the command line with the map of its columns."""
     file = find_samples(path)
-    header, columns = read_header(file), read_columns(file)
-    rows = sorted({len(values) for values in columns.values()})
-    if not rows or rows[-1] == 0:
-        raise InputError("; ".join([f"{file}: expected columns with values, got none", *header.remarks]))
-    guess = guess_columns(columns, header.units, header.single)
-    size = " or ".join(f"{each}" for each in rows) + " rows"
-    lines = [f"{file}: {len(columns)} columns, {size}", *(f"  {each}" for each in header.remarks)]
-    lines += [f"  {name} = {value:g}, a single number" for name, value in header.single.items()]
-    lines += ["", *describe_columns(columns, header.units, guess), ""]
-    lines += describe_clock(columns, guess, USUAL_JITTER)
-    unknown = tell_unknown(guess)
-    if unknown:
-        lines += ["", "not told by the file:", *(f"  {each}" for each in unknown)]
+    header = read_header(file)
+    with about(str(file)):
+        lines, guess = describe(read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER)
     kind = [] if guess.muscles else ["measurement=records"]
-    told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles])]
-    if not guess.muscles:
-        roles = [f"plant.{role}={name}" for role, name in (("input", guess.input), ("output", guess.output)) if name]
-        told += ["plant=second_order", *roles]
+    told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles]), "plan=true"]
     last = "to see how it would be read (complete it with what is not told; plan=true writes nothing):"
-    return [*lines, "", last, f"  {command_line(['workflow=discrepancy', *told, 'plan=true'])}"]
-
-
-def list_columns(cfg: Config, names: Sequence[str]) -> list[str]:
-    """Return the columns that a file gives, those that are told apart by the ends of their names under one name."""
-    if cfg.measurement.part_endings is None:
-        return list(names)
-    wanted = [cfg.columns[name] or name for name in cfg.columns]
-    parts = name_parts(wanted, names, cfg.measurement.part_endings).values()
-    return list(dict.fromkeys(name for part in parts for name in part.values()))
-
-
-def tell_origin(name: str, cfg: Config, header: Sequence[str]) -> str:
-    """Return which column of a file gives one of this project's, and how it is converted."""
-    source = cfg.columns[name] or name
-    if source not in header:
-        return f"MISSING ({source}); say which with columns.{name}=NAME"
-    unit, own = cfg.units.get(name), own_unit(name)
-    return f"{source}, {unit} -> {own}" if unit and unit != own else source
+    return [f"{file}: {lines[0]}", *lines[1:], "", last, f"  {command_line(['workflow=discrepancy', *told])}"]
 
 
 @stage(
@@ -351,13 +310,6 @@ def about(file: str) -> Iterator[None]:
         yield
     except RecordingError as error:
         raise InputError(f"{file}: {error}") from None
-
-
-def needed_columns(cfg: Config) -> Sequence[str]:
-    """Return the columns that a file must have."""
-    counted = () if cfg.measurement.rate_hz is None else ("time_s",)
-    names = NEEDED if cfg.measurement.kind == "muscles" else cfg.columns
-    return [name for name in names if name not in counted and (name in NEEDED or name not in NAMES)]
 
 
 def find_samples(path: InputPath) -> Path:
@@ -410,7 +362,7 @@ def adopt_file(file: Path, cfg: Config, key: Sequence[str]) -> pd.DataFrame:
             raise RecordingError("expected samples, got no rows")
         known = [*dict.fromkeys([*header.names, *map(str, frame.columns)])]
         columns = cfg.columns | ({"part": "part"} if cfg.measurement.part_endings else {})
-        samples = adopt(frame, columns, cfg.units, NAMES, needed_columns(cfg), known)
+        samples = adopt(frame, columns, cfg.units, NAMES, cfg.map.needed, known)
         if "time_s" not in samples and cfg.measurement.rate_hz is not None:
             samples = count_time(samples, [*key[:-1], "part"], cfg.measurement.rate_hz)
         if "record" in key:
@@ -421,17 +373,15 @@ def adopt_file(file: Path, cfg: Config, key: Sequence[str]) -> pd.DataFrame:
 
 def read_wanted(file: Path, cfg: Config, header: Header) -> pd.DataFrame:
     """Read the columns that the map names, of each part behind each other where the ends of names tell parts."""
-    wanted = [cfg.columns[name] or name for name in cfg.columns]
-    endings = cfg.measurement.part_endings
-    if endings is None:
+    if not cfg.map.endings:
         try:
-            return read_foreign(file, wanted)
+            return read_foreign(file, set(cfg.map.sources.values()))
         except UnequalColumns as error:
             raise InputError(
                 f"{error}; if the ends of their names tell parts, as in uEst and uVal, map u and set "
                 "measurement.part_endings=[Est,Val]; else write them as one table"
             ) from None
-    parts = name_parts(wanted, header.names, endings)
+    parts = cfg.map.part_columns(header.names)
     return join_parts({end: read_foreign(file, own).rename(columns=own) for end, own in parts.items()})
 
 
@@ -465,7 +415,7 @@ def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     """Return the tables of a recording of muscles."""
     notes: Notes = []
     if cfg.measured is not None and not Path(cfg.measured).is_dir():
-        notes.extend(note_counting(read_header(Path(cfg.measured)).names, cfg))
+        notes.extend(note_counting(Path(cfg.measured), cfg))
     samples, muscles = choose_muscles(source.samples, source.muscles, source.told_in, notes)
     rate = find_rate(samples, ("trial", "muscle"), source.rate_hz)
     parts = read_parts(samples, WHOLE)
@@ -482,10 +432,11 @@ def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     }
 
 
-def note_counting(header: Sequence[str], cfg: Config) -> Iterator[tuple[str, str]]:
-    """Yield a note where samples are counted, as the file has no column of time."""
-    if cfg.measurement.rate_hz is not None and (cfg.columns["time_s"] or "time_s") not in list_columns(cfg, header):
-        yield "time_s", f"counted at {cfg.measurement.rate_hz:g} Hz (measurement.rate_hz)"
+def note_counting(file: Path, cfg: Config) -> Notes:
+    """Return a note where samples are counted, as the file has no column of time."""
+    if not cfg.map.counts_samples(read_header(file).names):
+        return []
+    return [("time_s", f"counted at {cfg.measurement.rate_hz:g} Hz (measurement.rate_hz)")]
 
 
 def describe_session(source: Source, rate: float, trials: int, muscles: int) -> pd.DataFrame:
@@ -498,9 +449,9 @@ def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
     """Return the tables of records of any signals."""
     file = find_samples(path)
     frame = adopt_file(file, cfg, ("record", "time_s"))
-    signals = [name for name in needed_columns(cfg) if name != "time_s"]
+    signals = [name for name in cfg.columns if name not in NAMES and name != "time_s"]
     given = cfg.measurement
-    notes: Notes = list(note_counting(read_header(file).names, cfg))
+    notes = note_counting(file, cfg)
     with about(str(file)):
         frame, rate = arrange_records(frame, signals, given.blocks, given.rate_hz, given.largest_jitter, notes)
     trials = list_blocks(frame, rate)

@@ -7,15 +7,9 @@ out, or a `RecordingError` that names column and rows. No path is known here.
 from stages.recording.assembly import Notes, choose_muscles, complete, read_parts
 from stages.recording.blocks import WHOLE, arrange_records, list_blocks, number_blocks, split_records
 from stages.recording.clock import count_time, find_rate, regularise
+from stages.recording.column_map import ColumnMap
 from stages.recording.columns import RecordingError, adopt, check_rows, tell_rows
-from stages.recording.description import (
-    describe_clock,
-    describe_columns,
-    guess_columns,
-    list_arguments,
-    quote,
-    tell_unknown,
-)
+from stages.recording.description import describe, list_arguments, quote
 from stages.recording.endings import join_parts, name_parts
 from stages.recording.guessing import Guess, guess_map
 from stages.recording.headings import check_headings, read_heading
@@ -29,6 +23,7 @@ from stages.recording.whole_sessions import SessionFrames, tabulate_session
 __all__ = [
     "MUSCLE_COLUMNS",
     "WHOLE",
+    "ColumnMap",
     "Guess",
     "Notes",
     "RecordingError",
@@ -43,14 +38,12 @@ __all__ = [
     "complete",
     "convert",
     "count_time",
-    "describe_clock",
-    "describe_columns",
+    "describe",
     "describe_muscles",
     "equalise",
     "find_rate",
     "find_rates",
     "find_starts",
-    "guess_columns",
     "guess_map",
     "join_parts",
     "known_units",
@@ -69,5 +62,4 @@ __all__ = [
     "split_records",
     "tabulate_session",
     "tell_rows",
-    "tell_unknown",
 ]

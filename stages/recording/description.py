@@ -22,6 +22,44 @@ FEW = 12
 """Records or parts that are told one by one."""
 
 
+def describe(
+    columns: Mapping[str, pd.Series],
+    units: Mapping[str, str],
+    single: Mapping[str, float],
+    remarks: Sequence[str],
+    largest_jitter: float,
+) -> tuple[list[str], Guess]:
+    """Return all that can be told of a file, as lines, and the map that its headings and values make plain.
+
+    Parameters
+    ----------
+    columns : mapping of str to Series
+        As they were read.
+    units : mapping of str to str
+        From a row of their own, by column.
+    single : mapping of str to float
+        Numbers that stand alone.
+    remarks : sequence of str
+        How the file is read.
+    largest_jitter : float
+        Deviation of a step of time from whole periods that is borne, in periods.
+
+    Raises
+    ------
+    RecordingError
+        When no column has values.
+    """
+    rows = sorted({len(values) for values in columns.values()})
+    if not rows or rows[-1] == 0:
+        raise RecordingError("; ".join(["expected columns with values, got none", *remarks]))
+    guess = guess_columns(columns, units, single)
+    lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in remarks)]
+    lines += [f"  {name} = {value:g}, a single number" for name, value in single.items()]
+    lines += ["", *describe_columns(columns, units, guess), "", *describe_clock(columns, guess, largest_jitter)]
+    unknown = tell_unknown(guess)
+    return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
+
+
 def describe_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], guess: Guess) -> list[str]:
     """Return a table, as lines: each column's kind of values, range, gaps, unit and what it would be taken for."""
     taken = {column: name for name, column in guess.columns.items()}
@@ -96,6 +134,9 @@ def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
         arguments.append(f"measurement.part_endings=[{','.join(quote(each) for each in guess.endings)}]")
         first, second = (each.lstrip("_") for each in guess.endings)
         arguments += [f"parts.fitted=[{quote(first)}]", f"parts.verification=[{quote(second)}]"]
+    if not guess.muscles:
+        roles = (("input", guess.input), ("output", guess.output))
+        arguments += ["plant=second_order", *(f"plant.{role}={name}" for role, name in roles if name)]
     return arguments
 
 
