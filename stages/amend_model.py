@@ -73,6 +73,7 @@ def amend_model(
     settings = cfg.discrepancy
     fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+    told = told.keep_apart(trial_parts)
     cells = list_cells(cfg.plant, told, settings)
     status = decide_status(len(named_effects), unexplained["probability"].max(), settings.search.certain)
     last = int(steps["step"].max()) if status == "named" else 0

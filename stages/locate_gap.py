@@ -30,6 +30,7 @@ from stages.discrepancy import (
     assign_parts,
     average_loops,
     average_plane,
+    leave_gaps,
     list_cells,
     list_residuals,
     locate,
@@ -46,6 +47,8 @@ TRIAL_PARTS = Table(
     {
         "trial": column(int, "trial of the session", low=0),
         "part": column(str, "fitted, opened once at the end, or only reported", among=list(PURPOSES)),
+        "left_before": column(int, "samples at its beginning that are not judged, next to one that is opened", low=0),
+        "left_after": column(int, "the same at its end", low=0),
     },
     key=("trial",),
 )
@@ -146,8 +149,10 @@ def locate_gap(
     settings = cfg.discrepancy
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
     try:
-        purposes = assign_parts(list(measured_trials["part"]), cfg.parts, settings.verification_share)
-        cells = list_cells(cfg.plant, told, settings)
+        given, records = list(measured_trials["part"]), list(measured_trials["record"])
+        purposes = assign_parts(given, cfg.parts, settings.verification_share, records)
+        gaps = leave_gaps(measured_trials, purposes, cfg.parts.gap_share)
+        cells = list_cells(cfg.plant, told.keep_apart(gaps), settings)
     except ValueError as error:
         raise InputError(f"{measured_session['source'].iloc[0]}: {error}") from None
     if not cells:
@@ -162,7 +167,7 @@ def locate_gap(
     channels = pd.DataFrame([tell_channel(each, weights, settings) for each in states])
     draw(states, channels, gap, settings.search.smallest_gap, ctx)
     return {
-        TRIAL_PARTS.name: pd.DataFrame({"trial": measured_trials["trial"], "part": purposes}),
+        TRIAL_PARTS.name: pd.DataFrame({"trial": measured_trials["trial"].to_numpy(), "part": purposes}).join(gaps),
         NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in tell_constants(each, weights, settings)]),
         CHANNELS.name: channels,
         RESIDUALS.name: list_residuals(states, measured_trials["trial"].iloc[fitted].to_list()),

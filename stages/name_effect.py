@@ -117,6 +117,7 @@ def name_effect(
     settings = cfg.discrepancy
     fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+    told = told.keep_apart(trial_parts)
     cells = [cell.take(fitted) for cell in list_cells(cfg.plant, told, settings)]
     states = restore_states(cells, trial_parts["trial"].iloc[fitted].to_list(), nominal_fit, channels, residuals)
     found = search(states, settings.search.settings, ctx.generator("trials"))

@@ -125,6 +125,7 @@ def verify_gap(
     opened = np.flatnonzero(trial_parts["part"] == "verification").tolist()
     learnt = (trial_parts["part"] == "fitted").to_numpy()
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+    told = told.keep_apart(trial_parts)
     cells = list_cells(cfg.plant, told, settings)
     found = verify(cells, steps, channels, learnt)
     added = named_effects.drop_duplicates("order")

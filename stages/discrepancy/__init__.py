@@ -19,7 +19,7 @@ from stages.discrepancy.gaps import locate, upper_ratio
 from stages.discrepancy.judgement import Judgement, judge, tell_truth
 from stages.discrepancy.machines import Measurements, list_cells, settle, write_amended
 from stages.discrepancy.odd_trials import find_odd_trials
-from stages.discrepancy.parts import PURPOSES, Parts, assign_parts
+from stages.discrepancy.parts import PURPOSES, Parts, assign_parts, leave_gaps
 from stages.discrepancy.ranking import rank_first
 from stages.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.discrepancy.resampling import resample
@@ -73,6 +73,7 @@ __all__ = [
     "explain_exactly",
     "find_odd_trials",
     "judge",
+    "leave_gaps",
     "list_absorbed",
     "list_candidates",
     "list_cells",

@@ -36,6 +36,11 @@ class Measurements(NamedTuple):
     muscles: pd.DataFrame
     session: pd.DataFrame
 
+    def keep_apart(self, gaps: pd.DataFrame) -> Measurements:
+        """Return the same, with the samples that `leave_gaps` leaves out of each trial."""
+        told = {name: gaps[name].to_numpy() for name in ("left_before", "left_after")}
+        return self._replace(trials=self.trials.assign(**told))
+
 
 def list_cells(plant: Plant | RecordPlant, measured: Measurements, settings: DiscrepancySettings) -> Sequence[Cell]:
     """Return the cells of a recording, whatever the machine.

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from stages.discrepancy.cell import Cell, Driver, Form
 from stages.discrepancy.fitting import Model, begin, fit
 from stages.discrepancy.noise import Noise
-from stages.discrepancy.records import bridge, spread_records
+from stages.discrepancy.records import bridge, list_blocks, spread_records
 from stages.plant.effect import DynamicEffect, Parameter, list_effects, list_forms
 from stages.plant.oscillator import SITE, Oscillator
 from stages.plant.second_order import collect_terms, refine, simulate_oscillator
@@ -164,8 +164,8 @@ def build_oscillator(signals: pd.DataFrame, trials: pd.DataFrame, plant: Oscilla
     lead = round(plant.lead_in_s / step_s)
     refined = {name: _refine_record(rows, plant, lead) for name, rows in records.items()}
     blocks = [
-        _cut(records[record], *refined[record], plant, round(start / step_s), lead, min(samples, count), samples)
-        for record, start, count in trials[["record", "start_s", "samples"]].itertuples(index=False)
+        _cut(records[record], *refined[record], plant, round(start / step_s), lead, (before, count - after), samples)
+        for record, start, count, before, after in list_blocks(trials)
     ]
     stacked = [np.stack(column, axis=1) for column in zip(*blocks, strict=True)]
     return OscillatorCell(plant, step_s, stacked[0], stacked[1], stacked[2], trials["start_s"].to_numpy(dtype=float))
@@ -187,14 +187,14 @@ def _cut(
     plant: Oscillator,
     first: int,
     lead: int,
-    count: int,
+    judged: tuple[int, int],
     samples: int,
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return one block's refined input with its lead-in, its output, and where that is judged; ends are held."""
     step = 2 * plant.substeps
     at = np.arange((first - lead) * step, (first + samples - 1) * step + 1)
     places = np.arange(first, first + samples)
-    inside = (places < first + count) & (places < len(rows))
+    inside = (places >= first + judged[0]) & (places < first + judged[1]) & (places < len(rows))
     places = np.minimum(places, len(rows) - 1)
     output = rows[plant.output].to_numpy(dtype=float)
     present = inside & clear[places] & np.isfinite(output[places])

@@ -36,6 +36,20 @@ def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[st
     return records, float(np.median(np.diff(next(iter(records.values())).index)))
 
 
+def list_blocks(trials: pd.DataFrame) -> list[tuple[str, float, int, int, int]]:
+    """Return record, start (s), samples, and samples left out at the beginning and at the end of each block.
+
+    Parameters
+    ----------
+    trials : DataFrame
+        Columns ``record``, ``start_s`` and ``samples``, and, where blocks are kept apart, ``left_before`` and
+        ``left_after``.
+    """
+    apart = trials.assign(**{name: 0 for name in ("left_before", "left_after") if name not in trials})
+    columns = apart[["record", "start_s", "samples", "left_before", "left_after"]].itertuples(index=False)
+    return [(str(a), float(b), int(c), int(d), int(e)) for a, b, c, d, e in columns]
+
+
 def bridge(column: pd.Series) -> Array:
     """Return values with gaps bridged by straight lines and ends held."""
     values = column.to_numpy(dtype=float)

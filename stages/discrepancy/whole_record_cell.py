@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stages.discrepancy.cell import Cell, Driver, Form, list_starts
 from stages.discrepancy.exact_values import find_level
-from stages.discrepancy.records import bridge, spread_records, thin_out
+from stages.discrepancy.records import bridge, list_blocks, spread_records, thin_out
 from stages.plant.effect import Parameter, list_effects
 from stages.plant.listed import list_effects_at
 from stages.plant.static_map import StaticMap
@@ -183,10 +183,11 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Whol
     known = [rows.notna().all(axis=1).to_numpy() for rows in thinned]
     samples = int(trials["samples"].max()) // stride
     places, measured, present = [], [], []
-    for name, start, count in trials[["record", "start_s", "samples"]].itertuples(index=False):
-        record, first = order[str(name)], round(start / step_s)
+    for name, start, count, before, after in list_blocks(trials):
+        record, first = order[name], round(start / step_s)
         at = first + np.arange(samples)
-        inside = (at < first + count // stride) & (at < len(known[record]))
+        inside = (at >= first - (-before // stride)) & (at < first + (count - after) // stride)
+        inside &= at < len(known[record])
         at = np.minimum(at, len(known[record]) - 1)
         places.append((record, first))
         measured.append(filled[record][plant.output][at])

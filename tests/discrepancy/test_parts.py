@@ -1,15 +1,20 @@
 """Which trials are fitted, opened and only reported."""
 
+import numpy as np
+import pandas as pd
 import pytest
 from pydantic import ValidationError
 
-from stages.discrepancy import Parts, assign_parts
+from stages.discrepancy import Parts, assign_parts, leave_gaps
+from stages.discrepancy.oscillator_cell import build_oscillator
+from stages.discrepancy.whole_record_cell import build_whole_records
+from tests.discrepancy.test_whole_records import read_plant
 
 GIVEN = ["estimation"] * 8 + ["validation"] * 3 + ["arrow"] * 2
 
 
 def choose(fitted=None, verification=None, last_share=None):
-    return Parts(fitted=fitted, verification=verification, last_share=last_share)
+    return Parts(fitted=fitted, verification=verification, last_share=last_share, gap_share=0.05)
 
 
 def counted(purposes):
@@ -74,3 +79,62 @@ def test_at_least_one_is_opened():
 def test_the_last_and_a_named_part_cannot_both_be_opened():
     with pytest.raises(ValidationError, match="verification or last_share, got both"):
         choose(verification=["arrow"], last_share=0.4)
+
+
+def opened(parts, records, **names):
+    purposes = assign_parts(parts, choose(**names), 0.375, records)
+    return [k for k, purpose in enumerate(purposes) if purpose == "verification"]
+
+
+def test_whole_records_are_opened_where_a_part_has_enough_of_them():
+    records = [name for name in "abcdef" for _ in range(3)]
+    found = opened(["given"] * 18, records)
+    assert {records[k] for k in found} == {"c", "f"}
+    assert len(found) == 6
+
+
+def test_two_records_are_too_few_and_their_blocks_are_opened():
+    records = ["a"] * 8 + ["b"] * 8
+    found = opened(["given"] * 16, records)
+    assert len(found) == 6
+    assert {records[k] for k in found} == {"a", "b"}
+
+
+def test_records_of_different_parts_are_not_taken_for_repetitions():
+    parts = ["noise"] * 8 + ["steps"] * 8 + ["sweep"] * 8
+    assert opened(parts, parts) == opened(parts, [])
+
+
+def test_many_records_are_opened_each_as_a_whole():
+    assert opened(["given"] * 16, [f"r{k}" for k in range(16)]) == opened(["given"] * 16, [])
+
+
+def make_blocks(count=4, samples=50, record="a"):
+    return pd.DataFrame({"record": record, "start_s": np.arange(count) * samples * 0.1, "samples": samples})
+
+
+def test_a_gap_stands_between_a_fitted_block_and_the_opened_one_beside_it():
+    trials = pd.concat([make_blocks(), make_blocks(record="b"), make_blocks(2, record="")], ignore_index=True)
+    f, v, o = "fitted", "verification", "other"
+    gaps = leave_gaps(trials, [f, v, f, f, v, v, o, f, f, v], 0.05)
+    assert gaps["left_after"].tolist() == [3, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    assert gaps["left_before"].tolist() == [0, 0, 3, 0, 0, 0, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("machine", ["second_order", "static_map"])
+def test_a_gap_is_not_judged_and_nothing_else_is_lost(machine):
+    swing = machine == "second_order"
+    plant = read_plant(machine, **({"lead_in_s": 0.1} if swing else {"pace_s": 1.0}))
+    names = ("drive_v", "response_v") if swing else ("position_m", "force_n")
+    time = np.arange(200) * 0.1
+    told = {name: np.sin(time + k) for k, name in enumerate(names)}
+    rows = [pd.DataFrame({"record": "a", "time_s": time, "signal": n, "value": v}) for n, v in told.items()]
+    build = build_oscillator if swing else build_whole_records
+    trials = make_blocks()
+    gaps = leave_gaps(trials, ["fitted", "verification", "fitted", "fitted"], 0.1)
+    whole, cut = (build(pd.concat(rows), each, plant) for each in (trials, trials.join(gaps)))
+    assert (whole.present & ~cut.present).sum(axis=0).tolist() == [5, 0, 5, 0]
+    assert not cut.present[45:, 0].any()
+    assert not cut.present[:5, 2].any()
+    assert cut.present[5:, 2].all()
+    np.testing.assert_array_equal(cut.measured, whole.measured)
