@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 HDF5 = b"\x89HDF\r\n\x1a\n"
 MOST_COLUMNS = 64
 """Columns of a matrix beyond which it is no set of signals."""
+OBJECT = "an object of MATLAB (a table, timetable, string, function); write its columns as vectors"
 
 Vector = NDArray[Any]
 
@@ -74,6 +75,9 @@ def _sort(name: str, value: Any, found: Variables) -> None:
         for each in value._fieldnames:
             _sort(f"{name}.{each}", getattr(value, each), found)
         return
+    if type(value).__name__.startswith("Matlab"):
+        found.left[name.removeprefix("None") or "a variable"] = OBJECT
+        return
     array = np.asarray(value.toarray() if hasattr(value, "toarray") else value)
     reason = _refuse(array)
     if reason:
@@ -83,6 +87,8 @@ def _sort(name: str, value: Any, found: Variables) -> None:
     elif array.size == 1:
         if array.dtype.kind in "fiub":
             found.single[name] = float(array.reshape(()))
+        elif array.dtype.kind == "O":
+            found.left[name] = OBJECT
     elif array.ndim == 1:
         found.vectors[name] = array.astype(str) if array.dtype.kind in "OU" else array
     else:
@@ -93,8 +99,8 @@ def _sort(name: str, value: Any, found: Variables) -> None:
 def _refuse(array: Vector) -> str:
     """Return why an array holds no columns; empty where it does."""
     kind, shape = array.dtype.kind, " x ".join(map(str, array.shape))
-    if kind == "V" or (kind == "O" and type(array.item() if array.size == 1 else None).__name__ == "MatlabOpaque"):
-        return "an object of MATLAB (a table, timetable or string); write its columns as vectors"
+    if kind == "V":
+        return OBJECT
     if kind == "O" and array.ndim == 1 and array.size:
         first = array.flat[0]
         if type(first).__name__ == "mat_struct" or all(isinstance(each, str) for each in array.flat):

@@ -87,12 +87,17 @@ def _choose(candidates: Sequence[int], given: Sequence[str], records: Sequence[s
         held.setdefault(given[k], []).append(records[k])
     distinct = {part: list(dict.fromkeys(names)) for part, names in held.items() if all(names)}
     whole = {part: names for part, names in distinct.items() if len(names) >= FEWEST_RECORDS}
-    taken = {names[k] for names in whole.values() for k in choose_verification(len(names), share)}
+    taken = {names[k] for names in whole.values() for k in choose_verification(len(names), _round(share, len(names)))}
     rest = [k for k in candidates if given[k] not in whole]
     chosen = [k for k in candidates if given[k] in whole and records[k] in taken]
     if rest and (len(rest) >= FEWEST_RECORDS or not whole):
         chosen += [rest[k] for k in choose_verification(len(rest), share)]
     return chosen
+
+
+def _round(share: float, count: int) -> float:
+    """Return the share that opens the nearest whole number of records, at least one."""
+    return max(math.floor(share * count + 0.5), 1) / count
 
 
 def leave_gaps(trials: pd.DataFrame, purposes: Sequence[str], share: float) -> pd.DataFrame:

@@ -19,8 +19,9 @@ from stages.signals.trajectories import Array
 
 MOST_SAMPLES_TO_ONE = 10000
 """Largest number in a ratio of rates."""
-PERIODS, KAISER = 20, 8.0
-"""Half the filter's length in samples of the lower rate, and its window: flat up to 0.87 of half that rate."""
+PERIODS, KAISER, CUTOFF = 20, 8.0, 0.872
+"""Half the filter's length in samples of the lower rate, its window, and its cut-off over half that rate: it is flat up
+to 0.74 of that half, and a ten thousandth passes from the half on."""
 
 
 def find_rates(frame: pd.DataFrame, stated_hz: float | None) -> dict[str, float]:
@@ -119,7 +120,7 @@ def _resample(values: Array, ratio: Fraction) -> Array:
     known = np.flatnonzero(~missing)
     bridged = np.interp(np.arange(len(values)), known, values[known])
     widest = max(ratio.numerator, ratio.denominator)
-    lowpass = firwin(2 * PERIODS * widest + 1, 1.0 / widest, window=("kaiser", KAISER))
+    lowpass = firwin(2 * PERIODS * widest + 1, CUTOFF / widest, window=("kaiser", KAISER))
     up, down = ratio.numerator, ratio.denominator
     made: Array = resample_poly(bridged, up, down, window=lowpass, padtype="antireflect")  # type: ignore[call-overload]
     at, reach = np.arange(len(made)) / float(ratio), 1.0 / float(ratio)

@@ -93,6 +93,14 @@ def test_whole_records_are_opened_where_a_part_has_enough_of_them():
     assert len(found) == 6
 
 
+@pytest.mark.parametrize(("count", "kept"), [(3, 1), (4, 2), (5, 2), (8, 3), (16, 6)])
+def test_the_nearest_number_of_records_to_the_share_is_opened(count, kept):
+    records = [f"r{k}" for k in range(count) for _ in range(2)]
+    found = opened(["given"] * len(records), records)
+    assert len({records[k] for k in found}) == kept
+    assert len(found) == 2 * kept
+
+
 def test_two_records_are_too_few_and_their_blocks_are_opened():
     records = ["a"] * 8 + ["b"] * 8
     found = opened(["given"] * 16, records)
