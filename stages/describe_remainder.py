@@ -89,8 +89,9 @@ def describe_remainder(
     if (channels["gap_over_floor"] > smallest).any():
         fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
         told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+        cells = list_cells(cfg.plant, told.keep_apart(trial_parts), settings)
         described = describe_above_floor(
-            [cell.take(fitted) for cell in list_cells(cfg.plant, told, settings)],
+            [cell.take(fitted) for cell in cells],
             steps,
             last,
             channels,

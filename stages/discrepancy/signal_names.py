@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stages.discrepancy.features import DISTANCE
-from stages.recording.units import FACTORS, own_unit
+from stages.recording.units import ENDS, own_unit
 
 CALLED = {
     "contraction_velocity_per_s": ("velocity", "1/s"),
@@ -28,7 +28,7 @@ def name_signal(name: str) -> tuple[str, str]:
     if column in CALLED:
         words, unit = CALLED[column]
     else:
-        end = max((each for each in FACTORS if column.endswith(f"_{each}")), key=len, default="")
+        end = max((each for each in ENDS if column.endswith(f"_{each}")), key=len, default="")
         words = column.removesuffix(f"_{end}").replace("_", " ") if end else column.replace("_", " ")
         unit = own_unit(column) if end else ""
     if before.startswith(DISTANCE):
