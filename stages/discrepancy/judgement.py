@@ -138,7 +138,9 @@ def tell_truth(
     generator : numpy.random.Generator
         Draws weights of trials.
     """
-    easy = replace(settings, smallest_gap=1.0, least_gain=0.0, least_share=0.0, later_share=0.0, none_prior=1e-9)
+    easy = replace(
+        settings, smallest_gap=1.0, least_gain=0.0, least_share=0.0, later_share=0.0, later_gain=0.0, none_prior=1e-9
+    )
     states = [replace(state, cell=_restrict(state.cell, names)) for state in judged.prepared]
     return search(states, replace(easy, most_effects=len(names)), generator)
 

@@ -13,17 +13,14 @@ import pandas as pd
 
 from stages.discrepancy.amendment import amend
 from stages.discrepancy.cell import Cell
-from stages.discrepancy.oscillator_cell import build_oscillator
 from stages.discrepancy.session import build_cells
 from stages.discrepancy.settings import DiscrepancySettings
 from stages.discrepancy.whole_record_cell import WholeRecordCell, build_whole_records
-from stages.plant.machine import RecordPlant
-from stages.plant.oscillator import Oscillator, find_oscillator_effect
+from stages.plant.machine import list_kinds
 from stages.plant.plant import Plant
-from stages.plant.static_map import StaticMap, find_element_effect
-from stages.plant.tanks import CascadedTanks, find_tank_effect
+from stages.plant.record_plant import RecordPlant
 
-HELD_BY: dict[str, tuple[type, ...]] = {"muscles": (Plant,), "records": (Oscillator, StaticMap, CascadedTanks)}
+HELD_BY: dict[str, type] = {"muscles": Plant, "records": RecordPlant}
 """Which plants simulate each kind of recording."""
 
 
@@ -52,15 +49,9 @@ def list_cells(plant: Plant | RecordPlant, measured: Measurements, settings: Dis
     """
     kind = str(measured.session["kind"].iloc[0])
     if not isinstance(plant, HELD_BY[kind]):
-        hint = (
-            "plant=nominal, or measurement=records"
-            if kind == "muscles"
-            else "plant=second_order, static_map or cascaded_tanks"
-        )
+        hint = "plant=nominal, or measurement=records" if kind == "muscles" else f"plant={' or '.join(list_kinds())}"
         raise ValueError(f"plant: expected one that simulates {kind}, got another kind of machine; set {hint}")
-    if isinstance(plant, Oscillator):
-        return [build_oscillator(measured.signals, measured.trials, plant)]
-    if isinstance(plant, StaticMap | CascadedTanks):
+    if isinstance(plant, RecordPlant):
         return [build_whole_records(measured.signals, measured.trials, plant)]
     return build_cells(measured.samples, measured.trials, measured.muscles, measured.session, settings)
 
@@ -97,11 +88,7 @@ def _amend_records(plant: RecordPlant, values: pd.DataFrame) -> RecordPlant:
         (str(name), str(form), _by_name(rows))
         for (name, form), rows in values[values["effect"] != ""].groupby(["effect", "form"], sort=False)
     ]
-    if isinstance(plant, Oscillator):
-        return plant.amend(constants, [(find_oscillator_effect(name, form), own) for name, form, own in chosen])
-    if isinstance(plant, CascadedTanks):
-        return plant.amend(constants, [(find_tank_effect(name, form), own) for name, form, own in chosen])
-    return plant.amend(constants, [(find_element_effect(name, form), own) for name, form, own in chosen])
+    return plant.amend(constants, chosen)
 
 
 def _by_name(rows: pd.DataFrame) -> dict[str, float]:

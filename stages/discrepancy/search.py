@@ -30,6 +30,7 @@ class SearchSettings:
     least_gain: float
     least_share: float
     later_share: float
+    later_gain: float
     unexplained_share: float
     imitation_share: float
     temper: float
@@ -497,9 +498,12 @@ def _carriers(
         before, after, initial = (
             state.ratio(raw, fitted.raw) for raw in (state.current.raw, fitted.raw, state.nominal.raw)
         )
-        initial -= 1.0
-        share = settings.later_share if state.current.forms else settings.least_share
-        if before - after > max(settings.least_gain, share * initial):
+        needed = settings.least_share * (initial - 1.0)
+        if state.current.forms:
+            needed = min(
+                settings.later_share * (initial - 1.0), max(settings.later_gain, settings.later_share * before)
+            )
+        if before - after > max(settings.least_gain, needed):
             gains[place] = before
     channel = {found.cells[place].cell.channel for place in gains}
     if len(channel) > 1:  # one name at one place of the chain: where it gains most

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self, cast
+from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -16,19 +17,17 @@ from numpy.typing import NDArray
 
 from stages.discrepancy.cell import Cell, Driver, Form, list_starts
 from stages.discrepancy.exact_values import find_level
+from stages.discrepancy.fitting import Model, begin, fit
+from stages.discrepancy.noise import make_plain
 from stages.discrepancy.records import bridge, list_blocks, spread_records, thin_out
 from stages.plant.effect import Parameter, list_effects
 from stages.plant.listed import list_effects_at
-from stages.plant.static_map import StaticMap
-from stages.plant.tanks import CascadedTanks
+from stages.plant.record_plant import HEAD, Beginning, RecordPlant, read_beginning
 from stages.recording import own_unit
 from stages.signals.trajectories import Array
 
-WholeRecordPlant = StaticMap | CascadedTanks
-EXACT, CLIPPED = "saturation", ("element", "tank_reading")
+EXACT, CLIPPED = "saturation", ("element", "tank_reading", "reading", "lag_reading")
 """The effect whose level exact values give away, in the forms that clip what is read."""
-SAMPLES_A_PACE = 100
-"""Samples in the time of a usual movement, at most: what is quicker says nothing of how a machine answers to it."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +36,12 @@ class WholeRecordCell(Cell):
 
     Parameters
     ----------
-    plant : StaticMap or CascadedTanks
+    plant : RecordPlant
         Settled; effects that it lists already act.
     step_s : float
         Time between samples, s.
     records : tuple of mapping of str to (N_r,) ndarray
-        Inputs of each record, gaps bridged.
+        Inputs and output of each record, gaps bridged.
     places : tuple of (int, int)
         Record and first sample of each block.
     measured : (T, K) ndarray
@@ -51,9 +50,15 @@ class WholeRecordCell(Cell):
         Where the answer and all inputs were measured.
     start_s : (K,) ndarray
         Start of each block, s.
+    element : str
+        What the machine is called.
+    begun : tuple of Beginning
+        How each record begins.
+    head : int
+        Samples by which that may be refined.
     """
 
-    plant: WholeRecordPlant
+    plant: RecordPlant
     step_s: float
     records: tuple[Mapping[str, Array], ...]
     places: tuple[tuple[int, int], ...]
@@ -61,6 +66,8 @@ class WholeRecordCell(Cell):
     present: NDArray[np.bool_]
     start_s: Array
     element: str
+    begun: tuple[Beginning, ...]
+    head: int
 
     @property
     def channel(self) -> str:  # type: ignore[override]
@@ -74,12 +81,12 @@ class WholeRecordCell(Cell):
 
     @property
     def pace_s(self) -> float:
-        """Time of a usual movement through one scale, s."""
-        return cast(float, self.plant.pace_s)
+        """Time of a usual movement, s."""
+        return self.plant.movement_s
 
     @property
     def constants(self) -> tuple[Parameter, ...]:
-        """Constants of the map."""
+        """Constants of the plant."""
         return self.plant.parameters
 
     @property
@@ -87,7 +94,7 @@ class WholeRecordCell(Cell):
         """Effects at the plant's site that it does not list yet."""
         taken = {entry.name for entry in self.plant.effects}
         names = [name for name in list_effects() if name not in taken]
-        found = list_effects_at(self.element, names)
+        found = list_effects_at(self.plant.SITE, names)
         return tuple(
             Form(each.name, each.form, each.site, each.parameters, each, getattr(each, "scales", True))
             for each in found
@@ -98,33 +105,62 @@ class WholeRecordCell(Cell):
         placed: list[Any] = [(form.effect, values) for form, values in effects]
         whole = {
             record: self.plant.simulate(
-                {name: values[:, None] for name, values in self.records[record].items()},
+                self._known[record],
                 self.step_s,
                 np.zeros(1),
                 constants,
                 placed,
+                self.begun[record],
             )[:, 0]
-            for record in {record for record, _ in self.places}
+            for record in self._used
         }
         return self._cut(whole)
 
+    @cached_property
+    def _known(self) -> dict[int, Mapping[str, Array]]:
+        """Inputs of each record that has a block, and the first samples of its output."""
+        return {record: self._know(record) for record in self._used}
+
+    @property
+    def _used(self) -> list[int]:
+        return sorted({record for record, _ in self.places})
+
+    def _know(self, record: int) -> Mapping[str, Array]:
+        signals = {name: values[:, None] for name, values in self.records[record].items()}
+        output = signals[self.plant.output]
+        signals[self.plant.output] = np.where(np.arange(len(output))[:, None] < self.head, output, np.nan)
+        return self.plant.refine(signals, self.step_s)
+
+    @cached_property
+    def _linear(self) -> dict[str, float]:
+        """Constants of the nominal model, fitted as if the residual were white."""
+        model = Model(self)
+        return model.name_values(fit(model, make_plain(max(0.01 * self.range, 1e-9)), begin(model)).values)[0]
+
     def drivers(self) -> list[Driver]:
         """Return what the plant watches, cut into blocks."""
-        watched = [
-            self.plant.watch({name: values[:, None] for name, values in record.items()}, self.step_s)
-            for record in self.records
-        ]
+        watched = {
+            record: self.plant.watch(
+                {name: values[:, None] for name, values in self.records[record].items()}, self.step_s, self._linear
+            )
+            for record in self._used
+        }
         return [
-            Driver(name, self._cut({k: each[place][1][:, 0] for k, each in enumerate(watched)}), rate=rate)
-            for place, (name, _, rate) in enumerate(watched[0])
+            Driver(name, self._cut({k: each[place].samples[:, 0] for k, each in watched.items()}), rate=rate)
+            for place, (name, _, rate) in enumerate(watched[self._used[0]])
         ]
+
+    def respond(self, features: Array) -> Array:
+        """Return the features of a flexible model as the plant's output answers to them."""
+        return self.plant.respond(features, self.step_s)
 
     def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return where fits of a form begin; a clipped reading at the level that the values show, or nowhere."""
         if not self.is_exact(form):
             return list_starts(form)
         level = find_level(self.measured[self.present])
-        return [] if level is None else [{form.parameters[0].name: cast(float, self.plant.output_scale) / level}]
+        scale = self.plant.output_scale
+        return [] if level is None or scale is None else [{form.parameters[0].name: scale / level}]
 
     def is_exact(self, form: Form) -> bool:
         """Return whether the values show a form's parameter: the level at which a reading is clipped."""
@@ -154,7 +190,7 @@ class WholeRecordCell(Cell):
         )
 
 
-def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: WholeRecordPlant) -> WholeRecordCell:
+def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: RecordPlant) -> WholeRecordCell:
     """Return the cell of a machine's records.
 
     Parameters
@@ -163,7 +199,7 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Whol
         Columns ``record``, ``time_s``, ``signal`` and ``value``; times evenly spaced within a record.
     trials : DataFrame
         Columns ``record``, ``start_s`` and ``samples``: the blocks, in the order of the arrays' last axis.
-    plant : StaticMap or CascadedTanks
+    plant : RecordPlant
         Names the signals.
 
     Raises
@@ -173,14 +209,13 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Whol
     """
     names = (*plant.inputs, plant.output)
     records, step_s = spread_records(signals, names)
-    joined = {name: np.concatenate([bridge(rows[name]) for rows in records.values()]) for name in names}
-    settled = plant.settle(joined, step_s)
-    stride = max(int(settled.pace_s / step_s / SAMPLES_A_PACE), 1) if settled.pace_s is not None else 1
+    settled = plant.settle([{name: bridge(rows[name]) for name in names} for rows in records.values()], step_s)
+    stride = max(int(settled.finest_s / step_s), 1)
     order = {name: k for k, name in enumerate(records)}
     thinned = [thin_out(rows[list(names)], stride) for rows in records.values()]
-    step_s *= stride
+    first_s, step_s = step_s, step_s * stride
     filled = [{name: bridge(rows[name]) for name in names} for rows in thinned]
-    known = [rows.notna().all(axis=1).to_numpy() for rows in thinned]
+    known = [_find_known(rows, plant, settled.memory_s / step_s) for rows in thinned]
     samples = int(trials["samples"].max()) // stride
     places, measured, present = [], [], []
     for name, start, count, before, after in list_blocks(trials):
@@ -192,14 +227,24 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Whol
         places.append((record, first))
         measured.append(filled[record][plant.output][at])
         present.append(inside & known[record][at])
-    inputs = tuple({name: each[name] for name in plant.inputs} for each in filled)
     return WholeRecordCell(
         settled,
         step_s,
-        inputs,
+        tuple(filled),
         tuple(places),
         np.stack(measured, axis=1),
         np.stack(present, axis=1),
         trials["start_s"].to_numpy(dtype=float),
-        settled.SITE,
+        settled.element,
+        tuple(read_beginning([bridge(rows[plant.output])[:HEAD]], first_s) for rows in records.values()),
+        max(HEAD // stride, 3),
     )
+
+
+def _find_known(rows: pd.DataFrame, plant: RecordPlant, memory: float) -> NDArray[np.bool_]:
+    """Return where a record's output was measured, and for a memory before it (samples) all inputs."""
+    lost = rows[list(plant.inputs)].isna().any(axis=1).to_numpy()
+    places = np.arange(len(rows))
+    last = np.maximum.accumulate(np.where(lost, places, -1))
+    known: NDArray[np.bool_] = rows[plant.output].notna().to_numpy() & ((last < 0) | (places - last > memory))
+    return known

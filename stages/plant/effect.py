@@ -171,7 +171,7 @@ class DynamicEffect:
 
     name: str
     form: str
-    site: Literal["oscillator", "drive", "tank"]
+    site: Literal["motion", "lag", "tank"]
     parameters: tuple[Parameter, ...]
     source: str
     signature: str

@@ -16,25 +16,42 @@ from stages.plant.plant import check_parameters
 
 
 class NominalConstant(Declared):
-    """A constant of the textbook model: where a fit begins, and how far it may go."""
+    """A constant of the textbook model: where a fit begins, and how far it may go; null for the data's own."""
 
     unit: str
-    start: float
-    low: float
-    high: float
-    sd: float = Field(gt=0.0, description="standard deviation of the prior about the start")
+    start: float | None
+    low: float | None
+    high: float | None
+    sd: float | None = Field(description="standard deviation of the prior about the start")
 
     @model_validator(mode="after")
     def _check_order(self) -> Self:
-        if not self.low <= self.start <= self.high or self.low == self.high:
-            raise ValueError(
-                f"expected low <= start <= high and low < high, got low {self.low}, start {self.start}, "
-                f"high {self.high}"
-            )
+        known = [each for each in (self.start, self.low, self.high, self.sd) if each is not None]
+        if not known:
+            return self
+        if len(known) < 4:
+            raise ValueError("expected start, low, high and sd, or null for all of them")
+        start, low, high, sd = known
+        if not low <= start <= high or low == high or sd <= 0.0:
+            raise ValueError(f"expected low <= start <= high, low < high and sd > 0, got {low}, {start}, {high}, {sd}")
         return self
 
+    def settle(self, start: float, low: float, high: float, sd: float) -> Self:
+        """Return the constant with these, where it has none of its own."""
+        if self.start is not None:
+            return self
+        return self.model_copy(update={"start": min(max(start, low), high), "low": low, "high": high, "sd": sd})
+
     def as_parameter(self, name: str, description: str) -> Parameter:
-        """Return what a fit takes."""
+        """Return what a fit takes.
+
+        Raises
+        ------
+        ValueError
+            While its bounds are open.
+        """
+        if self.start is None or self.low is None or self.high is None or self.sd is None:
+            raise ValueError(f"constant {name}: its bounds are the data's own, and there are no data yet")
         return Parameter(name, self.unit, self.low, self.high, self.start, self.sd, description, starts=(self.start,))
 
 
@@ -64,6 +81,11 @@ class ListedEffect(Declared):
     @model_serializer
     def _write(self) -> dict[str, Any]:
         return {"name": self.name, "form": self.form, **self.parameters}
+
+    @property
+    def effect(self) -> Effect:
+        """The effect itself."""
+        return find_effect_at(self.SITE, self.name, self.form)
 
 
 def list_effects_at(site: str, names: Any) -> list[Effect]:

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 from collections.abc import Mapping
+from functools import cache
 from typing import Annotated, Any
 
 from pydantic import PlainValidator
 
 from stages.plant.declaration import nearest
-from stages.plant.oscillator import Oscillator
 from stages.plant.plant import Plant
-from stages.plant.static_map import StaticMap
-from stages.plant.tanks import CascadedTanks
+from stages.plant.record_plant import RecordPlant
 
-RecordPlant = Oscillator | StaticMap | CascadedTanks
-"""Plants that simulate records of signals."""
-KINDS: dict[str, type[Oscillator] | type[StaticMap] | type[CascadedTanks]] = {
-    "second_order": Oscillator,
-    "static_map": StaticMap,
-    "cascaded_tanks": CascadedTanks,
-}
+
+@cache
+def list_kinds() -> tuple[str, ...]:
+    """Return the kinds of machines whose records are simulated: the modules of ``stages.plant.machines``."""
+    package = importlib.import_module("stages.plant.machines")
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
 
 
 def read_machine(section: Any) -> Plant | RecordPlant:
@@ -37,9 +37,10 @@ def read_machine(section: Any) -> Plant | RecordPlant:
     if not isinstance(section, Mapping) or "kind" not in section:
         return Plant.model_validate(section)
     kind = str(section["kind"])
-    if kind not in KINDS:
-        raise ValueError(f"kind: expected {' or '.join(KINDS)}, got {kind!r}; {nearest(kind, KINDS)}")
-    return KINDS[kind].model_validate(section)
+    if kind not in list_kinds():
+        raise ValueError(f"kind: expected {' or '.join(list_kinds())}, got {kind!r}; {nearest(kind, list_kinds())}")
+    plant: RecordPlant = importlib.import_module(f"stages.plant.machines.{kind}").PLANT.model_validate(section)
+    return plant
 
 
 Machine = Annotated[Plant | RecordPlant, PlainValidator(read_machine)]

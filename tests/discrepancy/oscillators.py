@@ -8,7 +8,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from scipy.integrate import solve_ivp
 
-from stages.plant.oscillator import Oscillator
+from stages.plant.machines.second_order import Oscillator
 
 CONFIGURATION = Path(__file__).resolve().parents[2] / "conf"
 HERTZ, RATE_HZ, LEAD_S = 68.0, 610.3515625, 0.5

@@ -17,9 +17,8 @@ PLANT = {
     "input": "force_n",
     "output": "position_m",
     "between_samples": "band_limited",
-    "substeps": 2,
-    "lead_in_s": 5.0,
     "output_scale": SCALE_M,
+    "pace_s": 0.08,
     "constants": {
         "static_gain": {"unit": "m/N", "start": 0.004, "low": 0.001, "high": 0.02, "sd": 0.002},
         "natural_frequency_hz": {"unit": "Hz", "start": 1.9, "low": 1.0, "high": 4.0, "sd": 0.3},
@@ -70,7 +69,7 @@ def test_a_hidden_cubic_spring_is_named_and_the_amended_plant_lacks_nothing(pami
     folder, verdict = run(pamid, tmp_path / "run.csv", f"plant={tmp_path}/rig.yaml")
     assert verdict["status"] == "named"
     (effect,) = verdict["effects"]
-    assert (effect["name"], effect["site"], effect["muscles"]) == ("cubic_stiffness", "oscillator", ["oscillator"])
+    assert (effect["name"], effect["site"], effect["muscles"]) == ("cubic_stiffness", "motion", ["oscillator"])
     share = effect["parameters"]["share"]
     assert share["low"] <= share["value"] <= share["high"]
     assert share["value"] == pytest.approx(0.3, rel=0.03)
@@ -100,7 +99,7 @@ def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, t
     write_record(tmp_path / "run.csv", share=0.0, seconds=20.0)
     line = ["workflow=discrepancy", "measurement=records", f"measured={tmp_path}/run.csv", "columns.time_s=t_ms"]
     line += ["units.time_s=ms", "+columns.force_n=F"]
-    for plant, told in (("nominal", "set plant=second_order"), ("second_order", "known are force_n")):
+    for plant, told in (("nominal", "or second_order or"), ("second_order", "known are force_n")):
         result = pamid(*line, f"plant={plant}")
         assert result.returncode == 1
         (message,) = result.stderr.strip().splitlines()

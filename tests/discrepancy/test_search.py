@@ -18,6 +18,7 @@ SETTINGS = SearchSettings(
     least_gain=0.04,
     least_share=0.1,
     later_share=0.2,
+    later_gain=1.0,
     unexplained_share=0.25,
     imitation_share=0.05,
     temper=2.0,

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stages.plant.effect import find_effect
-from stages.plant.oscillator import Oscillator
+from stages.plant.machines.second_order import Oscillator
 from stages.plant.plant import Plant
 from tests.discrepancy.oscillators import configured as configured_oscillator
 from tests.plant.machines import configured
@@ -23,8 +22,8 @@ def changed(plant, **values):
 @pytest.mark.parametrize(
     ("effect", "message"),
     [
-        (SPRING | {"form": "hardening"}, "effect cubic_stiffness, form hardening, does not act at an oscillator"),
-        ({"name": "creep"}, "effect creep does not act at an oscillator"),
+        (SPRING | {"form": "hardening"}, "effect cubic_stiffness, form hardening, does not act at a motion"),
+        ({"name": "creep"}, "effect creep does not act at a motion"),
         ({"name": "cubic_stifness"}, "did you mean 'cubic_stiffness'?"),
         (SPRING | {"share": 99.0}, "effect cubic_stiffness, share: expected a number from -0.3 to 10.0, got 99.0"),
     ],
@@ -46,7 +45,8 @@ def test_two_effects_on_one_term_are_refused(plant):
         ("natural_frequency_hz", {"low": 0.0}, "natural_frequency_hz: expected low above 0 Hz"),
         ("damping_ratio", {"low": -0.1}, "damping_ratio: expected low of at least 0"),
         ("static_gain", {"start": 9.0}, "expected low <= start <= high"),
-        ("static_gain", {"sd": 0.0}, "greater than 0"),
+        ("static_gain", {"sd": 0.0}, "sd > 0"),
+        ("static_gain", {"sd": None}, "null for all of them"),
     ],
 )
 def test_an_impossible_constant_is_refused(plant, name, values, message):
@@ -58,16 +58,19 @@ def test_an_impossible_constant_is_refused(plant, name, values, message):
 
 def test_a_plant_of_muscles_takes_no_effect_of_an_oscillator():
     told = configured().plant.model_dump() | {"effects": [SPRING | {"form": "duffing", "muscles": None}]}
-    with pytest.raises(ValidationError, match="acts at the oscillator, not at a muscle or joint"):
+    with pytest.raises(ValidationError, match="acts at the motion, not at a muscle or joint"):
         Plant.model_validate(told)
 
 
 def test_an_amended_plant_comes_back_from_its_own_configuration(plant, generator):
     constants = {each.name: each.prior_mean for each in plant.parameters} | {"static_gain": 1.2}
-    amended = plant.amend(constants, [(find_effect("cubic_stiffness", "duffing"), {"share": 0.2})])
+    amended = plant.amend(constants, [("cubic_stiffness", "duffing", {"share": 0.2})])
     told = amended.model_dump()
     assert told["effects"] == [{"name": "cubic_stiffness", "form": "duffing", "share": 0.2}]
-    signal = 0.05 * generator.standard_normal((200, 1))
-    again = Oscillator.model_validate(told).simulate(signal, 0.0016)
-    assert (again == amended.simulate(signal, 0.0016)).all()
-    assert np.abs(again - plant.simulate(signal, 0.0016)).max() > 0.01
+    signal = {"drive_v": 0.05 * generator.standard_normal((200, 1))}
+    again, first, plain = (
+        each.simulate(each.refine(signal, 0.0016), 0.0016, np.zeros(1), each.starts)
+        for each in (Oscillator.model_validate(told), amended, plant)
+    )
+    assert (again == first).all()
+    assert np.abs(again - plain).max() > 0.01

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from stages.plant.effect import ElementEffect, list_effects, list_forms
 from stages.plant.machine import read_machine
-from stages.plant.static_map import StaticMap
+from stages.plant.machines.static_map import StaticMap
 from tests.plant.machines import CONF
 
 STEP_S = 0.01
@@ -26,7 +26,7 @@ def sweep(samples=2000):
 
 def settled(**changes):
     signals = sweep()
-    return read_spring(**changes).settle({**signals, "force_n": 900.0 * signals["position_m"] - 4.0}, STEP_S)
+    return read_spring(**changes).settle([{**signals, "force_n": 900.0 * signals["position_m"] - 4.0}], STEP_S)
 
 
 def answer(plant, effects=(), constants=None):
@@ -105,7 +105,7 @@ def test_a_play_turns_within_its_width_and_may_begin_in_mid_turn():
 def test_an_amended_plant_simulates_as_fitted_and_reads_back():
     plant = settled()
     form = next(each for each in FORMS if each.name == "cubic_stiffness")
-    amended = plant.amend({"stiffness": 800.0, "offset": 1.0}, [(form, {"share": 0.2})])
+    amended = plant.amend({"stiffness": 800.0, "offset": 1.0}, [(form.name, form.form, {"share": 0.2})])
     again = read_machine(yaml.safe_load(yaml.safe_dump(amended.model_dump())))
     assert isinstance(again, StaticMap)
     constants = {each.name: each.prior_mean for each in again.parameters}

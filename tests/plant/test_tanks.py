@@ -78,7 +78,7 @@ def test_a_reading_is_cut_and_the_level_is_not():
 
 
 def test_an_amended_plant_simulates_as_fitted_and_reads_back():
-    amended = read_tanks().amend(CONSTANTS, [(RIM, {"scale_over_rim": 1.0, "share_down": 0.4})])
+    amended = read_tanks().amend(CONSTANTS, [(RIM.name, RIM.form, {"scale_over_rim": 1.0, "share_down": 0.4})])
     again = read_machine(yaml.safe_load(yaml.safe_dump(amended.model_dump())))
     constants = {each.name: each.prior_mean for each in again.parameters}
     assert constants == CONSTANTS

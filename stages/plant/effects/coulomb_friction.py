@@ -81,7 +81,7 @@ def rub(parameters: Mapping[str, float]) -> dict[str, float]:
 SLIDER = DynamicEffect(
     name="coulomb_friction",
     form="slider",
-    site="oscillator",
+    site="motion",
     parameters=(
         Parameter("share", "1", 0.0, 2.0, 0.0, 0.1, "friction over spring force at the output's scale", (0.03,)),
         Parameter("sliding", "1", 0.005, 0.5, 0.03, 0.03, "velocity at which it slides, scales per radian", (0.03,)),

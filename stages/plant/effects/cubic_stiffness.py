@@ -47,7 +47,7 @@ def stiffen(parameters: Mapping[str, float]) -> dict[str, float]:
 DUFFING = DynamicEffect(
     name="cubic_stiffness",
     form="duffing",
-    site="oscillator",
+    site="motion",
     parameters=(
         Parameter(
             "share", "1", -0.3, 10.0, 0.0, 0.5, "cubic over linear spring force at the output's scale", (0.1, -0.05)

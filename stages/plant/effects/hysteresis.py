@@ -89,7 +89,7 @@ def yield_at_turns(parameters: Mapping[str, float]) -> dict[str, float]:
 BOUC_WEN_SPRING = DynamicEffect(
     name="hysteresis",
     form="bouc_wen_spring",
-    site="oscillator",
+    site="motion",
     parameters=(
         Parameter("share", "1", 0.0, 3.0, 0.0, 0.2, "hysteretic over spring force at the output's scale", (0.1,)),
         Parameter("turning", "1", 0.1, 2.0, 0.3, 0.2, "motion over which it turns, in scales", (0.2, 0.6)),
@@ -138,6 +138,27 @@ PLAYING_ELEMENT = replace(
     source="Krasnoselskii, Pokrovskii, Systems with hysteresis, Springer (1989): the stop, complement of the play",
     apply=apply_play_to_element,
 )
+
+
+def hold_back(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the lag's term: half the width of a play between input and what fills."""
+    return {"play": parameters["half_width"]}
+
+
+PLAYING_LAG = DynamicEffect(
+    name="hysteresis",
+    form="lag",
+    site="lag",
+    parameters=(
+        Parameter("half_width", "1", 0.0, 2.0, 0.0, 0.2, "half of the input's way back before it acts", (0.05, 0.2)),
+    ),
+    source="Krasnoselskii, Pokrovskii, Systems with hysteresis, Springer (1989): the play operator",
+    signature="the output settles below the input after a rise and above it after a fall, and ignores small moves",
+    split_by="a staircase of inputs up and down, each step held until it settles",
+    relatives=("valve_asymmetry", "valve_lag"),
+    terms=hold_back,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -190,4 +211,5 @@ FORMS = (
     BOUC_WEN_SPRING,
     PLAYING_ELEMENT,
     SLIDING_ELEMENT,
+    PLAYING_LAG,
 )

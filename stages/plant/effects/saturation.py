@@ -60,7 +60,7 @@ def cut_reading(parameters: Mapping[str, float]) -> dict[str, float]:
 DRIVE = DynamicEffect(
     name="saturation",
     form="drive",
-    site="oscillator",
+    site="motion",
     parameters=(
         Parameter("scale_over_level", "1", 0.0, 50.0, 0.0, 2.0, "scale of motion over the level", (0.7, 1.3, 3.0)),
     ),
@@ -114,6 +114,21 @@ CUT_ELEMENT = ElementEffect(
     apply=apply_to_element,
 )
 
+LAG_DRIVE = replace(
+    DRIVE,
+    form="lag_drive",
+    site="lag",
+    signature="the output stays behind where the input is largest, however long it lasts",
+)
+LAG_READING = replace(
+    TANK_READING,
+    form="lag_reading",
+    site="lag",
+    signature="the reading stays at one value wherever the output should exceed it",
+    split_by="a second sensor of a wider range",
+    relatives=(),
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -128,4 +143,6 @@ FORMS = (
     READING,
     CUT_ELEMENT,
     TANK_READING,
+    LAG_DRIVE,
+    LAG_READING,
 )

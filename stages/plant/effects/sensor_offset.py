@@ -45,7 +45,7 @@ def shift_reading(parameters: Mapping[str, float]) -> dict[str, float]:
 OSCILLATOR = DynamicEffect(
     name="sensor_offset",
     form="motion",
-    site="oscillator",
+    site="motion",
     parameters=(Parameter("share", "1", -1.0, 1.0, 0.0, 0.1, "offset in scales of motion", (0.05,)),),
     source=EFFECT.source,
     signature="the response errs by the same amount at all times",

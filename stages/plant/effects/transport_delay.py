@@ -42,7 +42,7 @@ def retard(parameters: Mapping[str, float]) -> dict[str, float]:
 LATE_INPUT = DynamicEffect(
     name="transport_delay",
     form="late_input",
-    site="oscillator",
+    site="motion",
     parameters=(
         Parameter("periods", "1", 0.0, 2.0, 0.0, 0.1, "how late the input acts, in natural periods", (0.02, 0.1)),
     ),
@@ -53,4 +53,22 @@ LATE_INPUT = DynamicEffect(
     terms=retard,
 )
 
-FORMS = (EFFECT, LATE_INPUT)
+
+def retard_lag(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the lag's term: time by which the input acts late, in paces."""
+    return {"delay": parameters["paces"]}
+
+
+LATE_LAG = DynamicEffect(
+    name="transport_delay",
+    form="lag",
+    site="lag",
+    parameters=(Parameter("paces", "1", 0.0, 5.0, 0.0, 0.3, "how late the input acts, in paces", (0.05, 0.3, 1.0)),),
+    source=EFFECT.source,
+    signature="the output answers to steps late, and then as it should",
+    split_by="steps of the input",
+    relatives=("valve_lag",),
+    terms=retard_lag,
+)
+
+FORMS = (EFFECT, LATE_INPUT, LATE_LAG)

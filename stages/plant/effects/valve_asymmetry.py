@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.plant.valve import respond
 from stages.signals.trajectories import Array
 
@@ -41,4 +41,24 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
-FORMS = (EFFECT,)
+
+def unbalance(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the lag's term: by how much it rises more quickly than it falls."""
+    return {"asymmetry": parameters["asymmetry"]}
+
+
+UNEQUAL_LAG = DynamicEffect(
+    name="valve_asymmetry",
+    form="lag",
+    site="lag",
+    parameters=(
+        Parameter("asymmetry", "1", -0.6, 1.5, 0.0, 0.3, "time constant of falling over that of both, less 1", (0.3,)),
+    ),
+    source=EFFECT.source,
+    signature="the output errs after steps up and after steps down with the same sign: one is slow, the other quick",
+    split_by="equal steps of the input up and down",
+    relatives=("valve_rate_limit", "valve_lag"),
+    terms=unbalance,
+)
+
+FORMS = (EFFECT, UNEQUAL_LAG)

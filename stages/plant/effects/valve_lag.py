@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.plant.filters import lag
 from stages.signals.trajectories import Array
 
@@ -33,4 +33,22 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
-FORMS = (EFFECT,)
+
+def delay_again(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the lag's term: time constant of a second lag, in paces."""
+    return {"second_lag": parameters["paces"]}
+
+
+SECOND_LAG = DynamicEffect(
+    name="valve_lag",
+    form="lag",
+    site="lag",
+    parameters=(Parameter("paces", "1", 0.0, 20.0, 0.0, 0.5, "time constant of the second lag, paces", (0.1, 0.5)),),
+    source=EFFECT.source,
+    signature="the output starts later than the model after a step and then catches up more steeply",
+    split_by="steps of the input, or a chirp: a lag loses amplitude, a delay does not",
+    relatives=("transport_delay", "valve_rate_limit"),
+    terms=delay_again,
+)
+
+FORMS = (EFFECT, SECOND_LAG)

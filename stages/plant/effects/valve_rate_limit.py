@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from numba import njit
 
-from stages.plant.effect import ChainEffect, Parameter, State
+from stages.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.plant.valve import respond
 from stages.signals.trajectories import Array
 
@@ -61,4 +61,27 @@ EFFECT = ChainEffect(
     apply=apply,
 )
 
-FORMS = (EFFECT,)
+
+def limit(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the lag's term: inverse of its largest rate."""
+    return {"rate_cut": parameters["slowness"]}
+
+
+LIMITED_LAG = DynamicEffect(
+    name="valve_rate_limit",
+    form="lag",
+    site="lag",
+    parameters=(
+        Parameter(
+            "slowness", "1", 0.0, 50.0, 0.0, 2.0, "inverse of the largest rate, paces per scale", (0.7, 1.5, 4.0)
+        ),
+    ),
+    source=EFFECT.source,
+    signature="the output climbs straight after large steps, late by more the larger the step",
+    split_by="small and large steps of the input from one level",
+    relatives=("valve_lag", "valve_asymmetry"),
+    terms=limit,
+    scales=False,
+)
+
+FORMS = (EFFECT, LIMITED_LAG)

@@ -58,6 +58,26 @@ EFFECT = ChainEffect(
 )
 
 
+def damp(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the motion's term: damping per pace."""
+    return {"damping": parameters["share"]}
+
+
+DAMPED_MOTION = DynamicEffect(
+    name="viscous_friction",
+    form="linear_damping",
+    site="motion",
+    parameters=(
+        Parameter("share", "1", 0.0, 50.0, 0.0, 1.0, "deceleration at one scale per pace, scales per pace", (0.1, 1.0)),
+    ),
+    source=EFFECT.source,
+    signature="the motion runs ahead in proportion to its velocity",
+    split_by="coasting without force: velocity decays exponentially",
+    relatives=("coulomb_friction",),
+    terms=damp,
+)
+
+
 def drag(parameters: Mapping[str, float]) -> dict[str, float]:
     """Return the oscillator's term: force of the drag over the spring's, moving one scale per radian."""
     return {"drag": parameters["share"]}
@@ -66,7 +86,7 @@ def drag(parameters: Mapping[str, float]) -> dict[str, float]:
 QUADRATIC = DynamicEffect(
     name="viscous_friction",
     form="quadratic_drag",
-    site="oscillator",
+    site="motion",
     parameters=(
         Parameter("share", "1", 0.0, 10.0, 0.0, 0.2, "drag over spring force, moving one scale per radian", (0.05,)),
     ),
@@ -117,6 +137,7 @@ FORMS = (
         ),
         apply=apply_with_pressure,
     ),
+    DAMPED_MOTION,
     QUADRATIC,
     DAMPED_ELEMENT,
 )

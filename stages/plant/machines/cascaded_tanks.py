@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, ClassVar, Literal, NamedTuple, Self, cast
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numba import njit
 from pydantic import Field, model_validator
 
 from stages.plant.declaration import Declared
-from stages.plant.effect import DynamicEffect, Parameter
-from stages.plant.listed import ListedEffect, NominalConstant, find_effect_at
+from stages.plant.listed import ListedEffect, NominalConstant
+from stages.plant.record_plant import Beginning, Placed, Positive, RecordPlant, Watched, collect
 from stages.signals.trajectories import Array
 
 SITE = "tank"
-Positive = Annotated[float, Field(gt=0.0)]
-Placed = tuple[DynamicEffect, Mapping[str, float]]
 
 
 class TankValues(NamedTuple):
@@ -99,25 +97,14 @@ class TankEffect(ListedEffect):
 
     SITE = SITE
 
-    @property
-    def effect(self) -> DynamicEffect:
-        """The effect itself."""
-        return find_tank_effect(self.name, self.form)
 
-
-def find_tank_effect(name: str, form: str | None) -> DynamicEffect:
-    """Return an effect that acts at the tanks, in the form given or its first; see `find_effect_at`."""
-    return cast(DynamicEffect, find_effect_at(SITE, name, form))
-
-
-class CascadedTanks(Declared):
+class CascadedTanks(RecordPlant):
     """Everything that simulating two tanks takes."""
 
     SITE: ClassVar[str] = SITE
 
     kind: Literal["cascaded_tanks"]
     input: str
-    output: str
     substeps: int = Field(ge=1, le=1000, description="integration steps per sample")
     output_scale: Positive = Field(description="level in which effects tell theirs, unit of the reading")
     pace_s: Positive = Field(description="time in which a level follows, s")
@@ -126,7 +113,7 @@ class CascadedTanks(Declared):
 
     @model_validator(mode="after")
     def _check_effects(self) -> Self:
-        collect_terms([(entry.effect, entry.parameters) for entry in self.effects])
+        collect(TankTerms, SITE, self.place())
         return self
 
     @property
@@ -135,16 +122,19 @@ class CascadedTanks(Declared):
         return (self.input,)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Constants as a fit takes them."""
-        fields = TankConstants.model_fields
-        return tuple(
-            getattr(self.constants, name).as_parameter(name, str(field.description)) for name, field in fields.items()
-        )
+    def finest_s(self) -> float:
+        """Time between samples, s, below which more of them tell no more."""
+        return 0.01 * self.movement_s
 
-    def settle(self, signals: Mapping[str, Array], step_s: float) -> CascadedTanks:
-        """Return the plant itself: nothing is left open."""
-        return self
+    @property
+    def movement_s(self) -> float:
+        """Time in which a level follows, s."""
+        return self.pace_s
+
+    @property
+    def memory_s(self) -> float:
+        """Time in which levels forget what was pumped, s; assumed: five times that in which one follows."""
+        return 5.0 * self.pace_s
 
     def simulate(
         self,
@@ -153,9 +143,10 @@ class CascadedTanks(Declared):
         start_s: Array,
         constants: Mapping[str, float],
         effects: Sequence[Placed] = (),
+        begun: Beginning | None = None,
     ) -> Array:
-        """Return the reading, (T, R), each record from its own beginning; see `StaticMap.simulate`."""
-        terms = collect_terms([*((entry.effect, entry.parameters) for entry in self.effects), *effects])
+        """Return the reading, (T, R), each record from its own beginning; see `RecordPlant.simulate`."""
+        terms = collect(TankTerms, SITE, self.place(effects))
         pump, values = signals[self.input], TankValues(**constants)
         readings = [
             _fill(np.ascontiguousarray(column), values, terms, self.output_scale, step_s, self.substeps)
@@ -163,35 +154,15 @@ class CascadedTanks(Declared):
         ]
         return np.stack(readings, axis=1)
 
-    def watch(self, signals: Mapping[str, Array], step_s: float) -> list[tuple[str, Array, bool]]:
-        """Return what may explain a residual: the input, and the levels as the textbook's tanks would have them."""
-        pump = signals[self.input]
-        constants = {each.name: each.prior_mean for each in self.parameters}
+    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+        """Return the input, and the level as the textbook's tanks would have it."""
         level = self.model_copy(update={"effects": []}).simulate(signals, step_s, np.zeros(1), constants)
         rate = np.gradient(level, step_s, axis=0) * self.pace_s
-        return [(self.input, pump, False), ("level", level, False), ("rate of level", rate, True)]
-
-    def amend(self, constants: Mapping[str, float], effects: Sequence[Placed]) -> CascadedTanks:
-        """Return the plant with fitted constants and with effects added to its list."""
-        fitted = {
-            name: getattr(self.constants, name).model_copy(update={"start": value}) for name, value in constants.items()
-        }
-        added = [TankEffect(name=e.name, form=e.form, parameters=dict(values)) for e, values in effects]
-        return self.model_copy(update={"constants": TankConstants(**fitted), "effects": [*self.effects, *added]})
+        return [
+            Watched(self.input, signals[self.input], False),
+            Watched("level", level, False),
+            Watched("rate of level", rate, True),
+        ]
 
 
-def collect_terms(effects: Sequence[Placed]) -> TankTerms:
-    """Return the terms of several effects.
-
-    Raises
-    ------
-    ValueError
-        When two of them set the same term.
-    """
-    found: dict[str, float] = {}
-    for effect, values in effects:
-        terms = effect.terms(values)
-        if set(terms) & set(found):
-            raise ValueError(f"effect {effect.name}: another listed effect sets the same term; list one of them")
-        found |= terms
-    return TankTerms(**found)
+PLANT = CascadedTanks

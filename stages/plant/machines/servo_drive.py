@@ -1,0 +1,70 @@
+"""An electro-mechanical drive: a mass that a measured force moves, M q'' = force, with nothing that holds or damps it.
+
+Friction is no textbook constant here: it is what such a model misses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Literal, cast
+
+import numpy as np
+from pydantic import Field
+
+from stages.plant.declaration import Declared
+from stages.plant.linear_guess import regress
+from stages.plant.listed import NominalConstant
+from stages.plant.motion_plant import MotionPlant, Pull
+from stages.plant.record_plant import Watched
+from stages.signals.trajectories import Array
+
+SMOOTHED = 0.1
+"""Width of the window by which a measured motion is smoothed, paces."""
+
+
+class DriveConstants(Declared):
+    """Constants of the textbook drive."""
+
+    mass: NominalConstant = Field(description="force over acceleration")
+    force_offset: NominalConstant = Field(description="what the amplifier adds to the force, or gravity")
+
+
+class ServoDrive(MotionPlant):
+    """Everything that simulating a drive takes."""
+
+    SETTLES: ClassVar[bool] = False
+
+    kind: Literal["servo_drive"]
+    force: str
+    constants: DriveConstants
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The force or torque."""
+        return (self.force,)
+
+    def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
+        """Return force over mass."""
+        return Pull((signals[self.force] + constants["force_offset"]) / constants["mass"], 0.0, 0.0, 0.0)
+
+    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> dict[str, tuple[float, ...]]:
+        """Return the mass of a drive with linear friction, and no offset."""
+        rows = [
+            np.stack([f[:, 0], one[:, 0], -q[:, 1]], axis=1)
+            for f, one, q in zip(derivatives[self.force], derivatives[""], derivatives[self.output], strict=True)
+        ]
+        per_mass = regress(rows, [q[:, 2] for q in derivatives[self.output]], skipped)[0]
+        largest = max(float(np.abs(f[:, 0]).max()) for f in derivatives[self.force])
+        quickest = max(float(np.abs(q[skipped:, 2]).max(initial=0.0)) for q in derivatives[self.output])
+        mass = 1.0 / per_mass if per_mass > 0.0 else largest / max(quickest, 1e-12)
+        return {"mass": (mass, 0.05 * mass, 20.0 * mass, mass), "force_offset": (0.0, -largest, largest, 0.2 * largest)}
+
+    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+        """Return the measured motion, smoothed, its velocity and the force: without friction a simulated one drifts."""
+        from scipy.ndimage import gaussian_filter1d
+
+        width = max(SMOOTHED * cast(float, self.pace_s) / step_s, 1.0)
+        return self.list_watched(gaussian_filter1d(signals[self.output], width, axis=0), signals, step_s)
+
+
+PLANT = ServoDrive

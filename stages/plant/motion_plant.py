@@ -1,0 +1,191 @@
+"""A machine with one motion, told as accelerations: what its inputs bring, what holds it, what damps it.
+
+Signals of records flow in; the motion flows out. A subclass says how constants make the three; effects of the site
+`motion` act in all of them, in the machine's own scales.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, NamedTuple, Self, cast
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from stages.plant.linear_guess import filter_derivatives, find_pace
+from stages.plant.listed import ListedEffect
+from stages.plant.motion import SITE, Between, MotionTerms, integrate, refine
+from stages.plant.record_plant import (
+    HEAD,
+    Beginning,
+    Placed,
+    Positive,
+    RecordPlant,
+    Watched,
+    begin,
+    collect,
+    read_beginning,
+)
+from stages.signals.trajectories import Array
+
+FINEST = 0.2
+"""Longest integration step, paces."""
+FILTER = 0.3
+"""Time constant of the filters by which a linear model is guessed, paces."""
+
+
+class MotionEffect(ListedEffect):
+    """An effect that acts in a motion."""
+
+    SITE = SITE
+
+
+class Pull(NamedTuple):
+    """What accelerates a motion.
+
+    Parameters
+    ----------
+    push : (N, R) ndarray
+        What the inputs bring, unit of the output per squared second.
+    hold : float or (N, R) ndarray
+        Of the spring, per squared second.
+    damping : float
+        Per second.
+    offset : float
+        What the sensor adds, unit of the output.
+    """
+
+    push: Array
+    hold: float | Array
+    damping: float
+    offset: float
+
+
+class MotionPlant(RecordPlant):
+    """Everything that simulating one motion takes."""
+
+    SITE: ClassVar[str] = SITE
+    SETTLES: ClassVar[bool] = True
+    """Whether it forgets how it began: then its own motion refines what the first samples tell of that."""
+
+    between_samples: Between
+    output_scale: Positive | None = Field(description="motion in which effects tell their sizes, unit of the output")
+    pace_s: Positive | None = Field(description="time of a radian of the usual motion, s")
+    effects: list[MotionEffect]
+
+    @model_validator(mode="after")
+    def _check_effects(self) -> Self:
+        collect(MotionTerms, SITE, self.place())
+        return self
+
+    @property
+    def memory_s(self) -> float:
+        """Time in which a free motion decays to a thousandth, s."""
+        pulled = self.pull({name: np.zeros((1, 1)) for name in self.inputs}, self.starts)
+        hold, damping = float(np.max(pulled.hold)), pulled.damping
+        slowest = 0.5 * damping if damping**2 < 4.0 * hold else 0.5 * (damping - np.sqrt(damping**2 - 4.0 * hold))
+        return float(np.log(1e3) / slowest) if self.SETTLES and slowest > 0.0 else np.inf
+
+    @abstractmethod
+    def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
+        """Return what accelerates the motion under inputs (N, R), at whatever instants."""
+
+    @abstractmethod
+    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> dict[str, tuple[float, ...]]:
+        """Return start, bounds and deviation of each constant.
+
+        Parameters
+        ----------
+        derivatives : mapping of str to sequence of (N_r, 3) ndarray
+            Signals of each record with two derivatives, through the same filter, by name; `""` is the number one.
+        skipped : int
+            Samples in which the filters settle.
+        """
+
+    def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+        """Return the plant with scales and constants, where they were left open; see `RecordPlant.settle`."""
+        outputs = [each[self.output] for each in records]
+        spans = [float(np.ptp(each)) for each in outputs]
+        scales = {
+            "output_scale": self.output_scale or max(0.5 * max(spans), 1e-12),
+            "pace_s": self.pace_s or max(find_pace(outputs, step_s), step_s),
+        }
+        settled = self.model_copy(update=scales)
+        if all(each.start is not None for each in self.nominal.values()):
+            return settled
+        tau_s = FILTER * scales["pace_s"]
+        names = (*self.inputs, self.output)
+        filtered = {name: [filter_derivatives(each[name], 2, tau_s, step_s) for each in records] for name in names}
+        filtered[""] = [filter_derivatives(np.ones(len(each)), 2, tau_s, step_s) for each in outputs]
+        guessed = settled.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)))
+        told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
+        return settled.model_copy(update={"constants": type(self.constants)(**told)})
+
+    def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
+        """Return signals with inputs at the instants that the integrator looks at."""
+        refined = {name: refine(signals[name], self._substeps(step_s), self.between_samples) for name in self.inputs}
+        return {**signals, **refined}
+
+    def _substeps(self, step_s: float) -> int:
+        if self.pace_s is None:
+            raise ValueError("pace_s: it is the data's own, and there are no data yet")
+        return max(int(np.ceil(step_s / self.pace_s / FINEST)), 2)
+
+    def simulate(
+        self,
+        signals: Mapping[str, Array],
+        step_s: float,
+        start_s: Array,
+        constants: Mapping[str, float],
+        effects: Sequence[Placed] = (),
+        begun: Beginning | None = None,
+    ) -> Array:
+        """Return the motion, (T, R); see `RecordPlant.simulate`."""
+        if self.output_scale is None or self.pace_s is None:
+            raise ValueError("output_scale: it is the data's own, and there are no data yet")
+        scale, pace, substeps = self.output_scale, step_s / self.pace_s, self._substeps(step_s)
+        terms = collect(MotionTerms, SITE, self.place(effects))
+        pulled = self.pull(signals, constants)
+        drive = pulled.push * (self.pace_s**2 / scale)
+        hold = np.full((1, 1), pulled.hold) if isinstance(pulled.hold, float) else pulled.hold
+        hold = hold * self.pace_s**2
+        damping, records = pulled.damping * self.pace_s, drive.shape[1]
+
+        def run(state: Array, last: int, record: slice) -> Array:
+            pushed, held = drive[: last * 2 * substeps + 1, record], hold[:, record] if len(hold) > 1 else hold
+            return integrate(pushed, np.ascontiguousarray(held), state, damping, terms, pace, substeps)
+
+        state = np.zeros((2, records))
+        if begun is not None:
+            state = np.stack([(begun.value - pulled.offset) / scale, begun.rate * self.pace_s / scale])
+            errors = np.stack([begun.value_error, begun.rate_error * self.pace_s]) / scale
+            for record in range(records) if self.SETTLES and self.output in signals else ():
+                head = (signals[self.output][:HEAD, record] - pulled.offset) / scale
+                head = head[np.isfinite(head)]
+
+                def look(moved: Array, last: int = len(head) - 1, which: int = record) -> Array:
+                    found: Array = run(moved[:, None], last, slice(which, which + 1))[:, 0]
+                    return found
+
+                error, noise = np.maximum(errors[:, record], 1e-6), float(begun.noise[record]) / scale
+                state[:, record] = begin(look, state[:, record], error, head, noise)
+        motion = run(state, len(drive), slice(None))
+        output: Array = pulled.offset + scale * motion
+        return output
+
+    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+        """Return the motion by the textbook, its velocity, and the inputs.
+
+        The measured motion would carry the noise that is to be told from what a model can explain.
+        """
+        begun = read_beginning([signals[self.output][:HEAD, k] for k in range(signals[self.output].shape[1])], step_s)
+        plain = self.model_copy(update={"effects": []})
+        motion = plain.simulate(self.refine(signals, step_s), step_s, np.zeros(1), constants, (), begun)
+        return self.list_watched(motion, signals, step_s)
+
+    def list_watched(self, motion: Array, signals: Mapping[str, Array], step_s: float) -> list[Watched]:
+        """Return a motion (T, R), its velocity, and the inputs."""
+        velocity = np.gradient(motion, step_s, axis=0) * cast(float, self.pace_s)
+        told = [Watched("motion", motion, False), Watched("velocity", velocity, True)]
+        return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]

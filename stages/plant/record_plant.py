@@ -1,0 +1,289 @@
+"""What every plant of records is: named constants, a list of effects, and an answer to measured inputs.
+
+A section of YAML and recorded signals flow in; checked values, what the data themselves tell of scales and constants,
+and the simulated output come out. A kind of machine is one file of ``stages/plant/machines`` with a subclass.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
+
+from stages.plant.declaration import Declared
+from stages.plant.effect import DynamicEffect, Effect, Parameter
+from stages.plant.listed import ListedEffect, NominalConstant, find_effect_at
+from stages.signals.trajectories import Array
+
+Positive = Annotated[float, Field(gt=0.0)]
+Placed = tuple[Any, Mapping[str, float]]
+"""An effect and its parameters."""
+PERIODS = 2.0
+"""Periods of the usual motion in a movement."""
+SAMPLES_A_PERIOD = 200
+Terms = TypeVar("Terms")
+
+
+class Watched(NamedTuple):
+    """A signal that may explain a residual: its name, samples (T, R), and whether it is a rate."""
+
+    name: str
+    samples: Array
+    rate: bool
+
+
+HEAD = 50
+"""Samples by which the state is estimated in which a record begins, at most."""
+FEWEST = 5
+"""Of these, those through which a parabola is drawn at least."""
+AT_REST = 3.0
+"""Standard errors of a rate within which a record begins at rest."""
+
+
+class Beginning(NamedTuple):
+    """What the first samples of records tell of their beginning, in the output's unit and per second; (R,) each.
+
+    Parameters
+    ----------
+    value, value_error : (R,) ndarray
+        Of the output, and its standard error.
+    rate, rate_error : (R,) ndarray
+        Of its change, and its standard error.
+    noise : (R,) ndarray
+        Of a sample.
+    """
+
+    value: Array
+    value_error: Array
+    rate: Array
+    rate_error: Array
+    noise: Array
+
+
+def read_beginning(heads: Sequence[Array], step_s: float) -> Beginning:
+    """Return how records begin, by a parabola through as many of their first samples as lie on one.
+
+    Parameters
+    ----------
+    heads : sequence of (N_r,) ndarray
+        First samples of the output, without gaps.
+    step_s : float
+        Time between samples, s.
+    """
+    return Beginning(*np.array([_read_one(head, step_s) for head in heads]).T)
+
+
+def _read_one(head: Array, step_s: float) -> tuple[float, float, float, float, float]:
+    if len(head) < FEWEST:
+        return float(head.mean()), float(np.ptp(head)), 0.0, float(np.ptp(head)) / step_s, float(np.ptp(head))
+    size = float(np.abs(head).max())
+    noise = float(np.median(np.abs(np.diff(head, 3)))) / (0.6745 * np.sqrt(20.0)) + 1e-9 * size + 1e-300
+    for count in range(len(head), FEWEST - 1, -1):
+        columns = np.vander(np.arange(count) * step_s, 3, increasing=True)
+        found = np.linalg.lstsq(columns, head[:count], rcond=None)[0]
+        left = head[:count] - columns @ found
+        if np.sqrt((left**2).sum() / (count - 2)) < 1.5 * noise:
+            break
+    factor = np.linalg.qr(columns, mode="r")
+    error = noise * np.sqrt((np.linalg.solve(factor, np.eye(3)) ** 2).sum(axis=1))
+    rate = 0.0 if abs(found[1]) < AT_REST * error[1] else float(found[1])
+    return float(found[0]), float(error[0]), rate, float(error[1]), noise
+
+
+class RecordPlant(Declared):
+    """A machine whose records are signals over time: inputs, and one output.
+
+    A subclass declares `kind`, its inputs, `constants`, `effects` and what they take, and simulates.
+    """
+
+    SITE: ClassVar[str]
+    """Where effects act."""
+
+    kind: str
+    output: str
+    output_scale: Positive | None
+    pace_s: Positive | None
+    constants: Any
+    effects: Sequence[ListedEffect]
+
+    @model_validator(mode="after")
+    def _check_signals(self) -> Self:
+        if self.output in self.inputs:
+            raise ValueError(f"output: expected another signal than those it is told from, got {self.output}")
+        return self
+
+    @property
+    @abstractmethod
+    def inputs(self) -> tuple[str, ...]:
+        """Signals that the output is told from."""
+
+    @model_validator(mode="after")
+    def _check_effects(self) -> Self:
+        for entry in self.effects:
+            find_effect_at(self.SITE, entry.name, entry.form)
+        return self
+
+    @property
+    def nominal(self) -> dict[str, NominalConstant]:
+        """Constants by name."""
+        return dict(self.constants)
+
+    @property
+    def element(self) -> str:
+        """What the machine is called in tables."""
+        return self.kind
+
+    @property
+    def movement_s(self) -> float:
+        """Time of a usual movement, s; regimes of time and frequency are told by it."""
+        if self.pace_s is None:
+            raise ValueError("pace_s: it is the data's own, and there are no data yet")
+        return PERIODS * 2.0 * np.pi * self.pace_s
+
+    @property
+    def finest_s(self) -> float:
+        """Time between samples, s, below which more of them tell no more."""
+        return self.movement_s / (PERIODS * SAMPLES_A_PERIOD)
+
+    @property
+    def memory_s(self) -> float:
+        """Time after which what the inputs were no longer matters, s; infinite where it always does."""
+        return 0.0
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Constants as a fit takes them."""
+        told = type(self.constants).model_fields if isinstance(self.constants, BaseModel) else {}
+        return tuple(
+            each.as_parameter(name, str(told[name].description) if name in told else "")
+            for name, each in self.nominal.items()
+        )
+
+    @property
+    def starts(self) -> dict[str, float]:
+        """Where a fit of the constants begins."""
+        return {each.name: each.prior_mean for each in self.parameters}
+
+    def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+        """Return the plant with scales and bounds, where they were left open, from recorded signals.
+
+        Parameters
+        ----------
+        records : sequence of mapping of str to (N_r,) ndarray
+            Inputs and output of each record by name, without gaps.
+        step_s : float
+            Time between samples, s.
+        """
+        return self
+
+    def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
+        """Return inputs and output (T, R) as `simulate` takes them; once for many simulations."""
+        return signals
+
+    @abstractmethod
+    def simulate(
+        self,
+        signals: Mapping[str, Array],
+        step_s: float,
+        start_s: Array,
+        constants: Mapping[str, float],
+        effects: Sequence[Placed] = (),
+        begun: Beginning | None = None,
+    ) -> Array:
+        """Return the output, (T, R), in its unit.
+
+        Parameters
+        ----------
+        signals : mapping of str to (T, R) ndarray
+            Inputs by name, without gaps, as `refine` returns them; R records. With the output too, the state in which
+            a record begins may be refined by its first `HEAD` samples.
+        step_s : float
+            Time between samples, s.
+        start_s : (R,) ndarray
+            Start of each record in the session, s.
+        constants : mapping of str to float
+            By name.
+        effects : sequence of (Effect, mapping)
+            Beside those listed, which act first.
+        begun : Beginning, optional
+            From `read_beginning`; without it a machine with a memory begins at rest.
+        """
+
+    @abstractmethod
+    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+        """Return what may explain a residual, of records with inputs and output: a state, a rate, more."""
+
+    def respond(self, features: Array, step_s: float) -> Array:
+        """Return the features of a flexible model, (T, K, F), as the output answers to them: here at once."""
+        return features
+
+    def amend(self, constants: Mapping[str, float], effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> Self:
+        """Return the plant with fitted constants and with effects, as (name, form, parameters), added to its list."""
+        told = self.model_dump()
+        for name, value in constants.items():
+            told["constants"][name]["start"] = value
+        told["effects"] += [{"name": name, "form": form, **values} for name, form, values in effects]
+        return type(self).model_validate(told)
+
+    def place(self, effects: Sequence[Placed] = ()) -> list[Placed]:
+        """Return the effects listed, and more."""
+        return [
+            *((find_effect_at(self.SITE, entry.name, entry.form), entry.parameters) for entry in self.effects),
+            *effects,
+        ]
+
+
+def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effect, Mapping[str, float]]]) -> Terms:
+    """Return the terms of several effects at a site, as a named tuple of a kind.
+
+    Raises
+    ------
+    ValueError
+        When an effect acts elsewhere, or two share a term.
+    """
+    found: dict[str, float] = {}
+    for effect, values in effects:
+        if effect.site != site or not isinstance(effect, DynamicEffect):
+            raise ValueError(f"effect {effect.name} acts at a {effect.site}, not at a {site}")
+        terms = effect.terms(values)
+        if set(terms) & set(found):
+            raise ValueError(f"effect {effect.name}: another listed effect sets the same term; list one of them")
+        found |= terms
+    return kind(**found)
+
+
+def begin(run: Callable[[Array], Array], guess: Array, wide: Array, head: Array, noise: float) -> Array:
+    """Return the state in which a record begins: what agrees best with its first samples, near a guess.
+
+    Parameters
+    ----------
+    run : callable
+        Of a state (S,), returns the output of `len(head)` samples.
+    guess, wide : (S,) ndarray
+        Mean and standard deviation of a Gaussian prior.
+    head : (N,) ndarray
+        First samples of the output.
+    noise : float
+        Of a sample, in the output's unit.
+
+    Returns
+    -------
+    (S,) ndarray
+        After two steps of Gauss and Newton.
+    """
+    state = guess.copy()
+    for _ in range(2):
+        plain = run(state)
+        noise = max(noise, float(np.sqrt(((head - plain) ** 2).mean())))  # where the model errs, it tells little
+        slopes = np.empty((len(head), len(state)))
+        for place, width in enumerate(wide):
+            moved = state.copy()
+            moved[place] += 1e-2 * width
+            slopes[:, place] = (run(moved) - plain) / (1e-2 * width)
+        rows = np.concatenate([slopes / noise, np.diag(1.0 / wide)])
+        left = np.concatenate([(head - plain) / noise, (guess - state) / wide])
+        state = state + np.linalg.lstsq(rows, left, rcond=None)[0]
+    return state
