@@ -6,7 +6,6 @@ import pytest
 from pydantic import ValidationError
 
 from stages.discrepancy import Parts, assign_parts, leave_gaps
-from stages.discrepancy.oscillator_cell import build_oscillator
 from stages.discrepancy.whole_record_cell import build_whole_records
 from tests.discrepancy.test_whole_records import read_plant
 
@@ -132,15 +131,14 @@ def test_a_gap_stands_between_a_fitted_block_and_the_opened_one_beside_it():
 @pytest.mark.parametrize("machine", ["second_order", "static_map"])
 def test_a_gap_is_not_judged_and_nothing_else_is_lost(machine):
     swing = machine == "second_order"
-    plant = read_plant(machine, **({"lead_in_s": 0.1} if swing else {"pace_s": 1.0}))
+    plant = read_plant(machine, **({} if swing else {"pace_s": 1.0}))
     names = ("drive_v", "response_v") if swing else ("position_m", "force_n")
     time = np.arange(200) * 0.1
     told = {name: np.sin(time + k) for k, name in enumerate(names)}
     rows = [pd.DataFrame({"record": "a", "time_s": time, "signal": n, "value": v}) for n, v in told.items()]
-    build = build_oscillator if swing else build_whole_records
     trials = make_blocks()
     gaps = leave_gaps(trials, ["fitted", "verification", "fitted", "fitted"], 0.1)
-    whole, cut = (build(pd.concat(rows), each, plant) for each in (trials, trials.join(gaps)))
+    whole, cut = (build_whole_records(pd.concat(rows), each, plant) for each in (trials, trials.join(gaps)))
     assert (whole.present & ~cut.present).sum(axis=0).tolist() == [5, 0, 5, 0]
     assert not cut.present[45:, 0].any()
     assert not cut.present[:5, 2].any()
