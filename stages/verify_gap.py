@@ -167,7 +167,7 @@ def verify_gap(
     relevant = list_absorbed(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
-        *(tell_remainder(remainder) if status != "no_discrepancy" else []),
+        *tell_remainder(remainder, status),
         *tell_silent(judgeable, list(measured_muscles["muscle"])),
         *tell_odd(odd),
         *tell_few(int(learnt.sum()), len(opened)),

@@ -125,6 +125,21 @@ def check_amended(pamid, run):
     assert len(pd.read_parquet(pamid.runs[-1] / "tables" / "bank.parquet"))
 
 
+def test_what_has_no_name_is_described_as_a_hint(pamid, tmp_path):
+    samples, meta = record_session(["neighbour_pressure"], trials=6, seconds=2.0)
+    result, verdict = judge(pamid, tmp_path / "rig", samples, meta)
+    assert result.returncode == 0, result.stderr
+    check_verdict(verdict, meta["muscles"])
+    assert verdict["status"] == "unexplained"
+    rows = {row["muscle"]: row for row in verdict["remainder"] if row["channel"] == "force_n"}
+    assert rows["pam1"]["inputs"][0] == "pam2 pressure_kpa"
+    assert 0.0 < rows["pam1"]["low"] < rows["pam1"]["share"] < rows["pam1"]["high"] < 1.0
+    said = " ".join(result.stdout.split())
+    assert "What stays unexplained in force of pam" in said
+    assert "A hint, no finding: on pam" in said
+    assert "unexplained.png" in {path.name for path in (pamid.runs[0] / "figures").iterdir()}
+
+
 SPOILT = {
     "stretches without values": sessions.lose_stretches,
     "three trials": lambda samples: samples[samples["trial"] < 3],

@@ -18,6 +18,7 @@ from pydantic import Field, field_validator
 from stages.discrepancy.cell import Cell
 from stages.discrepancy.dependence import Dependence, find_dependence, find_range
 from stages.discrepancy.fitting import Fit, fit
+from stages.discrepancy.flexible import find_floor
 from stages.discrepancy.noise import Noise
 from stages.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
 from stages.discrepancy.restoring import restore
@@ -128,6 +129,9 @@ def describe_above_floor(
 ) -> list[Description]:
     """Return a description of each cell in which more than noise is left after a number of additions.
 
+    Where an effect was added, the floor is what flexible models leave with it, if that is less: they do better beside
+    the right name than alone.
+
     Parameters
     ----------
     cells : sequence of Cell
@@ -150,8 +154,12 @@ def describe_above_floor(
         if row["gap_over_floor"] <= smallest_gap:
             continue
         model, values = restore(cell, steps, step)
-        found = fit(model, Noise(*(float(row[name]) for name in Noise._fields)), values, iterations=0)
+        noise = Noise(*(float(row[name]) for name in Noise._fields))
+        found = fit(model, noise, values, iterations=0)
         floor = float(row["noise_floor"])
+        if model.forms:
+            least = find_floor(found, noise, np.ones(model.cell.trials, dtype=bool)).raw.sum()
+            floor = min(floor, float(np.sqrt(least / max(int(model.cell.present.sum()), 1))))
         if _measure(found.residual, found.model.cell) > smallest_gap * floor:
             described.append(describe(found, floor, settings, weights, level, generator))
     return described

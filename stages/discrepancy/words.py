@@ -197,14 +197,20 @@ def tell_floor(channels: pd.DataFrame) -> list[str]:
     ]
 
 
-def tell_remainder(remainder: pd.DataFrame) -> list[str]:
+def tell_remainder(remainder: pd.DataFrame, status: str) -> list[str]:
     """Return on what depends that which stays unexplained, channel by channel; a hint, marked as one.
 
     Parameters
     ----------
     remainder : DataFrame
         Table `remainder`.
+    status : str
+        Of the verdict.
     """
+    if status == "no_discrepancy":
+        return []
+    if remainder.empty and status == "unexplained":
+        return ["On what it depends is not told: on the fitted trials the gap is hardly above the noise floor."]
     sentences = []
     for channel, rows in remainder.groupby("channel", sort=False):
         name = name_signal(str(channel))[0]

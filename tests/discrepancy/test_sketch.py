@@ -94,7 +94,7 @@ def test_a_planted_drag_is_described_drawn_and_told(settings):
     assert row["hint"].endswith("*[x rate]*|x rate|")
     averages = average_dependence([found])
     assert np.abs(averages["said"] - averages["mean"]).max() < 0.1
-    said = " ".join(tell_remainder(pd.DataFrame([row])))
+    said = " ".join(tell_remainder(pd.DataFrame([row]), "unexplained"))
     for words in (
         "What stays unexplained in y of toy depends on x rate",
         "A hint, no finding: on toy it is about 0.05",
@@ -105,9 +105,13 @@ def test_a_planted_drag_is_described_drawn_and_told(settings):
 def test_of_noise_nothing_is_told_but_that(settings):
     row = tabulate(describe_line(settings, None))
     assert (row["inputs"], row["hint"]) == ("", "")
-    said = tell_remainder(pd.DataFrame([row]))
+    table = pd.DataFrame([row])
+    said = tell_remainder(table, "named")
     assert len(said) == 1
     assert "depends on no measured signal" in said[0]
+    assert not tell_remainder(table, "no_discrepancy")
+    assert not tell_remainder(table[:0], "named")
+    assert "hardly above the noise floor" in tell_remainder(table[:0], "unexplained")[0]
 
 
 def test_pysindy_is_asked_for_only_where_it_is(settings):
