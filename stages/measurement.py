@@ -260,6 +260,8 @@ def show_map(cfg: Config) -> list[str]:
 def describe_file(path: InputPath) -> list[str]:
     """Return what a file holds, as lines that end in the command line with the map of its columns."""
     file = find_samples(path)
+    if not file.is_file():
+        raise InputError(f"{path}: expected {SAMPLES} in this folder, got none; name a file")
     header = read_header(file)
     with about(str(file)):
         lines, guess = describe(read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER)

@@ -97,11 +97,15 @@ def arrange_records(
     parts = frame.groupby("record", sort=False)["part"].first()
     rates = find_rates(frame, stated_hz)
     columns = ["record", "time_s", *signals]
+    own = frame["record"].map(rates)
     placed = [
-        regularise(rows[columns], "record", [], rates[str(name)], largest_jitter)[0]
-        for name, rows in frame.groupby("record", sort=False)
+        regularise(rows[columns], "record", [], float(rate), largest_jitter)[0]
+        for rate, rows in frame.groupby(own, sort=False)
     ]
-    told, rate = equalise(pd.concat(placed, ignore_index=True), rates, signals, largest_jitter, notes)
+    together = pd.concat(placed, ignore_index=True)
+    order = together["record"].map({name: k for k, name in enumerate(parts.index)})
+    together = together.iloc[order.argsort(kind="stable")].reset_index(drop=True)
+    told, rate = equalise(together, rates, signals, largest_jitter, notes)
     told = told.assign(part=told["record"].map(parts))
     return told.assign(trial=number_blocks(told, blocks)), rate
 

@@ -237,6 +237,6 @@ def _tell_groups(told: pd.DataFrame, name: str) -> str:
         return ""
     sizes = told[name].value_counts(sort=False)
     if len(sizes) > FEW:
-        least, most = sizes.min(), sizes.max()
+        least, most = int(sizes.min()), int(sizes.max())
         return f"{name}s: {len(sizes)}, of {least}{f' to {most}' * (most > least)} rows"
     return f"{name}s: " + ", ".join(f"{each} ({count} rows)" for each, count in sizes.items())

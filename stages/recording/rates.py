@@ -51,10 +51,10 @@ def find_rates(frame: pd.DataFrame, stated_hz: float | None) -> dict[str, float]
     found: dict[str, float] = {}
     for name in names:
         alike = [each for each in names if abs(own[each] / own[name] - 1.0) <= SAME_RATE]
-        together = frame[frame["record"].isin(alike)]
-        found[name] = next((found[each] for each in alike if each in found), 0.0) or find_rate(
-            together, ("record",), None
-        )
+        shared = next((found[each] for each in alike if each in found), None)
+        if shared is None:
+            shared = find_rate(frame[frame["record"].isin(alike)], ("record",), None)
+        found[name] = shared
     return found
 
 

@@ -130,6 +130,20 @@ def test_unequal_rates_are_told(look, tmp_path):
     assert "time: 50 to 100 Hz, by record; they are resampled to the lowest" in look(tmp_path / "x.csv")
 
 
+@pytest.mark.parametrize(("longest", "told"), [(10, "of 10 rows"), (14, "of 10 to 14 rows")])
+def test_many_records_are_counted(look, tmp_path, longest, told):
+    sizes = [10] * 19 + [longest]
+    runs = [pd.DataFrame({"t": np.arange(size) / 50.0, "u": 1.0, "run": k}) for k, size in enumerate(sizes)]
+    pd.concat(runs).to_csv(tmp_path / "x.csv", index=False)
+    assert f"records: 20, {told}" in look(tmp_path / "x.csv")
+
+
+def test_a_folder_without_samples_is_told(capsys, tmp_path):
+    (tmp_path / "arm").mkdir()
+    assert main([str(tmp_path / "arm")]) == 2
+    assert "arm: expected samples.parquet in this folder, got none" in capsys.readouterr().err
+
+
 def test_what_it_cannot_guess_is_left_to_the_person(look, tmp_path):
     pd.DataFrame({"a": [0.0, 1.0, 2.0], "qm": [1.0, 2.0, 4.0]}).to_csv(tmp_path / "x.csv", index=False)
     lines = look(tmp_path / "x.csv")
