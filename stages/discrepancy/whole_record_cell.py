@@ -96,7 +96,14 @@ class WholeRecordCell(Cell):
         names = [name for name in list_effects() if name not in taken]
         found = list_effects_at(self.plant.SITE, names)
         return tuple(
-            Form(each.name, each.form, each.site, each.parameters, each, getattr(each, "scales", True))
+            Form(
+                each.name,
+                each.form,
+                each.site,
+                each.parameters,
+                each,
+                getattr(each, "scales", True) and not self.plant.drifts,
+            )
             for each in found
         )
 
@@ -157,7 +164,8 @@ class WholeRecordCell(Cell):
     def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return where fits of a form begin; a clipped reading at the level that the values show, or nowhere."""
         if not self.is_exact(form):
-            return list_starts(form)
+            told = self.plant.list_starts(form.effect, list(self._known.values()), constants)
+            return list_starts(form) if told is None else told
         level = find_level(self.measured[self.present])
         scale = self.plant.output_scale
         return [] if level is None or scale is None else [{form.parameters[0].name: scale / level}]

@@ -68,13 +68,13 @@ def _pull(x: float, w: float, z: float, hold: float, damping: float, sliding: fl
 
 @njit(cache=True, error_model="numpy")
 def _integrate(
-    drive: Array, hold: Array, start: Array, damping: float, terms: MotionTerms, pace: float, substeps: int
+    drive: Array, hold: Array, start: Array, damping: float, late: float, terms: MotionTerms, pace: float, substeps: int
 ) -> Array:
     fine = 2 * substeps
     samples = (drive.shape[0] - 1) // fine + 1
     motion = np.empty((samples, drive.shape[1]))
     h = pace / substeps
-    late = terms.delay * 2.0 * math.pi / pace * fine
+    late = (terms.delay * 2.0 * math.pi / pace + late) * fine
     varies = hold.shape[0] > 1
     sliding = max(terms.sliding, 0.5 * terms.coulomb * h)  # a step cannot turn more sharply
     for k in range(drive.shape[1]):
@@ -105,7 +105,14 @@ def _integrate(
 
 
 def integrate(
-    drive: Array, hold: Array, start: Array, damping: float, terms: MotionTerms, pace: float, substeps: int
+    drive: Array,
+    hold: Array,
+    start: Array,
+    damping: float,
+    terms: MotionTerms,
+    pace: float,
+    substeps: int,
+    late: float = 0.0,
 ) -> Array:
     """Return a motion at the sampling instants, (T, K), in scales; a sensor's offset is in it.
 
@@ -125,8 +132,10 @@ def integrate(
         Time between samples over the pace.
     substeps : int
         Steps of the classical Runge-Kutta rule per sample; with a fifth of a pace each, its error is some 1e-5.
+    late : float
+        By which the drive acts, samples; may be negative.
     """
-    moved: Array = _integrate(np.ascontiguousarray(drive), hold, start, damping, terms, pace, substeps)
+    moved: Array = _integrate(np.ascontiguousarray(drive), hold, start, damping, late, terms, pace, substeps)
     return moved + terms.sensor_offset
 
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, NamedTuple, Self, cast
+from typing import Any, ClassVar, NamedTuple, Self, cast
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from stages.plant.declaration import Declared
 from stages.plant.linear_guess import filter_derivatives, find_pace
-from stages.plant.listed import ListedEffect
+from stages.plant.listed import ListedEffect, NominalConstant
 from stages.plant.motion import SITE, Between, MotionTerms, integrate, refine
 from stages.plant.record_plant import (
     HEAD,
@@ -31,6 +32,8 @@ from stages.signals.trajectories import Array
 
 FINEST = 0.2
 """Longest integration step, paces."""
+LIMITED = (0.95, 0.8, 0.5)
+"""Quantiles of a drive at which a limit is looked for."""
 FILTER = 0.3
 """Time constant of the filters by which a linear model is guessed, paces."""
 
@@ -62,6 +65,12 @@ class Pull(NamedTuple):
     offset: float
 
 
+class MotionConstants(Declared):
+    """Constants of any motion that is recorded."""
+
+    timing_s: NominalConstant = Field(description="by which the input acts later than it was recorded, within a sample")
+
+
 class MotionPlant(RecordPlant):
     """Everything that simulating one motion takes."""
 
@@ -78,6 +87,21 @@ class MotionPlant(RecordPlant):
     def _check_effects(self) -> Self:
         collect(MotionTerms, SITE, self.place())
         return self
+
+    @property
+    def drifts(self) -> bool:
+        """Whether nothing makes it forget how it began."""
+        return not self.SETTLES
+
+    def list_starts(
+        self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]
+    ) -> list[dict[str, float]] | None:
+        """Return limits of the drive that a twentieth, a fifth and half of the time lies beyond."""
+        if (effect.name, effect.form) != ("saturation", "drive"):
+            return None
+        pushed = np.concatenate([np.abs(self.pull(each, constants).push).ravel() for each in signals])
+        levels = np.quantile(pushed, LIMITED) * cast(float, self.pace_s) ** 2 / cast(float, self.output_scale)
+        return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
 
     @property
     def memory_s(self) -> float:
@@ -119,8 +143,18 @@ class MotionPlant(RecordPlant):
         filtered = {name: [filter_derivatives(each[name], 2, tau_s, step_s) for each in records] for name in names}
         filtered[""] = [filter_derivatives(np.ones(len(each)), 2, tau_s, step_s) for each in outputs]
         guessed = settled.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)))
+        guessed["timing_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
         told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
-        return settled.model_copy(update={"constants": type(self.constants)(**told)})
+        settled = settled.model_copy(update={"constants": type(self.constants)(**told)})
+        return settled if self.pace_s else settled.model_copy(update={"pace_s": settled.find_natural_pace(records)})
+
+    def find_natural_pace(self, records: Sequence[Mapping[str, Array]]) -> float:
+        """Return the time, s, of a radian of the free motion, or in which the usual push brings one scale."""
+        joined = {name: np.concatenate([each[name] for each in records])[:, None] for name in self.inputs}
+        pulled = self.pull(joined, self.starts)
+        hold, push = float(np.mean(pulled.hold)), float(np.sqrt((pulled.push**2).mean()))
+        scale = cast(float, self.output_scale)
+        return float(1.0 / np.sqrt(hold)) if hold > 0.0 else float(np.sqrt(scale / max(push, 1e-300)))
 
     def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
         """Return signals with inputs at the instants that the integrator looks at."""
@@ -154,7 +188,8 @@ class MotionPlant(RecordPlant):
 
         def run(state: Array, last: int, record: slice) -> Array:
             pushed, held = drive[: last * 2 * substeps + 1, record], hold[:, record] if len(hold) > 1 else hold
-            return integrate(pushed, np.ascontiguousarray(held), state, damping, terms, pace, substeps)
+            held = np.ascontiguousarray(held)
+            return integrate(pushed, held, state, damping, terms, pace, substeps, constants["timing_s"] / step_s)
 
         state = np.zeros((2, records))
         if begun is not None:

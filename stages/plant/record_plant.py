@@ -149,6 +149,17 @@ class RecordPlant(Declared):
         return self.movement_s / (PERIODS * SAMPLES_A_PERIOD)
 
     @property
+    def drifts(self) -> bool:
+        """Whether a small error grows without end: then no slope at a fit says what another effect would change."""
+        return False
+
+    def list_starts(
+        self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]
+    ) -> list[dict[str, float]] | None:
+        """Return values of an effect's parameters from which fits may begin, told by records; None for its own."""
+        return None
+
+    @property
     def memory_s(self) -> float:
         """Time after which what the inputs were no longer matters, s; infinite where it always does."""
         return 0.0

@@ -24,6 +24,7 @@ PLANT = {
         "natural_frequency_hz": {"unit": "Hz", "start": 1.9, "low": 1.0, "high": 4.0, "sd": 0.3},
         "damping_ratio": {"unit": "1", "start": 0.08, "low": 0.01, "high": 0.8, "sd": 0.05},
         "input_offset": {"unit": "N", "start": 0.0, "low": -1.0, "high": 1.0, "sd": 0.1},
+        "timing_s": {"unit": "s", "start": None, "low": None, "high": None, "sd": None},
         "output_offset": {"unit": "m", "start": 0.0, "low": -0.01, "high": 0.01, "sd": 0.002},
     },
     "effects": [],

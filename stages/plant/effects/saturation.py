@@ -69,6 +69,7 @@ DRIVE = DynamicEffect(
     split_by="a slow sweep of the input to its largest value",
     relatives=(),
     terms=cut_drive,
+    scales=False,
 )
 
 READING = replace(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self, cast
 
 import numpy as np
 from numba import njit
@@ -33,6 +33,8 @@ from stages.signals.trajectories import Array
 SITE = "lag"
 FINEST = 0.05
 """Longest integration step, paces."""
+LIMITED = (0.95, 0.8, 0.5)
+"""Quantiles of an input at which a limit is looked for."""
 FILTER = 0.3
 """Time constant of the filters by which the linear model is guessed, paces."""
 
@@ -60,8 +62,8 @@ def _fill(aim: Array, start: float, per_pace: float, terms: LagTerms, pace: floa
     for k in range(aim.shape[0]):
         reading[k] = level if terms.reading_cut <= 0.0 else min(level, 1.0 / terms.reading_cut)
         for i in range(substeps):
-            at = max(k + i / substeps - late, 0.0)
-            left = min(int(at), aim.shape[0] - 1)
+            at = min(max(k + i / substeps - late, 0.0), aim.shape[0] - 1.0)
+            left = int(at)
             right = min(left + 1, aim.shape[0] - 1)
             wanted = aim[left] + (at - left) * (aim[right] - aim[left]) if right > left else aim[left]
             if terms.drive_cut > 0.0:
@@ -86,6 +88,7 @@ class LagConstants(Declared):
     gain: NominalConstant = Field(description="output at rest over input")
     offset: NominalConstant = Field(description="output at rest without input")
     time_constant_s: NominalConstant = Field(description="time in which the output goes 63 % of its way")
+    timing_s: NominalConstant = Field(description="by which the input acts later than it was recorded, within a sample")
 
 
 class LagEffect(ListedEffect):
@@ -119,6 +122,16 @@ class FirstOrder(RecordPlant):
         """The command, pump or pressure."""
         return (self.input,)
 
+    def list_starts(
+        self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]
+    ) -> list[dict[str, float]] | None:
+        """Return limits of the input that a twentieth, a fifth and half of the time lies beyond."""
+        if (effect.name, effect.form) != ("saturation", "lag_drive"):
+            return None
+        aims = np.concatenate([np.abs(constants["gain"] * each[self.input]).ravel() for each in signals])
+        levels = np.quantile(aims, LIMITED) / cast(float, self.output_scale)
+        return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
+
     @property
     def memory_s(self) -> float:
         """Time in which a step comes to a thousandth of where it ends, s."""
@@ -147,6 +160,7 @@ class FirstOrder(RecordPlant):
             "gain": (gain, -20.0 * wide, 20.0 * wide, wide),
             "offset": (offset, -20.0 * far, 20.0 * far, far),
             "time_constant_s": (lag, 0.01 * lag, 100.0 * lag, lag),
+            "timing_s": (0.0, -step_s, step_s, 0.5 * step_s),
         }
         told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
         return self.model_copy(update={"output_scale": scale, "pace_s": pace, "constants": LagConstants(**told)})
@@ -165,6 +179,7 @@ class FirstOrder(RecordPlant):
             raise ValueError("output_scale: it is the data's own, and there are no data yet")
         scale, pace = self.output_scale, step_s / self.pace_s
         terms = collect(LagTerms, SITE, self.place(effects))
+        terms = terms._replace(delay=terms.delay + constants["timing_s"] / self.pace_s)
         per_pace = self.pace_s / constants["time_constant_s"]
         quickest = max(pace / FINEST, pace * per_pace * (1.0 + abs(terms.asymmetry)))
         substeps = min(max(int(np.ceil(quickest)), 2), 100)

@@ -14,14 +14,13 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from stages.plant.declaration import Declared
 from stages.plant.linear_guess import regress
 from stages.plant.listed import NominalConstant
-from stages.plant.motion_plant import MotionPlant, Pull
+from stages.plant.motion_plant import MotionConstants, MotionPlant, Pull
 from stages.signals.trajectories import Array
 
 
-class JointConstants(Declared):
+class JointConstants(MotionConstants):
     """Constants of the textbook joint, over its inertia."""
 
     gain: NominalConstant = Field(description="acceleration over the difference of pressures")

@@ -8,14 +8,13 @@ from typing import Literal, Self, cast
 import numpy as np
 from pydantic import Field, model_validator
 
-from stages.plant.declaration import Declared
 from stages.plant.linear_guess import regress
 from stages.plant.listed import NominalConstant
-from stages.plant.motion_plant import MotionPlant, Pull
+from stages.plant.motion_plant import MotionConstants, MotionPlant, Pull
 from stages.signals.trajectories import Array
 
 
-class OscillatorConstants(Declared):
+class OscillatorConstants(MotionConstants):
     """Constants of m y'' + d y' + k y = input."""
 
     static_gain: NominalConstant = Field(description="output at rest over input")

@@ -11,10 +11,9 @@ from typing import ClassVar, Literal, cast
 import numpy as np
 from pydantic import Field
 
-from stages.plant.declaration import Declared
 from stages.plant.linear_guess import regress
 from stages.plant.listed import NominalConstant
-from stages.plant.motion_plant import MotionPlant, Pull
+from stages.plant.motion_plant import MotionConstants, MotionPlant, Pull
 from stages.plant.record_plant import Watched
 from stages.signals.trajectories import Array
 
@@ -22,7 +21,7 @@ SMOOTHED = 0.1
 """Width of the window by which a measured motion is smoothed, paces."""
 
 
-class DriveConstants(Declared):
+class DriveConstants(MotionConstants):
     """Constants of the textbook drive."""
 
     mass: NominalConstant = Field(description="force over acceleration")
