@@ -255,6 +255,14 @@ def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high:
     return _find_least(curvature, white.cross.sum(axis=0) + pull, 1.0 / np.sqrt(precision), low, high)
 
 
+def _factorise(curvature: Array) -> Array:
+    """Return the lower triangular factor; where rounding has lost a small direction, of what is a little firmer."""
+    try:
+        return np.linalg.cholesky(curvature)
+    except np.linalg.LinAlgError:
+        return np.linalg.cholesky(curvature + 1e-9 * float(np.trace(curvature)) * np.eye(len(curvature)))
+
+
 def _find_least(curvature: Array, gradient: Array, scale: Array, low: Array, high: Array) -> Array:
     """Return where half x' curvature x - gradient' x is least within bounds; `scale` makes it well conditioned.
 
@@ -262,7 +270,7 @@ def _find_least(curvature: Array, gradient: Array, scale: Array, low: Array, hig
     """
     from scipy.optimize import lsq_linear
 
-    factor = np.linalg.cholesky(curvature * scale * scale[:, None])
+    factor = _factorise(curvature * scale * scale[:, None])
     target = np.linalg.solve(factor, scale * gradient)
     free: Array = np.linalg.solve(factor.T, target) * scale
     if ((free >= low) & (free <= high)).all():

@@ -17,7 +17,7 @@ UPSTREAM = ("command", "valve")
 
 
 def list_absorbed(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list[str]:
-    """Return the candidates that the constants absorb and that could act in one of the channels.
+    """Return the candidates that the constants absorb in every round and that could act in one of the channels.
 
     Parameters
     ----------
@@ -26,7 +26,8 @@ def list_absorbed(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list
     channels : collection of str
         In which there is a gap; none for all.
     """
-    rows = ranking[(ranking["round"] == 1) & ranking["absorbed"]]
+    always = ranking["absorbed"].groupby(ranking["name"]).transform("all")
+    rows = ranking[(ranking["round"] == 1) & always]
     sites = [site not in UPSTREAM if "pressure_kpa" not in channels and channels else True for site in rows["site"]]
     return [str(name) for name in rows.loc[sites, "name"]]
 

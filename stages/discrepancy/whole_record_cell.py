@@ -244,7 +244,10 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
         np.stack(present, axis=1),
         trials["start_s"].to_numpy(dtype=float),
         settled.element,
-        tuple(read_beginning([bridge(rows[plant.output])[:HEAD]], first_s) for rows in records.values()),
+        tuple(
+            read_beginning([bridge(rows[plant.output])[:HEAD]], first_s, 0.5 * (step_s - first_s))
+            for rows in records.values()
+        ),
         max(HEAD // stride, 3),
     )
 

@@ -34,8 +34,6 @@ FINEST = 0.2
 """Longest integration step, paces."""
 LIMITED = (0.95, 0.8, 0.5)
 """Quantiles of a drive at which a limit is looked for."""
-FILTER = 0.3
-"""Time constant of the filters by which a linear model is guessed, paces."""
 
 
 class MotionEffect(ListedEffect):
@@ -57,12 +55,15 @@ class Pull(NamedTuple):
         Per second.
     offset : float
         What the sensor adds, unit of the output.
+    start : (float, float)
+        What is added to the place and the velocity in which a record seems to begin, unit of the output and per second.
     """
 
     push: Array
     hold: float | Array
     damping: float
     offset: float
+    start: tuple[float, float] = (0.0, 0.0)
 
 
 class MotionConstants(Declared):
@@ -77,6 +78,8 @@ class MotionPlant(RecordPlant):
     SITE: ClassVar[str] = SITE
     SETTLES: ClassVar[bool] = True
     """Whether it forgets how it began: then its own motion refines what the first samples tell of that."""
+    FILTER: ClassVar[float] = 0.3
+    """Time constant of the filters by which constants are guessed, paces."""
 
     between_samples: Between
     output_scale: Positive | None = Field(description="motion in which effects tell their sizes, unit of the output")
@@ -138,7 +141,7 @@ class MotionPlant(RecordPlant):
         settled = self.model_copy(update=scales)
         if all(each.start is not None for each in self.nominal.values()):
             return settled
-        tau_s = FILTER * scales["pace_s"]
+        tau_s = max(self.FILTER * scales["pace_s"], 2.0 * step_s)
         names = (*self.inputs, self.output)
         filtered = {name: [filter_derivatives(each[name], 2, tau_s, step_s) for each in records] for name in names}
         filtered[""] = [filter_derivatives(np.ones(len(each)), 2, tau_s, step_s) for each in outputs]
@@ -193,7 +196,8 @@ class MotionPlant(RecordPlant):
 
         state = np.zeros((2, records))
         if begun is not None:
-            state = np.stack([(begun.value - pulled.offset) / scale, begun.rate * self.pace_s / scale])
+            place, rate = begun.value - pulled.offset + pulled.start[0], begun.rate + pulled.start[1]
+            state = np.stack([place / scale, rate * self.pace_s / scale])
             errors = np.stack([begun.value_error, begun.rate_error * self.pace_s]) / scale
             for record in range(records) if self.SETTLES and self.output in signals else ():
                 head = (signals[self.output][:HEAD, record] - pulled.offset) / scale

@@ -63,7 +63,7 @@ class Beginning(NamedTuple):
     noise: Array
 
 
-def read_beginning(heads: Sequence[Array], step_s: float) -> Beginning:
+def read_beginning(heads: Sequence[Array], step_s: float, at_s: float = 0.0) -> Beginning:
     """Return how records begin, by a parabola through as many of their first samples as lie on one.
 
     Parameters
@@ -72,17 +72,19 @@ def read_beginning(heads: Sequence[Array], step_s: float) -> Beginning:
         First samples of the output, without gaps.
     step_s : float
         Time between samples, s.
+    at_s : float
+        Time after the first sample for which it is told, s.
     """
-    return Beginning(*np.array([_read_one(head, step_s) for head in heads]).T)
+    return Beginning(*np.array([_read_one(head, step_s, at_s) for head in heads]).T)
 
 
-def _read_one(head: Array, step_s: float) -> tuple[float, float, float, float, float]:
+def _read_one(head: Array, step_s: float, at_s: float) -> tuple[float, float, float, float, float]:
     if len(head) < FEWEST:
         return float(head.mean()), float(np.ptp(head)), 0.0, float(np.ptp(head)) / step_s, float(np.ptp(head))
     size = float(np.abs(head).max())
     noise = float(np.median(np.abs(np.diff(head, 3)))) / (0.6745 * np.sqrt(20.0)) + 1e-9 * size + 1e-300
     for count in range(len(head), FEWEST - 1, -1):
-        columns = np.vander(np.arange(count) * step_s, 3, increasing=True)
+        columns = np.vander(np.arange(count) * step_s - at_s, 3, increasing=True)
         found = np.linalg.lstsq(columns, head[:count], rcond=None)[0]
         left = head[:count] - columns @ found
         if np.sqrt((left**2).sum() / (count - 2)) < 1.5 * noise:

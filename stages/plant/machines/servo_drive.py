@@ -17,6 +17,8 @@ from stages.plant.motion_plant import MotionConstants, MotionPlant, Pull
 from stages.plant.record_plant import Watched
 from stages.signals.trajectories import Array
 
+START = 0.002
+"""Usual error of the place, in scales, and of the velocity, in scales per pace, in which a record begins."""
 SMOOTHED = 0.1
 """Width of the window by which a measured motion is smoothed, paces."""
 
@@ -26,12 +28,15 @@ class DriveConstants(MotionConstants):
 
     mass: NominalConstant = Field(description="force over acceleration")
     force_offset: NominalConstant = Field(description="what the amplifier adds to the force, or gravity")
+    start_shift: NominalConstant = Field(description="of the place in which a record begins, beside what is read there")
+    start_rate_shift: NominalConstant = Field(description="of the velocity in which it begins")
 
 
 class ServoDrive(MotionPlant):
     """Everything that simulating a drive takes."""
 
     SETTLES: ClassVar[bool] = False
+    FILTER: ClassVar[float] = 0.03
 
     kind: Literal["servo_drive"]
     force: str
@@ -44,19 +49,27 @@ class ServoDrive(MotionPlant):
 
     def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
         """Return force over mass."""
-        return Pull((signals[self.force] + constants["force_offset"]) / constants["mass"], 0.0, 0.0, 0.0)
+        push = (signals[self.force] + constants["force_offset"]) / constants["mass"]
+        return Pull(push, 0.0, 0.0, 0.0, (constants["start_shift"], constants["start_rate_shift"]))
 
     def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> dict[str, tuple[float, ...]]:
-        """Return the mass of a drive with linear friction, and no offset."""
+        """Return the mass that filtered records show beside friction and springs, and no offset."""
         rows = [
-            np.stack([f[:, 0], one[:, 0], -q[:, 1]], axis=1)
+            np.stack([f[:, 0], one[:, 0], -q[:, 1], -np.sign(q[:, 1]), -q[:, 0], -(q[:, 0] ** 3)], axis=1)
             for f, one, q in zip(derivatives[self.force], derivatives[""], derivatives[self.output], strict=True)
         ]
         per_mass = regress(rows, [q[:, 2] for q in derivatives[self.output]], skipped)[0]
         largest = max(float(np.abs(f[:, 0]).max()) for f in derivatives[self.force])
         quickest = max(float(np.abs(q[skipped:, 2]).max(initial=0.0)) for q in derivatives[self.output])
         mass = 1.0 / per_mass if per_mass > 0.0 else largest / max(quickest, 1e-12)
-        return {"mass": (mass, 0.05 * mass, 20.0 * mass, mass), "force_offset": (0.0, -largest, largest, 0.2 * largest)}
+        place = START * cast(float, self.output_scale)
+        rate = place / cast(float, self.pace_s)
+        return {
+            "mass": (mass, 0.05 * mass, 20.0 * mass, mass),
+            "force_offset": (0.0, -largest, largest, 0.2 * largest),
+            "start_shift": (0.0, -20.0 * place, 20.0 * place, place),
+            "start_rate_shift": (0.0, -20.0 * rate, 20.0 * rate, rate),
+        }
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
         """Return the measured motion, smoothed, its velocity and the force: without friction a simulated one drifts."""
