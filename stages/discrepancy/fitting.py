@@ -258,9 +258,10 @@ def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high:
 def _factorise(curvature: Array) -> Array:
     """Return the lower triangular factor; where rounding has lost a small direction, of what is a little firmer."""
     try:
-        return np.linalg.cholesky(curvature)
+        factor = np.linalg.cholesky(curvature)
     except np.linalg.LinAlgError:
-        return np.linalg.cholesky(curvature + 1e-9 * float(np.trace(curvature)) * np.eye(len(curvature)))
+        factor = np.linalg.cholesky(curvature + 1e-9 * float(np.trace(curvature)) * np.eye(len(curvature)))
+    return factor.astype(np.float64, copy=False)
 
 
 def _find_least(curvature: Array, gradient: Array, scale: Array, low: Array, high: Array) -> Array:

@@ -12,7 +12,9 @@ SPRING = {"name": "cubic_stiffness", "share": 0.2}
 
 @pytest.fixture
 def plant():
-    return configured_oscillator("silverbox")
+    plant = configured_oscillator("silverbox")
+    timing = plant.constants.timing_s.settle(0.0, -0.001, 0.001, 0.0005)
+    return plant.model_copy(update={"constants": plant.constants.model_copy(update={"timing_s": timing})})
 
 
 def changed(plant, **values):
