@@ -164,14 +164,14 @@ class JointEffect:
 class DynamicEffect:
     """An effect inside a machine that is one integrator: ``terms(parameters)`` returns what it adds to its terms.
 
-    The other fields are those of `ChainEffect`. Sizes are told in the machine's own scales, so that bounds hold for
-    every machine of the kind. What an effect does grows with its magnitude in proportion to begin with (`scales`), or
-    sets in somewhere: then a fit has to be tried from each of its starts.
+    The site is the machine's `SITE`; the other fields are those of `ChainEffect`. Sizes are told in the machine's own
+    scales, so that bounds hold for every machine of the kind. What an effect does grows with its magnitude in
+    proportion to begin with (`scales`), or sets in somewhere: then a fit has to be tried from each of its starts.
     """
 
     name: str
     form: str
-    site: Literal["motion", "lag", "tank"]
+    site: str
     parameters: tuple[Parameter, ...]
     source: str
     signature: str

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
-from pydantic import Field, model_serializer, model_validator
+from pydantic import BaseModel, Field, model_serializer, model_validator
 
 from stages.plant.declaration import Declared
 from stages.plant.effect import Effect, Parameter, find_effect, list_forms
@@ -53,6 +53,22 @@ class NominalConstant(Declared):
         if self.start is None or self.low is None or self.high is None or self.sd is None:
             raise ValueError(f"constant {name}: its bounds are the data's own, and there are no data yet")
         return Parameter(name, self.unit, self.low, self.high, self.start, self.sd, description, starts=(self.start,))
+
+
+UNIT = "unit"
+
+
+def constant(unit: str, description: str) -> Any:
+    """Return the declaration of a nominal constant with its unit, which the configuration may then leave out."""
+    return Field(description=description, json_schema_extra={UNIT: unit})
+
+
+def leave_open(constants: type[BaseModel]) -> dict[str, Any] | None:
+    """Return a section that leaves all constants of a model to the data; None where it does not tell their units."""
+    told = {name: each.json_schema_extra for name, each in constants.model_fields.items()}
+    units = {name: each[UNIT] for name, each in told.items() if isinstance(each, dict) and UNIT in each}
+    open_values = {"start": None, "low": None, "high": None, "sd": None}
+    return {name: {"unit": unit, **open_values} for name, unit in units.items()} if len(units) == len(told) else None
 
 
 class ListedEffect(Declared):

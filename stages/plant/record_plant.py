@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from stages.plant.declaration import Declared
 from stages.plant.effect import DynamicEffect, Effect, Parameter
-from stages.plant.listed import ListedEffect, NominalConstant, find_effect_at
+from stages.plant.listed import ListedEffect, NominalConstant, find_effect_at, leave_open
 from stages.signals.trajectories import Array
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -110,6 +110,18 @@ class RecordPlant(Declared):
     pace_s: Positive | None
     constants: Any
     effects: Sequence[ListedEffect]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _leave_to_the_data(cls, section: Any) -> Any:
+        """Fill in, where a section says `constants: null`, what else may be null."""
+        constants = cls.model_fields["constants"].annotation
+        if not isinstance(section, Mapping) or section.get("constants", ...) is not None:
+            return section
+        if not isinstance(constants, type) or not issubclass(constants, BaseModel):
+            return section
+        nullable = {name: None for name, each in cls.model_fields.items() if type(None) in get_args(each.annotation)}
+        return {**nullable, **section, "constants": leave_open(constants)}
 
     @model_validator(mode="after")
     def _check_signals(self) -> Self:

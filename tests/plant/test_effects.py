@@ -1,13 +1,17 @@
 import importlib
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from stages.plant.chain import Chain
-from stages.plant.effect import ChainEffect, JointEffect, find_effect, list_effects
+from stages.plant.effect import ChainEffect, JointEffect, Site, find_effect, list_effects
+from stages.plant.machine import list_kinds
 from tests.plant.machines import CONF, configured, with_effects
 
 EFFECTS = [name for name in list_effects() if name != "none"]
+MACHINES = [importlib.import_module(f"stages.plant.machines.{kind}").PLANT for kind in list_kinds()]
+SITES = {*get_args(Site), *(machine.SITE for machine in MACHINES)}
 CHAIN = [name for name in EFFECTS if isinstance(find_effect(name), ChainEffect)]
 AT_REST_ONE = 0.08
 
@@ -47,7 +51,7 @@ def test_an_effect_declares_itself(name):
     effect = find_effect(name)
     module = importlib.import_module(f"stages.plant.effects.{name}")
     assert effect.name == name
-    assert effect.site in ("command", "valve", "pressure", "muscle", "transmission", "joint", "sensor", "tank")
+    assert effect.site in SITES
     assert module.FORMS[0] is effect is module.EFFECT
     assert len(module.__doc__) > 60
     assert "(" in effect.source
