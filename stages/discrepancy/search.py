@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -251,8 +252,8 @@ def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.r
     return found
 
 
-FRESH_STARTS = 4
-"""Other starts from which a named effect is fitted once more."""
+FRESH_STARTS, LONG = 4, 30
+"""Other starts from which a named effect is fitted once more, and steps of such a fit."""
 
 AS_MUCH, LIKE = 0.985, 0.95
 """Shares of what the best name closes: above the first, a simpler name is preferred; above the second, not excluded."""
@@ -262,6 +263,12 @@ NOT_WORTH = 1.0
 
 FAR, LARGE = 4.0, 0.1
 """Sum of squares of a trial left out, over that when it is not, and over all trials', above which a fit is repeated."""
+
+SURE = 0.99
+"""Probability of what exact values show."""
+
+SHOWN = 0.98
+"""Sum of squares of all trials, none left out, over that before, below which a level that they show takes effect."""
 
 NEAR = 1.25
 """Sum of squares, over that of the best form in a cell, up to which a form is fitted under its own noise too."""
@@ -322,6 +329,7 @@ def rank(
         return bool(_carriers(found, choices, name, forms, carries, settings))
 
     verdicts = _choose_forms(weigh_names(scores, none, priors, generator, worth), choices)
+    verdicts = _believe_exact(found, choices, verdicts)
     raws = {name: _raw_with(found, choices, verdicts, name) for name in names}
     raws[NONE] = [state.current.raw for state in found.cells]
     gaps = {name: _pool(found, each) for name, each in raws.items()}
@@ -351,6 +359,35 @@ def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
             if own:
                 forms[name][place] = min(own, key=own.__getitem__)
     return replace(verdicts, forms=forms)
+
+
+def _believe_exact(found: Search, choices: Sequence[Choice], verdicts: Verdicts) -> Verdicts:
+    """Return the verdicts with what exact values show taken as nearly sure, however little of the residual it takes."""
+    for name, forms in verdicts.forms.items():
+        carries = verdicts.carries[name].copy()
+        for place, state in enumerate(found.cells):
+            fitted = choices[place].get((name, forms[place]))
+            if fitted is not None and _is_shown(state, fitted):
+                carries[place] = 1.0
+        if verdicts.names[name] < SURE and (carries > verdicts.carries[name]).any():
+            rest = (1.0 - SURE) / (1.0 - verdicts.names[name])
+            names = {other: SURE if other == name else rest * each for other, each in verdicts.names.items()}
+            return replace(verdicts, names=names, carries={**verdicts.carries, name: carries})
+    return verdicts
+
+
+def _is_shown(state: CellState, fitted: Fitted) -> bool:
+    """Return whether the measured values themselves show a form's level, and the simulation would pass it."""
+    cell = state.cell
+    if not cell.is_exact(fitted.forms[-1]) or not cell.gives_away():
+        return False
+    return float((fitted.fit.residual**2).sum()) < SHOWN * float((state.current.fit.residual**2).sum())
+
+
+def _is_given(state: CellState, name: str) -> bool:
+    """Return whether exact values of a cell show what a named effect does."""
+    own = [form for form in state.current.forms if form.name == name]
+    return state.cell.gives_away() and any(state.cell.is_exact(form) for form in own)
 
 
 def _least_noise(state: CellState, choices: Choice) -> Noise:
@@ -385,6 +422,10 @@ def _shortlist(
     for channel in {key[0] for key in promised}:
         for scale, most in ((0, settings.shortlist), (1, (settings.shortlist + 1) // 2)):
             kept |= _take_best({key: float(each[scale]) for key, each in promised.items() if key[0] == channel}, most)
+    for state, listed in zip(found.cells, candidates, strict=True):
+        if state.cell.gives_away():
+            exact = [each.form for each in listed if state.cell.is_exact(each.form)]
+            kept |= {(state.cell.channel, form.name, form.form) for form in exact}
     return kept
 
 
@@ -505,6 +546,8 @@ def _carriers(
             )
         if before - after > max(settings.least_gain, needed):
             gains[place] = before
+        elif _is_shown(state, fitted):
+            gains[place] = max(before, np.nextafter(settings.smallest_gap, np.inf))
     channel = {found.cells[place].cell.channel for place in gains}
     if len(channel) > 1:  # one name at one place of the chain: where it gains most
         best = max(gains, key=lambda place: gains[place])
@@ -525,11 +568,16 @@ def _start_anew(chosen: Fitted) -> Fit:
     """Return the best of fits that begin at other values of the newest effect, the chosen one among them."""
     model, noise = chosen.fit.model, chosen.estimate_noise()
     newest = model.forms[-1]
-    known = len(chosen.fit.values) - len(newest.parameters)
+    known, fixed = len(chosen.fit.values) - len(newest.parameters), len(model.cell.constants)
+    if model.cell.is_exact(newest):
+        return chosen.fit
     found = [chosen.fit]
-    for start in list_starts(newest, FRESH_STARTS):
-        values = np.concatenate([chosen.fit.values[:known], [start[each.name] for each in newest.parameters]])
-        found.append(fit(model, noise, values))
+    bases = [chosen.fit.values[:known]]
+    if not newest.scales:  # what sets in somewhere may leave constants far astray
+        bases.append(np.concatenate([model.prior[0][:fixed], chosen.fit.values[fixed:known]]))
+    for base, start in product(bases, list_starts(newest, FRESH_STARTS)):
+        values = np.concatenate([base, [start[each.name] for each in newest.parameters]])
+        found.append(fit(model, noise, values, iterations=LONG))
     return min(found, key=lambda each: each.cost(noise))
 
 
@@ -565,10 +613,12 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
                 continue
             without = _without(state, named.name)
             keep.append((place, without))
+            worth |= _is_given(state, named.name)
             worth |= state.ratio(without.raw) - state.ratio(state.current.raw) > settings.least_gain
         if not worth:
             for place, without in keep:
                 found.cells[place] = replace(found.cells[place], current=without)
+            del found.steps[1 + found.named.index(named)]
             found.named.remove(named)
             return
 

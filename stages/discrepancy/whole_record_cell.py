@@ -26,7 +26,9 @@ from stages.plant.record_plant import HEAD, Beginning, RecordPlant, read_beginni
 from stages.recording import own_unit
 from stages.signals.trajectories import Array
 
-EXACT, CLIPPED = "saturation", ("element", "tank_reading", "reading", "lag_reading")
+EXACT, CLIPPED = "saturation", ("element", "tank_reading", "full_tank", "reading", "lag_reading")
+LEVEL_ERROR = 0.001
+"""Of a level that exact values show, over it."""
 """The effect whose level exact values give away, in the forms that clip what is read."""
 
 
@@ -91,11 +93,10 @@ class WholeRecordCell(Cell):
 
     @property
     def forms(self) -> tuple[Form, ...]:
-        """Effects at the plant's site that it does not list yet."""
+        """Effects at the plant's site that it does not list yet; a level that exact values show is theirs."""
         taken = {entry.name for entry in self.plant.effects}
         names = [name for name in list_effects() if name not in taken]
-        found = list_effects_at(self.plant.SITE, names)
-        return tuple(
+        forms = [
             Form(
                 each.name,
                 each.form,
@@ -104,8 +105,24 @@ class WholeRecordCell(Cell):
                 each,
                 getattr(each, "scales", True) and not self.plant.drifts,
             )
-            for each in found
-        )
+            for each in list_effects_at(self.plant.SITE, names)
+        ]
+        return tuple(self._read_level(form) for form in forms)
+
+    def _read_level(self, form: Form) -> Form:
+        """Return a form with the parameter at the level that exact values show, if they do."""
+        if not self.is_exact(form) or self._level is None:
+            return form
+        first, *others = form.parameters
+        value, error = self._level, LEVEL_ERROR * self._level
+        told = replace(first, low=value - error, high=value + error, prior_mean=value, prior_sd=error, starts=(value,))
+        return replace(form, parameters=(told, *others))
+
+    @cached_property
+    def _level(self) -> float | None:
+        """Scale over the level at which the output is clipped, if its exact values show one."""
+        level, scale = find_level(self.measured[self.present]), self.plant.output_scale
+        return None if level is None or scale is None else scale / level
 
     def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
         """Return the answer of the blocks, (T, K)."""
@@ -163,12 +180,10 @@ class WholeRecordCell(Cell):
 
     def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return where fits of a form begin; a clipped reading at the level that the values show, or nowhere."""
-        if not self.is_exact(form):
-            told = self.plant.list_starts(form.effect, list(self._known.values()), constants)
-            return list_starts(form) if told is None else told
-        level = find_level(self.measured[self.present])
-        scale = self.plant.output_scale
-        return [] if level is None or scale is None else [{form.parameters[0].name: scale / level}]
+        if self.is_exact(form):
+            return [] if self._level is None else [{form.parameters[0].name: self._level}]
+        told = self.plant.list_starts(form.effect, list(self._known.values()), constants)
+        return list_starts(form) if told is None else told
 
     def is_exact(self, form: Form) -> bool:
         """Return whether the values show a form's parameter: the level at which a reading is clipped."""
@@ -176,7 +191,7 @@ class WholeRecordCell(Cell):
 
     def gives_away(self) -> bool:
         """Return whether the largest value comes again and again, exactly."""
-        return find_level(self.measured[self.present]) is not None
+        return self._level is not None
 
     def take(self, trials: Sequence[int]) -> Self:
         """Return the cell with some of its blocks, by position."""

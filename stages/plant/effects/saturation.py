@@ -97,6 +97,23 @@ TANK_READING = replace(
 )
 
 
+def fill_tank(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the tanks' term: scale over the reading at which the lower tank is full."""
+    return {"level_cut": parameters["scale_over_level"]}
+
+
+FULL_TANK = replace(
+    TANK_READING,
+    form="full_tank",
+    source=(
+        "Schoukens, Noel, Three benchmarks addressing open challenges in nonlinear system identification, IFAC "
+        "PapersOnLine 50-1 (2017): the lower tank runs over, too"
+    ),
+    signature="the level stays at one value however much runs in, and falls from there as soon as less does",
+    terms=fill_tank,
+)
+
+
 def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
     """Return an element's answer up to a level."""
     return _clip(answer, 1.0, parameters["scale_over_level"])
@@ -144,6 +161,7 @@ FORMS = (
     READING,
     CUT_ELEMENT,
     TANK_READING,
+    FULL_TANK,
     LAG_DRIVE,
     LAG_READING,
 )

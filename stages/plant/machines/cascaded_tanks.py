@@ -42,6 +42,7 @@ class TankTerms(NamedTuple):
     leak: float = 0.0
     drive_cut: float = 0.0
     reading_cut: float = 0.0
+    level_cut: float = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -65,6 +66,7 @@ def _fill(pump: Array, values: TankValues, terms: TankTerms, scale: float, step_
     rim = scale / terms.scale_over_rim if terms.scale_over_rim > 0.0 else 1e300
     upper, lower = min(max(values.upper_start, 0.0), rim), max(values.lower_start, 0.0)
     most = scale / terms.drive_cut if terms.drive_cut > 0.0 else 1e300
+    full = scale / terms.level_cut - values.reading_offset if terms.level_cut > 0.0 else 1e300
     for k in range(pump.shape[0]):
         reading[k] = lower + values.reading_offset
         u = min(pump[k], most)
@@ -73,7 +75,7 @@ def _fill(pump: Array, values: TankValues, terms: TankTerms, scale: float, step_
             middle_upper, middle_lower = upper + 0.5 * h * a1, lower + 0.5 * h * b1
             a2, b2 = _change(middle_upper, middle_lower, u, values, terms, rim)
             upper = min(max(upper + h * a2, 0.0), rim)
-            lower = max(lower + h * b2, 0.0)
+            lower = min(max(lower + h * b2, 0.0), full)
     if terms.reading_cut > 0.0:
         for k in range(reading.shape[0]):
             reading[k] = min(reading[k], scale / terms.reading_cut)
