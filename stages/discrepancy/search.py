@@ -242,6 +242,8 @@ def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.r
     while len(found.named) < settings.most_effects:
         candidates = _list_candidates(found, settings)
         looked, choices = rank(found, candidates, settings, generator)
+        if _find_better_constants(found, choices):
+            continue
         found.rounds.append(looked)
         if looked.named is None:
             break
@@ -261,6 +263,9 @@ AS_MUCH, LIKE = 0.985, 0.95
 NOT_WORTH = 1.0
 """Fall of a trial's score, in a cell, of a form that did not seem worth a full fit there."""
 
+BETTER = 0.9
+"""Sum of squares, over the present one, below which constants that a candidate has found are taken alone."""
+
 FAR, LARGE = 4.0, 0.1
 """Sum of squares of a trial left out, over that when it is not, and over all trials', above which a fit is repeated."""
 
@@ -275,6 +280,27 @@ NEAR = 1.25
 
 Choice = dict[tuple[str, str], Fitted]
 """By name and form: the fit of one cell that carries it."""
+
+
+def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
+    """Let a cell go on from the constants of a candidate, where these alone are better; return whether one does.
+
+    A form that sets in somewhere is tried from several constants, and may have found a better place for them by chance.
+    """
+    better = False
+    for place, state in enumerate(found.cells):
+        least = BETTER * float(state.current.raw.sum())
+        for fitted in choices[place].values():
+            if fitted.forms[-1].scales or fitted.raw.sum() >= least:
+                continue
+            known = len(state.current.fit.values)
+            again = refine(state.current.fit.model, fitted.fit.values[:known], fitted.spread)
+            if again.raw.sum() < least:
+                found.cells[place] = _go_on(state, again)
+                better, least = True, BETTER * float(again.raw.sum())
+    if better:
+        found.steps[-1] = [state.current.fit for state in found.cells]
+    return better
 
 
 def _list_candidates(found: Search, settings: SearchSettings) -> list[list[Screened]]:
@@ -569,13 +595,11 @@ def _start_anew(chosen: Fitted) -> Fit:
     model, noise = chosen.fit.model, chosen.estimate_noise()
     newest = model.forms[-1]
     known, fixed = len(chosen.fit.values) - len(newest.parameters), len(model.cell.constants)
-    if model.cell.is_exact(newest):
-        return chosen.fit
     found = [chosen.fit]
     bases = [chosen.fit.values[:known]]
     if not newest.scales:  # what sets in somewhere may leave constants far astray
         bases.append(np.concatenate([model.prior[0][:fixed], chosen.fit.values[fixed:known]]))
-    for base, start in product(bases, list_starts(newest, FRESH_STARTS)):
+    for base, start in product(bases, list_starts(newest, 1 if model.cell.is_exact(newest) else FRESH_STARTS)):
         values = np.concatenate([base, [start[each.name] for each in newest.parameters]])
         found.append(fit(model, noise, values, iterations=LONG))
     return min(found, key=lambda each: each.cost(noise))
@@ -594,13 +618,17 @@ def _correct_others(found: Search, place: int) -> None:
 
 def _update(state: CellState, found: Fit) -> CellState:
     """Go on from a fit: refine it, and estimate the noise anew from what a flexible model leaves of it."""
-    cell = state.cell
-    spread = float(np.sqrt((found.residual**2).sum() / max(cell.present.sum(), 1)))
-    current = refine(found.model, found.values, spread)
+    spread = float(np.sqrt((found.residual**2).sum() / max(state.cell.present.sum(), 1)))
+    return _go_on(state, refine(found.model, found.values, spread))
+
+
+def _go_on(state: CellState, current: Fitted) -> CellState:
+    """Return a cell that stands at a fit; without an effect, that is the nominal one."""
     noise = current.estimate_noise()
-    by_trees = explain_by_trees(cell, current.residual)
-    leftover = keep_least([by_trees, explain_by_features(current.fit, state.features, noise)], cell)
-    return replace(state, noise=noise, current=current, leftover=leftover)
+    by_trees = explain_by_trees(state.cell, current.residual)
+    leftover = keep_least([by_trees, explain_by_features(current.fit, state.features, noise)], state.cell)
+    nominal = state.nominal if current.forms else current
+    return replace(state, noise=noise, nominal=nominal, current=current, leftover=leftover)
 
 
 def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
