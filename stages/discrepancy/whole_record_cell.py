@@ -251,7 +251,7 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
         measured.append(filled[record][plant.output][at])
         present.append(inside & known[record][at])
     return WholeRecordCell(
-        settled,
+        settled.thin_out(stride),
         step_s,
         tuple(filled),
         tuple(places),

@@ -17,8 +17,10 @@ from numba import njit
 
 from stages.signals.trajectories import Array
 
-Between = Literal["band_limited", "linear", "held"]
+Between = Literal["band_limited", "linear", "held", "averaged"]
 SITE = "motion"
+BENT = 12.0
+"""Straight lines through points of a bent curve lie beside it by its second difference over this, on average."""
 FURTHEST = 1e3
 """Scales beyond which the motion is cut: a soft spring may let go, and a fit has to go on with finite numbers."""
 
@@ -148,9 +150,10 @@ def refine(signal: Array, substeps: int, between: Between) -> Array:
         At the sampling instants.
     substeps : int
         Integration steps per sample.
-    between : {"band_limited", "linear", "held"}
+    between : {"band_limited", "linear", "held", "averaged"}
         What the input does between samples: follows the smooth curve through them that holds no frequency above half
-        the sampling rate, or a straight line, or stays.
+        the sampling rate, or a straight line, or stays; or samples are means over a period each, which straight lines
+        are to keep.
 
     Returns
     -------
@@ -166,6 +169,9 @@ def refine(signal: Array, substeps: int, between: Between) -> Array:
     if between == "band_limited":
         smooth: Array = resample_poly(signal, fine, 1, axis=0, window=("kaiser", 8.0), padtype="line")
         return smooth[: len(places)]
+    if between == "averaged" and len(signal) > 2:
+        signal = signal.copy()
+        signal[1:-1] -= np.diff(signal, 2, axis=0) / BENT
     left = np.minimum(places // fine, len(signal) - 2)
     share = (places / fine - left).reshape(-1, *[1] * (signal.ndim - 1))
     return signal[left] + share * (signal[left + 1] - signal[left])

@@ -159,6 +159,10 @@ class MotionPlant(RecordPlant):
         scale = cast(float, self.output_scale)
         return float(1.0 / np.sqrt(hold)) if hold > 0.0 else float(np.sqrt(scale / max(push, 1e-300)))
 
+    def thin_out(self, stride: int) -> Self:
+        """Return the plant for records of which every so many samples became their mean: such inputs are means."""
+        return self.model_copy(update={"between_samples": "averaged"}) if stride > 1 else self
+
     def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
         """Return signals with inputs at the instants that the integrator looks at."""
         refined = {name: refine(signals[name], self._substeps(step_s), self.between_samples) for name in self.inputs}

@@ -204,6 +204,10 @@ class RecordPlant(Declared):
         """
         return self
 
+    def thin_out(self, stride: int) -> Self:
+        """Return the plant for records of which every so many samples became their mean."""
+        return self
+
     def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
         """Return inputs and output (T, R) as `simulate` takes them; once for many simulations."""
         return signals

@@ -59,10 +59,12 @@ def _fill(aim: Array, start: float, per_pace: float, terms: LagTerms, pace: floa
     level, held, passed = start, aim[0], start
     h = pace / substeps
     slow = terms.second_lag
+    uneven = 1.0 + terms.asymmetry
+    rising, falling = 1.0 - math.exp(-h * per_pace * uneven), 1.0 - math.exp(-h * per_pace / uneven)
     for k in range(aim.shape[0]):
         reading[k] = level if terms.reading_cut <= 0.0 else min(level, 1.0 / terms.reading_cut)
         for i in range(substeps):
-            at = min(max(k + i / substeps - late, 0.0), aim.shape[0] - 1.0)
+            at = min(max(k + (i + 0.5) / substeps - late, 0.0), aim.shape[0] - 1.0)
             left = int(at)
             right = min(left + 1, aim.shape[0] - 1)
             wanted = aim[left] + (at - left) * (aim[right] - aim[left]) if right > left else aim[left]
@@ -72,13 +74,14 @@ def _fill(aim: Array, start: float, per_pace: float, terms: LagTerms, pace: floa
                 held = min(max(held, wanted - terms.play), wanted + terms.play)
                 wanted = held
             if slow > 0.0:
-                passed += (wanted - passed) * (1.0 - math.exp(-h / slow))
-                wanted = passed
+                short, caught = wanted - passed, 1.0 - math.exp(-h / slow)
+                passed += short * caught
+                wanted -= short * caught * slow / h
             short = wanted - level
-            rate = per_pace * short * (1.0 + terms.asymmetry if short > 0.0 else 1.0 / (1.0 + terms.asymmetry))
+            change = short * (rising if short > 0.0 else falling)
             if terms.rate_cut > 0.0:
-                rate = min(max(rate, -1.0 / terms.rate_cut), 1.0 / terms.rate_cut)
-            level += h * rate
+                change = min(max(change, -h / terms.rate_cut), h / terms.rate_cut)
+            level += change
     return reading
 
 

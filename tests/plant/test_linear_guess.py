@@ -1,0 +1,81 @@
+"""What a record tells before any fit: the pace of sines, derivatives through a filter, coefficients under noise."""
+
+import numpy as np
+import pytest
+
+from stages.plant.linear_guess import filter_derivatives, find_pace, regress
+
+STEP_S = 0.01
+
+
+@pytest.mark.parametrize("hertz", [0.5, 2.0, 9.0])
+def test_the_pace_of_a_sine_is_a_radian_of_it(hertz):
+    time = np.arange(2000) * STEP_S
+    assert find_pace([5.0 + np.sin(2 * np.pi * hertz * time)], STEP_S) == pytest.approx(
+        1 / (2 * np.pi * hertz), rel=0.1
+    )
+
+
+def test_the_pace_minds_neither_drift_nor_size_but_where_the_power_lies():
+    time = np.arange(4000) * STEP_S
+    slow, quick = np.sin(2 * np.pi * 0.5 * time), np.sin(2 * np.pi * 4.0 * time)
+    pace = find_pace([slow + 0.3 * quick], STEP_S)
+    assert find_pace([40.0 * (slow + 0.3 * quick) + 3.0 * time - 7.0], STEP_S) == pytest.approx(pace, rel=0.05)
+    assert find_pace([slow + 3.0 * quick], STEP_S) == pytest.approx(1 / (2 * np.pi * 4.0), rel=0.1)
+    assert find_pace([slow, slow, quick], STEP_S) == pytest.approx(pace, rel=0.1)
+
+
+def test_an_output_that_never_changes_has_a_pace_all_the_same():
+    assert find_pace([np.full(100, 2.0)], STEP_S) == pytest.approx(10 * STEP_S)
+
+
+@pytest.mark.parametrize("hertz", [0.3, 1.5])
+def test_filtered_derivatives_are_those_of_the_filtered_signal(hertz):
+    omega, tau_s = 2 * np.pi * hertz, 0.05
+    time = np.arange(3000) * STEP_S
+    found = filter_derivatives(np.sin(omega * time), 2, tau_s, STEP_S)[1000:]
+    passed = 1.0 / (1.0 + 1j * omega * tau_s) ** 3
+    for order in range(3):
+        truth = np.imag((1j * omega) ** order * passed * np.exp(1j * omega * time))[1000:]
+        np.testing.assert_allclose(found[:, order], truth, atol=5e-3 * np.abs(truth).max())
+
+
+def test_a_constant_stays_and_has_no_derivative_from_the_first_sample_on():
+    found = filter_derivatives(np.full(50, 3.0), 1, 0.1, STEP_S)
+    np.testing.assert_allclose(found, [[3.0, 0.0]] * 50, atol=1e-9)
+
+
+def test_columns_of_any_size_bring_back_their_coefficients(generator):
+    sizes = np.array([1e-6, 1.0, 1e5])
+    rows = [generator.standard_normal((300, 3)) * sizes for _ in range(2)]
+    truth = np.array([4e6, -2.0, 3e-5])
+    told = [each @ truth + 0.01 * generator.standard_normal(300) for each in rows]
+    np.testing.assert_allclose(regress(rows, told, 10), truth, rtol=5e-3)
+
+
+def test_samples_in_which_filters_settle_are_left_out_but_never_most_of_a_record(generator):
+    rows = [generator.standard_normal((200, 1)), generator.standard_normal((30, 1))]
+    told = [3.0 * each[:, 0] for each in rows]
+    told[0][:50] = 1e6
+    assert regress(rows, told, 50) == pytest.approx(3.0)
+    told[1][:15] = 1e6
+    assert regress(rows, told, 50) == pytest.approx(3.0)
+
+
+def test_a_column_that_is_nothing_has_no_coefficient():
+    rows = [np.stack([np.linspace(-1.0, 1.0, 50), np.zeros(50)], axis=1)]
+    assert np.isfinite(regress(rows, [2.0 * rows[0][:, 0]], 0)).all()
+
+
+def test_noise_between_samples_does_not_mislead(generator):
+    """T y' = u - y with noise on y as large as a tenth of it."""
+    time, lag_s = np.arange(6000) * STEP_S, 0.3
+    omegas = np.array([0.7, 1.9, 3.1])
+    passed = 1.0 / (1.0 + 1j * omegas * lag_s)
+    waves = np.exp(1j * omegas[:, None] * time)
+    u, y = np.imag(waves).sum(axis=0), np.imag(passed[:, None] * waves).sum(axis=0)
+    y = y + 0.1 * y.std() * generator.standard_normal(len(y))
+    left, right = (filter_derivatives(each, 1, 0.2, STEP_S) for each in (u, y))
+    gain, found = regress([np.stack([left[:, 0], -right[:, 1]], axis=1)], [right[:, 0]], 200)
+    assert gain == pytest.approx(1.0, rel=0.02)
+    assert found == pytest.approx(lag_s, rel=0.05)
