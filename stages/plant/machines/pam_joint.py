@@ -19,6 +19,9 @@ from stages.plant.listed import NominalConstant
 from stages.plant.motion_plant import MotionConstants, MotionPlant, Pull
 from stages.signals.trajectories import Array
 
+VARIED = 0.01
+"""Deviation of the sum of pressures, over its mean, from which it tells how much it stiffens."""
+
 
 class JointConstants(MotionConstants):
     """Constants of the textbook joint, over its inertia."""
@@ -50,28 +53,29 @@ class PamJoint(MotionPlant):
         return Pull(push, hold, constants["damping"], 0.0)
 
     def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> dict[str, tuple[float, ...]]:
-        """Return the constants that agree best with filtered records, the sum of pressures at its mean."""
-        raising, lowering = (derivatives[name] for name in self.pressures)
+        """Return the constants that agree best with filtered records, stiffening where the sum of pressures changes."""
+        raising, lowering = ([each[:, 0] for each in derivatives[name]] for name in self.pressures)
         outputs = derivatives[self.output]
+        sums = np.concatenate([a + b for a, b in zip(raising, lowering, strict=True)])
+        total = float(sums.mean())
         both = zip(raising, lowering, outputs, derivatives[""], strict=True)
-        rows = [np.stack([a[:, 0] - b[:, 0], one[:, 0], -y[:, 0], -y[:, 1]], axis=1) for a, b, y, one in both]
-        gain, bias, hold, damping = map(float, regress(rows, [y[:, 2] for y in outputs], skipped))
-        total = float(np.mean(np.concatenate([a[:, 0] + b[:, 0] for a, b in zip(raising, lowering, strict=True)])))
+        rows = [
+            np.stack([a - b, one[:, 0], -y[:, 0], -y[:, 1], -(a + b - total) * y[:, 0]], axis=1)
+            for a, b, y, one in both
+        ]
+        gain, bias, hold, damping, stiffening = map(float, regress(rows, [y[:, 2] for y in outputs], skipped))
         per_pace = 1.0 / self.pace_s if self.pace_s else 1.0
         hold = hold if hold > 0.0 else per_pace**2
         damping = damping if damping > 0.0 else per_pace
+        most = hold / max(total, 1e-12)
+        stiffening = min(max(stiffening, 0.0), most) if sums.std() > VARIED * abs(total) else 0.5 * most
         swing = self.output_scale or 1.0
         push = max(abs(bias), hold * swing)
         return {
             "gain": (gain, -50.0 * abs(gain), 50.0 * abs(gain), abs(gain)),
             "bias": (bias, -50.0 * push, 50.0 * push, push),
-            "stiffness": (0.5 * hold, 0.0, 50.0 * hold, hold),
-            "stiffening": (
-                0.5 * hold / max(total, 1e-12),
-                0.0,
-                50.0 * hold / max(total, 1e-12),
-                hold / max(total, 1e-12),
-            ),
+            "stiffness": (hold - stiffening * total, 0.0, 50.0 * hold, hold),
+            "stiffening": (stiffening, 0.0, 50.0 * most, most),
             "damping": (damping, 0.0, 50.0 * max(damping, per_pace), max(damping, per_pace)),
         }
 
