@@ -208,7 +208,8 @@ class Bench:
 class ElementEffect:
     """An effect of an element on a test bench: ``apply(answer, bench, parameters)`` returns the changed answer.
 
-    The answer is over its scale, so that bounds hold for every element. The other fields are those of `ChainEffect`.
+    The answer is over its scale, so that bounds hold for every element. The other fields are those of `ChainEffect`;
+    `scales` is that of `DynamicEffect`, false also where a form has several sliders, which no one slope tells apart.
     """
 
     name: str
@@ -220,6 +221,7 @@ class ElementEffect:
     relatives: tuple[str, ...]
     apply: Callable[[Array, Bench, Mapping[str, float]], Array]
     site: Literal["element"] = "element"
+    scales: bool = True
 
 
 Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect

@@ -109,10 +109,19 @@ def apply_stops_to_element(answer: Array, bench: Bench, parameters: Mapping[str,
 
 def apply_play_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
     """Return an element's answer with one slider along its way, which a record may begin in mid-turn."""
-    width = parameters["width"]
-    before = bench.along[:1] - parameters["begun"] * width
-    stop = follow_stops(np.concatenate([before, bench.along]), np.array([width]))[1:]
-    return answer + parameters["share"] * stop
+    return answer + parameters["share"] * _stop_from(bench, parameters["width"], parameters["begun"])
+
+
+def apply_two_plays_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with two sliders of their own heights and widths."""
+    first, second = (_stop_from(bench, parameters[width], parameters["begun"]) for width in ("width", "second_width"))
+    return answer + parameters["share"] * (first + parameters["second_ratio"] * second)
+
+
+def _stop_from(bench: Bench, width: float, begun: float) -> Array:
+    before = bench.along[:1] - begun * width
+    stop: Array = follow_stops(np.concatenate([before, bench.along]), np.array([width]))[1:]
+    return stop
 
 
 SLIDING_ELEMENT = ElementEffect(
@@ -137,6 +146,24 @@ PLAYING_ELEMENT = replace(
     ),
     source="Krasnoselskii, Pokrovskii, Systems with hysteresis, Springer (1989): the stop, complement of the play",
     apply=apply_play_to_element,
+)
+
+TWO_PLAYS_ELEMENT = replace(
+    PLAYING_ELEMENT,
+    form="element_prandtl_ishlinskii",
+    parameters=(
+        PLAYING_ELEMENT.parameters[0],
+        replace(PLAYING_ELEMENT.parameters[1], starts=(0.15, 0.6)),
+        PLAYING_ELEMENT.parameters[2],
+        Parameter("second_ratio", "1", -3.0, 3.0, 0.0, 1.0, "height of another slider over the first's", (0.5, -0.5)),
+        Parameter("second_width", "1", 0.005, 2.0, 0.5, 0.5, "way in which that turns", (0.4, 0.8)),
+    ),
+    source=(
+        "Lin, Lin, Yu, Chen, Hysteresis modeling and tracking control for a dual pneumatic artificial muscle system "
+        "using Prandtl-Ishlinskii model, Mechatronics 28 (2015): play operators of several widths"
+    ),
+    apply=apply_two_plays_to_element,
+    scales=False,
 )
 
 
@@ -211,5 +238,6 @@ FORMS = (
     BOUC_WEN_SPRING,
     PLAYING_ELEMENT,
     SLIDING_ELEMENT,
+    TWO_PLAYS_ELEMENT,
     PLAYING_LAG,
 )
