@@ -40,6 +40,7 @@ class SearchSettings:
     absorbed: float
     none_prior: float
     certain: float
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -317,7 +318,7 @@ def _list_candidates(found: Search, settings: SearchSettings) -> list[list[Scree
     }
     listed: list[list[Screened]] = []
     for state in found.cells:
-        listed.append(state.promises)
+        listed.append([each for each in state.promises if each.form.name not in settings.left_out])
         if any(each.raw_gain > least for each in listed[-1]):
             worth.add(state.cell.channel)
     idle = [state.cell.channel not in worth for state in found.cells]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from stages.discrepancy.search import SearchSettings
-from stages.plant.declaration import Declared
+from stages.plant.declaration import Declared, nearest
+from stages.plant.effect import list_effects
 
 
 class Tolerance(Declared):
@@ -38,11 +39,19 @@ class SearchSection(Declared):
     absorbed: float = Field(gt=0.5, lt=1.0)
     none_prior: float = Field(gt=0.0, lt=1.0)
     certain: float = Field(gt=0.0, lt=1.0)
+    left_out: list[str] = Field(description="effects that are not looked for")
+
+    @model_validator(mode="after")
+    def _know_effects(self) -> Self:
+        for name in self.left_out:
+            if name not in list_effects():
+                raise ValueError(f"left_out: no effect '{name}'; {nearest(name, list_effects())}")
+        return self
 
     @property
     def settings(self) -> SearchSettings:
         """As the search takes them."""
-        return SearchSettings(**self.model_dump())
+        return SearchSettings(**{**self.model_dump(), "left_out": tuple(self.left_out)})
 
 
 class DiscrepancySettings(Declared):
