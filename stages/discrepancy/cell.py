@@ -152,6 +152,11 @@ class Cell(ABC):
         """Time of a usual movement, s; regimes of time and frequency are told by it."""
         return 1.0
 
+    @property
+    def other_starts(self) -> list[dict[str, float]]:
+        """Values of some constants from which a nominal fit may begin as well; the best is taken."""
+        return []
+
     def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return the values of a form's parameters from which a fit may begin; none where the data speak against it."""
         return list_starts(form)

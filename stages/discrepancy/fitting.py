@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from stages.signals.trajectories import Array
 STEP = 1e-4
 """Step of a finite difference, in standard deviations of the prior."""
 ITERATIONS = 12
+DAMPINGS = (0.01, 0.1, 1.0, 10.0)
+"""Of the curvature's diagonal, where no share of the full step is a better place."""
 ENOUGH = 1e-5
 """Fall of the cost, over the cost, below which a fit has ended."""
 
@@ -224,9 +227,12 @@ def fit(model: Model, noise: Noise, start: Array, iterations: int = ITERATIONS) 
     simulated, residual, cost = look(values)
     for _ in range(iterations):
         slopes, white = _linearise(model, values, simulated, residual, noise)
-        step = _bounded_step(white, (mean - values) / sd**2, 1.0 / sd**2, low - values, high - values)
-        for halving in range(6):
-            trial = np.clip(values + 0.5**halving * step, low, high)
+        pull, precision, room = (mean - values) / sd**2, 1.0 / sd**2, (low - values, high - values)
+        step = _bounded_step(white, pull, precision, *room)
+        shorter = [0.5**halving * step for halving in range(6)]
+        damped = (_bounded_step(white, pull, precision, *room, damping) for damping in DAMPINGS)
+        for change in chain(shorter, damped):
+            trial = np.clip(values + change, low, high)
             found = look(trial)
             if found[2] < cost:
                 break
@@ -249,9 +255,10 @@ def _linearise(model: Model, values: Array, simulated: Array, residual: Array, n
     return slopes, collect_grams(white[:, :, :-1], white[:, :, -1], present)
 
 
-def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high: Array) -> Array:
-    """Return the step to the least of the quadratic model within bounds."""
+def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high: Array, damping: float = 0.0) -> Array:
+    """Return the step to the least of the quadratic model within bounds, damped as Levenberg and Marquardt's."""
     curvature = white.slopes.sum(axis=0) + np.diag(precision)
+    curvature = curvature + damping * np.diag(np.diag(curvature))
     return _find_least(curvature, white.cross.sum(axis=0) + pull, 1.0 / np.sqrt(precision), low, high)
 
 

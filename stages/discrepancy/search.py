@@ -159,13 +159,23 @@ class Search:
 def prepare(cell: Cell) -> CellState:
     """Fit a cell's nominal constants, and estimate its noise from what a flexible model leaves."""
     model = Model(cell)
-    rough = fit_plain(model, begin(model), 0.01 * cell.range)
+    rough = _fit_constants(model)
     features, by_trees = build_features(cell), explain_by_trees(cell, rough.residual)
     least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], cell)
     noise = estimate_noise(least.residual, cell.present, cell.step_s)
     nominal = refine(model, rough.fit.values, rough.spread)
     leftover = keep_least([by_trees, explain_by_features(nominal.fit, features, noise)], cell)
     return CellState(cell, noise, nominal, nominal, leftover)
+
+
+def _fit_constants(model: Model) -> Fitted:
+    """Fit constants as if their residual were white, from where they begin, and from wherever else a cell says."""
+    cell, names = model.cell, [each.name for each in model.cell.constants]
+    starts = [begin(model)]
+    for other in cell.other_starts:
+        told = dict(zip(names, begin(model), strict=True)) | other
+        starts.append(np.array([told[name] for name in names]))
+    return min((fit_plain(model, each, 0.01 * cell.range) for each in starts), key=lambda each: float(each.raw.sum()))
 
 
 def resume(cell: Cell, values: Array, noise: Noise, residual: Array, left: Leftover) -> CellState:

@@ -92,6 +92,11 @@ class WholeRecordCell(Cell):
         return self.plant.parameters
 
     @property
+    def other_starts(self) -> list[dict[str, float]]:
+        """The plant's."""
+        return self.plant.other_starts
+
+    @property
     def forms(self) -> tuple[Form, ...]:
         """Effects at the plant's site that it does not list yet; a level that exact values show is theirs."""
         taken = {entry.name for entry in self.plant.effects}

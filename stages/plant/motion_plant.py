@@ -119,7 +119,9 @@ class MotionPlant(RecordPlant):
         """Return what accelerates the motion under inputs (N, R), at whatever instants."""
 
     @abstractmethod
-    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> dict[str, tuple[float, ...]]:
+    def guess(
+        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
+    ) -> dict[str, tuple[float, ...]]:
         """Return start, bounds and deviation of each constant.
 
         Parameters
@@ -128,6 +130,8 @@ class MotionPlant(RecordPlant):
             Signals of each record with two derivatives, through the same filter, by name; `""` is the number one.
         skipped : int
             Samples in which the filters settle.
+        begun : Beginning
+            How records begin.
         """
 
     def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
@@ -145,7 +149,8 @@ class MotionPlant(RecordPlant):
         names = (*self.inputs, self.output)
         filtered = {name: [filter_derivatives(each[name], 2, tau_s, step_s) for each in records] for name in names}
         filtered[""] = [filter_derivatives(np.ones(len(each)), 2, tau_s, step_s) for each in outputs]
-        guessed = settled.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)))
+        begun = read_beginning([each[:HEAD] for each in outputs], step_s)
+        guessed = settled.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)), begun)
         guessed["timing_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
         told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
         settled = settled.model_copy(update={"constants": type(self.constants)(**told)})

@@ -188,6 +188,11 @@ class RecordPlant(Declared):
         )
 
     @property
+    def other_starts(self) -> list[dict[str, float]]:
+        """Where a fit of some constants may begin as well, where it may end in a wrong place."""
+        return []
+
+    @property
     def starts(self) -> dict[str, float]:
         """Where a fit of the constants begins."""
         return {each.name: each.prior_mean for each in self.parameters}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -132,6 +133,16 @@ class CascadedTanks(RecordPlant):
     def movement_s(self) -> float:
         """Time in which a level follows, s."""
         return self.pace_s
+
+    @property
+    def other_starts(self) -> list[dict[str, float]]:
+        """Tanks that are slower and quicker throughout, and begin emptier and fuller."""
+        rates = ("upper_outflow", "lower_inflow", "lower_outflow", "pump_gain")
+        return [
+            {**{name: pace * self.starts[name] for name in rates}, "upper_start": fill * self.starts["upper_start"]}
+            for pace, fill in product((0.5, 1.0, 2.0), (0.5, 1.0, 1.6))
+            if (pace, fill) != (1.0, 1.0)
+        ]
 
     @property
     def memory_s(self) -> float:

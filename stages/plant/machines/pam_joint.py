@@ -17,6 +17,7 @@ from pydantic import Field
 from stages.plant.linear_guess import regress
 from stages.plant.listed import NominalConstant
 from stages.plant.motion_plant import MotionConstants, MotionPlant, Pull
+from stages.plant.record_plant import Beginning
 from stages.signals.trajectories import Array
 
 VARIED = 0.01
@@ -52,7 +53,9 @@ class PamJoint(MotionPlant):
         hold = constants["stiffness"] + constants["stiffening"] * (raising + lowering)
         return Pull(push, hold, constants["damping"], 0.0)
 
-    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> dict[str, tuple[float, ...]]:
+    def guess(
+        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
+    ) -> dict[str, tuple[float, ...]]:
         """Return the constants that agree best with filtered records, stiffening where the sum of pressures changes."""
         raising, lowering = ([each[:, 0] for each in derivatives[name]] for name in self.pressures)
         outputs = derivatives[self.output]

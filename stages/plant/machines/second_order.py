@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from stages.plant.linear_guess import regress
 from stages.plant.listed import NominalConstant
 from stages.plant.motion_plant import MotionConstants, MotionPlant, Pull
+from stages.plant.record_plant import Beginning
 from stages.signals.trajectories import Array
 
 
@@ -56,7 +57,9 @@ class Oscillator(MotionPlant):
         push = omega**2 * constants["static_gain"] * (signals[self.input] + constants["input_offset"])
         return Pull(push, omega**2, 2.0 * constants["damping_ratio"] * omega, constants["output_offset"])
 
-    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> dict[str, tuple[float, ...]]:
+    def guess(
+        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
+    ) -> dict[str, tuple[float, ...]]:
         """Return the constants of the linear model that agrees best with filtered records."""
         inputs, outputs = derivatives[self.input], derivatives[self.output]
         rows = [

@@ -14,11 +14,11 @@ from pydantic import Field
 from stages.plant.linear_guess import regress
 from stages.plant.listed import NominalConstant
 from stages.plant.motion_plant import MotionConstants, MotionPlant, Pull
-from stages.plant.record_plant import Watched
+from stages.plant.record_plant import Beginning, Watched
 from stages.signals.trajectories import Array
 
 START = 0.002
-"""Usual error of the place, in scales, and of the velocity, in scales per pace, in which a record begins."""
+"""Least error of the place, in scales, and of the velocity, in scales per pace, in which a record begins."""
 SMOOTHED = 0.1
 """Width of the window by which a measured motion is smoothed, paces."""
 
@@ -52,7 +52,9 @@ class ServoDrive(MotionPlant):
         push = (signals[self.force] + constants["force_offset"]) / constants["mass"]
         return Pull(push, 0.0, 0.0, 0.0, (constants["start_shift"], constants["start_rate_shift"]))
 
-    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> dict[str, tuple[float, ...]]:
+    def guess(
+        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
+    ) -> dict[str, tuple[float, ...]]:
         """Return the mass that filtered records show beside friction and springs, and no offset."""
         rows = [
             np.stack([f[:, 0], one[:, 0], -q[:, 1], -np.sign(q[:, 1]), -q[:, 0], -(q[:, 0] ** 3)], axis=1)
@@ -63,7 +65,8 @@ class ServoDrive(MotionPlant):
         quickest = max(float(np.abs(q[skipped:, 2]).max(initial=0.0)) for q in derivatives[self.output])
         mass = 1.0 / per_mass if per_mass > 0.0 else largest / max(quickest, 1e-12)
         place = START * cast(float, self.output_scale)
-        rate = place / cast(float, self.pace_s)
+        rate = max(place / cast(float, self.pace_s), float(begun.rate_error.max()))
+        place = max(place, float(begun.value_error.max()))
         return {
             "mass": (mass, 0.05 * mass, 20.0 * mass, mass),
             "force_offset": (0.0, -largest, largest, 0.2 * largest),
