@@ -153,6 +153,11 @@ class Cell(ABC):
         return 1.0
 
     @property
+    def resolution(self) -> float:
+        """Least error of a simulation of any model, in the channel's unit: no gap is told below it."""
+        return 0.0
+
+    @property
     def other_starts(self) -> list[dict[str, float]]:
         """Values of some constants from which a nominal fit may begin as well; the best is taken."""
         return []

@@ -139,7 +139,14 @@ def tell_truth(
         Draws weights of trials.
     """
     easy = replace(
-        settings, smallest_gap=1.0, least_gain=0.0, least_share=0.0, later_share=0.0, later_gain=0.0, none_prior=1e-9
+        settings,
+        smallest_gap=1.0,
+        least_gain=0.0,
+        least_share=0.0,
+        later_share=0.0,
+        later_gain=0.0,
+        later_rest=0.0,
+        none_prior=1e-9,
     )
     states = [replace(state, cell=_restrict(state.cell, names)) for state in judged.prepared]
     return search(states, replace(easy, most_effects=len(names)), generator)

@@ -32,6 +32,7 @@ class SearchSettings:
     least_share: float
     later_share: float
     later_gain: float
+    later_rest: float
     unexplained_share: float
     imitation_share: float
     temper: float
@@ -113,11 +114,12 @@ class CellState:
     def floor(self) -> float:
         """Root mean square that nothing reproducible explains, in the channel's unit."""
         least = min(self.leftover.raw.sum(), self.current.raw.sum(), self.nominal.raw.sum())
-        return float(np.sqrt(least / self.samples.sum()))
+        return max(float(np.sqrt(least / self.samples.sum())), self.cell.resolution)
 
     def ratio(self, raw: Array, best: Array | None = None) -> float:
         """Return a gap over the floor, or over what the best fit known leaves, if that is less."""
         floor = self.floor if best is None else min(self.floor, float(np.sqrt(best.sum() / self.samples.sum())))
+        floor = max(floor, self.cell.resolution)
         return float(np.sqrt(raw.sum() / self.samples.sum())) / floor
 
 
@@ -578,9 +580,7 @@ def _carriers(
         )
         needed = settings.least_share * (initial - 1.0)
         if state.current.forms:
-            needed = min(
-                settings.later_share * (initial - 1.0), max(settings.later_gain, settings.later_share * before)
-            )
+            needed = min(settings.later_share * (initial - 1.0), max(settings.later_gain, settings.later_rest * before))
         if before - after > max(settings.least_gain, needed):
             gains[place] = before
         elif _is_shown(state, fitted):

@@ -31,6 +31,7 @@ class SearchSection(Declared):
     least_share: float = Field(ge=0.0, le=1.0)
     later_share: float = Field(ge=0.0, le=1.0)
     later_gain: float = Field(ge=0.0)
+    later_rest: float = Field(ge=0.0, le=1.0)
     unexplained_share: float = Field(gt=0.0, lt=1.0)
     imitation_share: float = Field(gt=0.0, lt=1.0)
     temper: float = Field(ge=1.0, le=1e4)

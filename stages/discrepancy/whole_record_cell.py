@@ -27,6 +27,8 @@ from stages.recording import own_unit
 from stages.signals.trajectories import Array
 
 EXACT, CLIPPED = "saturation", ("element", "tank_reading", "full_tank", "reading", "lag_reading")
+AVERAGED = 3e-4
+"""Of the range of a motion, what averaging its samples may change."""
 LEVEL_ERROR = 0.001
 """Of a level that exact values show, over it."""
 """The effect whose level exact values give away, in the forms that clip what is read."""
@@ -58,6 +60,8 @@ class WholeRecordCell(Cell):
         How each record begins.
     head : int
         Samples by which that may be refined.
+    averaged : int
+        Samples of the record in one of the cell.
     """
 
     plant: RecordPlant
@@ -70,6 +74,7 @@ class WholeRecordCell(Cell):
     element: str
     begun: tuple[Beginning, ...]
     head: int
+    averaged: int
 
     @property
     def channel(self) -> str:  # type: ignore[override]
@@ -90,6 +95,11 @@ class WholeRecordCell(Cell):
     def constants(self) -> tuple[Parameter, ...]:
         """Constants of the plant."""
         return self.plant.parameters
+
+    @property
+    def resolution(self) -> float:
+        """What averaging samples may change in a motion, as a share of its range."""
+        return AVERAGED * self.range if self.averaged > 1 else 0.0
 
     @property
     def other_starts(self) -> list[dict[str, float]]:
@@ -269,6 +279,7 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
             for rows in records.values()
         ),
         max(HEAD // stride, 3),
+        stride,
     )
 
 

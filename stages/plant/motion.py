@@ -32,6 +32,8 @@ class MotionTerms(NamedTuple):
     quadratic: float = 0.0
     coulomb: float = 0.0
     sliding: float = 1.0
+    stiction: float = 0.0
+    yielding: float = 1.0
     drag: float = 0.0
     damping: float = 0.0
     hysteretic: float = 0.0
@@ -80,11 +82,12 @@ def _integrate(
     varies = hold.shape[0] > 1
     sliding = max(terms.sliding, 0.5 * terms.coulomb * h)  # a step cannot turn more sharply
     for k in range(drive.shape[1]):
-        x, w, z = start[0, k], start[1, k], 0.0
+        x, w, z, s = start[0, k], start[1, k], 0.0, 0.0
         motion[0, k] = _cut(x, terms.sensor_cut)
         for i in range((samples - 1) * substeps):
             sum_x, sum_w, sum_z = 0.0, 0.0, 0.0
             dx, dw, dz = 0.0, 0.0, 0.0
+            before = x
             for stage in range(4):
                 reach = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
                 weight = 1.0 if stage == 0 or stage == 3 else 2.0
@@ -93,7 +96,11 @@ def _integrate(
                 x_now, w_now, z_now = x + reach * dx, w + reach * dw, z + reach * dz
                 dx = w_now
                 stiff = hold[at, k] if varies else hold[0, 0]
-                dw = _cut(f, terms.drive_cut) - _pull(x_now, w_now, z_now, stiff, damping, sliding, terms)
+                dw = (
+                    _cut(f, terms.drive_cut)
+                    - _pull(x_now, w_now, z_now, stiff, damping, sliding, terms)
+                    - terms.stiction * s
+                )
                 dz = w_now / terms.turning * (1.0 - (z_now * z_now if w_now * z_now > 0.0 else 0.0))
                 sum_x += weight * dx
                 sum_w += weight * dw
@@ -101,6 +108,7 @@ def _integrate(
             x = min(max(x + h / 6.0 * sum_x, -FURTHEST), FURTHEST)
             w = min(max(w + h / 6.0 * sum_w, -FURTHEST), FURTHEST)
             z = min(max(z + h / 6.0 * sum_z, -1.0), 1.0)
+            s = min(max(s + (x - before) / terms.yielding, -1.0), 1.0)
             if (i + 1) % substeps == 0:
                 motion[(i + 1) // substeps, k] = _cut(x, terms.sensor_cut)
     return motion

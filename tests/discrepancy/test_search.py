@@ -19,6 +19,7 @@ SETTINGS = SearchSettings(
     least_share=0.1,
     later_share=0.2,
     later_gain=1.0,
+    later_rest=0.33,
     unexplained_share=0.25,
     imitation_share=0.05,
     temper=2.0,

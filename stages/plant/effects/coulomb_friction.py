@@ -93,6 +93,26 @@ SLIDER = DynamicEffect(
     terms=rub,
 )
 
+
+def stick(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the motion's terms: friction, and the way in which it yields before it slides."""
+    return {"stiction": parameters["share"], "yielding": parameters["presliding"]}
+
+
+YIELDING_SLIDER = replace(
+    SLIDER,
+    form="slider_presliding",
+    parameters=(
+        SLIDER.parameters[0],
+        Parameter("presliding", "1", 0.0005, 0.1, 0.01, 0.02, "way in which it yields first, scales", (0.003, 0.02)),
+    ),
+    source=(
+        "Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE Trans. Autom. Control 50 (2005): one "
+        "element"
+    ),
+    terms=stick,
+)
+
 YIELDING_CABLE = replace(
     CABLE,
     form="cable_presliding",
@@ -127,4 +147,4 @@ RUBBING_ELEMENT = ElementEffect(
     apply=apply_to_element,
 )
 
-FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLIDER, RUBBING_ELEMENT)
+FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLIDER, YIELDING_SLIDER, RUBBING_ELEMENT)

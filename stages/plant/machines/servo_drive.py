@@ -14,7 +14,7 @@ from pydantic import Field
 from stages.plant.linear_guess import regress
 from stages.plant.listed import NominalConstant
 from stages.plant.motion_plant import MotionConstants, MotionPlant, Pull
-from stages.plant.record_plant import Beginning, Watched
+from stages.plant.record_plant import AT_REST, Beginning, Watched
 from stages.signals.trajectories import Array
 
 START = 0.002
@@ -65,7 +65,7 @@ class ServoDrive(MotionPlant):
         quickest = max(float(np.abs(q[skipped:, 2]).max(initial=0.0)) for q in derivatives[self.output])
         mass = 1.0 / per_mass if per_mass > 0.0 else largest / max(quickest, 1e-12)
         place = START * cast(float, self.output_scale)
-        rate = max(place / cast(float, self.pace_s), float(begun.rate_error.max()))
+        rate = max(place / cast(float, self.pace_s), AT_REST * float(begun.rate_error.max()))
         place = max(place, float(begun.value_error.max()))
         return {
             "mass": (mass, 0.05 * mass, 20.0 * mass, mass),
