@@ -7,6 +7,7 @@ verdict in words) and the document ``verdict.json``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Sequence
 from typing import Any
 
@@ -171,7 +172,7 @@ def verify_gap(
         *tell_silent(judgeable, list(measured_muscles["muscle"])),
         *tell_odd(odd),
         *tell_few(int(learnt.sum()), len(opened)),
-        *tell_floor(channels),
+        *tell_floor(channels, tell_gap(verification, last, judged)["noise_floor"] if last else math.inf),
         tell_command(measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
     ]
     return {

@@ -15,6 +15,10 @@ from stages.discrepancy.search import CellState, Search, SearchSettings
 from stages.signals.trajectories import Array
 
 DRAWS = 1000
+HIDING, FAR_ABOVE = 0.04, 3.0
+"""Noise floor over a channel's range, and over its noise from sample to sample, above which it hides what there is."""
+HIDDEN = 0.6
+"""Probability of something without a name where the floor hides what there is and nothing was named."""
 EVEN = 0.5
 """Probability of something without a name where a name's forms leave more than forms of one effect differ by."""
 
@@ -54,10 +58,18 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
         unknown = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
         named = any(state.current.forms for state in states)
         imitated = float((share > settings.imitation_share).mean()) if named else 0.0
+        sure = float(unknown.mean())
+        if any(_is_hidden(state) for state in states):
+            imitated, sure = (1.0 if named else 0.0), max(sure, 0.0 if named else HIDDEN)
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else None
-        remainders[channel] = Remainder(float(np.median(share)), float(unknown.mean()), imitated, line_hz)
+        remainders[channel] = Remainder(float(np.median(share)), sure, imitated, line_hz)
     return remainders
+
+
+def _is_hidden(state: CellState) -> bool:
+    """Return whether so much wanders, or is told by no measured signal, that neither a name nor its absence is sure."""
+    return state.floor > HIDING * state.cell.range and state.floor > FAR_ABOVE * state.noise.white
 
 
 def sum_doubt(remainders: Mapping[str, Remainder]) -> float:

@@ -18,6 +18,8 @@ HIGHEST = 0.95
 PADDING = 2
 NEIGHBOURS = 80
 """Bins of the padded spectrum on either side that tell how much noise there is around a frequency."""
+WIDEST = 2.0
+"""Neighbours on either side, over the least frequency, that may be needed."""
 CHANCE = 1e-3
 """Probability that noise alone shows a line."""
 
@@ -46,6 +48,8 @@ def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> flo
     whole = np.flatnonzero(present.mean(axis=0) > 0.5)
     samples = len(residual)
     if not len(whole) or samples < 4 * NEIGHBOURS:
+        return None
+    if NEIGHBOURS / (PADDING * samples * step_s) > WIDEST * LEAST_HZ:  # a spectrum's slope would pass for a line
         return None
     kept = np.where(present, residual, 0.0)[:, whole]
     windowed = (kept - kept.mean(axis=0)) * np.hanning(samples)[:, None]

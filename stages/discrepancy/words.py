@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -20,6 +21,8 @@ CONCENTRATED = 1.2
 MOST_LISTED = 4
 IMITATED = 0.5
 """Probability above which it is told that a name may stand in for something else."""
+LEAST_SHARE = 0.02
+"""Share of the gap above the noise that is worth telling."""
 LEAST_HELP = 0.97
 """Gap with a candidate over the gap without, above which it is not told as the nearest."""
 
@@ -64,10 +67,13 @@ def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
 def _tell_named(verdict: Mapping[str, Any]) -> list[str]:
     gap, effects = verdict["gap"], verdict["effects"]
     told = [_tell_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
-    doubt = (
+    reason = (
         f"What is left ({_percent(verdict['unexplained_share'])} of the gap above the noise) is more than forms of one "
-        "effect usually differ by: the name may stand in for something that the library does not hold."
+        "effect usually differ by"
+        if verdict["unexplained_share"] > LEAST_SHARE
+        else "The noise floor is so far above the sensor's noise that it may hide what is there"
     )
+    doubt = f"{reason}: the name may stand in for something that the library does not hold."
     return [
         *told,
         *([doubt] if verdict["imitated"] > IMITATED else []),
@@ -86,7 +92,9 @@ def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
     near = f" The nearest is {_spell(nearest['name'])}, which is not enough." if nearest else ""
     line_hz = verdict["line_hz"]
     reproducible = (
-        f"a flexible model would still take away {_percent(share)} of what is above the noise"
+        "it is far above the sensor's noise, and no measured signal tells what it depends on"
+        if line_hz is None and share < LEAST_SHARE
+        else f"a flexible model would still take away {_percent(share)} of what is above the noise"
         if line_hz is None
         else f"an oscillation at {line_hz:.3g} Hz runs through all trials, which nothing measured brings about"
     )
@@ -178,15 +186,20 @@ def tell_few(fitted: int, opened: int) -> list[str]:
     ]
 
 
-def tell_floor(channels: pd.DataFrame) -> list[str]:
+def tell_floor(channels: pd.DataFrame, final: float = math.inf) -> list[str]:
     """Return where what is called noise is far above the sensor's own, from sample to sample.
 
     Parameters
     ----------
     channels : DataFrame
-        Columns ``channel muscle noise_floor white``.
+        Columns ``channel muscle noise_floor white range``.
+    final : float
+        The floor after all that was named, over the range; where it is less, the first one held what was missing.
     """
-    high = channels[channels["noise_floor"] > HIGH_FLOOR * channels["white"]]
+    floor = channels["noise_floor"]
+    if math.isfinite(final):
+        floor = floor.clip(upper=final * channels["range"])
+    high = channels[floor > HIGH_FLOOR * channels["white"]]
     if high.empty:
         return []
     where = [f"{_spell(str(row['channel']))} of {row['muscle']}" for row in high.to_dict("records")]
