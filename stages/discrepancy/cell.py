@@ -37,6 +37,8 @@ class Form:
         What the cell's `simulate` takes.
     scales : bool
         Whether what it does grows in proportion to its magnitude, to begin with.
+    tried : bool
+        Whether it is judged by some steps of a fit from each of its starts, and not by a slope.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Form:
     parameters: tuple[Parameter, ...]
     effect: object
     scales: bool = True
+    tried: bool = False
 
 
 def list_starts(form: Form, most: int = MOST_STARTS) -> list[dict[str, float]]:

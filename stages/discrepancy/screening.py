@@ -57,9 +57,9 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
     present = cell.present
     constants, placed = fit.model.name_values(fit.values)
     simulated = cell.simulate(constants, placed)
-    best = _try_starts(fit, forms)
+    best = _try_starts(fit, [form for form in forms if form.tried or not form.scales])
     owners, starts, changes = [], [], []
-    for form in [each for each in forms if each.scales]:
+    for form in [each for each in forms if each.scales and not each.tried]:
         for start in cell.starts(form, constants):
             change = cell.simulate(constants, [*placed, (form, start)]) - simulated
             if np.isfinite(change).all() and np.abs(change[present]).max(initial=0.0) > 0.0:
@@ -91,9 +91,10 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
 
 
 def _try_starts(found: Fit, forms: Sequence[Form]) -> dict[tuple[str, str], Screened]:
-    """Return what forms promise that set in somewhere: a few steps of a fit from each of their starts.
+    """Return what forms promise by a few steps of a fit from each of their starts.
 
-    Constants begin where they are, and at their priors' means: without the effect they may have gone far astray.
+    Constants begin where they are and, for a form that sets in somewhere, at their priors' means: without the effect
+    they may have gone far astray.
     """
     cell, model = found.model.cell, found.model
     before = np.sum(np.where(cell.present, found.leave_each_out(), 0.0) ** 2)
@@ -103,7 +104,7 @@ def _try_starts(found: Fit, forms: Sequence[Form]) -> dict[tuple[str, str], Scre
     best: dict[tuple[str, str], Screened] = {}
     for form in forms:
         constants, known = model.name_values(found.values)[0], len(found.values)
-        for base, start in product(bases, [] if form.scales else cell.starts(form, constants)):
+        for base, start in product(bases[:1] if form.scales else bases, cell.starts(form, constants)):
             extended = replace(model, forms=(*model.forms, form))
             values = np.concatenate([base, [start[each.name] for each in form.parameters]])
             tried = fit_values(extended, noise, values, iterations=TRIED)

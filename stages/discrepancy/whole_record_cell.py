@@ -111,16 +111,11 @@ class WholeRecordCell(Cell):
         """Effects at the plant's site that it does not list yet; a level that exact values show is theirs."""
         taken = {entry.name for entry in self.plant.effects}
         names = [name for name in list_effects() if name not in taken]
+        found = list_effects_at(self.plant.SITE, names)
         forms = [
-            Form(
-                each.name,
-                each.form,
-                each.site,
-                each.parameters,
-                each,
-                getattr(each, "scales", True) and not self.plant.drifts,
-            )
-            for each in list_effects_at(self.plant.SITE, names)
+            Form(each.name, each.form, each.site, each.parameters, each, scales, tried=True)
+            for each in found
+            for scales in [getattr(each, "scales", True) and not self.plant.drifts]
         ]
         return tuple(self._read_level(form) for form in forms)
 
