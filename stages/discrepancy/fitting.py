@@ -24,6 +24,8 @@ STEP = 1e-4
 ITERATIONS = 12
 DAMPINGS = (0.01, 0.1, 1.0, 10.0)
 """Of the curvature's diagonal, where no share of the full step is a better place."""
+ROUNDING = 1e-13
+"""Of a curvature's trace, what keeps it regular."""
 ENOUGH = 1e-5
 """Fall of the cost, over the cost, below which a fit has ended."""
 
@@ -148,6 +150,8 @@ class Fit:
         gradient = weights @ self.white.cross[:, free] + pull[free]
         room = (low - self.values)[free], (high - self.values)[free]
         scaled = curvature * sd[free] * sd[free][:, None]
+        firm = ROUNDING * np.trace(scaled, axis1=1, axis2=2)  # values that the data tell as one, to the last digit
+        scaled = scaled + firm[:, None, None] * np.eye(len(free))
         least = np.linalg.solve(scaled, (gradient * sd[free])[:, :, None])[:, :, 0] * sd[free]
         for row in np.flatnonzero(((least < room[0]) | (least > room[1])).any(axis=1)):
             least[row] = _find_least(curvature[row], gradient[row], sd[free], *room)

@@ -27,8 +27,12 @@ from stages.recording import own_unit
 from stages.signals.trajectories import Array
 
 EXACT, CLIPPED = "saturation", ("element", "tank_reading", "full_tank", "reading", "lag_reading")
-AVERAGED = 3e-4
-"""Of the range of a motion, what averaging its samples may change."""
+AVERAGED, ROUNDED = 3e-4, 1e-6
+"""Of the range of a motion, what averaging its samples may change, and what rounding and integration may."""
+FEWEST = 10
+"""Samples of a block in which a motion may show."""
+SAME, LARGEST = 1e-12, 1e100
+"""Range of an output over its size, up to which it never changes; and size beyond which no square is a number."""
 LEVEL_ERROR = 0.001
 """Of a level that exact values show, over it."""
 """The effect whose level exact values give away, in the forms that clip what is read."""
@@ -98,8 +102,8 @@ class WholeRecordCell(Cell):
 
     @property
     def resolution(self) -> float:
-        """What averaging samples may change in a motion, as a share of its range."""
-        return AVERAGED * self.range if self.averaged > 1 else 0.0
+        """What averaging samples may change in a motion, and rounding in any, as a share of its range."""
+        return (AVERAGED if self.averaged > 1 else ROUNDED) * self.range
 
     @property
     def other_starts(self) -> list[dict[str, float]]:
@@ -238,10 +242,12 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
     Raises
     ------
     ValueError
-        When one of the signals is missing or has no values.
+        When one of the signals is missing or has no values, when the output never changes, or when there are too few
+        samples.
     """
     names = (*plant.inputs, plant.output)
     records, step_s = spread_records(signals, names)
+    _check_records(records, trials, plant.output)
     settled = plant.settle([{name: bridge(rows[name]) for name in names} for rows in records.values()], step_s)
     stride = max(int(settled.finest_s / step_s), 1)
     order = {name: k for k, name in enumerate(records)}
@@ -276,6 +282,20 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
         max(HEAD // stride, 3),
         stride,
     )
+
+
+def _check_records(records: Mapping[str, pd.DataFrame], trials: pd.DataFrame, output: str) -> None:
+    values = np.concatenate([rows[output].dropna().to_numpy(dtype=float) for rows in records.values()])
+    if np.ptp(values) <= SAME * np.abs(values).max(initial=0.0):
+        raise ValueError(f"signal {output}: expected an output that changes, got {values[0]:g} throughout")
+    if np.abs(values).max() > LARGEST:
+        raise ValueError(f"signal {output}: expected values below {LARGEST:g}, got {np.abs(values).max():g}")
+    longest, samples = max(len(rows) for rows in records.values()), int(trials["samples"].max())
+    if samples < FEWEST:
+        raise ValueError(
+            f"expected blocks of {FEWEST} samples or more, got {samples}: the longest record has {longest} samples; "
+            f"record more, or set measurement.blocks={max(longest // FEWEST, 3)} or fewer"
+        )
 
 
 def _find_known(rows: pd.DataFrame, plant: RecordPlant, memory: float) -> NDArray[np.bool_]:

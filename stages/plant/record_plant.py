@@ -319,5 +319,7 @@ def begin(run: Callable[[Array], Array], guess: Array, wide: Array, head: Array,
             slopes[:, place] = (run(moved) - plain) / (1e-2 * width)
         rows = np.concatenate([slopes / noise, np.diag(1.0 / wide)])
         left = np.concatenate([(head - plain) / noise, (guess - state) / wide])
+        if not (np.isfinite(rows).all() and np.isfinite(left).all()):
+            return guess
         state = state + np.linalg.lstsq(rows, left, rcond=None)[0]
     return state
