@@ -75,7 +75,9 @@ def amend_model(
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
     told = told.keep_apart(trial_parts)
     cells = list_cells(cfg.plant, told, settings)
-    status = decide_status(len(named_effects), unexplained["probability"].max(), settings.search.certain)
+    status = decide_status(
+        list(named_effects["probability"]), unexplained["probability"].max(), settings.search.certain
+    )
     last = int(steps["step"].max()) if status == "named" else 0
     rows: list[dict[str, Any]] = []
     for cell in cells:

@@ -216,7 +216,7 @@ def list_named(judged: Judgement) -> list[dict[str, Any]]:
             "form": form,
             "channel": each.channel,
             "muscle": muscle,
-            "probability": min(each.probability * (1.0 - judged.doubt), 1.0),
+            "probability": each.doubt(judged.doubt),
             "not_excluded": ",".join(each.alternatives),
         }
         for order, each in enumerate(judged.named, start=1)

@@ -83,7 +83,9 @@ def describe_remainder(
 ) -> pd.DataFrame:
     """Describe what the amended model leaves above the noise floor."""
     settings, smallest = cfg.discrepancy, cfg.discrepancy.search.smallest_gap
-    status = decide_status(len(named_effects), unexplained["probability"].max(), settings.search.certain)
+    status = decide_status(
+        list(named_effects["probability"]), unexplained["probability"].max(), settings.search.certain
+    )
     last = int(steps["step"].max()) if status == "named" else 0
     described: list[Description] = []
     if (channels["gap_over_floor"] > smallest).any():

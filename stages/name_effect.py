@@ -138,7 +138,7 @@ def name_effect(
             "site": each.site,
             "channel": each.channel,
             "muscle": muscle,
-            "probability": min(each.probability * (1.0 - doubt), 1.0),
+            "probability": each.doubt(doubt),
             "indistinguishable_from": ",".join(each.alternatives),
         }
         for order, each in enumerate(found.named, start=1)

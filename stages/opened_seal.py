@@ -59,7 +59,7 @@ def opened_seal(
     if digest != seal["sha256"].iloc[0]:
         raise InputError("seal: the rig tells another truth than the one that was sealed; run sealed_session again")
     certain = cfg.discrepancy.search.certain
-    left = decide_status(len(named_effects), unexplained["probability"].max(), certain) == "unexplained"
+    left = decide_status(list(named_effects["probability"]), unexplained["probability"].max(), certain) == "unexplained"
     said = named_effects.iloc[:0] if left else named_effects
     hidden = recorded.truth["effects"]
     rows = compare(hidden, recorded.truth["gap_over_floor"], said, channels)

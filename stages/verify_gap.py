@@ -140,7 +140,8 @@ def verify_gap(
         rows += [{"part": part, **row} for row in compared]
     verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
     places = locate_most(gap, channels, named_effects, settings.search.smallest_gap)
-    status = decide_status(len(named_effects), unexplained["probability"].max(), settings.search.certain)
+    named = list(named_effects["probability"])
+    status = decide_status(named, unexplained["probability"].max(), settings.search.certain)
     last = len(labels) - 1 if status == "named" else 0
     weights = resample(len(opened), settings.bootstraps, ctx.generator("resample", "verification"))
     over_floor = bound_ratio(found, last, opened, weights, settings.level)

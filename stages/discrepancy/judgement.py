@@ -65,7 +65,7 @@ class Judgement:
     @property
     def status(self) -> Status:
         """As in the verdict."""
-        return decide_status(len(self.found.named), self.unknown, self.certain)
+        return decide_status([each.doubt(self.doubt) for each in self.found.named], self.unknown, self.certain)
 
     @property
     def named(self) -> list[Named]:

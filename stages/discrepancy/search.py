@@ -134,6 +134,11 @@ class Named:
     elements: tuple[str, ...]
     probability: float
     alternatives: tuple[str, ...]
+    shown: bool = False
+
+    def doubt(self, doubt: float) -> float:
+        """Return its probability, less that of something without a name; what exact values show stays sure."""
+        return min(self.probability * (1.0 if self.shown else 1.0 - doubt), 1.0)
 
 
 @dataclass(frozen=True)
@@ -558,6 +563,7 @@ def _decide(
         tuple(found.cells[place].cell.element for place in carriers),
         sum(verdicts.names[name] for name in equals),
         alternatives[:2],
+        any(_is_shown(found.cells[place], choices[place][best, verdicts.forms[best][place]]) for place in carriers),
     )
 
 

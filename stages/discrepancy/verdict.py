@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -32,18 +32,20 @@ def list_absorbed(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list
     return [str(name) for name in rows.loc[sites, "name"]]
 
 
-def decide_status(named: int, unknown: float, certain: float) -> Status:
-    """Return the status: what was named does not count where most of the gap stays without a name.
+def decide_status(named: Sequence[float], unknown: float, certain: float) -> Status:
+    """Return the status: what was named does not count where most of the gap stays without a name, unless it is sure.
 
     Parameters
     ----------
-    named : int
-        Effects that were added.
+    named : sequence of float
+        Probabilities of the effects that were added, less the doubt; what exact values show stays sure.
     unknown : float
         Probability that something without a name is left.
     certain : float
         Probability above which that is said.
     """
+    if max(named, default=0.0) > certain:
+        return "named"
     if unknown > certain:
         return "unexplained"
     return "named" if named else "no_discrepancy"

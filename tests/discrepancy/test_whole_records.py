@@ -1,8 +1,5 @@
 """Elements on a test bench: a planted loop is named and mended, and nothing is named where there is none."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,8 +10,6 @@ from stages.discrepancy.whole_record_cell import build_whole_records
 from stages.plant.machine import read_machine
 from tests.plant.machines import CONF
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-RECORDED, TANKS = DATA / "pam_antagonistic_ucr", DATA / "cascaded_tanks"
 STEP_S = 0.02
 BLOCKS = 16
 
@@ -153,49 +148,3 @@ def test_a_reading_that_is_cut_is_named_with_its_level(settings):
 
 def test_tanks_without_an_effect_have_none_named(settings):
     assert not look(build_tanks(seed=3), settings).named
-
-
-@pytest.mark.skipif(not TANKS.exists(), reason=f"recorded data of others are needed at {TANKS}")
-def test_recorded_tanks_bring_no_wrong_name(pamid, tmp_path):
-    """Two tanks recorded by Schoukens and Noel, estimation and validation apart."""
-    run = pamid(
-        "workflow=discrepancy",
-        "measurement=records",
-        f"measured={TANKS / 'cascaded_tanks.parquet'}",
-        "columns.time_s=t",
-        "+columns.pump_v=u",
-        "+columns.level_v=y",
-        "plant=cascaded_tanks",
-        "parts.fitted=[est]",
-        "parts.verification=[val]",
-    )
-    assert run.returncode == 0, run.stderr
-    verdict = json.loads(next(tmp_path.glob("outputs/runs/*/verdict.json")).read_text())
-    assert {each["name"] for each in verdict["effects"]} <= {"overflow", "saturation"}
-    assert [row["channel"] for row in verdict["where"]] == ["level_v"]
-
-
-@pytest.mark.skipif(not RECORDED.exists(), reason=f"recorded data of others are needed at {RECORDED}")
-def test_the_loop_of_a_recorded_joint_is_named_by_a_column_map_alone(pamid, tmp_path):
-    """An antagonistic pneumatic joint under a sinusoidal force (Wang and Realmuto): it sticks as the force turns."""
-    run = pamid(
-        "workflow=discrepancy",
-        "measurement=records",
-        f"measured={RECORDED / 'pam_antagonistic_ucr.parquet'}",
-        "columns.time_s=t",
-        "+columns.force_n=force_N",
-        "+columns.position_m=x_m",
-        "plant=static_map",
-        "plant.along=force_n",
-        "plant.output=position_m",
-        "plant.constants.stiffness.of=[force_n]",
-        "parts.last_share=0.4",
-        "measurement.blocks=20",
-    )
-    assert run.returncode == 0, run.stderr
-    verdict = json.loads(next(tmp_path.glob("outputs/runs/*/verdict.json")).read_text())
-    assert [each["name"] for each in verdict["effects"]] == ["hysteresis"]
-    verification = pd.read_parquet(next(tmp_path.glob("outputs/runs/*/tables/verification.parquet")))
-    before, after = verification["gap_over_std"].iloc[:2]
-    assert before > 0.3
-    assert after < 0.12

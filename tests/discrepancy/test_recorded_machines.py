@@ -1,0 +1,122 @@
+"""Records of machines that others measured, by a column map alone: what is named, and what it leaves where not fitted.
+
+Tanks of Schoukens and Noel, a joint of Wang and Realmuto, a drive of Janot, Gautier and Brunot: data of theirs, which
+are not part of this project.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from stages.discrepancy.search import SearchSettings, prepare, search
+from stages.discrepancy.whole_record_cell import build_whole_records
+from tests.discrepancy.test_whole_records import read_plant, tabulate
+from tests.plant.machines import CONF
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+TANKS = DATA / "cascaded_tanks" / "cascaded_tanks.parquet"
+JOINT = DATA / "pam_antagonistic_ucr" / "pam_antagonistic_ucr.parquet"
+DRIVE = DATA / "emps" / "emps.parquet"
+MAPS = {
+    TANKS: ["+columns.pump_v=u", "+columns.level_v=y", "plant=cascaded_tanks"],
+    JOINT: [
+        "+columns.force_n=force_N",
+        "+columns.position_m=x_m",
+        "plant=static_map",
+        "plant.along=force_n",
+        "plant.output=position_m",
+        "plant.constants.stiffness.of=[force_n]",
+        "parts.last_share=0.4",
+        "measurement.blocks=20",
+    ],
+    DRIVE: ["+columns.force_n=force", "+columns.position_m=qm", "plant=servo_drive"],
+}
+PARTS = ["parts.fitted=[est]", "parts.verification=[val]"]
+
+pytestmark = pytest.mark.skipif(not DATA.exists(), reason=f"recorded data of others are needed at {DATA}")
+
+
+def run(pamid, tmp_path, path, *more):
+    """Run the workflow; return names with probabilities, status, and RMSE/std before and after where not fitted."""
+    result = pamid(
+        "workflow=discrepancy", "measurement=records", f"measured={path}", "columns.time_s=t", *MAPS[path], *more
+    )
+    assert result.returncode == 0, result.stderr
+    verdict = json.loads(next(tmp_path.glob("outputs/runs/*/verdict.json")).read_text())
+    table = pd.read_parquet(next(tmp_path.glob("outputs/runs/*/tables/verification.parquet")))
+    opened = table[(table["part"] == "verification") & (table["label"] != "noise floor")]["gap_over_std"]
+    return {each["name"]: each["probability"] for each in verdict["effects"]}, verdict["status"], opened.tolist()
+
+
+@pytest.mark.slow
+def test_tanks_are_full_and_run_over(pamid, tmp_path):
+    names, status, left = run(pamid, tmp_path, TANKS, *PARTS)
+    assert status == "named"
+    assert set(names) == {"saturation", "overflow"}
+    assert left[0] > 0.3
+    assert left[-1] < 0.175
+
+
+@pytest.mark.slow
+def test_a_joint_sticks_where_the_force_turns(pamid, tmp_path):
+    names, _, left = run(pamid, tmp_path, JOINT)
+    assert set(names) == {"hysteresis"}
+    assert left[0] > 0.3
+    assert left[-1] < 0.099
+
+
+@pytest.mark.slow
+def test_a_drive_rubs(pamid, tmp_path):
+    names, _, left = run(pamid, tmp_path, DRIVE, *PARTS)
+    assert set(names) == {"coulomb_friction", "viscous_friction"}
+    assert left[0] > 1.0
+    assert left[-1] < 0.08
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("left_out", ["overflow", "saturation,overflow"])
+def test_without_its_effect_a_gap_of_the_tanks_has_no_name(pamid, tmp_path, left_out):
+    names, status, _ = run(pamid, tmp_path, TANKS, *PARTS, f"discrepancy.search.left_out=[{left_out}]")
+    assert status == "unexplained"
+    assert names == {}
+
+
+@pytest.mark.slow
+def test_without_hysteresis_no_other_name_is_sure(pamid, tmp_path):
+    names, _, _ = run(pamid, tmp_path, JOINT, "discrepancy.search.left_out=[hysteresis,coulomb_friction]")
+    assert max(names.values(), default=0.0) < 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [TANKS, JOINT, DRIVE], ids=["tanks", "joint", "drive"])
+def test_nothing_is_named_in_what_the_fitted_textbook_simulates(path):
+    frame = pd.read_parquet(path)
+    frame = frame[frame["part"] == "est"] if "part" in frame else frame
+    columns = dict(each.removeprefix("+columns.").split("=") for each in MAPS[path] if each.startswith("+columns"))
+    kind = next(each for each in MAPS[path] if each.startswith("plant=")).removeprefix("plant=")
+    changes = {}
+    if path == JOINT:
+        constants = {
+            name: {"unit": "1", "of": of, "start": None, "low": None, "high": None, "sd": None}
+            for name, of in (("stiffness", ["force_n"]), ("offset", []))
+        }
+        changes = {"along": "force_n", "output": "position_m", "constants": constants}
+    plant = read_plant(kind, **changes)
+    step_s = float(np.median(np.diff(frame["t"])))
+    signals = {name: frame[column].to_numpy(float) for name, column in columns.items()}
+    cell = build_whole_records(*tabulate(signals, step_s=step_s), plant)
+    fitted = prepare(cell).nominal.fit
+    record = cell.records[0]
+    refined = cell.plant.refine({name: values[:, None] for name, values in record.items()}, cell.step_s)
+    constants = fitted.model.name_values(fitted.values)[0]
+    clean = cell.plant.simulate(refined, cell.step_s, np.zeros(1), constants, (), cell.begun[0])[:, 0]
+    settings = SearchSettings(**yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text())["search"])
+    for seed in range(4):
+        noise = 0.01 * clean.std() * np.random.default_rng(seed).standard_normal(len(clean))
+        copied = {**record, cell.plant.output: clean + noise}
+        again = build_whole_records(*tabulate(copied, step_s=cell.step_s), plant)
+        assert search([prepare(again)], settings, np.random.default_rng(seed)).named == []
