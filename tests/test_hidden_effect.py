@@ -73,7 +73,8 @@ def opened(recorded, folder, named, left=0.0):
     study, stages = read_stages(STAGES, *GROUPS)
     muscles = ["pam1", "pam2", "pam3", "pam4"]
     channels = pd.DataFrame({"channel": "force_n", "muscle": muscles, "gap_over_floor": 2.0})
-    rows = [{"order": 1, "name": n, "channel": "force_n", "muscle": m, "probability": 0.8} for n, m in named]
+    probability = 0.8 * (1.0 - left)  # the doubt takes its part
+    rows = [{"order": 1, "name": n, "channel": "force_n", "muscle": m, "probability": probability} for n, m in named]
     said = pd.DataFrame(rows, columns=["order", "name", "channel", "muscle", "probability"])
     tables = {
         "seal": recorded["seal"],
