@@ -37,6 +37,7 @@ UNDATED: dict[str, dict[str, Any]] = {
     "svg": {"Date": None, "Creator": None},
 }
 """Metadata that would differ between two files of the same figure."""
+DOTS_PER_INCH = 150
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -231,11 +232,15 @@ class Context:
 
     def figure(self, name: str, figure: Figure, caption: str) -> None:
         """Keep a matplotlib figure, with the caption that the report prints beside the PNG."""
+        figure.set_dpi(DOTS_PER_INCH)
+        layout = figure.get_layout_engine()
+        if layout is not None:
+            layout.execute(figure)
+            figure.set_layout_engine("none")  # every format has this layout, and is drawn once
         for suffix in self.formats:
             path = self.folder / "figures" / f"{name}.{suffix}"
-            write_atomically(path, partial(figure.savefig, dpi=150, metadata=UNDATED[suffix]), final=True)
+            write_atomically(path, partial(figure.savefig, dpi=DOTS_PER_INCH, metadata=UNDATED[suffix]), final=True)
             self._note(path, kind="figure", caption=caption)
-            figure.set_layout_engine("none")  # the next format has the layout of the first
         figure.clear()
 
     def document(self, name: str, mapping: Mapping[str, Any], form: Literal["json", "yaml"] = "json") -> None:

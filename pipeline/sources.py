@@ -104,13 +104,16 @@ def _imports(path: Path) -> tuple[str, ...]:
     return tuple(_walk_imports(ast.parse(path.read_bytes())))
 
 
-def _walk_imports(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (each.name for each in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            yield node.module
-            yield from (f"{node.module}.{each.name}" for each in node.names)
+def _walk_imports(node: ast.AST) -> Iterator[str]:
+    if isinstance(node, ast.Import):
+        yield from (each.name for each in node.names)
+    elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+        yield node.module
+        yield from (f"{node.module}.{each.name}" for each in node.names)
+    for field in ("body", "orelse", "handlers", "finalbody", "cases"):  # an import is a statement, and within these
+        held = getattr(node, field, ())
+        for each in held if isinstance(held, list) else ():
+            yield from _walk_imports(each)
 
 
 @cache
