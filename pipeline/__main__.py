@@ -19,7 +19,7 @@ if __name__ == "__main__":
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
     os.environ[_variable] = "1"
 os.environ.setdefault("MPLBACKEND", "Agg")
-gc.set_threshold(100_000)  # imports and tables make many objects that stay, and looking for cycles took a tenth of a run
+gc.set_threshold(100_000)  # looking for cycles among so many objects that stay took a tenth of a run
 
 import re
 from collections.abc import Mapping, Sequence

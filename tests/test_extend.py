@@ -57,6 +57,7 @@ def test_the_page_shows_an_effect_and_a_plant():
     assert len(TYPED) == 4
 
 
+@pytest.mark.slow
 def test_the_effect_is_named_in_the_plant_and_nothing_is_without_it(tree):
     assert run(tree, "python record.py").returncode == 0
     for line, shown in TYPED:

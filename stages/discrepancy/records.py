@@ -12,6 +12,9 @@ import pandas as pd
 
 from stages.signals.trajectories import Array
 
+SHARPENED = 24.0
+"""Triangles blur a bent curve by this part of its second difference more than plain means do."""
+
 
 def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[str, pd.DataFrame], float]:
     """Return each record's signals, a column each, by time; and the time between samples, s.
@@ -59,10 +62,43 @@ def bridge(column: pd.Series) -> Array:
     return np.interp(np.arange(len(values)), known, values[known])
 
 
-def thin_out(rows: pd.DataFrame, stride: int) -> pd.DataFrame:
-    """Return means of each `stride` samples of a record, at the time of the first; missing where one is missing."""
+def thin_out(rows: pd.DataFrame, stride: int, pushing: Sequence[str] = ()) -> pd.DataFrame:
+    """Return means of each `stride` samples of a record, at the time of the first; missing where one is missing.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        A record's signals, a column each.
+    stride : int
+        Samples that become one.
+    pushing : sequence of str
+        Signals that push a motion. It adds their noise up twice, so that not only how much they push matters but when:
+        their means are weighted by triangles, which keep both.
+    """
     if stride == 1:
         return rows
     whole = len(rows) // stride * stride
-    means = rows.to_numpy(dtype=float)[:whole].reshape(-1, stride, rows.shape[1]).mean(axis=1)
+    values = rows.to_numpy(dtype=float)[:whole]
+    means = values.reshape(-1, stride, rows.shape[1]).mean(axis=1)
+    for place in (rows.columns.get_loc(name) for name in pushing):
+        means[:, place] = _weigh_by_triangles(values[:, place], stride)
     return pd.DataFrame(means, index=rows.index[:whole:stride], columns=rows.columns)
+
+
+def _weigh_by_triangles(values: Array, stride: int) -> Array:
+    """Return means at the middle of each `stride` values, weighted by triangles that reach to the next middles.
+
+    Put back on straight lines between the middles, they have the sum and the first moment of the values themselves.
+    """
+    middle = 0.5 * (stride - 1)
+    places = np.arange(int(np.ceil(middle)), len(values) - stride + int(middle) + 1)
+    left, share = np.divmod((places - middle) / stride, 1.0)
+    left = left.astype(int)
+    count = len(values) // stride
+    pushed, weight = np.zeros(count + 1), np.zeros(count + 1)
+    for at, part in ((left, 1.0 - share), (left + 1, share)):
+        pushed += np.bincount(at, part * values[places], count + 1)
+        weight += np.bincount(at, part, count + 1)
+    means = pushed[:count] / weight[:count]
+    means[1:-1] -= np.diff(means, 2) / SHARPENED
+    return means

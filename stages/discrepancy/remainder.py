@@ -22,6 +22,9 @@ HIDDEN = 0.6
 EVEN = 0.5
 """Probability of something without a name where a name's forms leave more than forms of one effect differ by."""
 
+MANY = 3
+"""Names in one channel from which on one effect without a name is as likely as so many with one."""
+
 
 class Remainder(NamedTuple):
     """What a channel's named effects leave.
@@ -33,7 +36,8 @@ class Remainder(NamedTuple):
     unknown : float
         Probability that it is more than the limit while the gap left is one that matters.
     imitated : float
-        Probability that what was named here leaves more than forms of the same effect differ by.
+        Probability that what was named here leaves more than forms of the same effect differ by, or takes too many
+        names.
     line_hz : float or None
         Frequency of an oscillation in all trials of one of its elements, Hz.
     """
@@ -61,6 +65,8 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
         sure = float(unknown.mean())
         if any(_is_hidden(state) for state in states):
             imitated, sure = (1.0 if named else 0.0), max(sure, 0.0 if named else HIDDEN)
+        if sum(each.channel == channel and not each.shown for each in found.named) >= MANY:
+            imitated = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else None
         remainders[channel] = Remainder(float(np.median(share)), sure, imitated, line_hz)

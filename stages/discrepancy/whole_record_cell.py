@@ -251,7 +251,7 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
     settled = plant.settle([{name: bridge(rows[name]) for name in names} for rows in records.values()], step_s)
     stride = max(int(settled.finest_s / step_s), 1)
     order = {name: k for k, name in enumerate(records)}
-    thinned = [thin_out(rows[list(names)], stride) for rows in records.values()]
+    thinned = [thin_out(rows[list(names)], stride, settled.pushing) for rows in records.values()]
     first_s, step_s = step_s, step_s * stride
     filled = [{name: bridge(rows[name]) for name in names} for rows in thinned]
     known = [_find_known(rows, plant, settled.memory_s / step_s) for rows in thinned]

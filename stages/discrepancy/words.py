@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from stages.discrepancy.remainder import MANY
 from stages.discrepancy.signal_names import name_signal
 from stages.plant.effect import Effect, find_effect
 
@@ -67,13 +68,19 @@ def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
 def _tell_named(verdict: Mapping[str, Any]) -> list[str]:
     gap, effects = verdict["gap"], verdict["effects"]
     told = [_tell_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
-    reason = (
-        f"What is left ({_percent(verdict['unexplained_share'])} of the gap above the noise) is more than forms of one "
-        "effect usually differ by"
-        if verdict["unexplained_share"] > LEAST_SHARE
-        else "The noise floor is so far above the sensor's noise that it may hide what is there"
-    )
-    doubt = f"{reason}: the name may stand in for something that the library does not hold."
+    channels = [each["channel"] for each in effects]
+    if max(channels.count(each) for each in channels) >= MANY:
+        doubt = "So many names in one channel may stand in for one effect that the library does not hold."
+    elif verdict["unexplained_share"] > LEAST_SHARE:
+        doubt = (
+            f"What is left ({_percent(verdict['unexplained_share'])} of the gap above the noise) is more than forms of "
+            "one effect usually differ by: the name may stand in for something that the library does not hold."
+        )
+    else:
+        doubt = (
+            "The noise floor is so far above the sensor's noise that it may hide what is there: the name may stand in "
+            "for something that the library does not hold."
+        )
     return [
         *told,
         *([doubt] if verdict["imitated"] > IMITATED else []),

@@ -92,6 +92,11 @@ class MotionPlant(RecordPlant):
         return self
 
     @property
+    def pushing(self) -> tuple[str, ...]:
+        """All inputs."""
+        return self.inputs
+
+    @property
     def drifts(self) -> bool:
         """Whether nothing makes it forget how it began."""
         return not self.SETTLES

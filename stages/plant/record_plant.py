@@ -134,6 +134,11 @@ class RecordPlant(Declared):
     def inputs(self) -> tuple[str, ...]:
         """Signals that the output is told from."""
 
+    @property
+    def pushing(self) -> tuple[str, ...]:
+        """Inputs that push a motion."""
+        return ()
+
     @model_validator(mode="after")
     def _check_effects(self) -> Self:
         for entry in self.effects:

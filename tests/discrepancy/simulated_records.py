@@ -17,8 +17,8 @@ def rub(velocity, slow):
     return velocity / np.sqrt(velocity**2 + slow**2)
 
 
-def drive(seed, coulomb=0.0, viscous=0.0, held=False, noise=2e-5, samples=3000, step_s=0.005):
-    """A mass of 50 kg that a controller moves along a random way; friction in N and N s/m."""
+def drive(seed, coulomb=0.0, viscous=0.0, held=False, noise=2e-5, samples=3000, step_s=0.005, jitter=0.2):
+    """A mass of 50 kg that a controller moves along a random way; friction in N and N s/m, jitter of the force in N."""
     generator = np.random.default_rng(seed)
     way = 0.15 * wander(generator, samples, 600)
     speed = np.gradient(way, step_s)
@@ -26,7 +26,7 @@ def drive(seed, coulomb=0.0, viscous=0.0, held=False, noise=2e-5, samples=3000, 
     x, v, aimed = way[0], speed[0], 0.0
     for k in range(samples):
         position[k], force[k] = x, aimed
-        aimed = 4000.0 * (way[k] - x) + 600.0 * (speed[k] - v) + 0.2 * generator.standard_normal()
+        aimed = 4000.0 * (way[k] - x) + 600.0 * (speed[k] - v) + jitter * generator.standard_normal()
         for i in range(FINE):
             pushed = force[k] + 3.0 + (0.0 if held else (i + 0.5) / FINE * (aimed - force[k]))
             v += step_s / FINE * (pushed - coulomb * rub(v, 1e-3) - viscous * v) / 50.0

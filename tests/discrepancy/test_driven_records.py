@@ -90,3 +90,13 @@ def test_nothing_is_named_in_a_joint_without_an_effect(seed):
     constants = read_values(state)[0]
     assert constants["gain"] == pytest.approx(0.5, rel=0.02)
     assert constants["damping"] == pytest.approx(4.0, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_noise_that_pushes_a_drive_is_no_effect_where_samples_become_their_means(seed):
+    """It adds up to a walk that plain means of the force would miss: with them friction was named."""
+    recorded = drive(seed, jitter=1.0, samples=3000)
+    state, names = look("servo_drive", recorded)
+    assert state.cell.averaged > 1
+    assert names == []
+    assert state.ratio(state.nominal.raw) < 1.1

@@ -64,6 +64,7 @@ def run(pamid, path, *overrides):
     return pamid.runs[-1], json.loads((pamid.runs[-1] / "verdict.json").read_text())
 
 
+@pytest.mark.slow
 def test_a_hidden_cubic_spring_is_named_and_the_amended_plant_lacks_nothing(pamid, tmp_path):
     position = write_record(tmp_path / "run.csv", share=0.3)
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(PLANT))
@@ -108,6 +109,7 @@ def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, t
         assert told in message
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not RECORDED.exists(), reason=f"needs the recorded oscillator, {RECORDED}")
 def test_the_spring_of_a_recorded_oscillator_is_named_by_one_command(pamid):
     result = pamid("workflow=discrepancy", "measurement=silverbox", f"measured={RECORDED}", "figures=[png]")

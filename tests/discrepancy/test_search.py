@@ -122,6 +122,13 @@ def test_a_name_that_leaves_more_than_its_forms_differ_by_is_doubted():
     assert sum_doubt(left) == pytest.approx(0.5 * left["y"].imitated)
 
 
+@pytest.mark.parametrize(("names", "shown", "doubt"), [(2, False, 0.0), (3, False, 0.5), (3, True, 0.0)])
+def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt):
+    found, _ = run(make_toy(5, [(WAVE.effect, 0.8)], offered=(WAVE,), noise=0.05))
+    found.named = [*found.named * (names - 1), replace(found.named[0], shown=shown)]
+    assert sum_doubt(weigh_remainder(found, SETTINGS, np.random.default_rng(1))) == pytest.approx(doubt, abs=0.05)
+
+
 def test_a_search_resumed_from_what_was_kept_finds_the_same():
     toys = make_toy(1, [(WAVE.effect, 0.5), (KINK.effect, 2.5)]), make_toy(2, element="second")
     states = [prepare(each) for each in toys]

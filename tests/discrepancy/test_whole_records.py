@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from stages.discrepancy.records import thin_out
 from stages.discrepancy.search import SearchSettings, prepare, search
 from stages.discrepancy.whole_record_cell import build_whole_records
 from stages.plant.machine import read_machine
@@ -127,6 +128,26 @@ def test_samples_far_quicker_than_the_movement_are_averaged():
     cell = build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(pace_s=8.0))
     assert cell.step_s == pytest.approx(4 * STEP_S)
     np.testing.assert_allclose(cell.measured, cell.simulate({"stiffness": 300.0, "offset": 0.0}, []), atol=1e-9)
+
+
+@pytest.mark.parametrize("stride", [4, 5])
+def test_means_of_a_push_keep_its_sum_and_its_moment(generator, stride):
+    """Then whatever it moves ends in the same place, with the same velocity."""
+    values = generator.standard_normal(200 * stride)
+    values[: 3 * stride] = values[-3 * stride :] = 0.0
+    places = np.arange(len(values))
+    means = thin_out(pd.DataFrame({"force_n": values, "position_m": values}), stride, ("force_n",))
+    middles = places.reshape(200, stride).mean(axis=1)
+    assert stride * means["force_n"].sum() == pytest.approx(values.sum())
+    assert stride * means["force_n"] @ middles == pytest.approx(values @ places)
+    np.testing.assert_allclose(means["position_m"], values.reshape(200, stride).mean(axis=1))
+
+
+def test_a_push_with_a_gap_has_one(generator):
+    rows = pd.DataFrame({"force_n": generator.standard_normal(100)}, index=np.arange(100.0))
+    rows.iloc[42] = np.nan
+    means = thin_out(rows, 10, ("force_n",))["force_n"]
+    assert np.flatnonzero(means.isna()).tolist() == [2, 3, 4, 5]
 
 
 def test_a_missing_signal_is_told():

@@ -18,6 +18,7 @@ GAP = {
 EFFECT = {
     "name": "hysteresis",
     "form": "maxwell_slip",
+    "channel": "force",
     "muscles": ["pam1", "pam3"],
     "probability": 0.93,
     "indistinguishable_from": [],
@@ -60,6 +61,13 @@ def test_a_name_is_told_with_what_it_closes_and_what_comes_next():
 def test_a_name_that_may_be_an_imitation_is_said_to_be(imitated, doubted):
     text = speak("named", imitated=imitated, unexplained_share=0.08)
     assert ("8.0 % of the gap above the noise) is more than forms of one effect" in text) == doubted
+
+
+def test_many_names_in_one_channel_are_said_to_stand_in_for_one():
+    text = speak("named", imitated=1.0, effects=[EFFECT, EFFECT, EFFECT])
+    assert "So many names in one channel may stand in for one effect" in text
+    assert "So many" not in speak("named", imitated=1.0, effects=[EFFECT, EFFECT])
+    assert "So many" not in speak("named", imitated=1.0, effects=[EFFECT, EFFECT, {**EFFECT, "channel": "pressure"}])
 
 
 def test_where_nothing_is_named_it_is_told_what_is_left():
