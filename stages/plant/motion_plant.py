@@ -26,14 +26,13 @@ from stages.plant.record_plant import (
     Watched,
     begin,
     collect,
+    list_limits,
     read_beginning,
 )
 from stages.signals.trajectories import Array
 
 FINEST = 0.2
 """Longest integration step, paces."""
-LIMITED = (0.95, 0.8, 0.5)
-"""Quantiles of a drive at which a limit is looked for."""
 
 
 class MotionEffect(ListedEffect):
@@ -107,9 +106,8 @@ class MotionPlant(RecordPlant):
         """Return limits of the drive that a twentieth, a fifth and half of the time lies beyond."""
         if (effect.name, effect.form) != ("saturation", "drive"):
             return None
-        pushed = np.concatenate([np.abs(self.pull(each, constants).push).ravel() for each in signals])
-        levels = np.quantile(pushed, LIMITED) * cast(float, self.pace_s) ** 2 / cast(float, self.output_scale)
-        return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
+        pushes = [self.pull(each, constants).push for each in signals]
+        return list_limits(effect, pushes, cast(float, self.output_scale) / cast(float, self.pace_s) ** 2)
 
     @property
     def memory_s(self) -> float:

@@ -42,6 +42,9 @@ FEWEST = 5
 AT_REST = 3.0
 """Standard errors of a rate within which a record begins at rest."""
 
+LIMITED = (0.95, 0.8, 0.5)
+"""Quantiles of what drives a machine at which a limit of it is looked for."""
+
 
 class Beginning(NamedTuple):
     """What the first samples of records tell of their beginning, in the output's unit and per second; (R,) each.
@@ -273,6 +276,22 @@ class RecordPlant(Declared):
             *((find_effect_at(self.SITE, entry.name, entry.form), entry.parameters) for entry in self.effects),
             *effects,
         ]
+
+
+def list_limits(effect: Effect, drives: Sequence[Array], scale: float) -> list[dict[str, float]]:
+    """Return values of a limiting effect's one parameter, scale over limit, from which fits may begin.
+
+    Parameters
+    ----------
+    effect : Effect
+        With one parameter.
+    drives : sequence of ndarray
+        What is limited, of each record; a twentieth, a fifth and half of it lie beyond.
+    scale : float
+        In which the effect tells its limit, in their unit.
+    """
+    levels = np.quantile(np.concatenate([np.abs(each).ravel() for each in drives]), LIMITED) / scale
+    return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
 
 
 def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effect, Mapping[str, float]]]) -> Terms:

@@ -26,6 +26,7 @@ from stages.plant.record_plant import (
     Watched,
     begin,
     collect,
+    list_limits,
     read_beginning,
 )
 from stages.signals.trajectories import Array
@@ -33,8 +34,6 @@ from stages.signals.trajectories import Array
 SITE = "lag"
 FINEST = 0.05
 """Longest integration step, paces."""
-LIMITED = (0.95, 0.8, 0.5)
-"""Quantiles of an input at which a limit is looked for."""
 FILTER = 0.3
 """Time constant of the filters by which the linear model is guessed, paces."""
 
@@ -131,9 +130,8 @@ class FirstOrder(RecordPlant):
         """Return limits of the input that a twentieth, a fifth and half of the time lies beyond."""
         if (effect.name, effect.form) != ("saturation", "lag_drive"):
             return None
-        aims = np.concatenate([np.abs(constants["gain"] * each[self.input]).ravel() for each in signals])
-        levels = np.quantile(aims, LIMITED) / cast(float, self.output_scale)
-        return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
+        aims = [constants["gain"] * each[self.input] for each in signals]
+        return list_limits(effect, aims, cast(float, self.output_scale))
 
     @property
     def memory_s(self) -> float:
