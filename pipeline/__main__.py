@@ -16,7 +16,13 @@ if __name__ == "__main__":
 
     leave_at_once(command_line(sys.argv[1:]))
 
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+for _variable in (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMBA_NUM_THREADS",
+):
     os.environ[_variable] = "1"
 os.environ.setdefault("MPLBACKEND", "Agg")
 gc.set_threshold(100_000)  # looking for cycles among so many objects that stay took a tenth of a run
@@ -39,9 +45,6 @@ from pipeline.command import command_line
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.interruption import Interrupted, ignore_from_now_on
 
-SIGNALLED = 128
-"""Exit codes above it tell a signal, which stops a whole multirun."""
-
 CONFIG_FOLDER = Path(__file__).resolve().parent.parent / "conf"
 
 
@@ -63,18 +66,24 @@ def main() -> int:
         try:
             chosen = HydraConfig.get().runtime.choices.values()
             given = [files[each] for each in chosen if each in files]
-            codes.append(run_study(composed, typed, given))
+            overrides = [str(each) for each in HydraConfig.get().overrides.task]
+            codes.append(run_study(composed, typed, given, overrides))
         except ConfigError as error:
             faults.append(name_file(error, given))
         except (PipelineError, OmegaConfBaseException) as error:
             faults.append(error)
-        if codes and codes[-1] > SIGNALLED:
-            raise SystemExit(codes[-1])
 
     try:
         typed = put_options_first(typed)
         sys.argv[1:], found = read_choices(typed, list_groups(typed))
         files.update(found)
+        options = get_args_parser().parse_args(sys.argv[1:])
+        if options.multirun:
+            from pipeline.sweep import name_sweep, run_sweep
+
+            typed, sys.argv[1:] = name_sweep(typed), name_sweep(sys.argv[1:])
+            overrides = get_args_parser().parse_args(sys.argv[1:]).overrides
+            return run_sweep(overrides, typed, CONFIG_FOLDER, options.config_dir, files)
         task()
         for fault in faults:
             raise fault

@@ -26,7 +26,7 @@ from pipeline.files import hash_json
 from pipeline.stage import Stage, load_stages, order_stages
 
 LONGEST_QUOTE = 80
-INCIDENTAL = ("plan", "workers", "figures", "outputs")
+INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished")
 """Keys that change no result."""
 BEGINS_WITH_KEY = r"[\w.]+: "
 
@@ -63,13 +63,23 @@ class Target(BaseModel):
     target: str = Field(alias="_target_")
 
 
+class Metric(Section):
+    """A number that tells a run at a glance, and runs of a sweep from each other."""
+
+    table: Text
+    column: Text
+    where: dict[str, Any]
+    by: Literal["mean", "max", "min", "sum", "first"]
+
+
 class Workflow(Section):
-    """Which stages, from which package, which tables a person wants to see first, and which sections others quote."""
+    """Which stages, from which package, which tables and numbers a person wants to see first, and what others quote."""
 
     name: str
     package: str
     stages: Annotated[list[Text], Field(min_length=1)]
     headline: list[str]
+    metrics: dict[str, Metric]
     quoted: list[str]
 
     @model_validator(mode="after")
@@ -95,6 +105,9 @@ class Settings(Section):
     workers: Annotated[int, Field(ge=1)] | None
     figures: list[Literal["png", "pdf", "svg"]]
     outputs: Text
+    sweep: Annotated[str, Field(pattern=r"^\w[\w.-]*$")] | None
+    on_failure: Literal["continue", "stop"]
+    on_finished: Literal["keep", "refresh"]
 
 
 @dataclass(frozen=True)
@@ -222,12 +235,23 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
         if name not in names:
             raise ConfigError(f"stages: no stage '{name}' in workflow {settings.workflow.name}; {suggest(name, names)}")
     tables = [table.name for each in stages for table in each.writes]
-    for name in settings.workflow.headline:
-        if name not in tables:
-            raise ConfigError(
-                f"workflow.headline: no stage of workflow {settings.workflow.name} writes '{name}'; "
-                f"{suggest(name, tables)}"
-            )
+    wanted = {"headline": settings.workflow.headline}
+    wanted |= {f"metrics.{name}.table": [each.table] for name, each in settings.workflow.metrics.items()}
+    for key, names in wanted.items():
+        for name in names:
+            if name not in tables:
+                raise ConfigError(
+                    f"workflow.{key}: no stage of workflow {settings.workflow.name} writes '{name}'; "
+                    f"{suggest(name, tables)}"
+                )
+    columns = {table.name: [*table.columns] for each in stages for table in each.writes}
+    for metric, each in settings.workflow.metrics.items():
+        for key, name in (("column", each.column), *(("where", name) for name in each.where)):
+            if name not in columns[each.table]:
+                raise ConfigError(
+                    f"workflow.metrics.{metric}.{key}: table {each.table} has no column '{name}'; "
+                    f"{suggest(name, columns[each.table])}"
+                )
 
 
 def _check_target(study: Study, section: str) -> None:

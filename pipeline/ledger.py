@@ -11,6 +11,7 @@ import os
 import platform
 import subprocess
 import sys
+import time
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
@@ -53,7 +54,7 @@ class RunFacts(TypedDict):
     """What is relied on of run.json."""
 
     format: Literal[1]
-    status: Literal["running", "done", "failed", "interrupted", "paused"]
+    status: Literal["running", "done", "failed", "interrupted", "paused", "killed"]
     sequence: int
     identity: str
     command: str
@@ -64,6 +65,8 @@ class RunFacts(TypedDict):
 
 
 SHAPE = TypeAdapter(RunFacts)
+_LOOKED_AT: dict[str, tuple[tuple[int, int, int], dict[str, Any] | None]] = {}
+"""Facts of ledgers by path, with time, size and inode of the file that they were read from."""
 
 
 @dataclass
@@ -76,10 +79,13 @@ class Ledger:
         The run's folder.
     facts : dict
         What run.json holds.
+    since_s : float, optional
+        When this process began to work on the run, by its own clock; None where it only looks at it.
     """
 
     folder: Path
     facts: dict[str, Any] = field(default_factory=dict)
+    since_s: float | None = None
 
     @classmethod
     def begin(cls, folder: Path, identity: str, sequence: int, arguments: list[str]) -> Ledger:
@@ -92,12 +98,15 @@ class Ledger:
             "command": command_line(arguments),
             "started": now(),
             "ended": None,
+            "seconds": 0.0,
+            "peak_memory_mb": None,
             "error": None,
+            "metrics": {},
             "git": git_state(),
             "machine": machine(),
             "stages": {},
         }
-        return cls(folder, facts)
+        return cls(folder, facts, time.monotonic())
 
     @classmethod
     def read(cls, folder: Path) -> Ledger | None:
@@ -109,18 +118,34 @@ class Ledger:
             return None
         return cls(folder, facts)
 
+    @classmethod
+    def look(cls, folder: Path) -> Ledger | None:
+        """Read a run's ledger to look at: of one that did not change since, what was read before."""
+        path = str(folder / FILE_NAME)
+        try:
+            found = os.stat(path)
+        except OSError:
+            return None
+        stamp = (found.st_mtime_ns, found.st_size, found.st_ino)
+        if path not in _LOOKED_AT or _LOOKED_AT[path][0] != stamp:
+            read = cls.read(folder)
+            _LOOKED_AT[path] = (stamp, read.facts if read else None)
+        facts = _LOOKED_AT[path][1]
+        return None if facts is None else cls(folder, facts)
+
     def save(self) -> None:
         """Write run.json atomically."""
         write_json(self.folder / FILE_NAME, self.facts)
 
     @property
     def name(self) -> str:
-        """Name of the run's folder."""
-        return self.folder.name
+        """Name of the run's folder; for a job of a sweep, with the sweep's."""
+        parent = self.folder.parent
+        return f"{parent.name}/{self.folder.name}" if parent.parent.name == "sweeps" else self.folder.name
 
     @property
     def status(self) -> str:
-        """One of running, done, failed, interrupted, paused."""
+        """One of running, done, failed, interrupted, paused, killed."""
         return str(self.facts["status"])
 
     @property
@@ -139,8 +164,12 @@ class Ledger:
         return record if record and record["status"] == "done" else None
 
     def end(self, status: str, error: dict[str, str] | None = None) -> None:
-        """Note how the run ended and save."""
+        """Note how the run ended, what it took, and save."""
         self.facts.update(status=status, ended=now(), error=error)
+        if self.since_s is not None:
+            spent_s = float(self.facts.get("seconds", 0.0)) + time.monotonic() - self.since_s
+            self.facts.update(seconds=round(spent_s, 3), peak_memory_mb=peak_memory_mb())
+            self.since_s = time.monotonic()
         self.save()
 
     def damage(self, record: dict[str, Any]) -> str | None:
@@ -161,6 +190,16 @@ def files_of(record: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Return every file that a stage's record names, relative to the run's folder, with size and hash."""
     tables = {f"tables/{name}.parquet": facts for name, facts in record["tables"].items()}
     return {**tables, **record["files"]}
+
+
+def peak_memory_mb() -> float | None:
+    """Return the most memory that this process, or one that it started and that ended, held, MB."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    most = max(resource.getrusage(each).ru_maxrss for each in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return round(most * (1e-6 if sys.platform == "darwin" else 1024e-6), 1)
 
 
 def now() -> str:

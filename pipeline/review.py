@@ -18,7 +18,7 @@ from pipeline.command import command_line, python_name
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.ledger import FILE_NAME, Ledger
 from pipeline.report import print_frame
-from pipeline.runs import find_run, is_running, list_folders, list_ledgers, runs_folder
+from pipeline.runs import find_run, list_folders, list_ledgers, live_status, runs_folder
 from pipeline.table import read_frame
 from pipeline.terminal import open_console
 
@@ -106,13 +106,6 @@ def _count(text: str) -> int:
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a number from 1, got {text}")
     return int(text)
-
-
-def live_status(ledger: Ledger) -> str:
-    """Return a run's status, telling a run whose process died from one that runs."""
-    if ledger.status == "running" and not is_running(ledger):
-        return "killed"
-    return ledger.status
 
 
 if __name__ == "__main__":

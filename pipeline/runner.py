@@ -28,10 +28,12 @@ from pipeline.context import Context, Record
 from pipeline.errors import PipelineError
 from pipeline.files import link, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
+from pipeline.launch import name_job
 from pipeline.ledger import Ledger, files_of, now
+from pipeline.metrics import read_metrics
 from pipeline.plan import Ingredients, Step, decide, gather, make_plan
 from pipeline.report import is_whole_page, print_headline, write_report
-from pipeline.runs import Claim, claim, list_ledgers
+from pipeline.runs import Claim, claim, list_ledgers, make_alone, sweeps_folder
 from pipeline.stage import Stage
 from pipeline.table import measure_file
 from pipeline.terminal import open_console
@@ -59,6 +61,10 @@ class Runner:
         Standard output and standard error.
     given : sequence of dict
         Files that gave options of config groups, as of `pipeline.choices`, for the ledger.
+    place : Path, optional
+        The folder that the run must have, as a job of a sweep; else it gets one of its own.
+    workers : int, optional
+        Processes over which a loop is spread where the configuration leaves it open; else as many as there are cores.
     """
 
     study: Study
@@ -67,6 +73,8 @@ class Runner:
     console: Console
     errors: Console
     given: Sequence[dict[str, str]] = ()
+    place: Path | None = None
+    workers: int | None = None
 
     @property
     def outputs(self) -> str:
@@ -104,7 +112,7 @@ class Runner:
             self._finish(finished, "everything is fresh: nothing to run")
             return 0
         with watch() as signals:
-            held = claim(self.outputs, self.study.identity, self.arguments)
+            held = claim(self.outputs, self.study.identity, self.arguments, self.place)
             with held.lock:
                 try:
                     with _log_file(held.ledger.folder):
@@ -128,6 +136,7 @@ class Runner:
                 signals.check()
             write_report(ledger, self.study, self.stages)
             shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
+            ledger.facts["metrics"] = read_metrics(ledger, self.study, self.stages)
             ledger.end("done")
         except (Exception, Interrupted) as error:
             signals.stopping = True
@@ -175,12 +184,20 @@ class Runner:
         if stage.name in asked and step.source is None:
             step = Step(stage, "run", "asked for by name")
         if step.source is None:
-            self._run_stage(stage, ledger, ingredients, step.reason, signals)
-            return
+            with make_alone(self.outputs, ingredients.fingerprint, signals.check, lambda: self._tell_wait(stage)):
+                if stage.name not in asked:  # another run may have made it meanwhile
+                    others = [each for each in list_ledgers(self.outputs) if each.name != ledger.name]
+                    step = decide(stage, ingredients, [ledger, *others])
+                if step.source is None:
+                    self._run_stage(stage, ledger, ingredients, step.reason, signals)
+                    return
         if step.source.name != ledger.name:
             _adopt(stage, step.source, ledger)
         self._print_step(step)
         log.info("%s: %s, %s", stage.name, step.action, step.reason)
+
+    def _tell_wait(self, stage: Stage) -> None:
+        self._print_step(Step(stage, "wait", "another run is making it"))
 
     def _run_stage(self, stage: Stage, ledger: Ledger, ingredients: Ingredients, reason: str, signals: Watch) -> None:
         record: dict[str, Any] = {
@@ -227,16 +244,15 @@ class Runner:
         record = Record(parts, {table.name: table for table in stage.writes}, signals.check)
         section = self.study.target(stage)
         rig = self.study.build(section) if section else None
-        workers = self.study.settings.workers or count_cores()
+        workers = self.study.settings.workers or self.workers or count_cores()
         formats = self.study.settings.figures
         return Context(stage.name, ledger.folder, seed, record, self.console, rig, workers, formats)
 
     def _finished_run(self, steps: Sequence[Step]) -> Ledger | None:
         if not all(step.action in ("fresh", "kept") for step in steps):
             return None
-        newest = next(
-            (each for each in list_ledgers(self.outputs) if each.facts["identity"] == self.study.identity), None
-        )
+        found = [Ledger.read(self.place)] if self.place else list_ledgers(self.outputs)
+        newest = next((each for each in found if each and each.facts["identity"] == self.study.identity), None)
         if newest is None or newest.status != "done":
             return None
         for step in steps:
@@ -310,7 +326,12 @@ class Runner:
         yield
 
 
-def run_study(composed: DictConfig, arguments: list[str], given: Sequence[dict[str, str]] = ()) -> int:
+def run_study(
+    composed: DictConfig,
+    arguments: list[str],
+    given: Sequence[dict[str, str]] = (),
+    overrides: Sequence[str] = (),
+) -> int:
     """Validate a composed configuration, then plan or run it.
 
     Parameters
@@ -321,6 +342,8 @@ def run_study(composed: DictConfig, arguments: list[str], given: Sequence[dict[s
         Overrides as typed.
     given : sequence of dict
         As of `Runner`.
+    overrides : sequence of str
+        By which a job of a sweep has its name.
 
     Returns
     -------
@@ -333,7 +356,9 @@ def run_study(composed: DictConfig, arguments: list[str], given: Sequence[dict[s
         When the configuration is wrong or the run cannot begin.
     """
     study, stages = read_study(composed)
-    runner = Runner(study, stages, arguments, open_console(), open_console(stderr=True), given)
+    sweep = study.settings.sweep
+    place = sweeps_folder(study.settings.outputs) / sweep / name_job(overrides) if sweep else None
+    runner = Runner(study, stages, arguments, open_console(), open_console(stderr=True), given, place)
     if study.settings.plan:
         runner.show_plan()
         return 0

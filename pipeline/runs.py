@@ -1,12 +1,15 @@
-"""The folder of runs: find them, claim one.
+"""The folders of runs: find them, claim one.
 
 A study's identity flows in; out flows a folder that this process alone may write, held by a lock that the system
-releases when the process dies, however it dies.
+releases when the process dies, however it dies. A run lies in ``runs/STAMP``, a job of a sweep in ``sweeps/NAME/JOB``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -19,6 +22,9 @@ from pipeline.files import clear_temporaries
 from pipeline.ledger import Ledger
 
 LOCK_NAME = ".lock"
+MAKING = ".making"
+LOOK_S = 0.2
+"""Between two looks whether another process is done with a stage, s."""
 
 
 @dataclass(frozen=True)
@@ -45,28 +51,41 @@ def runs_folder(outputs: str | Path) -> Path:
     return Path(outputs) / "runs"
 
 
+def sweeps_folder(outputs: str | Path) -> Path:
+    """Return the folder that holds one folder per sweep."""
+    return Path(outputs) / "sweeps"
+
+
 def list_folders(outputs: str | Path) -> list[Path]:
-    """Return the folders of all runs.
+    """Return the folders of all runs, and of all jobs of all sweeps.
 
     Raises
     ------
     PipelineError
         When there is a folder of runs that cannot be read.
     """
-    folder = runs_folder(outputs)
+    jobs = [job for sweep in _list_within(sweeps_folder(outputs)) for job in _list_within(sweep)]
+    return [*_list_within(runs_folder(outputs)), *jobs]
+
+
+def _list_within(folder: Path) -> list[Path]:
     try:
-        return [each for each in folder.iterdir() if each.is_dir()]
+        with os.scandir(folder) as found:
+            return [Path(each.path) for each in found if each.is_dir() and not each.name.startswith(".")]
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise PipelineError(
-            f"cannot read {folder} ({error.strerror or error}); expected a folder; choose another with outputs=PATH"
-        ) from None
+        raise _unreadable(folder, error) from None
+
+
+def _unreadable(folder: Path, error: OSError) -> PipelineError:
+    told = error.strerror or error
+    return PipelineError(f"cannot read {folder} ({told}); expected a folder; choose another with outputs=PATH")
 
 
 def list_ledgers(outputs: str | Path) -> list[Ledger]:
     """Return the ledgers of all runs that have a readable one, newest first."""
-    found = [Ledger.read(each) for each in list_folders(outputs)]
+    found = [Ledger.look(each) for each in list_folders(outputs)]
     return sorted((each for each in found if each), key=lambda each: each.age, reverse=True)
 
 
@@ -108,7 +127,14 @@ def is_running(ledger: Ledger) -> bool:
     return False
 
 
-def claim(outputs: str | Path, identity: str, arguments: Sequence[str]) -> Claim:
+def live_status(ledger: Ledger) -> str:
+    """Return a run's status, telling a run whose process died from one that runs."""
+    if ledger.status == "running" and not is_running(ledger):
+        return "killed"
+    return ledger.status
+
+
+def claim(outputs: str | Path, identity: str, arguments: Sequence[str], place: Path | None = None) -> Claim:
     """Claim the newest unfinished run of this study that nobody holds, or make a new one.
 
     Parameters
@@ -119,19 +145,80 @@ def claim(outputs: str | Path, identity: str, arguments: Sequence[str]) -> Claim
         Of the study.
     arguments : sequence of str
         Overrides from the command line, for the ledger.
+    place : Path, optional
+        The folder that the run must have, whatever was in it.
 
     Raises
     ------
     PipelineError
-        When the folder cannot be written.
+        When the folder cannot be written, or another process holds it.
     """
     try:
+        if place is not None:
+            return _take(place, identity, list(arguments), _next_sequence(outputs))
         return _resume(outputs, identity) or _create(outputs, identity, list(arguments))
     except OSError as error:
         raise PipelineError(
             f"cannot write to {error.filename or runs_folder(outputs)} ({error.strerror or error}); "
             "free the folder or choose another with outputs=PATH"
         ) from None
+
+
+@contextmanager
+def make_alone(
+    outputs: str | Path, fingerprint: str, check: Callable[[], None], tell: Callable[[], None]
+) -> Iterator[None]:
+    """Wait until no other process makes the same, and let none begin it meanwhile.
+
+    Parameters
+    ----------
+    outputs : str or Path
+        The outputs folder.
+    fingerprint : str
+        Of what is to be made. Few locks serve all: who waits for another's is late, no worse.
+    check : callable
+        Raises if the run is to stop.
+    tell : callable
+        Called once if there is something to wait for.
+    """
+    path = Path(outputs) / MAKING / f"{fingerprint[:3]}.lock"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(path)
+    told = False
+    while True:
+        try:
+            lock.acquire(timeout=LOOK_S if told else 0)
+            break
+        except Timeout:
+            if not told:
+                tell()
+            told = True
+            check()
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _take(place: Path, identity: str, arguments: list[str], sequence: int) -> Claim:
+    place.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(place / LOCK_NAME)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise PipelineError(f"{place}: another process has this job at work; wait for it, or stop it") from None
+    begun = Ledger.begin(place, identity, sequence, arguments)
+    before = Ledger.read(place)
+    if before is None:
+        return Claim(begun, False, lock)
+    clear_temporaries(place)
+    begun.facts["stages"] = before.facts["stages"]
+    begun.facts["seconds"] = before.facts.get("seconds", 0.0) if before.status != "done" else 0.0
+    return Claim(begun, before.facts["identity"] == identity and before.status != "done", lock)
+
+
+def _next_sequence(outputs: str | Path) -> int:
+    return max((each.age[0] for each in list_ledgers(outputs)), default=0) + 1
 
 
 def _resume(outputs: str | Path, identity: str) -> Claim | None:
@@ -149,6 +236,7 @@ def _resume(outputs: str | Path, identity: str) -> Claim | None:
             continue
         clear_temporaries(current.folder)
         current.facts.update(status="running", ended=None, error=None)
+        current.since_s = time.monotonic()
         return Claim(current, True, lock)
     return None
 
@@ -157,7 +245,7 @@ def _create(outputs: str | Path, identity: str, arguments: list[str]) -> Claim:
     folder = runs_folder(outputs)
     folder.mkdir(parents=True, exist_ok=True)
     stamp = datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
-    sequence = max((each.age[0] for each in list_ledgers(outputs)), default=0) + 1
+    sequence = _next_sequence(outputs)
     attempt = 1
     while True:
         place = folder / (stamp if attempt == 1 else f"{stamp}-{attempt}")
@@ -169,3 +257,17 @@ def _create(outputs: str | Path, identity: str, arguments: list[str]) -> Claim:
     lock = FileLock(place / LOCK_NAME)
     lock.acquire(timeout=0)
     return Claim(Ledger.begin(place, identity, sequence, arguments), False, lock)
+
+
+@contextmanager
+def claim_job(place: Path, identity: str, arguments: Sequence[str]) -> Iterator[Ledger]:
+    """Hold the folder of a job that cannot run, to write down why.
+
+    Raises
+    ------
+    PipelineError
+        When the folder cannot be written, or another process holds it.
+    """
+    held = claim(place.parent.parent.parent, identity, arguments, place)
+    with held.lock:
+        yield held.ledger

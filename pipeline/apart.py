@@ -1,0 +1,117 @@
+"""A function run in a process of its own, forked off this one: whatever becomes of it is told, and no more is lost.
+
+A function flows in; out flows how it ended: its exit code or the signal that killed it, the most memory it held, and
+the end of what it printed. All that this process has imported is there already, so a fork costs milliseconds.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NoReturn
+
+SOONEST_S, LATEST_S = 0.002, 0.05
+"""Between two looks at the process, s: short at first, so that a short one costs little."""
+QUOTED = 4000
+"""Bytes of what it printed of which the end is kept."""
+SET_PARENT_DEATH_SIGNAL = 1
+"""Of Linux's prctl."""
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a process ended.
+
+    Parameters
+    ----------
+    code : int
+        Exit code; 128 and the signal's number where one killed it.
+    signal : int or None
+        Which.
+    seconds : float
+        From its start to its end.
+    peak_memory_mb : float
+        Largest resident set, MB.
+    output : str
+        The end of what it printed.
+    """
+
+    code: int
+    signal: int | None
+    seconds: float
+    peak_memory_mb: float
+    output: str
+
+
+def run_apart(work: Callable[[], int], wants_stop: Callable[[], bool], follow_parent: bool) -> Ending:
+    """Run a function in a process of its own.
+
+    Parameters
+    ----------
+    work : callable
+        Returns an exit code.
+    wants_stop : callable
+        Asked from time to time; once true, the process is sent SIGTERM.
+    follow_parent : bool
+        Whether it, and this process, end when the parent of this process does.
+    """
+    parent = os.getppid()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    begun = time.monotonic()
+    with tempfile.TemporaryFile() as printed:
+        own = os.getpid()
+        child = os.fork()
+        if child == 0:
+            _live(work, printed.fileno(), own)
+        wait_s, asked = SOONEST_S, False
+        while True:
+            pid, status, usage = os.wait4(child, os.WNOHANG)
+            if pid:
+                break
+            if follow_parent and os.getppid() != parent:
+                os.kill(child, signal.SIGKILL)
+                os._exit(1)
+            if not asked and wants_stop():
+                os.kill(child, signal.SIGTERM)
+                asked = True
+            time.sleep(wait_s)
+            wait_s = min(1.2 * wait_s, LATEST_S)
+        seconds = time.monotonic() - begun
+        size = printed.seek(0, os.SEEK_END)
+        printed.seek(max(size - QUOTED, 0))
+        output = printed.read().decode(errors="replace")
+    killed = os.WTERMSIG(status) if os.WIFSIGNALED(status) else None
+    code = 128 + killed if killed else os.waitstatus_to_exitcode(status)
+    to_mb = 1e-6 if sys.platform == "darwin" else 1024e-6
+    return Ending(code, killed, round(seconds, 3), round(usage.ru_maxrss * to_mb, 1), output)
+
+
+def _live(work: Callable[[], int], printed: int, parent: int) -> NoReturn:
+    code = 1
+    try:
+        _end_with(parent)
+        os.dup2(printed, 1)
+        os.dup2(printed, 2)
+        code = work()
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(code)
+
+
+def _end_with(parent: int) -> None:
+    """Have the system kill this process when its parent ends, where it can."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)

@@ -1,0 +1,134 @@
+"""One job of a sweep, as Hydra's launcher calls it: a run in a folder of its own, in a process of its own.
+
+A composed configuration flows in; a run's folder, and an outcome for the launch, flow out. Whatever becomes of a job, a
+mistake in its configuration, an exception, a kill by the system, the launcher sees a job that ended.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from dataclasses import dataclass
+from typing import Any
+
+from omegaconf import DictConfig
+
+from pipeline.apart import Ending, run_apart
+from pipeline.config import Study, read_study
+from pipeline.errors import PipelineError
+from pipeline.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_telling, name_job
+from pipeline.ledger import Ledger
+from pipeline.runner import Runner
+from pipeline.runs import claim_job, is_running, list_ledgers
+from pipeline.stage import Stage
+from pipeline.terminal import open_console
+
+ONE_WORKER = 1
+"""Processes over which a job spreads its loops: the sweep spreads jobs."""
+COLOURS = {"done": "green", "kept": "green", "failed": "red", "killed": "red", "paused": "yellow"}
+
+
+@dataclass(frozen=True)
+class JobTask:
+    """What Hydra's launcher calls for each job of a launch."""
+
+    launch: Launch
+
+    def __call__(self, composed: DictConfig) -> int:
+        """Run the job that was composed, unless there is nothing to do; return its exit code."""
+        from hydra.core.hydra_config import HydraConfig
+
+        if os.getpid() != self.launch.pid and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launch says when to stop
+        config = HydraConfig.get()
+        overrides = [str(each) for each in config.overrides.task]
+        job = name_job(overrides)
+        if self.launch.outcome(job) is not None:
+            return 0
+        if self.launch.stop is not None:
+            return 0
+        given = [self.launch.files[each] for each in config.runtime.choices.values() if each in self.launch.files]
+        outcome, told = self._do(composed, job, self._retype(overrides), given)
+        self.launch.note(job, outcome)
+        self._say(job, outcome, told)
+        if outcome.code and outcome.word != "interrupted" and self.launch.on_failure == "stop":
+            self.launch.ask_to_stop(STOPPED_BY_FAILURE)
+        return outcome.code
+
+    def _do(
+        self, composed: DictConfig, job: str, arguments: list[str], given: list[dict[str, str]]
+    ) -> tuple[Outcome, str]:
+        folder = self.launch.sweep / job
+        try:
+            study, stages = read_study(composed)
+        except PipelineError as error:
+            with claim_job(folder, "", arguments) as ledger:
+                ledger.end("failed", {"stage": "configuration", "message": str(error)})
+            return Outcome("failed", 2), str(error)
+        before = Ledger.read(folder)
+        if before is not None and is_running(before):
+            return Outcome("elsewhere"), "another process has it at work"
+        if before is not None and before.status == "done" and self.launch.on_finished == "keep":
+            same = before.facts["identity"] == study.identity
+            return Outcome("kept"), "" if same else "with another configuration; on_finished=refresh runs it again"
+        list_ledgers(study.settings.outputs)  # the fork then finds them read
+        ending = run_apart(
+            lambda: self._run(study, stages, job, arguments, given),
+            lambda: self.launch.stop == STOPPED_BY_SIGNAL,
+            follow_parent=os.getpid() != self.launch.pid,
+        )
+        return self._tell(Ledger.read(folder), job, ending)
+
+    def _run(
+        self, study: Study, stages: list[Stage], job: str, arguments: list[str], given: list[dict[str, str]]
+    ) -> int:
+        quiet, errors = open_console(quiet=True), open_console(stderr=True)
+        runner = Runner(study, stages, arguments, quiet, errors, given, self.launch.sweep / job, ONE_WORKER)
+        try:
+            return runner.run()
+        except PipelineError as error:
+            errors.print(str(error), soft_wrap=True, highlight=False, markup=False)
+            return 2
+
+    def _tell(self, ledger: Ledger | None, job: str, ending: Ending) -> tuple[Outcome, str]:
+        """Return what became of a job that was run, and why; note in its ledger what it could not note itself."""
+        if ending.signal is not None:
+            why = f"killed by {signal.Signals(ending.signal).name} after {ending.seconds:.1f} s"
+            if ending.signal == signal.SIGKILL:
+                why += f", perhaps for want of memory (it held {ending.peak_memory_mb:.0f} MB)"
+            if ledger is not None and ledger.status == "running":
+                stage = next((name for name, each in ledger.records.items() if each["status"] == "running"), "-")
+                ledger.facts.update(peak_memory_mb=ending.peak_memory_mb)
+                ledger.end("killed", {"stage": stage, "message": why})
+            return Outcome("killed", ending.code, ending.seconds), why
+        error = ledger.facts["error"] if ledger is not None else None
+        if ending.code == 0:
+            return Outcome("done", 0, ending.seconds), ""
+        lines = ending.output.strip().splitlines()
+        why = f"{error['stage']}: {error['message']}" if error else (lines[-1] if lines else "no reason was given")
+        word = ledger.status if ledger is not None and error else "failed"
+        return Outcome(word, ending.code, ending.seconds), why
+
+    def _retype(self, overrides: list[str]) -> list[str]:
+        """Return what to type to run a job by itself."""
+        telling = [each for each in overrides if is_telling(each)]
+        files = {option: facts["file"] for option, facts in self.launch.files.items()}
+        named = [(key, files.get(value, value)) for key, _, value in (each.partition("=") for each in telling)]
+        typed = [f"{key}={value}" for key, value in named]
+        others = [each for each in overrides if each.partition("=")[0] in ("outputs", "figures")]
+        return [f"sweep={self.launch.sweep.name}", *typed, *others]
+
+    def _say(self, job: str, outcome: Outcome, told: str) -> None:
+        number = self.launch.jobs.index(job) + 1 if job in self.launch.jobs else 0
+        width = len(str(len(self.launch.jobs)))
+        colour = COLOURS.get(outcome.word, "dim")
+        took = f"{outcome.seconds:7.1f} s" if outcome.seconds else " " * 9
+        line = f"  {number:>{width}}/{len(self.launch.jobs)}  [{colour}]{outcome.word:<11}[/]{took}  "
+        open_console().print(line + _escape(f"{job}  {told}".rstrip()), soft_wrap=True, highlight=False)
+
+
+def _escape(text: Any) -> str:
+    from rich.markup import escape
+
+    return escape(str(text))

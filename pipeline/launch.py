@@ -1,0 +1,165 @@
+"""One launch of a sweep: which jobs it has, where they lie, and what became of each so far.
+
+A launch flows from the process that was typed to its workers, and is a folder beside the jobs' own: what was typed, the
+jobs, an outcome for each that ended, and a word that asks the others to stop. A sweep may have had many launches.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pipeline.files import hash_json, write_json, write_text
+from pipeline.ledger import now
+
+FOLDER = ".launches"
+FACTS = "launch.json"
+INCIDENTAL_KEYS = ("sweep", "on_failure", "on_finished", "plan", "workers", "figures", "outputs")
+"""Overrides that say nothing of what a job computes."""
+LONGEST_NAME = 140
+STRANGE = re.compile(r"[^\w.,=+\[\]()-]")
+STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL = "failure", "signal"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job in a launch.
+
+    Parameters
+    ----------
+    word : str
+        ``done``, ``kept`` (done in an earlier launch), ``failed``, ``killed``, ``interrupted``, ``paused``,
+        ``elsewhere`` (another process has it at work) or ``not begun``.
+    code : int
+        Exit code.
+    seconds : float
+        That it took.
+    """
+
+    word: str
+    code: int = 0
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Launch:
+    """What every job of a launch has to know.
+
+    Parameters
+    ----------
+    sweep : Path
+        Folder of the sweep.
+    name : str
+        Of the launch.
+    pid : int
+        Of the process that was typed.
+    jobs : tuple of str
+        Their names, in order.
+    on_failure : {"continue", "stop"}
+        What becomes of the jobs that have not begun when one fails.
+    on_finished : {"keep", "refresh"}
+        Whether a job that is done is looked at again.
+    files : mapping
+        Options that lie in files of one's own, as of `pipeline.choices`.
+    """
+
+    sweep: Path
+    name: str
+    pid: int
+    jobs: tuple[str, ...]
+    on_failure: Literal["continue", "stop"]
+    on_finished: Literal["keep", "refresh"]
+    files: Mapping[str, dict[str, str]]
+
+    @property
+    def folder(self) -> Path:
+        """Where what is known of the launch lies."""
+        return self.sweep / FOLDER / self.name
+
+    def begin(self, command: str, arguments: Sequence[str], overrides: Sequence[Sequence[str]]) -> None:
+        """Write down what was typed, and the jobs that came of it."""
+        facts = {
+            "command": command,
+            "arguments": list(arguments),
+            "started": now(),
+            "jobs": [{"job": job, "overrides": list(each)} for job, each in zip(self.jobs, overrides, strict=True)],
+        }
+        write_json(self.folder / FACTS, facts)
+
+    def note(self, job: str, outcome: Outcome) -> None:
+        """Write down what became of a job."""
+        write_json(self._outcome_path(job), asdict(outcome))
+
+    def outcome(self, job: str) -> Outcome | None:
+        """Return what became of a job in this launch, or None where it has not ended."""
+        try:
+            return Outcome(**json.loads(self._outcome_path(job).read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):
+            return None
+
+    def forget(self, job: str) -> None:
+        """Let a job be looked at again."""
+        self._outcome_path(job).unlink(missing_ok=True)
+
+    def ask_to_stop(self, why: str) -> None:
+        """Let no further job begin; where a signal asks for it, end those that run."""
+        write_text(self.folder / "stop", why)
+
+    @property
+    def stop(self) -> str | None:
+        """Why no further job is to begin, or None."""
+        try:
+            return (self.folder / "stop").read_text(encoding="utf-8")
+        except OSError:
+            return None
+
+    def _outcome_path(self, job: str) -> Path:
+        return self.folder / "outcomes" / f"{job}.json"
+
+
+def new_launch_name() -> str:
+    """Return a name that no other process takes."""
+    return f"{now().replace(':', '-').removesuffix('+00-00')}_{os.getpid()}"
+
+
+def list_launches(sweep: Path) -> Iterator[dict[str, Any]]:
+    """Yield what was written down of each launch of a sweep, the oldest first."""
+    for path in sorted((sweep / FOLDER).glob(f"*/{FACTS}")):
+        try:
+            facts = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        if isinstance(facts, dict) and isinstance(facts.get("jobs"), list):
+            yield facts
+
+
+def name_job(overrides: Sequence[str]) -> str:
+    """Return the name of a job's folder: its overrides by key, but those that say nothing of what it computes.
+
+    Parameters
+    ----------
+    overrides : sequence of str
+        As ``key=value``.
+
+    Returns
+    -------
+    str
+        Where that is no name for a folder, or too long, as near to it as can be, and a hash.
+    """
+    telling = sorted(each for each in overrides if is_telling(each))
+    plain = ",".join(telling) or "defaults"
+    name = STRANGE.sub("_", plain)
+    if name == plain and len(name) <= LONGEST_NAME:
+        return name
+    return f"{name[:LONGEST_NAME]}-{hash_json(plain)[:8]}"
+
+
+def is_telling(override: str) -> bool:
+    """Tell whether an override says something of what a job computes."""
+    key = override.partition("=")[0].lstrip("+~")
+    return key not in INCIDENTAL_KEYS and not key.startswith("hydra")

@@ -1,0 +1,45 @@
+"""The few numbers that tell a run at a glance: read from its tables, kept in its ledger, compared in a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+
+from pipeline.config import Study
+from pipeline.ledger import Ledger
+from pipeline.stage import Stage
+from pipeline.table import read_frame
+
+
+def read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[str, dict[str, Any]]:
+    """Return the metrics that the workflow declares, as far as the run has their tables.
+
+    Returns
+    -------
+    dict
+        By name: ``value`` (None where no row is meant, or none has a value) and ``unit``.
+    """
+    contracts = {table.name: table for each in stages if ledger.finished(each.name) for table in each.writes}
+    found = {}
+    for name, metric in study.settings.workflow.metrics.items():
+        if metric.table not in contracts:
+            continue
+        frame = read_frame(ledger.folder / "tables" / f"{metric.table}.parquet")
+        for column, value in metric.where.items():
+            frame = frame[frame[column].isin(value if isinstance(value, list) else [value])]
+        found[name] = {
+            "value": _reduce(frame[metric.column].dropna(), metric.by),
+            "unit": contracts[metric.table].columns[metric.column].metadata["unit"],
+        }
+    return found
+
+
+def _reduce(values: pd.Series, by: str) -> float | str | None:
+    if values.empty:
+        return None
+    if by == "first" or not pd.api.types.is_numeric_dtype(values):
+        first = values.iloc[0]
+        return first if isinstance(first, str) else float(first)
+    return float(values.agg(by))

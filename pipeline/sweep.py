@@ -1,0 +1,275 @@
+"""A sweep: many jobs by one command, of which none is lost, none done twice, and all end up in one table.
+
+A command line with several values for some keys flows in. Hydra's own multirun makes jobs of it and its launcher runs
+them; what is added here is what it lacks: a plan before, a folder for each job named by its overrides, a table of all
+jobs after, the reasons of those that failed, the command that finishes the rest, and going on without a killed worker.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from types import FrameType
+from typing import Any, cast
+
+import hydra
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import DictConfig
+
+from pipeline.command import command_line
+from pipeline.errors import ConfigError
+from pipeline.interruption import WORDS
+from pipeline.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
+from pipeline.ledger import Ledger
+from pipeline.runs import is_running, live_status, sweeps_folder
+from pipeline.terminal import open_console
+
+MOST_LISTED = 20
+NO_PROGRESS = 3
+"""Deaths of workers in a row, between which no job ended, after which a launch gives up."""
+LOOK_S = 0.5
+"""Between two looks whether another process is done with a job, s."""
+BEGINNING = ("not begun", "failed", "killed", "interrupted", "paused")
+"""States of jobs that a launch runs."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A job of a sweep before it runs.
+
+    Parameters
+    ----------
+    name : str
+        Of its folder.
+    overrides : tuple of str
+        As ``key=value``.
+    state : str
+        ``not begun``, ``done``, ``failed``, ``killed``, ``interrupted``, ``paused`` or ``running``.
+    """
+
+    name: str
+    overrides: tuple[str, ...]
+    state: str
+
+
+def name_sweep(arguments: Sequence[str]) -> list[str]:
+    """Return the command line with a name for its sweep: the present time where none was typed."""
+    if any(each.startswith("sweep=") for each in arguments):
+        return list(arguments)
+    return [*arguments, f"sweep={datetime.now():%Y-%m-%d_%H-%M-%S}"]
+
+
+def run_sweep(
+    overrides: Sequence[str],
+    typed: Sequence[str],
+    config_folder: Path,
+    search_path: str | None,
+    files: Mapping[str, dict[str, str]],
+) -> int:
+    """Plan a sweep, launch it, and tell what came of it.
+
+    Parameters
+    ----------
+    overrides : sequence of str
+        Of the command line, as Hydra is to read them.
+    typed : sequence of str
+        The command line as typed, its sweep named.
+    config_folder : Path
+        Of the project.
+    search_path : str or None
+        Folder of configurations of one's own.
+    files : mapping
+        Options that lie in files, as of `pipeline.choices`.
+
+    Returns
+    -------
+    int
+        Exit code: 0 where every job is done, 1 where one is not, 130 or 143 where a signal stopped the launch.
+
+    Raises
+    ------
+    ConfigError
+        When no job could run.
+    """
+    console = open_console()
+
+    def say(text: str) -> None:
+        console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+    base, lists = _expand(overrides, config_folder, search_path)
+    settings = {key: base.get(key) for key in ("outputs", "sweep", "on_failure", "on_finished", "plan")}
+    folder = sweeps_folder(str(settings["outputs"])) / str(settings["sweep"])
+    jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
+    _refuse_twins(jobs)
+    for line in tell_plan(folder, jobs, str(settings["on_finished"])):
+        say(line)
+    if settings["plan"]:
+        say(f"to run it: {command_line([each for each in typed if not each.startswith('plan=')])}")
+        return 0
+    launch = Launch(
+        folder,
+        new_launch_name(),
+        os.getpid(),
+        tuple(each.name for each in jobs),
+        cast(Any, settings["on_failure"]),
+        cast(Any, settings["on_finished"]),
+        files,
+    )
+    launch.begin(command_line(list(typed)), typed, [each.overrides for each in jobs])
+    with _stopping(launch, say) as stopped:
+        _supervise(launch, config_folder, say, stopped)
+    return _tell_end(launch, list(typed), say, stopped)
+
+
+def tell_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> Iterator[str]:
+    """Yield what a launch of a sweep would do, in lines."""
+    counts = Counter(each.state for each in jobs)
+    told = ", ".join(f"{count} {state}" for state, count in counts.items())
+    yield f"sweep {folder}: {len(jobs)} {'job' if len(jobs) == 1 else 'jobs'} ({told})"
+    axes: dict[str, list[str]] = {}
+    for job in jobs:
+        for key, _, value in (each.partition("=") for each in job.overrides):
+            axes.setdefault(key, [])
+            if value not in axes[key]:
+                axes[key].append(value)
+    for key, values in axes.items():
+        if len(values) > 1:
+            yield f"  {key}: {', '.join(values)}"
+    waiting = [each for each in jobs if each.state in BEGINNING or (each.state == "done" and on_finished == "refresh")]
+    for job in waiting[:MOST_LISTED]:
+        yield f"  run   {job.name}{'' if job.state == 'not begun' else f'  ({job.state} before)'}"
+    if len(waiting) > MOST_LISTED:
+        yield f"  run   ... and {len(waiting) - MOST_LISTED} more"
+    if counts["done"] and on_finished == "keep":
+        yield f"  keep  {counts['done']} done before (on_finished=refresh looks whether they are still fresh)"
+    if counts["running"]:
+        yield f"  wait  for {counts['running']} that another process has at work"
+
+
+def _expand(
+    overrides: Sequence[str], config_folder: Path, search_path: str | None
+) -> tuple[DictConfig, list[list[str]]]:
+    """Return the configuration of the first job, and the overrides of all jobs."""
+    parser = OverridesParser.create()
+    parsed = parser.parse_overrides(list(overrides))
+    task = [each for each in parsed if not each.key_or_group.startswith("hydra")]
+    others = [str(each.input_line) for each in parsed if each.key_or_group.startswith("hydra")]
+    if search_path:
+        others.append(f"hydra.searchpath=[file://{Path(search_path).resolve()}]")
+    lists = BasicSweeper.split_arguments(task, None)[0]
+    GlobalHydra.instance().clear()
+    with hydra.initialize_config_dir(str(config_folder), version_base="1.3"):
+        base = hydra.compose("config", overrides=[*lists[0], *others], return_hydra_config=True)
+        chosen = [f"{key}={value}" for key, value in (base.hydra.sweeper.get("params") or {}).items()]
+        if chosen:
+            lists = BasicSweeper.split_arguments([*parser.parse_overrides(chosen), *task], None)[0]
+            base = hydra.compose("config", overrides=[*lists[0], *others], return_hydra_config=True)
+    if not str(base.hydra.sweeper["_target_"]).endswith("BasicSweeper"):
+        raise ConfigError("hydra/sweeper: expected basic, as a sweep is planned before it runs; leave it out")
+    return base, lists
+
+
+def _state(folder: Path) -> str:
+    ledger = Ledger.look(folder)
+    return "not begun" if ledger is None else live_status(ledger)
+
+
+def _refuse_twins(jobs: Sequence[Planned]) -> None:
+    twice = [name for name, count in Counter(each.name for each in jobs).items() if count > 1]
+    if twice:
+        raise ConfigError(
+            f"sweep: {len(jobs)} jobs but '{twice[0]}' more than once; vary keys that change what a job computes"
+        )
+
+
+def _supervise(launch: Launch, config_folder: Path, say: Callable[[str], None], stopped: list[int]) -> None:
+    """Have Hydra run the jobs, again where a worker's death took the others with it, or another process had some."""
+    deaths = 0
+    while True:
+        ended = _count_ended(launch)
+        try:
+            _launch(launch, config_folder)
+        except BrokenProcessPool:
+            deaths = deaths + 1 if _count_ended(launch) == ended else 1
+            if stopped or deaths == NO_PROGRESS:
+                return
+            say("  a worker process was killed; its jobs begin again, and the sweep goes on")
+            continue
+        elsewhere = [job for job in launch.jobs if (found := launch.outcome(job)) and found.word == "elsewhere"]
+        if not elsewhere or stopped or launch.stop:
+            return
+        while not stopped and any(is_running(Ledger(launch.sweep / job)) for job in elsewhere):
+            time.sleep(LOOK_S)
+        for job in elsewhere:
+            launch.forget(job)
+
+
+def _launch(launch: Launch, config_folder: Path) -> None:
+    from pipeline.job import JobTask
+
+    GlobalHydra.instance().clear()
+    hydra.main(version_base="1.3", config_path=str(config_folder), config_name="config")(JobTask(launch))()
+
+
+def _count_ended(launch: Launch) -> int:
+    return sum(launch.outcome(job) is not None for job in launch.jobs)
+
+
+@contextmanager
+def _stopping(launch: Launch, say: Callable[[str], None]) -> Iterator[list[int]]:
+    """Let a first signal ask the jobs to end, and a second one end this process at once, its workers with it."""
+    stopped: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if stopped:
+            os._exit(128 + number)
+        stopped.append(number)
+        launch.ask_to_stop(STOPPED_BY_SIGNAL)
+        say(f"{WORDS[signal.Signals(number)]}: the jobs at work stop at a safe point; once more stops at once")
+
+    before = {number: signal.signal(number, note) for number in WORDS}
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _tell_end(launch: Launch, typed: list[str], say: Callable[[str], None], stopped: list[int]) -> int:
+    from pipeline.sweep_table import write_sweep
+
+    states = {job: _state(launch.sweep / job) for job in launch.jobs}
+    counts = Counter(states.values())
+    complaints = open_console(stderr=True)
+    try:
+        path = write_sweep(launch.sweep)
+        say(f"{', '.join(f'{count} {state}' for state, count in counts.items())}: {path}")
+    except OSError as error:
+        told = f"cannot write {error.filename or launch.sweep}: {error.strerror}; the jobs' own folders are as they are"
+        complaints.print(told, soft_wrap=True, highlight=False, markup=False)
+    failures = [job for job, state in states.items() if state in ("failed", "killed", "paused")]
+    for job in failures[:MOST_LISTED]:
+        ledger = Ledger.look(launch.sweep / job)
+        why = (ledger.facts["error"] if ledger else None) or {"stage": "-", "message": "no reason was noted"}
+        line = f"  {job} {states[job]}: {why['stage']}: {why['message']}"
+        complaints.print(line, soft_wrap=True, highlight=False, markup=False)
+    if len(failures) > MOST_LISTED:
+        complaints.print(f"  ... and {len(failures) - MOST_LISTED} more", highlight=False, markup=False)
+    unfinished = sum(state != "done" for state in states.values())
+    if unfinished:
+        when = "to continue" if stopped else "when that is mended"
+        line = f"{unfinished} of {len(states)} jobs are not done; {when}, type: {command_line(typed)}"
+        complaints.print(line, soft_wrap=True, highlight=False, markup=False)
+    if stopped:
+        return 128 + stopped[0]
+    return 1 if unfinished else 0

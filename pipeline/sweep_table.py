@@ -1,0 +1,110 @@
+"""The table of a sweep: a row for each job, from the ledgers in the jobs' folders and what the launches wrote down.
+
+A sweep's folder flows in, a frame and ``sweep.parquet`` flow out. The folders are the record: the table can be made
+anew from them at any time, on any machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow
+import pyarrow.parquet
+
+from pipeline.errors import ConfigError
+from pipeline.files import write_atomically
+from pipeline.launch import is_telling, list_launches
+from pipeline.ledger import Ledger
+from pipeline.runs import live_status
+
+FILE_NAME = "sweep.parquet"
+UNITS = {"wall_s": "s", "peak_memory_mb": "MB"}
+OWN = ("job", "status", "wall_s", "peak_memory_mb", "stage", "error", "commit")
+
+
+def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Return a row for each job of a sweep, and the units of its metrics.
+
+    Parameters
+    ----------
+    sweep : Path
+        Its folder.
+
+    Returns
+    -------
+    frame : DataFrame
+        Column ``job``; a column for each key that a job overrides, as text; ``status``; a column for each metric;
+        ``wall_s``, ``peak_memory_mb``, ``stage`` and ``error`` (where and why it failed) and ``commit``. By job.
+    units : dict
+        Of columns that have one.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such folder.
+    """
+    if not sweep.is_dir():
+        raise ConfigError(f"no sweep in {sweep}; expected a folder in outputs/sweeps")
+    overrides = {str(job["job"]): job["overrides"] for launch in list_launches(sweep) for job in launch["jobs"]}
+    folders = [each for each in sweep.iterdir() if each.is_dir() and not each.name.startswith(".")]
+    found = {each.name: Ledger.look(each) for each in folders}
+    rows: list[dict[str, Any]] = []
+    axes: dict[str, None] = {}
+    metrics: dict[str, str] = {}
+    for job in sorted({*overrides, *found}):
+        ledger = found.get(job)
+        values = split_overrides(overrides.get(job) or job.split(","))
+        axes.update(dict.fromkeys(values))
+        facts = ledger.facts if ledger else {}
+        measured = facts.get("metrics") or {}
+        metrics.update({name: each["unit"] for name, each in measured.items()})
+        error = facts.get("error") or {}
+        rows.append(
+            {
+                **values,
+                **{name: each["value"] for name, each in measured.items()},
+                "job": job,
+                "status": live_status(ledger) if ledger else "not begun",
+                "wall_s": facts.get("seconds"),
+                "peak_memory_mb": facts.get("peak_memory_mb"),
+                "stage": error.get("stage"),
+                "error": error.get("message"),
+                "commit": _tell_commit(facts.get("git")),
+            }
+        )
+    first, last = OWN[:1], OWN[2:]
+    order = [*first, *(each for each in axes if each not in metrics), "status", *metrics, *last]
+    frame = pd.DataFrame(rows, columns=list(dict.fromkeys(order)))
+    numbers = [name for name in (*metrics, "wall_s", "peak_memory_mb") if not _has_text(frame[name])]
+    frame[numbers] = frame[numbers].astype(float)
+    return frame, {**UNITS, **metrics}
+
+
+def write_sweep(sweep: Path) -> Path:
+    """Write ``sweep.parquet`` into a sweep's folder; return its path."""
+    frame, units = collect_sweep(sweep)
+    fields = [
+        each.with_metadata({"unit": units[each.name]}) if each.name in units else each
+        for each in pyarrow.Schema.from_pandas(frame, preserve_index=False)
+    ]
+    contents = pyarrow.Table.from_pandas(frame, schema=pyarrow.schema(fields), preserve_index=False)
+    path = sweep / FILE_NAME
+    write_atomically(path, lambda temporary: pyarrow.parquet.write_table(contents, temporary))
+    return path
+
+
+def split_overrides(overrides: Sequence[str]) -> dict[str, str]:
+    """Return the telling overrides of a job by key, without the marks by which a key is added."""
+    pairs = (each.partition("=") for each in overrides if is_telling(each))
+    return {key.lstrip("+"): value for key, sign, value in pairs if sign}
+
+
+def _tell_commit(git: dict[str, Any] | None) -> str | None:
+    return None if not git else f"{git['commit'][:10]}{'' if git['clean'] else ' and changes'}"
+
+
+def _has_text(values: pd.Series) -> bool:
+    return any(isinstance(each, str) for each in values)
