@@ -18,15 +18,16 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
-from typing import Any, cast
+from typing import Any
 
 import hydra
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from pipeline.command import command_line
+from pipeline.config import read_settings
 from pipeline.errors import ConfigError
 from pipeline.interruption import WORDS
 from pipeline.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
@@ -107,13 +108,13 @@ def run_sweep(
         console.print(text, soft_wrap=True, highlight=False, markup=False)
 
     base, lists = _expand(overrides, config_folder, search_path)
-    settings = {key: base.get(key) for key in ("outputs", "sweep", "on_failure", "on_finished", "plan")}
-    folder = sweeps_folder(str(settings["outputs"])) / str(settings["sweep"])
+    settings = read_settings({str(key): _plain(base[key]) for key in base if key != "hydra"})
+    folder = sweeps_folder(settings.outputs) / str(settings.sweep)
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
     _refuse_twins(jobs)
-    for line in tell_plan(folder, jobs, str(settings["on_finished"])):
+    for line in tell_plan(folder, jobs, settings.on_finished):
         say(line)
-    if settings["plan"]:
+    if settings.plan:
         say(f"to run it: {command_line([each for each in typed if not each.startswith('plan=')])}")
         return 0
     launch = Launch(
@@ -121,8 +122,8 @@ def run_sweep(
         new_launch_name(),
         os.getpid(),
         tuple(each.name for each in jobs),
-        cast(Any, settings["on_failure"]),
-        cast(Any, settings["on_finished"]),
+        settings.on_failure,
+        settings.on_finished,
         files,
     )
     launch.begin(command_line(list(typed)), typed, [each.overrides for each in jobs])
@@ -177,6 +178,10 @@ def _expand(
     if not str(base.hydra.sweeper["_target_"]).endswith("BasicSweeper"):
         raise ConfigError("hydra/sweeper: expected basic, as a sweep is planned before it runs; leave it out")
     return base, lists
+
+
+def _plain(value: Any) -> Any:
+    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
 
 
 def _state(folder: Path) -> str:

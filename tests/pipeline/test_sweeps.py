@@ -1,0 +1,268 @@
+"""Sweeps by Hydra's multirun: resumed, extended, killed at every level, by two processes at once; nothing is lost."""
+
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import time
+from collections import Counter
+
+import pandas as pd
+import pytest
+
+from tests.conftest import ROOT, Command
+from tests.faults import check_wholeness, ledger_of, limit_file_size, tables_of, wait_until
+
+
+class Sweeping(Command):
+    """The command with a workflow whose jobs fail or die, and a file in which each begins and ends."""
+
+    def __init__(self, folder):
+        super().__init__(folder / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=trials", "-m", "sweep=s")
+        self.log = folder / "log.txt"
+        self.environment |= {"TOY_LOG": str(self.log)}
+
+    @property
+    def sweep(self):
+        return self.outputs / "sweeps" / "s"
+
+    @property
+    def table(self):
+        return pd.read_parquet(self.sweep / "sweep.parquet").set_index("seed")
+
+    def count(self, word):
+        """Return how often each seed was begun or ended."""
+        lines = self.log.read_text().splitlines() if self.log.exists() else []
+        return Counter(int(line.split()[1]) for line in lines if line.startswith(word))
+
+    def job(self, seed):
+        (found,) = (each for each in self.sweep.iterdir() if f"seed={seed}," in f"{each.name},")
+        return found
+
+
+@pytest.fixture
+def sweeping(tmp_path):
+    return Sweeping(tmp_path)
+
+
+def retype(sweeping, line):
+    """Run the command that a line ends with, as printed."""
+    command = shlex.split(line.split("type: ", 1)[1])
+    environment = sweeping.environment | {"TOY_MENDED": "yes"}
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.slow
+def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping):
+    result = sweeping("seed=range(64)", "trying.fail_at=[3,17,40]")
+    assert result.returncode == 1
+    assert "61 done, 3 failed" in result.stdout
+    lines = result.stderr.splitlines()
+    for seed in (3, 17, 40):
+        assert sum(f"seed={seed}," in line and f"ArithmeticError: cannot try {seed}" in line for line in lines) == 1
+    assert "3 of 64 jobs are not done; when that is mended, type: " in lines[-1]
+    assert Counter(sweeping.table["status"]) == {"done": 61, "failed": 3}
+    again = retype(sweeping, lines[-1])
+    assert again.returncode == 0, again.stderr
+    assert set(sweeping.table["status"]) == {"done"}
+    assert sweeping.count("ended") == dict.fromkeys(range(64), 1)
+    assert sweeping.count("begun") == {seed: 2 if seed in (3, 17, 40) else 1 for seed in range(64)}
+
+
+def test_a_sweep_is_planned_run_extended_and_tabled(sweeping):
+    plan = sweeping("seed=0,1", "counting.count=2,3", "plan=true")
+    assert plan.returncode == 0
+    assert "4 jobs (4 not begun)" in plan.stdout
+    assert "seed: 0, 1" in plan.stdout
+    assert not sweeping.outputs.exists()
+    assert sweeping("seed=0,1", "counting.count=2").returncode == 0
+    more = sweeping("seed=0,1", "counting.count=2,3")
+    assert more.returncode == 0
+    assert "4 jobs (2 done, 2 not begun)" in more.stdout
+    assert sweeping.count("ended") == {0: 2, 1: 2}
+    table = sweeping.table
+    assert sorted(table["counting.count"]) == ["2", "2", "3", "3"]
+    assert set(table["status"]) == {"done"}
+    assert table.loc["1", "score_m"].min() > table.loc["0", "score_m"].max()
+    assert (table["wall_s"] > 0).all()
+    assert (table["peak_memory_mb"] > 10).all()
+
+
+def test_an_earlier_jobs_tables_are_shared_also_by_jobs_that_begin_together(sweeping):
+    assert sweeping("trying.pause_s=0.1,0.2,0.3,0.4").returncode == 0
+    origins = {ledger_of(each)["stages"]["counting"]["origin"] for each in sweeping.sweep.glob("[!.]*/")}
+    assert len(origins) == 1
+    inodes = {(each / "tables" / "numbers.parquet").stat().st_ino for each in sweeping.sweep.glob("[!.]*/")}
+    assert len(inodes) == 1
+
+
+def test_the_first_failure_stops_the_rest_if_asked(sweeping):
+    result = sweeping("seed=range(6)", "trying.fail_at=[1]", "on_failure=stop", "hydra.launcher.n_jobs=1")
+    assert result.returncode == 1
+    assert sweeping.count("begun") == {0: 1, 1: 1}
+    assert Counter(sweeping.table["status"]) == {"done": 1, "failed": 1, "not begun": 4}
+
+
+def test_a_job_that_the_system_kills_is_told_and_loses_no_other(sweeping):
+    result = sweeping("seed=range(5)", "trying.die_at=[2]")
+    assert result.returncode == 1
+    assert "killed by SIGKILL" in result.stderr
+    assert "perhaps for want of memory" in result.stderr
+    assert Counter(sweeping.table["status"]) == {"done": 4, "killed": 1}
+    assert sweeping.count("begun") == dict.fromkeys(range(5), 1)
+    again = retype(sweeping, result.stderr.splitlines()[-1])
+    assert again.returncode == 0
+    assert set(sweeping.table["status"]) == {"done"}
+
+
+def test_a_killed_worker_is_noticed_and_the_sweep_goes_on(sweeping):
+    process = sweeping.start("seed=range(6)", "trying.pause_s=1.0")
+    victim = wait_until(process, lambda: sweeping.count("begun") and find_workers(process.pid))[0]
+    os.kill(victim, signal.SIGKILL)
+    output, errors = process.communicate(timeout=120)
+    assert process.returncode == 0, errors
+    assert "a worker process was killed; its jobs begin again, and the sweep goes on" in output
+    assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
+
+
+def test_a_killed_launcher_leaves_nothing_at_work_and_nothing_is_done_twice(sweeping):
+    process = sweeping.start("seed=range(8)", "trying.pause_s=0.7")
+    wait_until(process, lambda: len(sweeping.count("ended")) >= 3)
+    process.kill()
+    process.communicate()
+    wait_until_quiet(sweeping)
+    done = [seed for seed in sweeping.count("begun") if ledger_of(sweeping.job(seed))["status"] == "done"]
+    assert len(done) >= 2
+    again = sweeping("seed=range(8)", "trying.pause_s=0.7")
+    assert again.returncode == 0, again.stderr
+    assert f"{len(done)} done" in again.stdout.splitlines()[0]
+    assert [sweeping.count("begun")[seed] for seed in done] == [1] * len(done)
+    assert set(sweeping.table["status"]) == {"done"}
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_the_jobs_at_a_safe_point(sweeping, number, code):
+    process = sweeping.start("seed=range(6)", "trying.pause_s=1.5")
+    wait_until(process, lambda: sweeping.count("begun"))
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert "to continue, type: " in errors
+    assert {*sweeping.table["status"]} <= {"interrupted", "not begun", "done"}
+    assert sweeping("seed=range(6)", "trying.pause_s=1.5").returncode == 0
+    assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
+
+
+def test_two_processes_share_a_sweep(sweeping):
+    first = sweeping.start("seed=range(6)", "trying.pause_s=0.5")
+    wait_until(first, lambda: sweeping.count("begun"))
+    second = sweeping.start("seed=range(6)", "trying.pause_s=0.5")
+    for process in (first, second):
+        output, errors = process.communicate(timeout=120)
+        assert process.returncode == 0, errors + output
+    assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
+    assert set(sweeping.table["status"]) == {"done"}
+
+
+def test_a_full_disk_loses_nothing(sweeping):
+    more = ("seed=0,1,2", "counting.count=30000")
+    result = sweeping(*more, before=limit_file_size(200_000))
+    assert result.returncode == 1
+    for job in sweeping.sweep.glob("[!.]*/"):
+        check_wholeness(job)
+    again = sweeping(*more)
+    assert again.returncode == 0, again.stderr
+    assert set(sweeping.table["status"]) == {"done"}
+
+
+def test_a_copied_sweep_is_whole_elsewhere(sweeping, tmp_path):
+    sweeping("seed=0,1", "trying.fail_at=[1]")
+    other = Sweeping(tmp_path / "other")
+    shutil.copytree(sweeping.outputs, other.outputs)
+    shutil.rmtree(sweeping.outputs)
+    (other.sweep / "sweep.parquet").unlink()
+    other.environment |= {"TOY_MENDED": "yes"}
+    result = other("seed=0,1,2", "trying.fail_at=[1]")
+    assert result.returncode == 0, result.stderr
+    assert "3 jobs (1 done, 1 failed, 1 not begun)" in result.stdout
+    assert other.count("ended") == {1: 1, 2: 1}
+    assert set(other.table["status"]) == {"done"}
+
+
+def test_a_job_of_a_sweep_runs_by_itself(sweeping):
+    result = sweeping("seed=0,1", "trying.fail_at=[1]")
+    assert result.returncode == 1
+    command = ledger_of(sweeping.job(1))["command"]
+    alone = subprocess.run(
+        [*shlex.split(command), "--config-dir", "tests/pipeline/conf"],
+        cwd=ROOT,
+        env=sweeping.environment | {"TOY_MENDED": "yes"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert alone.returncode == 0, alone.stderr
+    assert ledger_of(sweeping.job(1))["status"] == "done"
+
+
+def test_a_wrong_value_in_one_job_fails_that_job_alone(sweeping):
+    result = sweeping("seed=0,-1,1")
+    assert result.returncode == 1
+    assert "seed: input should be greater than or equal to 0, got -1" in result.stderr
+    assert Counter(sweeping.table["status"]) == {"done": 2, "failed": 1}
+    assert set(tables_of(sweeping.job(0))) == {"numbers.parquet", "tried.parquet"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("sweep=a/b", "seed=0,1"), "sweep: "),
+        (("workers=1,2",), "more than once"),
+        (("on_failure=giveup", "seed=0,1"), "on_failure: "),
+        (("hydra/sweeper=none", "seed=0,1"), "unknown"),
+    ],
+)
+def test_a_sweep_that_cannot_be_is_refused_in_one_line(sweeping, arguments, told):
+    sweeping.fixed = tuple(each for each in sweeping.fixed if each != "sweep=s" or arguments[0][:5] != "sweep")
+    result = sweeping(*arguments)
+    assert result.returncode == 2
+    assert told in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert not sweeping.outputs.exists()
+
+
+def find_workers(parent):
+    """Return the processes that a launcher started."""
+    found = subprocess.run(["pgrep", "-P", str(parent), "-f", "loky"], capture_output=True, text=True).stdout.split()
+    return [int(each) for each in found if "resource_tracker" not in _command(each)]
+
+
+def _command(pid):
+    try:
+        with open(f"/proc/{pid}/cmdline") as handle:
+            return handle.read()
+    except OSError:
+        return "resource_tracker"
+
+
+def wait_until_quiet(sweeping):
+    """Wait until no job is at work any more."""
+    for _ in range(100):
+        found = subprocess.run(["pgrep", "-f", str(sweeping.outputs)], capture_output=True, text=True).stdout.split()
+        if not found:
+            return
+        time.sleep(0.1)
+    raise TimeoutError("jobs outlived their launcher")
+
+
+def test_ledger_of_a_job_says_what_it_took(sweeping):
+    sweeping("seed=0", "trying.pause_s=0.5")
+    facts = ledger_of(sweeping.job(0))
+    assert facts["seconds"] >= 0.5
+    assert facts["metrics"]["score_m"] == {
+        "value": pytest.approx(pd.read_parquet(sweeping.job(0) / "tables" / "tried.parquet")["score"].item()),
+        "unit": "m",
+    }
+    assert json.loads((sweeping.job(0) / "run.json").read_text())["status"] == "done"
