@@ -64,12 +64,16 @@ class Target(BaseModel):
 
 
 class Metric(Section):
-    """A number that tells a run at a glance, and runs of a sweep from each other."""
+    """A number that tells a run at a glance, and runs of a sweep from each other: a column of the rows that are meant.
+
+    `where` has values that columns must have, `but` values that they must not have.
+    """
 
     table: Text
     column: Text
     where: dict[str, Any]
-    by: Literal["mean", "max", "min", "sum", "first"]
+    but: dict[str, Any]
+    by: Literal["mean", "max", "min", "sum", "first", "last"]
 
 
 class Workflow(Section):
@@ -246,7 +250,7 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
                 )
     columns = {table.name: [*table.columns] for each in stages for table in each.writes}
     for metric, each in settings.workflow.metrics.items():
-        for key, name in (("column", each.column), *(("where", name) for name in each.where)):
+        for key, name in (("column", each.column), *((key, name) for key in ("where", "but") for name in getattr(each, key))):
             if name not in columns[each.table]:
                 raise ConfigError(
                     f"workflow.metrics.{metric}.{key}: table {each.table} has no column '{name}'; "

@@ -27,8 +27,9 @@ def read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[
         if metric.table not in contracts:
             continue
         frame = read_frame(ledger.folder / "tables" / f"{metric.table}.parquet")
-        for column, value in metric.where.items():
-            frame = frame[frame[column].isin(value if isinstance(value, list) else [value])]
+        for wanted, rules in ((True, metric.where), (False, metric.but)):
+            for column, value in rules.items():
+                frame = frame[frame[column].isin(value if isinstance(value, list) else [value]) == wanted]
         found[name] = {
             "value": _reduce(frame[metric.column].dropna(), metric.by),
             "unit": contracts[metric.table].columns[metric.column].metadata["unit"],
@@ -39,7 +40,7 @@ def read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[
 def _reduce(values: pd.Series, by: str) -> float | str | None:
     if values.empty:
         return None
-    if by == "first" or not pd.api.types.is_numeric_dtype(values):
-        first = values.iloc[0]
-        return first if isinstance(first, str) else float(first)
+    if by in ("first", "last") or not pd.api.types.is_numeric_dtype(values):
+        one = values.iloc[-1 if by == "last" else 0]
+        return one if isinstance(one, str) else float(one)
     return float(values.agg(by))

@@ -56,8 +56,9 @@ def test_a_file_says_in_which_package_its_keys_are(toy, tmp_path):
 def test_a_sweep_mixes_files_and_options(toy, more):
     result = toy("--multirun", f"counting={more},few")
     assert result.returncode == 0, result.stderr
-    found = [(OmegaConf.load(run / "config.yaml").counting.count, "given" in ledger_of(run)) for run in toy.runs]
-    assert found == [(9, True), (6, False)]
+    jobs = sorted((toy.outputs / "sweeps").glob("*/counting=*"))
+    found = [(OmegaConf.load(job / "config.yaml").counting.count, "given" in ledger_of(job)) for job in jobs]
+    assert found == [(6, False), (9, True)]
 
 
 @pytest.mark.parametrize(

@@ -444,15 +444,6 @@ def test_signal_at_any_instant_of_the_start(toy, number, code, word):
         assert line.endswith("doubling.pause_s=60")
 
 
-def test_ctrl_c_stops_a_whole_multirun(toy):
-    process = toy.start("doubling.pause_s=0.3,0.31,0.32", "-m", f"hydra.sweep.dir={toy.outputs}/sweep")
-    wait_until(process, lambda: find_parts(toy))
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert len(toy.runs) == 1
-
-
 def test_a_reader_who_leaves_does_not_stop_the_run(toy, reference):
     process = toy.start(SLOWLY)
     process.stdout.close()
