@@ -250,7 +250,11 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
                 )
     columns = {table.name: [*table.columns] for each in stages for table in each.writes}
     for metric, each in settings.workflow.metrics.items():
-        for key, name in (("column", each.column), *((key, name) for key in ("where", "but") for name in getattr(each, key))):
+        for key, name in [
+            ("column", each.column),
+            *(("where", n) for n in each.where),
+            *(("but", n) for n in each.but),
+        ]:
             if name not in columns[each.table]:
                 raise ConfigError(
                     f"workflow.metrics.{metric}.{key}: table {each.table} has no column '{name}'; "
