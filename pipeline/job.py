@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,9 @@ from pipeline.apart import Ending, run_apart
 from pipeline.config import Study, read_study
 from pipeline.errors import PipelineError
 from pipeline.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_telling, name_job
-from pipeline.ledger import Ledger
+from pipeline.ledger import Ledger, git_state
+from pipeline.plan import make_plan
+from pipeline.report import read_template
 from pipeline.runner import Runner
 from pipeline.runs import claim_job, is_running, list_ledgers
 from pipeline.stage import Stage
@@ -49,8 +52,11 @@ class JobTask:
         if self.launch.stop is not None:
             return 0
         given = [self.launch.files[each] for each in config.runtime.choices.values() if each in self.launch.files]
-        outcome, told = self._do(composed, job, self._retype(overrides), given)
-        self.launch.note(job, outcome)
+        try:
+            outcome, told = self._do(composed, job, self._retype(overrides), given)
+            self.launch.note(job, outcome)
+        except (PipelineError, OSError) as error:  # such as a full disk; the others may still find room
+            outcome, told = Outcome("failed", 1), str(error)
         self._say(job, outcome, told)
         if outcome.code and outcome.word != "interrupted" and self.launch.on_failure == "stop":
             self.launch.ask_to_stop(STOPPED_BY_FAILURE)
@@ -72,7 +78,7 @@ class JobTask:
         if before is not None and before.status == "done" and self.launch.on_finished == "keep":
             same = before.facts["identity"] == study.identity
             return Outcome("kept"), "" if same else "with another configuration; on_finished=refresh runs it again"
-        list_ledgers(study.settings.outputs)  # the fork then finds them read
+        _warm_up(study, stages)
         ending = run_apart(
             lambda: self._run(study, stages, job, arguments, given),
             lambda: self.launch.stop == STOPPED_BY_SIGNAL,
@@ -126,6 +132,14 @@ class JobTask:
         took = f"{outcome.seconds:7.1f} s" if outcome.seconds else " " * 9
         line = f"  {number:>{width}}/{len(self.launch.jobs)}  [{colour}]{outcome.word:<11}[/]{took}  "
         open_console().print(line + _escape(f"{job}  {told}".rstrip()), soft_wrap=True, highlight=False)
+
+
+def _warm_up(study: Study, stages: list[Stage]) -> None:
+    """Do once in this process what each job would do again: ledgers, sources, templates and git are then read."""
+    with suppress(PipelineError):  # which the job itself will tell
+        make_plan(study, stages, list_ledgers(study.settings.outputs))
+    read_template("report.html.j2")
+    git_state()
 
 
 def _escape(text: Any) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+from functools import cache
 from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any
@@ -45,13 +46,9 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path:
         The page.
     """
     done = [each for each in stages if ledger.finished(each.name)]
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(package_files("pipeline").joinpath("report.html.j2").read_text(encoding="utf-8"))
     headline = headline_tables(study, done)
     telling = [each.name for each in done if any(table in headline for table in each.writes)]
-    page = template.render(
+    page = read_template("report.html.j2").render(
         run=ledger.name,
         facts=ledger.facts,
         workflow=study.settings.workflow.name,
@@ -63,6 +60,15 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path:
     path = ledger.folder / "report.html"
     write_text(path, page)
     return path
+
+
+@cache
+def read_template(name: str) -> jinja2.Template:
+    """Return a page's template."""
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(package_files("pipeline").joinpath(name).read_text(encoding="utf-8"))
 
 
 def is_whole_page(path: Path) -> bool:

@@ -265,7 +265,8 @@ class Runner:
         return newest
 
     def _finish(self, ledger: Ledger, word: str) -> None:
-        print_headline(ledger, self.study, self.stages, self.console)
+        if not self.console.quiet:
+            print_headline(ledger, self.study, self.stages, self.console)
         page = ledger.folder / "report.html"
         try:
             if not is_whole_page(page):
