@@ -123,7 +123,7 @@ class JobTask:
         named = [(key, files.get(value, value)) for key, _, value in (each.partition("=") for each in telling)]
         typed = [f"{key}={value}" for key, value in named]
         others = [each for each in overrides if each.partition("=")[0] in ("outputs", "figures")]
-        return [f"sweep={self.launch.sweep.name}", *typed, *others]
+        return [*self.launch.options, f"sweep={self.launch.sweep.name}", *typed, *others]
 
     def _say(self, job: str, outcome: Outcome, told: str) -> None:
         number = self.launch.jobs.index(job) + 1 if job in self.launch.jobs else 0

@@ -66,6 +66,8 @@ class Launch:
         Whether a job that is done is looked at again.
     files : mapping
         Options that lie in files of one's own, as of `pipeline.choices`.
+    options : tuple of str
+        Of the command line, such as a folder of configurations, that a job by itself needs too.
     """
 
     sweep: Path
@@ -75,6 +77,7 @@ class Launch:
     on_failure: Literal["continue", "stop"]
     on_finished: Literal["keep", "refresh"]
     files: Mapping[str, dict[str, str]]
+    options: tuple[str, ...]
 
     @property
     def folder(self) -> Path:

@@ -22,6 +22,7 @@ from typing import Any
 
 import hydra
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf
@@ -35,6 +36,7 @@ from pipeline.ledger import Ledger
 from pipeline.runs import is_running, live_status, sweeps_folder
 from pipeline.terminal import open_console
 
+MULTIRUN = ("-m", "--multirun")
 MOST_LISTED = 20
 NO_PROGRESS = 3
 """Deaths of workers in a row, between which no job ended, after which a launch gives up."""
@@ -107,6 +109,7 @@ def run_sweep(
     def say(text: str) -> None:
         console.print(text, soft_wrap=True, highlight=False, markup=False)
 
+    overrides_typed = get_args_parser().parse_intermixed_args(list(typed)).overrides
     base, lists = _expand(overrides, config_folder, search_path)
     settings = read_settings({str(key): _plain(base[key]) for key in base if key != "hydra"})
     folder = sweeps_folder(settings.outputs) / str(settings.sweep)
@@ -125,6 +128,7 @@ def run_sweep(
         settings.on_failure,
         settings.on_finished,
         files,
+        tuple(each for each in typed if each not in overrides_typed and each not in MULTIRUN),
     )
     launch.begin(command_line(list(typed)), typed, [each.overrides for each in jobs])
     with _stopping(launch, say) as stopped:

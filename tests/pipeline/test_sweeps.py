@@ -196,7 +196,7 @@ def test_a_job_of_a_sweep_runs_by_itself(sweeping):
     assert result.returncode == 1
     command = ledger_of(sweeping.job(1))["command"]
     alone = subprocess.run(
-        [*shlex.split(command), "--config-dir", "tests/pipeline/conf"],
+        shlex.split(command),
         cwd=ROOT,
         env=sweeping.environment | {"TOY_MENDED": "yes"},
         capture_output=True,
