@@ -122,6 +122,8 @@ class Runner:
 
     def _run_claimed(self, held: Claim, stages: Sequence[Stage], signals: Watch) -> int:
         ledger, stage = held.ledger, stages[0]
+        known = [each.name for each in self.stages]
+        ledger.facts["stages"] = {name: record for name, record in ledger.records.items() if name in known}
         try:
             if self.given:
                 ledger.facts["given"] = list(self.given)

@@ -171,6 +171,8 @@ def _expand(
     others = [str(each.input_line) for each in parsed if each.key_or_group.startswith("hydra")]
     if search_path:
         others.append(f"hydra.searchpath=[file://{Path(search_path).resolve()}]")
+    if any(each.key_or_group == "sweep" and each.is_sweep_override() for each in task):
+        raise ConfigError("sweep: expected one name, as all jobs lie in one folder")
     lists = BasicSweeper.split_arguments(task, None)[0]
     GlobalHydra.instance().clear()
     with hydra.initialize_config_dir(str(config_folder), version_base="1.3"):

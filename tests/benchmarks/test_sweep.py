@@ -35,7 +35,10 @@ def test_jobs_at_once(tmp_path, benchmark, tell):
     parallel = benchmark.pedantic(lambda: sweep(tmp_path / "parallel", *arguments, "hydra.launcher.n_jobs=2"), rounds=1)
     tell("two jobs at once / one after the other", parallel / serial)
     tables = [
-        {path.parent.parent.name: path.read_bytes() for path in (tmp_path / how).glob("sweeps/s/*/tables/tried.parquet")}
+        {
+            path.parent.parent.name: path.read_bytes()
+            for path in (tmp_path / how).glob("sweeps/s/*/tables/tried.parquet")
+        }
         for how in ("serial", "parallel")
     ]
     assert tables[0] == tables[1]

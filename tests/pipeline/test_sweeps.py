@@ -191,6 +191,20 @@ def test_a_copied_sweep_is_whole_elsewhere(sweeping, tmp_path):
     assert set(other.table["status"]) == {"done"}
 
 
+def test_one_job_after_the_other_without_the_parallel_launcher(sweeping):
+    result = sweeping("seed=0,1", "hydra/launcher=basic")
+    assert result.returncode == 0, result.stderr
+    assert sweeping.log.read_text().splitlines() == ["begun 0", "ended 0", "begun 1", "ended 1"]
+
+
+def test_a_done_job_is_looked_at_again_if_asked(sweeping):
+    sweeping("seed=0,1")
+    again = sweeping("seed=0,1", "on_finished=refresh")
+    assert again.returncode == 0, again.stderr
+    assert "(done before)" in again.stdout
+    assert sweeping.count("begun") == {0: 1, 1: 1}
+
+
 def test_a_job_of_a_sweep_runs_by_itself(sweeping):
     result = sweeping("seed=0,1", "trying.fail_at=[1]")
     assert result.returncode == 1
@@ -220,6 +234,8 @@ def test_a_wrong_value_in_one_job_fails_that_job_alone(sweeping):
     [
         (("sweep=a/b", "seed=0,1"), "sweep: "),
         (("workers=1,2",), "more than once"),
+        (("sweep=a,b", "seed=0"), "sweep: expected one name"),
+        (("seed=interval(0,3)",), "INTERVAL_SWEEP"),
         (("on_failure=giveup", "seed=0,1"), "on_failure: "),
         (("hydra/sweeper=none", "seed=0,1"), "unknown"),
     ],
