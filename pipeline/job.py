@@ -15,6 +15,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from pipeline.apart import Ending, run_apart
+from pipeline.checkout import look_at_checkout
 from pipeline.config import Study, read_study
 from pipeline.errors import PipelineError
 from pipeline.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_telling, name_job
@@ -72,7 +73,8 @@ class JobTask:
         if before is not None and before.status == "done" and self.launch.on_finished == "keep":
             same = before.facts["identity"] == study.identity
             return Outcome("kept"), "" if same else "with another configuration; on_finished=refresh runs it again"
-        list_ledgers(study.settings.outputs)  # the fork then finds them read
+        list_ledgers(study.settings.outputs)  # the fork then finds them read, as it does the checkout
+        look_at_checkout()
         ending = run_apart(
             lambda: self._run(study, stages, job, arguments, given),
             lambda: self.launch.stop == STOPPED_BY_SIGNAL,

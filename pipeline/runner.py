@@ -22,6 +22,7 @@ import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
+from pipeline.checkout import keep_changes
 from pipeline.command import command_line
 from pipeline.config import Study, read_study
 from pipeline.context import Context, Record
@@ -125,6 +126,7 @@ class Runner:
         try:
             if self.given:
                 ledger.facts["given"] = list(self.given)
+            keep_changes(ledger.folder, ledger.facts)
             ledger.save()
             write_text(ledger.folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(self.study.values)))
             self._say(f"{'resuming' if held.resumed else 'run'} {ledger.folder}")
@@ -210,6 +212,7 @@ class Runner:
             "inputs": ingredients.inputs,
             "code": ingredients.code,
             "libraries": ingredients.libraries,
+            "measured": ingredients.measured,
             "tables": {},
             "files": {},
         }
