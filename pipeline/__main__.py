@@ -74,6 +74,11 @@ def main() -> int:
             faults.append(error)
 
     try:
+        if any(each.lstrip("+").startswith("rerun=") for each in typed):
+            from pipeline.rerun import rerun
+
+            begun.append(True)
+            return rerun(typed, CONFIG_FOLDER)
         typed = put_options_first(typed)
         sys.argv[1:], found = read_choices(typed, list_groups(typed))
         files.update(found)

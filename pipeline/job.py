@@ -16,10 +16,11 @@ from typing import Any
 from omegaconf import DictConfig
 
 from pipeline.apart import Ending, run_apart
+from pipeline.checkout import look_at_checkout
 from pipeline.config import Study, read_study
 from pipeline.errors import PipelineError
 from pipeline.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_telling, name_job
-from pipeline.ledger import Ledger, git_state
+from pipeline.ledger import Ledger
 from pipeline.plan import make_plan
 from pipeline.report import read_template
 from pipeline.runner import Runner
@@ -139,7 +140,7 @@ def _warm_up(study: Study, stages: list[Stage]) -> None:
     with suppress(PipelineError):  # which the job itself will tell
         make_plan(study, stages, list_ledgers(study.settings.outputs))
     read_template("report.html.j2")
-    git_state()
+    look_at_checkout()
 
 
 def _escape(text: Any) -> str:

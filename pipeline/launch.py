@@ -141,6 +141,22 @@ def list_launches(sweep: Path) -> Iterator[dict[str, Any]]:
             yield facts
 
 
+def is_launched(sweep: Path) -> bool:
+    """Tell whether a process that launched the sweep lives, as far as this machine can tell."""
+    names = (each.name.rpartition("_")[2] for each in (sweep / FOLDER).glob("*"))
+    return any(_lives(int(each)) for each in names if each.isdigit())
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+        return b"pipeline" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True  # another person's process, or a system that does not tell what it is
+
+
 def name_job(overrides: Sequence[str]) -> str:
     """Return the name of a job's folder: its overrides by key, but those that say nothing of what it computes.
 

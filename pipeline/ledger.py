@@ -9,18 +9,17 @@ from __future__ import annotations
 import json
 import os
 import platform
-import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NotRequired
 
 from pydantic import TypeAdapter
 from typing_extensions import TypedDict
 
+from pipeline.checkout import git_state
 from pipeline.command import command_line
 from pipeline.files import hash_file, write_json
 
@@ -48,6 +47,7 @@ class StageRecord(TypedDict):
     libraries: dict[str, str]
     tables: dict[str, FileFacts]
     files: dict[str, FileFacts]
+    measured: NotRequired[bool]
 
 
 class RunFacts(TypedDict):
@@ -96,6 +96,7 @@ class Ledger:
             "sequence": sequence,
             "identity": identity,
             "command": command_line(arguments),
+            "directory": str(Path.cwd()),
             "started": now(),
             "ended": None,
             "seconds": 0.0,
@@ -202,6 +203,14 @@ def peak_memory_mb() -> float | None:
     return round(most * (1e-6 if sys.platform == "darwin" else 1024e-6), 1)
 
 
+def _processor_model() -> str | None:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
+            return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), None)
+    except OSError:
+        return platform.processor() or None
+
+
 def now() -> str:
     """Return the present time, UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
@@ -215,19 +224,6 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         "executable": sys.executable,
         "processor": platform.machine(),
+        "model": _processor_model(),
         "cores": os.cpu_count(),
     }
-
-
-@cache
-def git_state() -> dict[str, Any] | None:
-    """Return commit and cleanliness of the checkout that this code lies in, or None outside of one."""
-    root = Path(__file__).resolve().parent.parent
-    try:
-        commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=root, capture_output=True, text=True, timeout=10)
-        status = subprocess.run(["git", "status", "--porcelain"], cwd=root, capture_output=True, text=True, timeout=10)
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    if commit.returncode:
-        return None
-    return {"commit": commit.stdout.strip(), "clean": not status.stdout.strip()}

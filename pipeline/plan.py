@@ -200,6 +200,13 @@ def nearest_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Le
     return ingredients.changes(nearest)[:2]
 
 
+def choose_stages(study: Study, stages: Sequence[Stage]) -> list[Stage]:
+    """Return all stages of a workflow, or those asked for by name with what they need, in the order of the data."""
+    asked = study.settings.stages
+    needed = {each.name for each in stages} if asked is None else _with_upstream(stages, asked)
+    return [each for each in stages if each.name in needed]
+
+
 def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) -> list[Step]:
     """Plan all stages of a workflow, or those asked for by name with what they need.
 
@@ -218,13 +225,10 @@ def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) 
         When stages are asked for by name and a table they read is not fresh.
     """
     asked = study.settings.stages
-    needed = {each.name for each in stages} if asked is None else _with_upstream(stages, asked)
     steps: list[Step] = []
     stale: list[Step] = []
     hashes: dict[str, str | None] = {}
-    for each in stages:
-        if each.name not in needed:
-            continue
+    for each in choose_stages(study, stages):
         step = _plan_one(study, each, ledgers, hashes)
         if asked is not None and each.name in asked:
             step = Step(each, "run", "asked for by name")

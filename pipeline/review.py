@@ -1,6 +1,6 @@
 """Looks at runs from the terminal: ``python -m pipeline.review list | show RUN | show RUN TABLE``.
 
-The folder of runs flows in, text flows out; nothing is changed.
+The folder of runs flows in, text flows out; nothing is changed but by ``prune``, which is a module of its own.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from rich.padding import Padding
 from pipeline.command import command_line, python_name
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.ledger import FILE_NAME, Ledger
+from pipeline.prune import add_prune, prune
 from pipeline.report import print_frame
 from pipeline.runs import find_run, list_folders, list_ledgers, live_status, runs_folder
 from pipeline.table import read_frame
@@ -29,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.review", description="Look at runs and their tables.")
     parser.add_argument("--outputs", default="outputs", metavar="PATH", help="the outputs folder (default: outputs)")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="list | show")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="list | show | prune")
     commands.add_parser("list", help="all runs, newest first")
     show = commands.add_parser("show", help="a run's stages, or the first rows of one of its tables")
     show.add_argument("run", metavar="RUN", help="its name, the beginning of its name, or latest")
@@ -37,9 +38,12 @@ def main(arguments: list[str] | None = None) -> int:
     show.add_argument(
         "--rows", type=_count, default=ROWS_SHOWN, metavar="N", help=f"rows to print (default: {ROWS_SHOWN})"
     )
+    add_prune(commands)
     options = parser.parse_args(arguments)
     console = open_console(piped_width=200)
     try:
+        if options.command == "prune":
+            return prune(options.outputs, options.keep, options.sweeps, options.dry_run, console)
         if options.command == "list":
             list_runs(options.outputs, console)
         elif options.table is None:

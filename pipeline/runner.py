@@ -22,6 +22,7 @@ import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
+from pipeline.checkout import keep_changes
 from pipeline.command import command_line
 from pipeline.config import Study, read_study
 from pipeline.context import Context, Record
@@ -29,7 +30,7 @@ from pipeline.errors import PipelineError
 from pipeline.files import link, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
 from pipeline.launch import name_job
-from pipeline.ledger import Ledger, files_of, now
+from pipeline.ledger import FILE_NAME, Ledger, files_of, now
 from pipeline.metrics import read_metrics
 from pipeline.plan import Ingredients, Step, decide, gather, make_plan
 from pipeline.report import is_whole_page, print_headline, write_report
@@ -81,9 +82,14 @@ class Runner:
         """The outputs folder."""
         return self.study.settings.outputs
 
+    @property
+    def identity(self) -> str:
+        """By which an unfinished run of the same is found again."""
+        return self.study.identity
+
     def show_plan(self) -> None:
         """Print what would run and why; write nothing."""
-        steps = make_plan(self.study, self.stages, list_ledgers(self.outputs))
+        steps = self._plan()
         self._print_steps(steps)
         self._print_previews(steps)
         if all(step.action in ("fresh", "kept") for step in steps):
@@ -105,14 +111,14 @@ class Runner:
         PipelineError
             When the run cannot begin.
         """
-        steps = make_plan(self.study, self.stages, list_ledgers(self.outputs))
+        steps = self._plan()
         finished = self._finished_run(steps)
         if finished:
             self._print_steps(steps)
             self._finish(finished, "everything is fresh: nothing to run")
             return 0
         with watch() as signals:
-            held = claim(self.outputs, self.study.identity, self.arguments, self.place)
+            held = claim(self.outputs, self.identity, self.arguments, self.place)
             with held.lock:
                 try:
                     with _log_file(held.ledger.folder):
@@ -127,6 +133,7 @@ class Runner:
         try:
             if self.given:
                 ledger.facts["given"] = list(self.given)
+            keep_changes(ledger.folder, ledger.facts)
             ledger.save()
             write_text(ledger.folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(self.study.values)))
             self._say(f"{'resuming' if held.resumed else 'run'} {ledger.folder}")
@@ -139,6 +146,7 @@ class Runner:
             write_report(ledger, self.study, self.stages)
             shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
             ledger.facts["metrics"] = read_metrics(ledger, self.study, self.stages)
+            self._conclude(ledger)
             ledger.end("done")
         except (Exception, Interrupted) as error:
             signals.stopping = True
@@ -180,23 +188,37 @@ class Runner:
             if table.name in stage.reads
         }
         ingredients = gather(self.study, stage, inputs)
-        asked = self.study.settings.stages or []
-        others = [each for each in list_ledgers(self.outputs) if each.name != ledger.name]
-        step = decide(stage, ingredients, [ledger] if stage.name in asked else [ledger, *others])
-        if stage.name in asked and step.source is None:
-            step = Step(stage, "run", "asked for by name")
+        step = self._decide(stage, ingredients, ledger)
         if step.source is None:
             with make_alone(self.outputs, ingredients.fingerprint, signals.check, lambda: self._tell_wait(stage)):
-                if stage.name not in asked:  # another run may have made it meanwhile
-                    others = [each for each in list_ledgers(self.outputs) if each.name != ledger.name]
-                    step = decide(stage, ingredients, [ledger, *others])
+                step = self._decide(stage, ingredients, ledger)  # another run may have made it meanwhile
                 if step.source is None:
                     self._run_stage(stage, ledger, ingredients, step.reason, signals)
                     return
-        if step.source.name != ledger.name:
-            _adopt(stage, step.source, ledger)
+        if step.source.folder != ledger.folder:
+            try:
+                _adopt(stage, step.source, ledger)
+            except FileNotFoundError:
+                if (step.source.folder / FILE_NAME).exists():
+                    raise
+                self._do(stage, ledger, signals)  # that run was removed meanwhile
+                return
         self._print_step(step)
         log.info("%s: %s, %s", stage.name, step.action, step.reason)
+
+    def _plan(self) -> list[Step]:
+        return make_plan(self.study, self.stages, list_ledgers(self.outputs))
+
+    def _decide(self, stage: Stage, ingredients: Ingredients, ledger: Ledger) -> Step:
+        """Say whether a stage must run now that its inputs are there; one asked for by name runs once."""
+        if stage.name in (self.study.settings.stages or []):
+            step = decide(stage, ingredients, [ledger])
+            return step if step.source else Step(stage, "run", "asked for by name")
+        others = [each for each in list_ledgers(self.outputs) if each.folder != ledger.folder]
+        return decide(stage, ingredients, [ledger, *others])
+
+    def _conclude(self, ledger: Ledger) -> None:
+        """Note what is to be noted once every stage is done."""
 
     def _tell_wait(self, stage: Stage) -> None:
         self._print_step(Step(stage, "wait", "another run is making it"))
@@ -212,6 +234,7 @@ class Runner:
             "inputs": ingredients.inputs,
             "code": ingredients.code,
             "libraries": ingredients.libraries,
+            "measured": ingredients.measured,
             "tables": {},
             "files": {},
         }

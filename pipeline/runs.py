@@ -16,6 +16,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from pipeline.checkout import keep_changes
 from pipeline.command import command_line
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.files import clear_temporaries
@@ -270,4 +271,5 @@ def claim_job(place: Path, identity: str, arguments: Sequence[str]) -> Iterator[
     """
     held = claim(place.parent.parent.parent, identity, arguments, place)
     with held.lock:
+        keep_changes(place, held.ledger.facts)
         yield held.ledger

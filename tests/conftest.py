@@ -26,6 +26,7 @@ class Command:
         self.outputs = outputs
         self.fixed = fixed
         self.environment = {**os.environ, "COLUMNS": "200"}
+        self.root = ROOT
 
     @property
     def runs(self) -> list[Path]:
@@ -40,7 +41,7 @@ class Command:
         """Start the command; `before` is called in the new process first."""
         return subprocess.Popen(
             self.line(*arguments),
-            cwd=ROOT,
+            cwd=self.root,
             env=self.environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -59,7 +60,7 @@ class Command:
     def review(self, *arguments: str, before=None) -> subprocess.CompletedProcess:
         line = [sys.executable, "-m", "pipeline.review", "--outputs", str(self.outputs), *arguments]
         return subprocess.run(
-            line, cwd=ROOT, env=self.environment, capture_output=True, text=True, timeout=60, preexec_fn=before
+            line, cwd=self.root, env=self.environment, capture_output=True, text=True, timeout=60, preexec_fn=before
         )
 
 

@@ -1,0 +1,145 @@
+"""Whether two runs of one configuration hold the same tables, and what differs between them that could be why.
+
+Two ledgers flow in, with their folders as far as these are whole; sentences flow out. Bytes decide; rows and columns
+are looked at only to say by how much tables differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow.parquet
+
+from pipeline.errors import TableError
+from pipeline.files import hash_file
+from pipeline.ledger import Ledger
+from pipeline.table import read_frame
+
+LARGEST_READ = 200_000_000
+"""Bytes of a table up to which its values are compared."""
+MOST_TOLD = 5
+MACHINE = ("model", "processor", "system", "cores")
+
+
+def compare_tables(now: Ledger, then: Ledger, stages: Sequence[str]) -> dict[str, str | None]:
+    """Compare the tables that stages wrote in two runs.
+
+    Parameters
+    ----------
+    now, then : Ledger
+        The later run, and the earlier.
+    stages : sequence of str
+        Names, in the order of the data.
+
+    Returns
+    -------
+    dict of str to str or None
+        By table: how it differs, or None where its bytes are the same.
+    """
+    found: dict[str, str | None] = {}
+    for stage in stages:
+        new, old = now.records[stage]["tables"], then.records.get(stage, {"tables": {}})["tables"]
+        for table in {**old, **new}:
+            if table not in new or table not in old:
+                found[table] = "there is none now" if table in old else "there was none then"
+            elif new[table]["sha256"] == old[table]["sha256"]:
+                found[table] = None
+            else:
+                path = Path("tables") / f"{table}.parquet"
+                found[table] = _tell_difference(then.folder / path, now.folder / path, old[table], new[table])
+    return found
+
+
+def tell_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterator[str]:
+    """Yield what differs between what two runs were made from, and on which machines."""
+    pairs = [(then.records.get(each, {}), now.records[each]) for each in stages]
+    if any(old.get("config") != new["config"] for old, new in pairs):
+        yield "configuration: config.yaml is no longer what the stages had then"
+    files = _gather_changes(pairs, "code")
+    if files:
+        yield f"code: {_some(list(files))}"
+    versions = _gather_changes(pairs, "libraries")
+    if versions:
+        yield f"libraries: {_some([f'{name} {old} -> {new}' for name, (old, new) in versions.items()])}"
+    tables = {name for ledger in (now, then) for each in ledger.records.values() for name in each["tables"]}
+    inputs = [name for name in _gather_changes(pairs, "inputs") if name not in tables]
+    if inputs:
+        yield f"input files: {_some(inputs)}"
+    commits = [_tell_commit(each.facts.get("git")) for each in (then, now)]
+    if commits[0] != commits[1]:
+        yield f"commit: {commits[0]} -> {commits[1]}"
+    machines = [each.facts.get("machine") or {} for each in (then, now)]
+    differing = [key for key in MACHINE if all(key in each for each in machines)]
+    differing = [key for key in differing if machines[0][key] != machines[1][key]]
+    for key in differing:
+        yield f"machine: {key} {machines[0][key]} -> {machines[1][key]}"
+
+
+def _gather_changes(pairs: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]], key: str) -> dict[str, Any]:
+    """Return what differs in a part of any of the records: name to old and new."""
+    found = {}
+    for old, new in pairs:
+        before, after = old.get(key, {}), new[key]
+        for name in sorted({**before, **after}):
+            if before.get(name) != after.get(name):
+                found[name] = (before.get(name, "absent"), after.get(name, "absent"))
+    return found
+
+
+def _tell_commit(git: Mapping[str, Any] | None) -> str:
+    if not git:
+        return "unknown"
+    if git["clean"]:
+        return str(git["commit"][:10])
+    changes = git.get("changes")
+    return f"{git['commit'][:10]} with changes{' ' + changes['sha256'][:8] if changes else ''}"
+
+
+def _tell_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    rows = f"{old.get('rows')} rows then, {new.get('rows')} now" if old.get("rows") != new.get("rows") else ""
+    if max(old["bytes"], new["bytes"]) > LARGEST_READ:
+        return rows or "other bytes (too large to look further)"
+    try:
+        if hash_file(then) != old["sha256"]:
+            return rows or "other bytes (the file of then is no longer whole)"
+        before, after = read_frame(then), read_frame(now)
+    except (OSError, TableError):
+        return rows or "other bytes (the file of then is no longer there)"
+    told = [rows] if rows else []
+    for phrase, names in (
+        ("without", [str(each) for each in before if each not in after]),
+        ("with new", [str(each) for each in after if each not in before]),
+    ):
+        if names:
+            told.append(f"{phrase} {'column' if len(names) == 1 else 'columns'} {_some(names)}")
+    if not rows:
+        shared = [each for each in before if each in after]
+        told += [each for name in shared if (each := _tell_values(str(name), before[name], after[name]))][:MOST_TOLD]
+    return "; ".join(told) or _tell_writers(then, now)
+
+
+def _tell_values(name: str, before: pd.Series, after: pd.Series) -> str | None:
+    if before.dtype != after.dtype:
+        return f"{name}: {before.dtype} -> {after.dtype}"
+    unequal = ~((before == after) | (before.isna() & after.isna()))
+    count = int(unequal.sum())
+    if not count:
+        return None
+    told = f"{name} differs in {count} of {len(before)} rows"
+    if pd.api.types.is_float_dtype(before):
+        return f"{told}, by at most {(before - after)[unequal].abs().max():.3g}"
+    return told
+
+
+def _tell_writers(then: Path, now: Path) -> str:
+    writers = [pyarrow.parquet.read_metadata(each).created_by for each in (then, now)]
+    if writers[0] != writers[1]:
+        return f"the same values, written by {writers[0]} then and by {writers[1]} now"
+    return "the same values, in other bytes (units, descriptions or order of columns)"
+
+
+def _some(items: Sequence[str]) -> str:
+    return ", ".join(items[:MOST_TOLD]) + (f" and {len(items) - MOST_TOLD} more" if len(items) > MOST_TOLD else "")

@@ -1,0 +1,164 @@
+"""What a run's folder tells of the code it ran with, in checkouts that are really changed."""
+
+import hashlib
+import shutil
+import subprocess
+
+import pytest
+
+from pipeline.checkout import LARGEST_PATCH
+from tests.conftest import ROOT, Command
+from tests.faults import find_parts, ledger_of, wait_until
+
+COUNTING = "tests/pipeline/toy/counting.py"
+SLOWLY = "doubling.pause_s=0.4"
+
+
+class Checkout(Command):
+    """The command in a copy of the project."""
+
+    def __init__(self, folder):
+        super().__init__(folder / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=toy")
+        self.root = folder / "project"
+        for each in ("pipeline", "conf", "tests/pipeline"):
+            shutil.copytree(ROOT / each, self.root / each, ignore=shutil.ignore_patterns("__pycache__"))
+        (self.root / "tests" / "__init__.py").touch()
+        (self.root / ".gitignore").write_text("__pycache__/\n")
+
+    def git(self, *arguments):
+        line = ["git", "-c", "user.name=n", "-c", "user.email=n@localhost", *arguments]
+        return subprocess.run(line, cwd=self.root, check=True, capture_output=True).stdout
+
+    def commit(self):
+        self.git("init", "-q")
+        self.git("add", "-A")
+        self.git("commit", "-q", "-m", "all")
+        return self
+
+    def change(self, text="# changed\n"):
+        with (self.root / COUNTING).open("a") as handle:
+            handle.write(text)
+
+
+@pytest.fixture
+def copied(tmp_path):
+    return Checkout(tmp_path)
+
+
+def test_a_clean_checkout_is_its_commit(copied):
+    copied.commit()
+    assert copied().returncode == 0
+    (run,) = copied.runs
+    facts = ledger_of(run)
+    assert facts["git"] == {"commit": copied.git("rev-parse", "HEAD").decode().strip(), "clean": True}
+    assert facts["directory"] == str(copied.root)
+    assert not (run / "changes.patch").exists()
+
+
+def test_changes_lie_beside_the_tables_and_can_be_had_again(copied, tmp_path):
+    copied.commit()
+    copied.change("LABEL = 'grün'\n")
+    (copied.root / "picture.png").write_bytes(bytes(range(256)))
+    copied.git("add", "picture.png")
+    (copied.root / "new folder").mkdir()
+    (copied.root / "new folder" / "note\n.txt").touch()
+    copied.git("config", "diff.noprefix", "true")
+    copied.git("config", "diff.external", "false")
+    assert copied().returncode == 0
+    (run,) = copied.runs
+    git = ledger_of(run)["git"]
+    patch = run / "changes.patch"
+    assert git["clean"] is False
+    assert git["changes"] == {
+        "file": "changes.patch",
+        "sha256": hashlib.sha256(patch.read_bytes()).hexdigest(),
+        "bytes": patch.stat().st_size,
+        "complete": True,
+        "untracked": 1,
+    }
+    assert "Untracked: 'new folder/note\\n.txt'" in patch.read_text()
+    again = tmp_path / "again"
+    subprocess.run(["git", "clone", "-q", copied.root, again], check=True)
+    subprocess.run(["git", "checkout", "-q", git["commit"]], cwd=again, check=True)
+    subprocess.run(["git", "apply", patch], cwd=again, check=True)
+    for name in (COUNTING, "picture.png"):
+        assert (again / name).read_bytes() == (copied.root / name).read_bytes()
+
+
+def test_a_large_change_is_cut_off_and_said(copied):
+    copied.commit()
+    (copied.root / "large.bin").write_bytes(bytes(1) + b"x" * LARGEST_PATCH)
+    lines = "".join(f"# {number}\n" for number in range(LARGEST_PATCH // 5))
+    (copied.root / "zebra.py").write_text(lines)
+    copied.git("add", "large.bin", "zebra.py")
+    copied.change()
+    assert copied().returncode == 0
+    (run,) = copied.runs
+    assert ledger_of(run)["git"]["changes"]["complete"] is False
+    patch = (run / "changes.patch").read_text()
+    assert len(patch) <= LARGEST_PATCH + 1000
+    assert "Not all of them" in patch
+    assert "+# changed" in patch
+    assert "zebra" not in patch
+
+
+def test_a_run_that_goes_on_with_other_code_says_both(copied):
+    copied.commit()
+    process = copied.start(SLOWLY)
+    wait_until(process, lambda: len(find_parts(copied)) >= 2)
+    process.kill()
+    process.communicate()
+    copied.change()
+    result = copied(SLOWLY)
+    assert "resuming" in result.stdout
+    (run,) = copied.runs
+    facts = ledger_of(run)
+    assert facts["git"]["clean"] is True
+    (later,) = facts["git_when_continued"]
+    assert later["changes"]["file"] == "changes-2.patch"
+    assert "+# changed" in (run / "changes-2.patch").read_text()
+
+
+def test_jobs_of_a_sweep_have_theirs(copied):
+    copied.commit()
+    copied.change()
+    assert copied("-m", "sweep=s", "seed=0,1").returncode == 0
+    assert copied("-m", "sweep=s", "seed=0,-1").returncode == 1
+    for seed in (0, 1, -1):
+        job = copied.outputs / "sweeps" / "s" / f"seed={seed},workflow=toy"
+        assert ledger_of(job)["git"]["changes"]["file"] == "changes.patch"
+        assert "+# changed" in (job / "changes.patch").read_text()
+
+
+def test_a_job_made_again_from_a_clean_checkout_keeps_no_changes_of_before(copied):
+    copied.commit()
+    copied.change()
+    assert copied("-m", "sweep=s").returncode == 0
+    (job,) = (copied.outputs / "sweeps" / "s").glob("[!.]*/")
+    assert (job / "changes.patch").exists()
+    copied.change("# and more\n")
+    copied.git("commit", "-q", "-a", "-m", "more")
+    assert copied("-m", "sweep=s", "on_finished=refresh").returncode == 0
+    assert ledger_of(job)["git"]["clean"] is True
+    assert not (job / "changes.patch").exists()
+
+
+@pytest.mark.parametrize("state", ["no checkout", "no commit", "no git"])
+def test_without_a_commit_there_is_nothing_to_tell(copied, state, tmp_path):
+    copied.environment["GIT_CEILING_DIRECTORIES"] = str(tmp_path)
+    if state == "no commit":
+        copied.git("init", "-q")
+    elif state == "no git":
+        copied.commit()
+        copied.change()
+        copied.environment["PATH"] = str(tmp_path)
+    result = copied()
+    assert result.returncode == 0
+    assert result.stderr == ""
+    assert ledger_of(copied.runs[0])["git"] is None
+
+
+def test_every_stage_says_whether_it_was_measured(toy):
+    toy()
+    records = ledger_of(toy.runs[0])["stages"]
+    assert [each["measured"] for each in records.values()] == [False] * 3
