@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -41,5 +42,10 @@ def _reduce(values: pd.Series, by: str) -> float | str | None:
         return None
     if by == "first" or not pd.api.types.is_numeric_dtype(values):
         first = values.iloc[0]
-        return first if isinstance(first, str) else float(first)
-    return float(values.agg(by))
+        return first if isinstance(first, str) else _finite(first)
+    return _finite(values.agg(by))
+
+
+def _finite(value: Any) -> float | None:
+    """Return a number as JSON can hold it."""
+    return float(value) if math.isfinite(value) else None

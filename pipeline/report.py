@@ -13,17 +13,16 @@ from typing import Any
 
 import jinja2
 import pandas as pd
-import rich.table
 from omegaconf import OmegaConf
 from rich.console import Console
 
 from pipeline.config import Study
 from pipeline.files import write_text
 from pipeline.ledger import Ledger
+from pipeline.printing import ROWS_SHOWN_WHOLE, format_value, is_prose, print_frame
 from pipeline.stage import Stage
 from pipeline.table import Table, read_frame
 
-ROWS_SHOWN_WHOLE = 60
 ROWS_OF_A_LONG_TABLE = 6
 
 
@@ -82,42 +81,6 @@ def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], consol
     for table in headline_tables(study, done):
         frame = read_frame(ledger.folder / "tables" / f"{table.name}.parquet")
         print_frame(table.title, frame[list(table.brief or table.columns)], console)
-
-
-def print_frame(title: str, frame: pd.DataFrame, console: Console, limit: int = ROWS_SHOWN_WHOLE) -> None:
-    """Print a frame as a terminal table, its first rows where it is long."""
-    console.print(title, style="bold", soft_wrap=True, highlight=False, markup=False)
-    if frame.empty:
-        console.print("  no rows\n", highlight=False)
-        return
-    if is_prose(frame):
-        for sentence in frame.iloc[:limit, 0]:
-            console.print(f"  {sentence}", highlight=False, markup=False)
-        console.print()
-        return
-    shown = rich.table.Table(header_style="bold", box=rich.box.SIMPLE_HEAD)
-    for name in frame.columns:
-        numeric = pd.api.types.is_numeric_dtype(frame[name])
-        shown.add_column(str(name), justify="right" if numeric else "left", overflow="fold")
-    for row in frame.head(limit).itertuples(index=False):
-        shown.add_row(*(format_value(value) for value in row))
-    console.print(shown, markup=False)
-    if len(frame) > limit:
-        console.print(f"  first {limit} of {len(frame)} rows", highlight=False)
-
-
-def is_prose(frame: pd.DataFrame) -> bool:
-    """Tell whether a table is a list of sentences: one column of text."""
-    return len(frame.columns) == 1 and not pd.api.types.is_numeric_dtype(frame.iloc[:, 0])
-
-
-def format_value(value: Any) -> str:
-    """Return a table cell's text: four significant digits for a float, a dash for a missing value."""
-    if value is None or value is pd.NA or (isinstance(value, float) and value != value):
-        return "-"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return str(value)
 
 
 def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
