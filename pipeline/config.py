@@ -13,7 +13,7 @@ import importlib.util
 import inspect
 import re
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -72,14 +72,29 @@ class Metric(Section):
     by: Literal["mean", "max", "min", "sum", "first"]
 
 
+class Curve(Section):
+    """A quantity over another, which runs are compared in: a line for each value of `by`, a band over `repeats`.
+
+    Rows that differ in other columns alone are averaged first.
+    """
+
+    table: Text
+    x: Text
+    y: Text
+    by: list[Text]
+    repeats: list[Text]
+    where: dict[str, Any]
+
+
 class Workflow(Section):
-    """Which stages, from which package, which tables and numbers a person wants to see first, and what others quote."""
+    """Which stages, from which package, which tables, numbers and curves tell a run, and what others quote."""
 
     name: str
     package: str
     stages: Annotated[list[Text], Field(min_length=1)]
     headline: list[str]
     metrics: dict[str, Metric]
+    curves: dict[str, Curve]
     quoted: list[str]
 
     @model_validator(mode="after")
@@ -237,21 +252,31 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
     tables = [table.name for each in stages for table in each.writes]
     wanted = {"headline": settings.workflow.headline}
     wanted |= {f"metrics.{name}.table": [each.table] for name, each in settings.workflow.metrics.items()}
+    wanted |= {f"curves.{name}.table": [each.table] for name, each in settings.workflow.curves.items()}
     for key, names in wanted.items():
         for name in names:
             if name not in tables:
+                left_out = "" if key == "headline" else f", or leave it out: ~workflow.{key.removesuffix('.table')}"
                 raise ConfigError(
                     f"workflow.{key}: no stage of workflow {settings.workflow.name} writes '{name}'; "
-                    f"{suggest(name, tables)}"
+                    f"{suggest(name, tables)}{left_out}"
                 )
     columns = {table.name: [*table.columns] for each in stages for table in each.writes}
-    for metric, each in settings.workflow.metrics.items():
-        for key, name in (("column", each.column), *(("where", name) for name in each.where)):
-            if name not in columns[each.table]:
-                raise ConfigError(
-                    f"workflow.metrics.{metric}.{key}: table {each.table} has no column '{name}'; "
-                    f"{suggest(name, columns[each.table])}"
-                )
+    for path, table, named in _list_named_columns(settings.workflow):
+        if named not in columns[table]:
+            raise ConfigError(
+                f"workflow.{path}: table {table} has no column '{named}'; {suggest(named, columns[table])}"
+            )
+
+
+def _list_named_columns(workflow: Workflow) -> Iterator[tuple[str, str, str]]:
+    """Yield the key, the table and the column of each place where the workflow names a column."""
+    for name, metric in workflow.metrics.items():
+        yield f"metrics.{name}.column", metric.table, metric.column
+        yield from ((f"metrics.{name}.where", metric.table, each) for each in metric.where)
+    for name, curve in workflow.curves.items():
+        named = {"x": [curve.x], "y": [curve.y], "by": curve.by, "repeats": curve.repeats, "where": [*curve.where]}
+        yield from ((f"curves.{name}.{key}", curve.table, each) for key, columns in named.items() for each in columns)
 
 
 def _check_target(study: Study, section: str) -> None:

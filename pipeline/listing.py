@@ -117,12 +117,7 @@ def _look_up_one(ledger: Ledger, key: str) -> Any:
 
 def _unknown(key: str, ledgers: Sequence[Ledger]) -> ConfigError:
     metrics = {name for each in ledgers for name in (each.facts.get("metrics") or {})}
-    sections = {
-        name: section
-        for each in ledgers
-        for record in each.records.values()
-        for name, section in record["config"].items()
-    }
+    sections = {name: section for each in ledgers for name, section in read_slices(each).items()}
     paths = [path for name, section in sections.items() for path in _paths(name, section)]
     offered = suggest(key, [*COLUMNS, *metrics, *paths])
     if offered.startswith("choose"):

@@ -32,7 +32,7 @@ from pipeline.launch import name_job
 from pipeline.ledger import Ledger, files_of, now
 from pipeline.metrics import read_metrics
 from pipeline.plan import Ingredients, Step, decide, gather, make_plan
-from pipeline.report import is_whole_page, print_headline, write_report
+from pipeline.report import FILE_NAME, is_whole_page, print_headline, try_report, write_report
 from pipeline.runs import Claim, claim, list_ledgers, make_alone, sweeps_folder
 from pipeline.stage import Stage
 from pipeline.table import measure_file
@@ -126,6 +126,7 @@ class Runner:
             if self.given:
                 ledger.facts["given"] = list(self.given)
             ledger.save()
+            (ledger.folder / FILE_NAME).unlink(missing_ok=True)
             write_text(ledger.folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(self.study.values)))
             self._say(f"{'resuming' if held.resumed else 'run'} {ledger.folder}")
             log.info("%s: %s", "resumed" if held.resumed else "begun", command_line(self.arguments))
@@ -134,9 +135,9 @@ class Runner:
             for stage in stages:
                 self._do(stage, ledger, signals)
                 signals.check()
-            write_report(ledger, self.study, self.stages)
-            shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
             ledger.facts["metrics"] = read_metrics(ledger, self.study, self.stages)
+            write_report(ledger, self.study, self.stages, "done")
+            shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
             ledger.end("done")
         except (Exception, Interrupted) as error:
             signals.stopping = True
@@ -266,7 +267,7 @@ class Runner:
 
     def _finish(self, ledger: Ledger, word: str) -> None:
         print_headline(ledger, self.study, self.stages, self.console)
-        page = ledger.folder / "report.html"
+        page = ledger.folder / FILE_NAME
         try:
             if not is_whole_page(page):
                 write_report(ledger, self.study, self.stages)
@@ -284,6 +285,9 @@ class Runner:
         log.error("%s %s: %s", stage.name, status, message)
         ledger.end(status, {"stage": stage.name, "message": message})
         self._complain(f"{stage.name} {status}: {message}; {when}, type: {command_line(self.arguments)}")
+        page = try_report(ledger, self.study, self.stages) if status != "interrupted" else None
+        if page is not None:
+            self._say(f"report: {page}")
         return code
 
     def _refuse(self, ledger: Ledger, error: OSError) -> int:
