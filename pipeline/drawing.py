@@ -2,56 +2,24 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from pipeline.intervals import half_width
+from pipeline.pictures import LONGEST_LABEL, Picture, make_picture, new_figure, shorten
 from pipeline.selection import order_of, read_number
 from pipeline.sweep_view import Sweep, summarise
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-CONFIDENCE = 0.95
 MOST_AXES = 4
 MOST_CELLS = 30
 """Values of an axis up to which it can be one of a grid's."""
 MOST_LABELLED_CELLS = 12
 MOST_PANELS = 24
-LONGEST_LABEL = 22
 BLUE, DARK, GREY = "#0b5fa5", "#1d2530", "#5b6775"
-RESOLUTION = 130
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure on a page.
-
-    Parameters
-    ----------
-    data : str
-        The PNG, in base64.
-    caption : str
-        What it shows, and what its marks are.
-    """
-
-    data: str
-    caption: str
-
-
-def half_width(spread: float, count: int) -> float:
-    """Return half of the 95 % interval (t) of a mean, from the SD and number of its values; nan for fewer than two."""
-    from scipy.special import stdtrit
-
-    if count < 2:
-        return float("nan")
-    return float(stdtrit(count - 1, (1 + CONFIDENCE) / 2) * spread / np.sqrt(count))
 
 
 def draw_metrics(sweep: Sweep) -> Iterator[tuple[str, list[Picture], str]]:
@@ -86,18 +54,18 @@ def _draw_metric(sweep: Sweep, metric: str, points: pd.DataFrame) -> Iterator[Pi
 
 
 def _draw_repeats(values: np.ndarray[Any, Any], head: str, seeds: Sequence[str]) -> Picture:
-    figure, axes = _new_figure()
+    figure, axes = new_figure()
     mean, half = float(values.mean()), half_width(float(values.std(ddof=1)), len(values))
     axes.axhspan(mean - half, mean + half, color=BLUE, alpha=0.15, lw=0)
     axes.axhline(mean, color=BLUE, lw=1.8)
     axes.plot(range(1, len(values) + 1), values, "o", mfc="none", mec=GREY, ms=4.5)
-    axes.set(xlabel="job", ylabel=_shorten(head, 40))
+    axes.set(xlabel="job", ylabel=shorten(head, 40))
     axes.xaxis.get_major_locator().set_params(integer=True)
     caption = (
         f"{head}: line is the mean of {len(values)} jobs, {mean:.4g}; band its 95 % interval (t), "
         f"{mean - half:.4g} to {mean + half:.4g}; circles are jobs, which differ in {_join(seeds) or 'nothing'}."
     )
-    return _picture(figure, caption)
+    return make_picture(figure, caption)
 
 
 def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str], seeds: Sequence[str]) -> Picture:
@@ -108,7 +76,7 @@ def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str]
     numeric = all(each is not None and np.isfinite(each) for each in numbers)
     places = np.array(numbers if numeric else range(len(labels)), dtype=float)
     at = dict(zip(labels, places, strict=True))
-    figure, axes = _new_figure(0 if numeric else max(map(len, labels)))
+    figure, axes = new_figure(0 if numeric else max(map(len, labels)))
     axes.plot([at[each] for each in points[axis]], points["value"], "o", mfc="none", mec=GREY, alpha=0.6, ms=4)
     mean = summary["mean"].to_numpy()
     if summary["count"].max() > 1:
@@ -127,14 +95,14 @@ def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str]
     else:
         _name_ticks(axes.xaxis, labels)
         axes.margins(x=0.5 / len(labels) + 0.05)
-    axes.set(xlabel=_shorten(axis, 60), ylabel=_shorten(head, 40))
+    axes.set(xlabel=shorten(axis, 60), ylabel=shorten(head, 40))
     least, most = int(summary["count"].min()), int(summary["count"].max())
     number = f"{least}" if least == most else f"{least} to {most}"
     bars = f"bars reach from least to most over {_join([*others, *seeds])}"
     if not others:
         bars = f"bars are the mean's 95 % interval (t) over {_join(seeds) or 'jobs'}"
     caption = f"{head} over {axis}: diamonds are means, circles jobs ({number} for each value)"
-    return _picture(figure, f"{caption}{f'; {bars}' if most > 1 else ''}.")
+    return make_picture(figure, f"{caption}{f'; {bars}' if most > 1 else ''}.")
 
 
 def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Sequence[str]) -> Picture:
@@ -142,12 +110,12 @@ def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Se
     across, along = (sorted(points[each].unique(), key=order_of) for each in (one, other))
     means = summary.pivot(index=other, columns=one, values="mean").reindex(index=along, columns=across)
     counts = summary.pivot(index=other, columns=one, values="count").reindex(index=along, columns=across).fillna(0)
-    figure, axes = _new_figure(max(map(len, across)), 1.1)
+    figure, axes = new_figure(max(map(len, across)), 1.1)
     image = axes.imshow(means.to_numpy(), aspect="auto", origin="lower", cmap="viridis")
     axes.set_facecolor("white")
     _name_ticks(axes.xaxis, across)
     _name_ticks(axes.yaxis, along, turn=False)
-    axes.set(xlabel=_shorten(one, 60), ylabel=_shorten(other, 40))
+    axes.set(xlabel=shorten(one, 60), ylabel=shorten(other, 40))
     axes.grid(visible=False)
     if max(len(across), len(along)) <= MOST_LABELLED_CELLS:
         size = 8.5 if len(across) <= 6 else 6.5
@@ -155,45 +123,19 @@ def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Se
             text = "none" if np.isnan(mean) else f"{mean:.3g}"
             dark = np.isnan(mean) or image.norm(mean) > 0.6
             axes.text(column, row, text, ha="center", va="center", size=size, color=DARK if dark else "white")
-    figure.colorbar(image, ax=axes, label=_shorten(head, 40))
+    figure.colorbar(image, ax=axes, label=shorten(head, 40))
     least, most = int(counts.to_numpy().min()), int(counts.to_numpy().max())
     number = f"{least}" if least == most else f"{least} to {most}"
     over = f", over all of {_join(others)}" if others else ""
     caption = f"{head}: mean of the jobs in each cell ({number}{over}); white cells have none."
-    return _picture(figure, caption if least == 0 else caption.replace("; white cells have none", ""))
-
-
-def _new_figure(longest_label: int = 0, wider: float = 1.0) -> tuple[Figure, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    more = 0.05 * min(longest_label, LONGEST_LABEL) if longest_label > 6 else 0.0
-    figure = Figure(figsize=(5.2 * wider, 3.3 + more), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(color="#dde3ea", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=9)
-    return figure, axes
-
-
-def _picture(figure: Figure, caption: str) -> Picture:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=RESOLUTION)
-    return Picture(base64.b64encode(stream.getvalue()).decode(), caption)
+    return make_picture(figure, caption if least == 0 else caption.replace("; white cells have none", ""))
 
 
 def _name_ticks(axis: Any, labels: Sequence[str], turn: bool = True) -> None:
     step = -(-len(labels) // 16)
-    shown = [_shorten(each, LONGEST_LABEL) if index % step == 0 else "" for index, each in enumerate(labels)]
+    shown = [shorten(each, LONGEST_LABEL) if index % step == 0 else "" for index, each in enumerate(labels)]
     slanted = turn and sum(map(len, shown)) > 40
     axis.set_ticks(range(len(labels)), shown, **({"rotation": 30, "ha": "right"} if slanted else {}))
-
-
-def _shorten(text: str, most: int) -> str:
-    text = text.replace("$", r"\$")
-    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def _join(names: Sequence[str]) -> str:

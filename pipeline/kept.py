@@ -75,3 +75,18 @@ def read_short_tables(
             found = read_whole_table(ledger, name)
             if found:
                 yield found
+
+
+def read_surroundings(ledger: Ledger) -> dict[str, dict[str, str]]:
+    """Return with which code and libraries, and on which machine, a run was made."""
+    git, machine = ledger.facts.get("git") or {}, ledger.facts.get("machine") or {}
+    records = ledger.records.values()
+    return {
+        "code": {
+            "commit": str(git.get("commit", "unknown"))[:10],
+            "changes": "unknown" if not git else "none" if git.get("clean") else "some that were not committed",
+        },
+        "machine": {key: str(value) for key, value in machine.items() if key != "executable"},
+        "library": {name: str(version) for record in records for name, version in record["libraries"].items()},
+        "source": {name: str(digest)[:8] for record in records for name, digest in record["code"].items()},
+    }

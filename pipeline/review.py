@@ -102,12 +102,20 @@ def sweep(options: argparse.Namespace, console: Console) -> None:
     review_sweep(options.outputs, options.sweep, conditions, options.sort, options.rows, options.all, console)
 
 
+def compare(options: argparse.Namespace, console: Console) -> None:
+    """Print how runs differ, and write a page of it."""
+    from pipeline.compare_review import review_comparison
+
+    review_comparison(options.outputs, options.runs, options.html, options.all, options.rows, console)
+
+
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m pipeline.review", description="Look at runs and their tables.")
     parser.add_argument("--outputs", default="outputs", metavar="PATH", help="the outputs folder (default: outputs)")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="list | show | sweep")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="list | show | compare | sweep")
     _add_list(commands.add_parser("list", help="all runs and sweeps, newest first"))
     _add_show(commands.add_parser("show", help="a run's stages, or the first rows of one of its tables"))
+    _add_compare(commands.add_parser("compare", help="how runs differ, as text and as a page with their curves"))
     _add_sweep(commands.add_parser("sweep", help="a sweep: its jobs, failures and metrics, as text and as a page"))
     return parser
 
@@ -127,6 +135,14 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_compare(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(act=compare)
+    parser.add_argument("runs", metavar="RUN", nargs="+", help="as of show; or a sweep, for all its jobs that are done")
+    parser.add_argument("--all", action="store_true", help="list also what is the same in all")
+    parser.add_argument("--html", metavar="PATH", help="the page (default: outputs/reviews/compare-RUN_vs_RUN.html)")
+    _add_rows(parser)
+
+
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(act=sweep)
     parser.add_argument("sweep", metavar="DIR|NAME", help="its name, its folder, or latest")
@@ -143,6 +159,10 @@ def _add_selection(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="these rows alone; also KEY!=VALUE, KEY~TEXT (contains), 'KEY<NUMBER', 'KEY>NUMBER'; may be repeated",
     )
+    _add_rows(parser)
+
+
+def _add_rows(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rows", type=_count, default=ROWS_OF_A_LIST, metavar="N", help=f"rows to print (default: {ROWS_OF_A_LIST})"
     )

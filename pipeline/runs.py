@@ -64,8 +64,8 @@ def list_folders(outputs: str | Path) -> list[Path]:
     PipelineError
         When there is a folder of runs that cannot be read.
     """
-    jobs = [job for sweep in _list_within(sweeps_folder(outputs)) for job in _list_within(sweep)]
-    return [*_list_within(runs_folder(outputs)), *jobs]
+    runs = _list_within(runs_folder(outputs))
+    return [*runs, *(job for sweep in _list_within(sweeps_folder(outputs)) for job in _list_within(sweep))]
 
 
 def _list_within(folder: Path) -> list[Path]:

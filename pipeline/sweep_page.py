@@ -8,8 +8,8 @@ from typing import Any
 
 from pipeline.failures import list_commands, read_traceback, tell_reason
 from pipeline.files import write_text
-from pipeline.flat import ABSENT, count_values
-from pipeline.kept import list_headlines, read_config, read_short_tables, read_slices
+from pipeline.flat import count_values
+from pipeline.kept import list_headlines, read_config, read_short_tables, read_slices, read_surroundings
 from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
 from pipeline.page import link_to, make_grid, make_rows, render
@@ -139,18 +139,7 @@ def _list_differences(sweep: Sweep, ledgers: Sequence[Ledger]) -> dict[str, Any]
         for key, counts in count_values([read_slices(each) for each in ledgers]).items()
         if key not in sweep.keys
     }
-    facts = [
-        {
-            "code": {"commit": (each.facts.get("git") or {}).get("commit", ABSENT)[:10]},
-            "machine": {key: value for key, value in (each.facts.get("machine") or {}).items() if key != "executable"},
-            "library": {
-                name: version for record in each.records.values() for name, version in record["libraries"].items()
-            },
-            "source": {name: digest[:8] for record in each.records.values() for name, digest in record["code"].items()},
-        }
-        for each in ledgers
-    ]
-    found |= count_values(facts)
+    found |= count_values([read_surroundings(each) for each in ledgers])
     rows = [
         [key, ", ".join(f"{_short(value)} ({count})" for value, count in islice(counts.items(), MOST_VALUES))]
         for key, counts in islice(found.items(), MOST_DIFFERENCES)
