@@ -16,7 +16,7 @@ def draw_curves(curves: Curves) -> Picture:
     """Draw the lines of a curve, told apart by colour, marker and style."""
     lines = curves.lines[:MOST_LINES]
     rows = -(-len(lines) // 2)
-    figure, axes = new_figure(wider=1.15, taller=0.4 + 0.19 * rows)
+    figure, axes = new_figure(6.0, 3.7 + 0.19 * rows)
     for index, line in enumerate(lines):
         points = line.points
         colour = COLOURS[index % len(COLOURS)]

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.intervals import half_width
-from pipeline.pictures import LONGEST_LABEL, Picture, make_picture, new_figure, shorten
+from pipeline.pictures import Margins, Picture, make_picture, new_figure, shorten
 from pipeline.selection import order_of, read_number
 from pipeline.sweep_view import Sweep, summarise
 
@@ -19,6 +19,8 @@ MOST_CELLS = 30
 """Values of an axis up to which it can be one of a grid's."""
 MOST_LABELLED_CELLS = 12
 MOST_PANELS = 24
+LONGEST_LABEL = 22
+INCHES_OF_A_LETTER = 0.075
 BLUE, DARK, GREY = "#0b5fa5", "#1d2530", "#5b6775"
 
 
@@ -54,7 +56,7 @@ def _draw_metric(sweep: Sweep, metric: str, points: pd.DataFrame) -> Iterator[Pi
 
 
 def _draw_repeats(values: np.ndarray[Any, Any], head: str, seeds: Sequence[str]) -> Picture:
-    figure, axes = new_figure()
+    figure, axes = new_figure(margins=Margins())
     mean, half = float(values.mean()), half_width(float(values.std(ddof=1)), len(values))
     axes.axhspan(mean - half, mean + half, color=BLUE, alpha=0.15, lw=0)
     axes.axhline(mean, color=BLUE, lw=1.8)
@@ -76,15 +78,16 @@ def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str]
     numeric = all(each is not None and np.isfinite(each) for each in numbers)
     places = np.array(numbers if numeric else range(len(labels)), dtype=float)
     at = dict(zip(labels, places, strict=True))
-    figure, axes = new_figure(0 if numeric else max(map(len, labels)))
+    below = 0.0 if numeric else _room_below(labels)
+    figure, axes = new_figure(height=3.3 + below, margins=Margins(bottom=0.55 + below))
     axes.plot([at[each] for each in points[axis]], points["value"], "o", mfc="none", mec=GREY, alpha=0.6, ms=4)
     mean = summary["mean"].to_numpy()
     if summary["count"].max() > 1:
         if others:
-            below, above = mean - summary["min"].to_numpy(), summary["max"].to_numpy() - mean
+            down, up = mean - summary["min"].to_numpy(), summary["max"].to_numpy() - mean
         else:
-            below = above = np.array([half_width(*each) for each in zip(summary["std"], summary["count"], strict=True)])
-        axes.errorbar(places, mean, np.vstack([below, above]), fmt="none", ecolor=BLUE, capsize=4, lw=1.4)
+            down = up = np.array([half_width(*each) for each in zip(summary["std"], summary["count"], strict=True)])
+        axes.errorbar(places, mean, np.vstack([down, up]), fmt="none", ecolor=BLUE, capsize=4, lw=1.4)
     axes.plot(places, mean, "D-" if numeric else "D", color=BLUE, ms=5.5, lw=1.4)
     if numeric:
         if places.min() > 0 and places.max() / places.min() >= 50:
@@ -92,6 +95,8 @@ def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str]
         if len(places) <= 8:
             axes.set_xticks(places, labels)
             axes.minorticks_off()
+        elif axes.get_xscale() == "linear" and all(each.is_integer() for each in places):
+            axes.xaxis.get_major_locator().set_params(integer=True)
     else:
         _name_ticks(axes.xaxis, labels)
         axes.margins(x=0.5 / len(labels) + 0.05)
@@ -110,11 +115,12 @@ def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Se
     across, along = (sorted(points[each].unique(), key=order_of) for each in (one, other))
     means = summary.pivot(index=other, columns=one, values="mean").reindex(index=along, columns=across)
     counts = summary.pivot(index=other, columns=one, values="count").reindex(index=along, columns=across).fillna(0)
-    figure, axes = new_figure(max(map(len, across)), 1.1)
+    below, beside = _room_below(across), INCHES_OF_A_LETTER * min(max(map(len, along)), LONGEST_LABEL)
+    figure, axes = new_figure(5.7, 3.3 + below, Margins(0.5 + beside, 0.65, 0.55 + below))
     image = axes.imshow(means.to_numpy(), aspect="auto", origin="lower", cmap="viridis")
     axes.set_facecolor("white")
     _name_ticks(axes.xaxis, across)
-    _name_ticks(axes.yaxis, along, turn=False)
+    _name_ticks(axes.yaxis, along, below=False)
     axes.set(xlabel=shorten(one, 60), ylabel=shorten(other, 40))
     axes.grid(visible=False)
     if max(len(across), len(along)) <= MOST_LABELLED_CELLS:
@@ -131,11 +137,23 @@ def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Se
     return make_picture(figure, caption if least == 0 else caption.replace("; white cells have none", ""))
 
 
-def _name_ticks(axis: Any, labels: Sequence[str], turn: bool = True) -> None:
+def _room_below(labels: Sequence[str]) -> float:
+    """Return the inches that labels below axes need beyond one line."""
+    return 0.5 * INCHES_OF_A_LETTER * max(map(len, _shown(labels))) if _are_slanted(labels) else 0.0
+
+
+def _are_slanted(labels: Sequence[str]) -> bool:
+    return sum(map(len, _shown(labels))) > 40
+
+
+def _shown(labels: Sequence[str]) -> list[str]:
     step = -(-len(labels) // 16)
-    shown = [shorten(each, LONGEST_LABEL) if index % step == 0 else "" for index, each in enumerate(labels)]
-    slanted = turn and sum(map(len, shown)) > 40
-    axis.set_ticks(range(len(labels)), shown, **({"rotation": 30, "ha": "right"} if slanted else {}))
+    return [shorten(each, LONGEST_LABEL) if index % step == 0 else "" for index, each in enumerate(labels)]
+
+
+def _name_ticks(axis: Any, labels: Sequence[str], below: bool = True) -> None:
+    slant = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if below and _are_slanted(labels) else {}
+    axis.set_ticks(range(len(labels)), _shown(labels), **slant)
 
 
 def _join(names: Sequence[str]) -> str:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LONGEST_LABEL = 22
 RESOLUTION = 130
 
 
@@ -30,15 +29,31 @@ class Picture:
     caption: str
 
 
-def new_figure(longest_label: int = 0, wider: float = 1.0, taller: float = 0.0) -> tuple[Figure, Any]:
-    """Return a figure and its axes: higher where labels are long, so many times as wide, so many inches higher."""
+@dataclass(frozen=True)
+class Margins:
+    """Room around axes for their labels, in inches."""
+
+    left: float = 0.85
+    right: float = 0.15
+    bottom: float = 0.55
+    top: float = 0.15
+
+
+def new_figure(width: float = 5.2, height: float = 3.3, margins: Margins | None = None) -> tuple[Figure, Any]:
+    """Return a figure of so many inches and its axes, with margins that are given, or found slowly."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    more = 0.05 * min(longest_label, LONGEST_LABEL) if longest_label > 6 else 0.0
-    figure = Figure(figsize=(5.2 * wider, 3.3 + more + taller), layout="constrained")
+    figure = Figure(figsize=(width, height), layout=None if margins else "constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
+    if margins:
+        figure.subplots_adjust(
+            left=margins.left / width,
+            right=1 - margins.right / width,
+            bottom=margins.bottom / height,
+            top=1 - margins.top / height,
+        )
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color="#dde3ea", lw=0.6)
     axes.set_axisbelow(True)
@@ -49,7 +64,7 @@ def new_figure(longest_label: int = 0, wider: float = 1.0, taller: float = 0.0) 
 def make_picture(figure: Figure, caption: str) -> Picture:
     """Return a figure as a page holds it."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=RESOLUTION)
+    figure.savefig(stream, format="png", dpi=RESOLUTION, pil_kwargs={"compress_level": 3})
     return Picture(base64.b64encode(stream.getvalue()).decode(), caption)
 
 
