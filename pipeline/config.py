@@ -13,7 +13,7 @@ import importlib.util
 import inspect
 import re
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -76,14 +76,29 @@ class Metric(Section):
     by: Literal["mean", "max", "min", "sum", "first", "last"]
 
 
+class Curve(Section):
+    """A quantity over another, which runs are compared in: a line for each value of `by`, a band over `repeats`.
+
+    Rows that differ in other columns alone are averaged first.
+    """
+
+    table: Text
+    x: Text
+    y: Text
+    by: list[Text]
+    repeats: list[Text]
+    where: dict[str, Any]
+
+
 class Workflow(Section):
-    """Which stages, from which package, which tables and numbers a person wants to see first, and what others quote."""
+    """Which stages, from which package, which tables, numbers and curves tell a run, and what others quote."""
 
     name: str
     package: str
     stages: Annotated[list[Text], Field(min_length=1)]
     headline: list[str]
     metrics: dict[str, Metric]
+    curves: dict[str, Curve]
     quoted: list[str]
 
     @model_validator(mode="after")
@@ -246,19 +261,33 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
                 f"{suggest(name, tables)}"
             )
     columns = {table.name: [*table.columns] for each in stages for table in each.writes}
-    for metric, each in settings.workflow.metrics.items():
-        if each.table not in columns:  # of a stage that this study leaves out
-            continue
-        for key, name in [
-            ("column", each.column),
-            *(("where", n) for n in each.where),
-            *(("but", n) for n in each.but),
-        ]:
-            if name not in columns[each.table]:
-                raise ConfigError(
-                    f"workflow.metrics.{metric}.{key}: table {each.table} has no column '{name}'; "
-                    f"{suggest(name, columns[each.table])}"
-                )
+    for path, table, named in _list_named_columns(settings.workflow):
+        if table not in columns:
+            _check_left_out(settings.workflow, path.rpartition(".")[0], table)
+        elif named not in columns[table]:
+            raise ConfigError(
+                f"workflow.{path}: table {table} has no column '{named}'; {suggest(named, columns[table])}"
+            )
+
+
+def _check_left_out(workflow: Workflow, path: str, table: str) -> None:
+    """Check that a table which no stage of the workflow writes is of a stage that this study leaves out."""
+    known = [each.name for stage in load_stages(workflow.package) for each in stage.writes]
+    if table not in known:
+        raise ConfigError(
+            f"workflow.{path}.table: no stage of {workflow.package} writes '{table}'; {suggest(table, known)}"
+        )
+
+
+def _list_named_columns(workflow: Workflow) -> Iterator[tuple[str, str, str]]:
+    """Yield the key, the table and the column of each place where the workflow names a column."""
+    for name, metric in workflow.metrics.items():
+        yield f"metrics.{name}.column", metric.table, metric.column
+        yield from ((f"metrics.{name}.where", metric.table, each) for each in metric.where)
+        yield from ((f"metrics.{name}.but", metric.table, each) for each in metric.but)
+    for name, curve in workflow.curves.items():
+        named = {"x": [curve.x], "y": [curve.y], "by": curve.by, "repeats": curve.repeats, "where": [*curve.where]}
+        yield from ((f"curves.{name}.{key}", curve.table, each) for key, columns in named.items() for each in columns)
 
 
 def _check_target(study: Study, section: str) -> None:

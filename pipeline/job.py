@@ -21,8 +21,9 @@ from pipeline.config import Study, read_study
 from pipeline.errors import PipelineError
 from pipeline.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_telling, name_job
 from pipeline.ledger import Ledger
+from pipeline.page import read_template
 from pipeline.plan import make_plan
-from pipeline.report import read_template
+from pipeline.report import try_report
 from pipeline.runner import Runner
 from pipeline.runs import claim_job, is_running, list_ledgers
 from pipeline.stage import Stage
@@ -85,7 +86,11 @@ class JobTask:
             lambda: self.launch.stop == STOPPED_BY_SIGNAL,
             follow_parent=os.getpid() != self.launch.pid,
         )
-        return self._tell(Ledger.read(folder), job, ending)
+        ended = Ledger.read(folder)
+        told = self._tell(ended, job, ending)
+        if ended is not None and ended.status == "killed":
+            try_report(ended, study, stages)
+        return told
 
     def _run(
         self, study: Study, stages: list[Stage], job: str, arguments: list[str], given: list[dict[str, str]]

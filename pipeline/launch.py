@@ -137,7 +137,8 @@ def list_launches(sweep: Path) -> Iterator[dict[str, Any]]:
             facts = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             continue
-        if isinstance(facts, dict) and isinstance(facts.get("jobs"), list):
+        jobs = facts.get("jobs") if isinstance(facts, dict) else None
+        if isinstance(jobs, list) and all(isinstance(each, dict) and {"job", "overrides"} <= {*each} for each in jobs):
             yield facts
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -42,5 +43,10 @@ def _reduce(values: pd.Series, by: str) -> float | str | None:
         return None
     if by in ("first", "last") or not pd.api.types.is_numeric_dtype(values):
         one = values.iloc[-1 if by == "last" else 0]
-        return one if isinstance(one, str) else float(one)
-    return float(values.agg(by))
+        return one if isinstance(one, str) else _finite(one)
+    return _finite(values.agg(by))
+
+
+def _finite(value: Any) -> float | None:
+    """Return a number as JSON can hold it."""
+    return float(value) if math.isfinite(value) else None

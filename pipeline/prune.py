@@ -6,7 +6,6 @@ two steps, a new name that nothing looks at, then its files; so a process killed
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -85,14 +84,6 @@ class Freed:
     def shared(self) -> int:
         """Bytes of the files of which another folder has a link."""
         return sum(size for size, links, gone in self.files.values() if gone < links)
-
-
-def add_prune(commands: Any) -> None:
-    """Declare the subcommand and its options."""
-    parser = commands.add_parser("prune", help="remove all but the newest runs, and those that something needs")
-    parser.add_argument("--keep", type=_count, required=True, metavar="N", help="runs to keep, the newest")
-    parser.add_argument("--sweeps", type=_count, metavar="N", help="whole sweeps to keep; without it all stay")
-    parser.add_argument("--dry-run", action="store_true", help="say what would be removed; change nothing")
 
 
 def prune(outputs: str, keep: int, sweeps: int | None, dry_run: bool, console: Console) -> int:
@@ -382,9 +373,3 @@ def _walk(folder: Path) -> Iterator[os.stat_result]:
             yield from _walk(Path(each.path))
         else:
             yield each.stat(follow_symlinks=False)
-
-
-def _count(text: str) -> int:
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"expected a number from 0, got {text}")
-    return int(text)

@@ -6,30 +6,35 @@ A run's ledger, tables and figures flow in; one self-contained page flows out, w
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
-from functools import cache
-from importlib.resources import files as package_files
+import json
+import logging
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
-import pandas as pd
-import rich.table
 from omegaconf import OmegaConf
 from rich.console import Console
 
 from pipeline.config import Study
+from pipeline.failures import read_traceback, tell_reason
 from pipeline.files import write_text
+from pipeline.flat import flatten, show
 from pipeline.ledger import Ledger
+from pipeline.page import make_grid, make_rows, render
+from pipeline.printing import ROWS_SHOWN_WHOLE, add_unit, format_value, is_prose, print_frame
 from pipeline.stage import Stage
 from pipeline.table import Table, read_frame
 
-ROWS_SHOWN_WHOLE = 60
+log = logging.getLogger("pamid")
+
+PAGE_NAME = "report.html"
+VERDICT = "verdict.json"
+"""Document that is told before all tables."""
 ROWS_OF_A_LONG_TABLE = 6
 
 
-def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path:
-    """Write report.html into a run's folder.
+def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: str | None = None) -> Path:
+    """Write report.html into a run's folder, also of a run that did not get to its end.
 
     Parameters
     ----------
@@ -38,37 +43,50 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path:
     study : Study
         Its configuration.
     stages : sequence of Stage
-        All stages of the workflow; those that the run lacks are left out.
+        All stages of the workflow; of a run that failed, those up to the one that did are told.
+    status : str, optional
+        How the run ended, where its ledger does not say so yet.
 
     Returns
     -------
     Path
         The page.
     """
-    done = [each for each in stages if ledger.finished(each.name)]
+    status = status or ledger.status
+    reached = _list_reached(ledger, stages)
+    done = [each for each in reached if ledger.finished(each.name)]
     headline = headline_tables(study, done)
     telling = [each.name for each in done if any(table in headline for table in each.writes)]
-    page = read_template("report.html.j2").render(
+    told = [{**_stage(ledger, each), "told_above": each.name in telling} for each in done]
+    documents = [document for each in told for document in each["documents"]]
+    page = render(
+        "report.html.j2",
         run=ledger.name,
         facts=ledger.facts,
+        status=status,
+        reason=tell_reason(ledger, status) if ledger.facts["error"] else "",
+        traceback=read_traceback(ledger.folder) if status == "failed" else "",
         workflow=study.settings.workflow.name,
+        plan=_make_plan(ledger, stages, reached),
+        metrics=_list_metrics(ledger),
+        verdict=next((_outline(each["text"]) for each in documents if each["name"] == VERDICT), None),
         headline=[_table(ledger, table) for table in headline],
         headline_figures=[figure for name in telling for figure in _figures(ledger, name)],
-        stages=[{**_stage(ledger, each), "told_above": each.name in telling} for each in done],
+        stages=told,
         config=OmegaConf.to_yaml(OmegaConf.create(study.values)),
     )
-    path = ledger.folder / "report.html"
+    path = ledger.folder / PAGE_NAME
     write_text(path, page)
     return path
 
 
-@cache
-def read_template(name: str) -> jinja2.Template:
-    """Return a page's template."""
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(package_files("pipeline").joinpath(name).read_text(encoding="utf-8"))
+def try_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path | None:
+    """Write the report of a run that did not get to its end, or note in its log why there is none."""
+    try:
+        return write_report(ledger, study, stages)
+    except Exception:
+        log.warning("no report could be written", exc_info=True)
+        return None
 
 
 def is_whole_page(path: Path) -> bool:
@@ -90,40 +108,54 @@ def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], consol
         print_frame(table.title, frame[list(table.brief or table.columns)], console)
 
 
-def print_frame(title: str, frame: pd.DataFrame, console: Console, limit: int = ROWS_SHOWN_WHOLE) -> None:
-    """Print a frame as a terminal table, its first rows where it is long."""
-    console.print(title, style="bold", soft_wrap=True, highlight=False, markup=False)
-    if frame.empty:
-        console.print("  no rows\n", highlight=False)
-        return
-    if is_prose(frame):
-        for sentence in frame.iloc[:limit, 0]:
-            console.print(f"  {sentence}", highlight=False, markup=False)
-        console.print()
-        return
-    shown = rich.table.Table(header_style="bold", box=rich.box.SIMPLE_HEAD)
-    for name in frame.columns:
-        numeric = pd.api.types.is_numeric_dtype(frame[name])
-        shown.add_column(str(name), justify="right" if numeric else "left", overflow="fold")
-    for row in frame.head(limit).itertuples(index=False):
-        shown.add_row(*(format_value(value) for value in row))
-    console.print(shown, markup=False)
-    if len(frame) > limit:
-        console.print(f"  first {limit} of {len(frame)} rows", highlight=False)
+def _list_reached(ledger: Ledger, stages: Sequence[Stage]) -> list[Stage]:
+    """Return the stages up to the one that stopped the run: what is kept of later ones is from an earlier attempt."""
+    names = [each.name for each in stages]
+    error = ledger.facts["error"] or {}
+    return list(stages[: names.index(error["stage"]) + 1] if error.get("stage") in names else stages)
 
 
-def is_prose(frame: pd.DataFrame) -> bool:
-    """Tell whether a table is a list of sentences: one column of text."""
-    return len(frame.columns) == 1 and not pd.api.types.is_numeric_dtype(frame.iloc[:, 0])
+def _make_plan(ledger: Ledger, stages: Sequence[Stage], reached: Sequence[Stage]) -> dict[str, Any]:
+    rows = []
+    for each in stages:
+        record = ledger.records.get(each.name) if each in reached else None
+        if record is None:
+            rows.append([each.name, "not reached" if ledger.facts["error"] else "left out", None, "-", "-"])
+            continue
+        reused = record["origin"] != ledger.name
+        word = ("fresh" if reused else "ran") if record["status"] == "done" else record["status"]
+        reason = f"made in {record['origin']}" if reused else record["reason"]
+        tables = ", ".join(f"{name} ({facts['rows']})" for name, facts in record["tables"].items())
+        rows.append([each.name, word, None if reused else record.get("seconds"), reason, tables or "-"])
+    return make_rows(["stage", "what was done", "seconds", "because", "tables (rows)"], rows)
 
 
-def format_value(value: Any) -> str:
-    """Return a table cell's text: four significant digits for a float, a dash for a missing value."""
-    if value is None or value is pd.NA or (isinstance(value, float) and value != value):
-        return "-"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return str(value)
+def _list_metrics(ledger: Ledger) -> list[tuple[str, str]]:
+    found = ledger.facts.get("metrics") or {}
+    return [(add_unit(name, each["unit"]), format_value(each["value"])) for name, each in found.items()]
+
+
+def _outline(text: str) -> dict[str, Any]:
+    """Return a JSON document as values by dotted key, and a grid for each of its lists of sections."""
+    values = json.loads(text)
+    if not isinstance(values, Mapping):
+        return {"values": {"": show(values)}, "lists": {}}
+    lists = {key: each for key, each in values.items() if _is_grid(each)}
+    rest = {key: each for key, each in values.items() if key not in lists}
+    grids = {}
+    for key, rows in lists.items():
+        heads = list(dict.fromkeys(name for row in rows for name in row))
+        cells = [[each if _is_plain(each := row.get(name)) else show(each) for name in heads] for row in rows]
+        grids[key] = make_rows(heads, cells)
+    return {"values": flatten(rest) if rest else {}, "lists": grids}
+
+
+def _is_grid(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(each, Mapping) for each in value)
+
+
+def _is_plain(value: Any) -> bool:
+    return value is None or isinstance(value, int | float | str)
 
 
 def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
@@ -166,15 +198,16 @@ def _table(ledger: Ledger, table: Table) -> dict[str, Any]:
     frame = read_frame(ledger.folder / "tables" / f"{table.name}.parquet")
     short = len(frame) <= ROWS_SHOWN_WHOLE
     shown = frame if short else frame.head(ROWS_OF_A_LONG_TABLE)
+    described = [each for each in table.describe() if each[0] in frame.columns]
+    units = {name: unit for name, unit, _ in described}
+    meanings = {name: meaning for name, _, meaning in described}
     return {
+        **make_grid(shown, units, meanings),
         "name": table.name,
         "title": table.title,
         "rows": len(frame),
         "short": short,
         "prose": is_prose(frame),
-        "columns": [each for each in table.describe() if each[0] in frame.columns],
-        "numeric": [bool(pd.api.types.is_numeric_dtype(frame[name])) for name in frame.columns],
-        "cells": [[format_value(value) for value in row] for row in shown.itertuples(index=False)],
     }
 
 

@@ -1,87 +1,70 @@
-"""Looks at runs from the terminal: ``python -m pipeline.review list | show RUN | show RUN TABLE``.
+"""Looks at runs and sweeps from the terminal: ``python -m pipeline.review list | show | compare | sweep | prune``.
 
-The folder of runs flows in, text flows out; nothing is changed but by ``prune``, which is a module of its own.
+The folder of outputs flows in, text flows out, and a page where one is made; no run is changed but by ``prune``.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
+import shlex
 import sys
 
-import pandas as pd
 from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 
 from pipeline.command import command_line, python_name
 from pipeline.errors import ConfigError, PipelineError, suggest
-from pipeline.ledger import FILE_NAME, Ledger
-from pipeline.prune import add_prune, prune
-from pipeline.report import print_frame
-from pipeline.runs import find_run, list_folders, list_ledgers, live_status, runs_folder
-from pipeline.table import read_frame
+from pipeline.ledger import Ledger
+from pipeline.printing import print_frame
+from pipeline.runs import find_run, list_folders, live_status, runs_folder
+from pipeline.selection import keep_rows, put_sort_together, read_condition, sort_rows
 from pipeline.terminal import open_console
 
 ROWS_SHOWN = 20
+ROWS_OF_A_LIST = 40
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.review", description="Look at runs and their tables.")
-    parser.add_argument("--outputs", default="outputs", metavar="PATH", help="the outputs folder (default: outputs)")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="list | show | prune")
-    commands.add_parser("list", help="all runs, newest first")
-    show = commands.add_parser("show", help="a run's stages, or the first rows of one of its tables")
-    show.add_argument("run", metavar="RUN", help="its name, the beginning of its name, or latest")
-    show.add_argument("table", metavar="TABLE", nargs="?", help="one of its tables")
-    show.add_argument(
-        "--rows", type=_count, default=ROWS_SHOWN, metavar="N", help=f"rows to print (default: {ROWS_SHOWN})"
-    )
-    add_prune(commands)
-    options = parser.parse_args(arguments)
+    options = _make_parser().parse_args(put_sort_together(sys.argv[1:] if arguments is None else arguments))
     console = open_console(piped_width=200)
     try:
-        if options.command == "prune":
-            return prune(options.outputs, options.keep, options.sweeps, options.dry_run, console)
-        if options.command == "list":
-            list_runs(options.outputs, console)
-        elif options.table is None:
-            show_run(find_run(options.outputs, options.run), console)
-        else:
-            show_table(find_run(options.outputs, options.run), options.table, options.rows, console)
+        return options.act(options, console) or 0
     except PipelineError as error:
         open_console(stderr=True).print(str(error), soft_wrap=True, highlight=False, markup=False)
         return 2
-    return 0
 
 
-def list_runs(outputs: str, console: Console) -> None:
-    """Print one line per run."""
-    ledgers = list_ledgers(outputs)
-    if not list_folders(outputs):
-        console.print(f"no runs in {runs_folder(outputs)}; make one with: {command_line([])}", highlight=False)
+def list_runs(options: argparse.Namespace, console: Console) -> None:
+    """Print one line per run, and per sweep or each of its jobs."""
+    from pipeline.listing import list_everything
+
+    folder = runs_folder(options.outputs)
+    if not list_folders(options.outputs):
+        console.print(f"no runs in {folder}; make one with: {command_line([])}", soft_wrap=True, highlight=False)
         return
-    rows = [
-        {
-            "run": each.name,
-            "status": live_status(each),
-            "stages": f"{sum(each.finished(name) is not None for name in each.records)} done",
-            "command": each.facts["command"],
-        }
-        for each in ledgers
-    ]
-    known = {each.name for each in ledgers}
-    for folder in sorted(list_folders(outputs), reverse=True):
-        if folder.name not in known:
-            status = "unreadable" if not os.access(folder, os.X_OK) or (folder / FILE_NAME).exists() else "no ledger"
-            rows.append({"run": folder.name, "status": status, "stages": "-", "command": "-"})
-    print_frame(f"Runs in {runs_folder(outputs)}", pd.DataFrame(rows), console, limit=len(rows))
+    conditions = [read_condition(each) for each in options.where]
+    keys = [each.key for each in conditions] + ([options.sort.removeprefix("-")] if options.sort else [])
+    frame = list_everything(options.outputs, options.jobs, list(dict.fromkeys(keys)))
+    frame = sort_rows(keep_rows(frame, conditions), options.sort)
+    print_frame(f"Runs in {folder.parent}", frame, console, options.rows, "--rows")
+    if not options.jobs and frame["run"].str.endswith("/").any():
+        console.print(f"a sweep's jobs: --jobs, or {python_name()} -m pipeline.review sweep NAME", highlight=False)
+
+
+def show(options: argparse.Namespace, console: Console) -> None:
+    """Print how a run went, or one of its tables."""
+    ledger = find_run(options.outputs, options.run)
+    if options.table is None:
+        show_run(ledger, console)
+    else:
+        show_table(ledger, options.table, options.rows, console)
 
 
 def show_run(ledger: Ledger, console: Console) -> None:
     """Print how a run went and which tables it holds."""
-    console.print(f"{ledger.folder}  {live_status(ledger)}", highlight=False)
+    console.print(f"{ledger.folder}  {live_status(ledger)}", soft_wrap=True, highlight=False, markup=False)
     console.print(f"command: {ledger.facts['command']}", soft_wrap=True, highlight=False, markup=False)
     error = ledger.facts["error"]
     if error:
@@ -91,25 +74,122 @@ def show_run(ledger: Ledger, console: Console) -> None:
         seconds = f"{record['seconds']:.1f} s" if "seconds" in record else "-"
         origin = "made here" if record["origin"] == ledger.name else f"made in {record['origin']}"
         tables = ", ".join(f"{table} ({facts['rows']})" for table, facts in record["tables"].items())
-        console.print(f"[bold]{name:<{width}}[/bold]  {record['status']}, {seconds}, {origin}", highlight=False)
+        told = f"{record['status']}, {seconds}, {escape(origin)}"
+        console.print(f"[bold]{name:<{width}}[/bold]  {told}", highlight=False)
         for text in (f"because: {escape(record['reason'])}", f"tables (rows): {tables or '-'}"):
             console.print(Padding(text, (0, 0, 0, width + 2)), highlight=False)
-    console.print(f"a table: {python_name()} -m pipeline.review show {ledger.name} TABLE", highlight=False)
+    command = f"a table: {python_name()} -m pipeline.review show {shlex.quote(ledger.name)} TABLE"
+    console.print(command, soft_wrap=True, highlight=False, markup=False)
 
 
 def show_table(ledger: Ledger, name: str, rows: int, console: Console) -> None:
     """Print the first rows of one table of a run."""
+    from pipeline.table import read_frame
+
     known = [table for record in ledger.records.values() for table in record["tables"]]
     if name not in known:
         raise ConfigError(f"run {ledger.name} has no table '{name}'; {suggest(name, known)}")
     path = ledger.folder / "tables" / f"{name}.parquet"
-    print_frame(str(path), read_frame(path), console, limit=rows)
+    print_frame(str(path), read_frame(path), console, rows, "--rows")
 
 
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a number from 1, got {text}")
+def sweep(options: argparse.Namespace, console: Console) -> None:
+    """Print a sweep, and write its table and its page."""
+    from pipeline.sweep_review import review_sweep
+
+    conditions = [read_condition(each) for each in options.where]
+    review_sweep(options.outputs, options.sweep, conditions, options.sort, options.rows, options.all, console)
+
+
+def compare(options: argparse.Namespace, console: Console) -> None:
+    """Print how runs differ, and write a page of it."""
+    from pipeline.compare_review import review_comparison
+
+    review_comparison(options.outputs, options.runs, options.html, options.all, options.rows, console)
+
+
+def prune_outputs(options: argparse.Namespace, console: Console) -> int:
+    """Remove all but the newest runs, and those that something needs; return the exit code."""
+    from pipeline.prune import prune
+
+    return prune(options.outputs, options.keep, options.sweeps, options.dry_run, console)
+
+
+def _make_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m pipeline.review", description="Look at runs and their tables.")
+    parser.add_argument("--outputs", default="outputs", metavar="PATH", help="the outputs folder (default: outputs)")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="list | show | compare | sweep | prune")
+    _add_list(commands.add_parser("list", help="all runs and sweeps, newest first"))
+    _add_show(commands.add_parser("show", help="a run's stages, or the first rows of one of its tables"))
+    _add_compare(commands.add_parser("compare", help="how runs differ, as text and as a page with their curves"))
+    _add_sweep(commands.add_parser("sweep", help="a sweep: its jobs, failures and metrics, as text and as a page"))
+    _add_prune(commands.add_parser("prune", help="remove all but the newest runs, and those that something needs"))
+    return parser
+
+
+def _add_list(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(act=list_runs)
+    parser.add_argument("--jobs", action="store_true", help="each job of a sweep on a line of its own")
+    _add_selection(parser)
+
+
+def _add_show(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(act=show)
+    parser.add_argument("run", metavar="RUN", help="its name, the beginning of its name, SWEEP/JOB, or latest")
+    parser.add_argument("table", metavar="TABLE", nargs="?", help="one of its tables")
+    parser.add_argument(
+        "--rows", type=_count, default=ROWS_SHOWN, metavar="N", help=f"rows to print (default: {ROWS_SHOWN})"
+    )
+
+
+def _add_compare(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(act=compare)
+    parser.add_argument("runs", metavar="RUN", nargs="+", help="as of show; or a sweep, for all its jobs that are done")
+    parser.add_argument("--all", action="store_true", help="list also what is the same in all")
+    parser.add_argument("--html", metavar="PATH", help="the page (default: outputs/reviews/compare-RUN_vs_RUN.html)")
+    _add_rows(parser)
+
+
+def _add_sweep(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(act=sweep)
+    parser.add_argument("sweep", metavar="DIR|NAME", help="its name, its folder, or latest")
+    parser.add_argument("--all", action="store_true", help="all columns, not those alone that vary")
+    _add_selection(parser)
+
+
+def _add_prune(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(act=prune_outputs)
+    parser.add_argument("--keep", type=_count_or_none, required=True, metavar="N", help="runs to keep, the newest")
+    parser.add_argument("--sweeps", type=_count_or_none, metavar="N", help="whole sweeps to keep; without it all stay")
+    parser.add_argument("--dry-run", action="store_true", help="say what would be removed; change nothing")
+
+
+def _add_selection(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--sort", metavar="COLUMN", help="sort by it; -COLUMN: largest first")
+    parser.add_argument(
+        "--where",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="these rows alone; also KEY!=VALUE, KEY~TEXT (contains), 'KEY<NUMBER', 'KEY>NUMBER'; may be repeated",
+    )
+    _add_rows(parser)
+
+
+def _add_rows(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--rows", type=_count, default=ROWS_OF_A_LIST, metavar="N", help=f"rows to print (default: {ROWS_OF_A_LIST})"
+    )
+
+
+def _count(text: str, least: int = 1) -> int:
+    if not text.isdigit() or int(text) < least:
+        raise argparse.ArgumentTypeError(f"expected a number from {least}, got {text}")
     return int(text)
+
+
+def _count_or_none(text: str) -> int:
+    return _count(text, 0)
 
 
 if __name__ == "__main__":

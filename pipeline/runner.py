@@ -33,7 +33,7 @@ from pipeline.launch import name_job
 from pipeline.ledger import FILE_NAME, Ledger, files_of, now
 from pipeline.metrics import read_metrics
 from pipeline.plan import Ingredients, Step, decide, gather, make_plan
-from pipeline.report import is_whole_page, print_headline, write_report
+from pipeline.report import PAGE_NAME, is_whole_page, print_headline, try_report, write_report
 from pipeline.runs import Claim, claim, list_ledgers, make_alone, sweeps_folder
 from pipeline.stage import Stage
 from pipeline.table import measure_file
@@ -135,6 +135,7 @@ class Runner:
                 ledger.facts["given"] = list(self.given)
             keep_changes(ledger.folder, ledger.facts)
             ledger.save()
+            (ledger.folder / PAGE_NAME).unlink(missing_ok=True)
             write_text(ledger.folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(self.study.values)))
             self._say(f"{'resuming' if held.resumed else 'run'} {ledger.folder}")
             log.info("%s: %s", "resumed" if held.resumed else "begun", command_line(self.arguments))
@@ -143,9 +144,9 @@ class Runner:
             for stage in stages:
                 self._do(stage, ledger, signals)
                 signals.check()
-            write_report(ledger, self.study, self.stages)
-            shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
             ledger.facts["metrics"] = read_metrics(ledger, self.study, self.stages)
+            write_report(ledger, self.study, self.stages, "done")
+            shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
             self._conclude(ledger)
             ledger.end("done")
         except (Exception, Interrupted) as error:
@@ -292,7 +293,7 @@ class Runner:
     def _finish(self, ledger: Ledger, word: str) -> None:
         if not self.console.quiet:
             print_headline(ledger, self.study, self.stages, self.console)
-        page = ledger.folder / "report.html"
+        page = ledger.folder / PAGE_NAME
         try:
             if not is_whole_page(page):
                 write_report(ledger, self.study, self.stages)
@@ -310,6 +311,9 @@ class Runner:
         log.error("%s %s: %s", stage.name, status, message)
         ledger.end(status, {"stage": stage.name, "message": message})
         self._complain(f"{stage.name} {status}: {message}; {when}, type: {command_line(self.arguments)}")
+        page = try_report(ledger, self.study, self.stages) if status != "interrupted" else None
+        if page is not None:
+            self._say(f"report: {page}")
         return code
 
     def _refuse(self, ledger: Ledger, error: OSError) -> int:

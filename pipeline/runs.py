@@ -20,7 +20,7 @@ from pipeline.checkout import keep_changes
 from pipeline.command import command_line
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.files import clear_temporaries
-from pipeline.ledger import Ledger
+from pipeline.ledger import FILE_NAME, Ledger
 
 LOCK_NAME = ".lock"
 MAKING = ".making"
@@ -133,6 +133,13 @@ def live_status(ledger: Ledger) -> str:
     if ledger.status == "running" and not is_running(ledger):
         return "killed"
     return ledger.status
+
+
+def tell_status(folder: Path, ledger: Ledger | None, empty: str = "no ledger") -> str:
+    """Return the status of a run or, where its ledger cannot be read, why; `empty` where there is none."""
+    if ledger is not None:
+        return live_status(ledger)
+    return "unreadable" if not os.access(folder, os.X_OK) or (folder / FILE_NAME).exists() else empty
 
 
 def claim(outputs: str | Path, identity: str, arguments: Sequence[str], place: Path | None = None) -> Claim:

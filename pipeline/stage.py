@@ -91,15 +91,15 @@ def stage(
     return decorate
 
 
-def load_stages(package: str, names: Sequence[str]) -> list[Stage]:
-    """Import the named stages of a package.
+def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]:
+    """Import the named stages of a package, or all.
 
     Parameters
     ----------
     package : str
         Dotted name of the package whose files are stages.
-    names : sequence of str
-        One file, and one function in it, for each.
+    names : sequence of str, optional
+        One file, and one function in it, for each; without them, all files that define a stage of their name.
 
     Raises
     ------
@@ -112,10 +112,12 @@ def load_stages(package: str, names: Sequence[str]) -> list[Stage]:
         raise ConfigError(f"workflow.package: no Python package '{package}'") from None
     known = [each.name for each in pkgutil.iter_modules(folder.__path__) if not each.ispkg]
     stages = []
-    for name in names:
+    for name in known if names is None else names:
         if name not in known:
             raise ConfigError(f"workflow.stages: no stage '{name}' in {package}; {suggest(name, known)}")
         found = getattr(importlib.import_module(f"{package}.{name}"), name, None)
+        if names is None and not isinstance(found, Stage):
+            continue
         if not isinstance(found, Stage):
             raise WiringError(f"{package}/{name}.py: expected a stage function named {name}")
         stages.append(found)

@@ -6,7 +6,7 @@ anew from them at any time, on any machine.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from pipeline.errors import ConfigError
 from pipeline.files import write_atomically
 from pipeline.launch import is_telling, list_launches
 from pipeline.ledger import Ledger
-from pipeline.runs import live_status
+from pipeline.runs import tell_status
 
 FILE_NAME = "sweep.parquet"
 UNITS = {"wall_s": "s", "peak_memory_mb": "MB"}
@@ -67,7 +67,7 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
                 **values,
                 **{name: each["value"] for name, each in measured.items()},
                 "job": job,
-                "status": live_status(ledger) if ledger else "not begun",
+                "status": _tell_status(sweep / job, ledger, job in overrides, job in found),
                 "wall_s": facts.get("seconds"),
                 "peak_memory_mb": facts.get("peak_memory_mb"),
                 "stage": error.get("stage"),
@@ -85,7 +85,11 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
 
 def write_sweep(sweep: Path) -> Path:
     """Write ``sweep.parquet`` into a sweep's folder; return its path."""
-    frame, units = collect_sweep(sweep)
+    return write_frame(sweep, *collect_sweep(sweep))
+
+
+def write_frame(sweep: Path, frame: pd.DataFrame, units: Mapping[str, str]) -> Path:
+    """Write what `collect_sweep` returned; return its path."""
     fields = [
         each.with_metadata({"unit": units[each.name]}) if each.name in units else each
         for each in pyarrow.Schema.from_pandas(frame, preserve_index=False)
@@ -100,6 +104,10 @@ def split_overrides(overrides: Sequence[str]) -> dict[str, str]:
     """Return the telling overrides of a job by key, without the marks by which a key is added."""
     pairs = (each.partition("=") for each in overrides if is_telling(each))
     return {key.lstrip("+"): value for key, sign, value in pairs if sign}
+
+
+def _tell_status(folder: Path, ledger: Ledger | None, planned: bool, is_there: bool) -> str:
+    return tell_status(folder, ledger, "not begun" if planned else "no ledger") if is_there else "not begun"
 
 
 def _tell_commit(git: dict[str, Any] | None) -> str | None:

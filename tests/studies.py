@@ -14,6 +14,7 @@ def read_stages(stages, *overrides):
     line = ["budget=tiny", f"workflow.stages=[{','.join(stages)}]", "workflow.headline=[]", *overrides]
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         composed = compose("config", overrides=line)
+    composed.workflow.metrics, composed.workflow.curves = {}, {}
     composed.workflow.quoted = [str(name) for name in composed if name not in Settings.model_fields]
     study, ordered = read_study(composed)
     return study, {stage.name: stage for stage in ordered}

@@ -30,7 +30,7 @@ def test_run_leaves_tables_figures_ledger_and_report(toy):
     page = (run / "report.html").read_text()
     assert "data:image/png;base64," in page
     assert "Each number&#39;s double." in page
-    assert "http" not in page
+    assert "://" not in page
     assert "The sum of all" in result.stdout
     assert str(run / "report.html") in result.stdout
     assert not (run / "parts").exists()

@@ -1,0 +1,282 @@
+"""What tells runs apart: their folders flow in; differences of configuration, numbers, tables and code flow out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import pandas as pd
+
+from pipeline.curves import is_incidental
+from pipeline.errors import ConfigError, suggest
+from pipeline.flat import ABSENT, flatten, list_differences
+from pipeline.kept import list_headlines, list_tables, read_config, read_slices, read_surroundings, read_whole_table
+from pipeline.ledger import Ledger
+from pipeline.printing import add_unit, format_value, is_prose
+from pipeline.runs import find_run, list_ledgers, live_status, sweeps_folder
+
+LONGEST_NAME = 24
+LONGEST_VALUE = 160
+MOST_COLUMNS = 30
+"""Runs up to which each has a column; of more, values are counted."""
+MOST_ROWS = 400
+"""Rows up to which differences of a table are listed."""
+
+
+@dataclass(frozen=True)
+class TableDifference:
+    """How runs differ in a table that their workflows want seen first.
+
+    Parameters
+    ----------
+    name, title : str
+        Of the table.
+    told : str
+        In words.
+    frame : DataFrame
+        A row for each value that differs; empty where none does, or none can be compared.
+    """
+
+    name: str
+    title: str
+    told: str
+    frame: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs beside each other.
+
+    Parameters
+    ----------
+    ledgers : tuple of Ledger
+        Of the runs, in the order in which they were named.
+    everything : bool
+        Whether what is the same in all is listed too.
+    """
+
+    ledgers: tuple[Ledger, ...]
+    everything: bool = False
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """What each run is called in headings: its name, or a number where names are long."""
+        names = [each.name for each in self.ledgers]
+        if max(map(len, names)) <= LONGEST_NAME:
+            return names
+        return [f"run {number}" for number, _ in enumerate(names, 1)]
+
+    @cached_property
+    def nested(self) -> list[dict[str, Any]]:
+        """Configuration of each run: whole, or what its stages read where that is all that is left."""
+        return [read_config(each.folder) or read_slices(each) for each in self.ledgers]
+
+    @cached_property
+    def flat(self) -> list[dict[str, str]]:
+        """The same by dotted key."""
+        return [flatten(each) if each else {} for each in self.nested]
+
+    def runs(self) -> pd.DataFrame:
+        """Return a row for each run."""
+        return pd.DataFrame(
+            {
+                "column": self.labels,
+                "run": [each.name for each in self.ledgers],
+                "status": [live_status(each) for each in self.ledgers],
+                "started": [each.facts["started"] for each in self.ledgers],
+                "wall_s": [each.facts.get("seconds") for each in self.ledgers],
+            }
+        )
+
+    def configuration(self, most: int = MOST_COLUMNS) -> pd.DataFrame:
+        """Return the keys that differ, of those that say what is computed."""
+        keys = [*dict.fromkeys(key for each in self.flat for key in each)] if self.everything else None
+        keys = list_differences(self.flat) if keys is None else keys
+        shown = [key for key in keys if self.everything or not is_incidental(key)]
+        return self._across("key", [(key, [each.get(key, ABSENT) for each in self.flat]) for key in shown], most)
+
+    def metrics(self) -> tuple[pd.DataFrame, list[str]]:
+        """Return the metrics that differ, a row for each run, and the names of those that do not."""
+        found = [each.facts.get("metrics") or {} for each in self.ledgers]
+        columns: dict[str, list[Any]] = {}
+        same = []
+        for name in dict.fromkeys(name for each in found for name in each):
+            values = [each.get(name, {}).get("value") for each in found]
+            unit = next(str(each[name]["unit"]) for each in found if name in each)
+            if len({repr(value) for value in values}) > 1 or self.everything:
+                columns[add_unit(name, unit)] = values
+            else:
+                same.append(name)
+        return pd.DataFrame({"run": self.labels, **columns}) if columns else pd.DataFrame(), same
+
+    def surroundings(self, most: int = MOST_COLUMNS) -> pd.DataFrame:
+        """Return how code, libraries and machines differ."""
+        found = [flatten(read_surroundings(each)) for each in self.ledgers]
+        keys = [*dict.fromkeys(key for each in found for key in each)] if self.everything else list_differences(found)
+        return self._across("what", [(key, [each.get(key, ABSENT) for each in found]) for key in keys], most)
+
+    def tables(self, most: int = MOST_COLUMNS) -> tuple[list[str], pd.DataFrame]:
+        """Return the names of the tables that are the same to the byte in all runs, and the others, with rows."""
+        found = [list_tables(each) for each in self.ledgers]
+        names = dict.fromkeys(name for each in found for name in each)
+        same = [name for name in names if len({each.get(name, {}).get("sha256") for each in found}) == 1]
+        rows = [
+            (
+                name,
+                [
+                    f"{each[name].get('rows', '?')} rows, {each[name]['sha256'][:8]}" if name in each else ABSENT
+                    for each in found
+                ],
+            )
+            for name in names
+            if name not in same
+        ]
+        return same, self._across("table", rows, most)
+
+    def headlines(self) -> list[TableDifference]:
+        """Return how runs differ in the tables that their workflows want seen first."""
+        names = dict.fromkeys(name for each in self.nested for name in list_headlines(each))
+        return [found for name in names if (found := self._compare_table(name))]
+
+    def _compare_table(self, name: str) -> TableDifference | None:
+        kept = [list_tables(each).get(name) for each in self.ledgers]
+        having = [index for index, facts in enumerate(kept) if facts]
+        if len(having) < 2:
+            return None
+        if len({facts["sha256"] for facts in kept if facts}) == 1:
+            return TableDifference(name, name, "the same to the byte in all runs that have it", pd.DataFrame())
+        read = {index: found for index in having if (found := read_whole_table(self.ledgers[index], name))}
+        if len(read) < 2:
+            return TableDifference(name, name, "cannot be read in all runs but one", pd.DataFrame())
+        frames = {index: found[0] for index, found in read.items()}
+        title = next(iter(read.values()))[2]
+        labels = {index: self.labels[index] for index in frames}
+        if all(is_prose(each) for each in frames.values()):
+            return TableDifference(
+                name, title, "sentences, and the runs that have them", _compare_prose(frames, labels)
+            )
+        units = {key: unit for _, found, _ in read.values() for key, unit in found.items()}
+        told, frame = _compare_rows(frames, labels, units)
+        return TableDifference(name, title, told, frame)
+
+    def _across(self, head: str, rows: Sequence[tuple[str, Sequence[str]]], most: int) -> pd.DataFrame:
+        """Return a column for each run, or each value with the number of runs where there are too many."""
+        if len(self.ledgers) <= most:
+            return pd.DataFrame([[key, *map(_shorten, values)] for key, values in rows], columns=[head, *self.labels])
+        counted = []
+        for key, values in rows:
+            counts = pd.Series(values).value_counts()
+            more = f" and {len(counts) - 8} more" if len(counts) > 8 else ""
+            told = ", ".join(f"{_shorten(str(value))} ({count})" for value, count in counts.head(8).items())
+            counted.append([key, told + more])
+        return pd.DataFrame(counted, columns=[head, "value (runs)"])
+
+
+def choose_runs(outputs: str, names: Sequence[str]) -> tuple[Ledger, ...]:
+    """Return the runs of these names; of a sweep, all jobs that are done.
+
+    Raises
+    ------
+    ConfigError
+        When a name means no run or more than one, or there are fewer than two runs.
+    """
+    ledgers = list_ledgers(outputs)
+    place = sweeps_folder(outputs)
+    sweeps: dict[str, list[Ledger]] = {}
+    for each in ledgers:
+        if each.folder.parent.parent == place:
+            sweeps.setdefault(each.folder.parent.name, []).append(each)
+    known = {each.name for each in ledgers}
+    chosen: dict[str, Ledger] = {}
+    for name in names:
+        bare = name.rstrip("/")
+        if bare in sweeps and bare not in known:
+            done = sorted((each for each in sweeps[bare] if each.status == "done"), key=lambda each: each.name)
+            if not done:
+                raise ConfigError(f"sweep '{bare}' has no job that is done; see python -m pipeline.review sweep {bare}")
+            chosen.update({each.name: each for each in done})
+            continue
+        begun = [each for each in known if each.startswith(bare)]
+        if ledgers and bare != "latest" and not begun:
+            raise ConfigError(f"no run or sweep '{name}' in {outputs}; {suggest(bare, [*known, *sweeps, 'latest'])}")
+        ledger = find_run(outputs, bare)
+        chosen[ledger.name] = ledger
+    if len(chosen) < 2:
+        raise ConfigError(f"compare: expected two runs or more, or a sweep with as many done, got {', '.join(chosen)}")
+    return tuple(chosen.values())
+
+
+def _compare_prose(frames: Mapping[int, pd.DataFrame], labels: Mapping[int, str]) -> pd.DataFrame:
+    sentences = {index: dict.fromkeys(map(str, frame.iloc[:, 0])) for index, frame in frames.items()}
+    every = dict.fromkeys(sentence for each in sentences.values() for sentence in each)
+    rows = [
+        [sentence, *("yes" if sentence in sentences[index] else "-" for index in frames)]
+        for sentence in every
+        if not all(sentence in each for each in sentences.values())
+    ]
+    return pd.DataFrame(rows[:MOST_ROWS], columns=["sentence", *labels.values()])
+
+
+def _compare_rows(
+    frames: Mapping[int, pd.DataFrame], labels: Mapping[int, str], units: Mapping[str, str]
+) -> tuple[str, pd.DataFrame]:
+    columns = [name for name in next(iter(frames.values())).columns if all(name in each for each in frames.values())]
+    key = _find_key([frame[columns] for frame in frames.values()])
+    if key is None:
+        counts = ", ".join(f"{len(frame)} in {labels[index]}" for index, frame in frames.items())
+        return f"no columns name a row, so that rows cannot be compared ({counts})", pd.DataFrame()
+    indexed = {
+        index: {row[: len(key)]: row[len(key) :] for row in _rows(frame, key, columns)}
+        for index, frame in frames.items()
+    }
+    rest = [name for name in columns if name not in key]
+    common = [row for row in next(iter(indexed.values())) if all(row in each for each in indexed.values())]
+    alone = len({row for each in indexed.values() for row in each}) - len(common)
+    rows = []
+    for row in common:
+        for place, name in enumerate(rest):
+            values = [each[row][place] for each in indexed.values()]
+            if len({repr(value) for value in values}) > 1:
+                change = [_tell_change(*values)] if len(values) == 2 else []
+                rows.append([*row, add_unit(name, units.get(name, "1")), *map(format_value, values), *change])
+    heads = [*key, "column", *labels.values(), *(["change"] if len(frames) == 2 else [])]
+    told = f"{len(rows)} values differ in {len(common)} {'row' if len(common) == 1 else 'rows'} that all have"
+    told += f", the first {MOST_ROWS} here" if len(rows) > MOST_ROWS else ""
+    told += f"; {alone} rows are in some runs alone" if alone else ""
+    return told, pd.DataFrame(rows[:MOST_ROWS], columns=heads)
+
+
+def _tell_table(facts: Mapping[str, Any] | None) -> str:
+    return f"{facts.get('rows', '?')} rows, {facts['sha256'][:8]}" if facts else ABSENT
+
+
+def _rows(frame: pd.DataFrame, key: Sequence[str], columns: Sequence[str]) -> list[tuple[Any, ...]]:
+    ordered = frame[[*key, *(name for name in columns if name not in key)]]
+    return [tuple(None if value != value else value for value in row) for row in ordered.itertuples(index=False)]
+
+
+def _find_key(frames: Sequence[pd.DataFrame]) -> list[str] | None:
+    """Return the first columns but numbers with fractions that together name each row once, in all frames."""
+    if all(len(frame) <= 1 for frame in frames):
+        return []
+    key: list[str] = []
+    for name in frames[0].columns:
+        if any(pd.api.types.is_float_dtype(frame[name]) for frame in frames):
+            continue
+        key.append(name)
+        if not any(frame.duplicated(key).any() for frame in frames):
+            return key
+    return None
+
+
+def _tell_change(before: Any, after: Any) -> str:
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in (before, after)):
+        return ""
+    share = f" ({(after - before) / abs(before):+.1%})" if before else ""
+    return f"{after - before:+.3g}{share}"
+
+
+def _shorten(value: str) -> str:
+    return value if len(value) <= LONGEST_VALUE else f"{value[: LONGEST_VALUE - 3]}..."

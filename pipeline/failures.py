@@ -1,0 +1,74 @@
+"""Why runs did not get to their end, and what to type so that they do: ledgers, logs and launches flow in, text out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipeline.launch import list_launches
+from pipeline.ledger import Ledger
+
+END_OF_LOG = 400_000
+"""Bytes at the end of a log that are looked at."""
+ATTEMPT = re.compile(r"^\S+ \S+ INFO (?:begun|resumed): ", re.MULTILINE)
+LINE = re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d", re.MULTILINE)
+POINTER = re.compile(r" \(traceback: .*log\.txt\)$")
+REASONS = {
+    "unreadable": "run.json cannot be read, or is of another version",
+    "no ledger": "there is no run.json in its folder",
+    "killed": "its process ended without a word; no reason was noted",
+}
+
+
+def tell_reason(ledger: Ledger | None, status: str) -> str:
+    """Return in one line why a run is not done."""
+    error = ledger.facts["error"] if ledger else None
+    if error:
+        message = POINTER.sub("", " ".join(str(error.get("message", "-")).split()))
+        return f"{error.get('stage', '-')}: {message}"
+    return REASONS.get(status, "no reason was noted")
+
+
+def read_traceback(folder: Path) -> str:
+    """Return the last traceback of a run's last attempt from its log; empty where there is none."""
+    try:
+        with (folder / "log.txt").open("rb") as handle:
+            handle.seek(0, 2)
+            handle.seek(max(0, handle.tell() - END_OF_LOG))
+            log = handle.read().decode("utf-8", errors="replace")
+    except OSError:
+        return ""
+    attempts = list(ATTEMPT.finditer(log))
+    if attempts:
+        log = log[attempts[-1].end() :]
+    _, mark, rest = log.rpartition("\nTraceback (most recent call last):")
+    if not mark:
+        return ""
+    end = LINE.search(rest)
+    return (mark + rest[: end.start() if end else None]).strip()
+
+
+def list_commands(sweep: Path, unfinished: Iterable[str]) -> list[tuple[str, int]]:
+    """Return what to type to finish a sweep: commands of its launches, with how many jobs each finishes.
+
+    Parameters
+    ----------
+    sweep : Path
+        Its folder.
+    unfinished : iterable of str
+        Names of jobs; one that no launch had is left to its own ledger's command.
+    """
+    left = set(unfinished)
+    commands: dict[str, int] = {}
+    for launch in reversed(list(list_launches(sweep))):
+        of_it = left & {str(job["job"]) for job in launch["jobs"]}
+        if of_it:
+            command = str(launch.get("command", "-"))
+            commands[command] = commands.get(command, 0) + len(of_it)
+            left -= of_it
+    for job in sorted(left):
+        ledger = Ledger.look(sweep / job)
+        if ledger is not None:
+            commands[str(ledger.facts["command"])] = 1
+    return list(commands.items())

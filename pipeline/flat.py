@@ -1,0 +1,62 @@
+"""Configurations as flat mappings of dotted keys: nested values flow in, what tells runs apart flows out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+ABSENT = "absent"
+
+
+def flatten(values: Any, path: str = "") -> dict[str, str]:
+    """Return each value as text, by its dotted key; an item of a list of sections has its number in the key."""
+    if isinstance(values, Mapping) and values:
+        pairs: Iterable[tuple[Any, Any]] = values.items()
+    elif isinstance(values, list) and any(isinstance(each, Mapping) for each in values):
+        pairs = enumerate(values)
+    else:
+        return {path: show(values)}
+    return {
+        key: text
+        for name, value in pairs
+        for key, text in flatten(value, f"{path}.{name}" if path else str(name)).items()
+    }
+
+
+def show(value: Any) -> str:
+    """Return a value as it stands in YAML."""
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
+
+
+def is_seed(key: str) -> bool:
+    """Tell whether a key says which repeat of the same a run is."""
+    return key.rpartition(".")[2].endswith("seed")
+
+
+def list_differences(runs: Sequence[Mapping[str, str]]) -> list[str]:
+    """Return the keys that have not the same value in all runs, in the order in which they come."""
+    keys = dict.fromkeys(key for each in runs for key in each)
+    return [key for key in keys if len({each.get(key) for each in runs}) > 1]
+
+
+def count_values(sections: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
+    """Return, for each dotted key in which runs differ, how many have each value.
+
+    Parameters
+    ----------
+    sections : sequence of mapping
+        Configuration of each run, nested. Of what many share, one alone is looked into.
+    """
+    found: dict[str, dict[str, int]] = {}
+    for name in dict.fromkeys(name for each in sections for name in each):
+        kinds: dict[str, tuple[dict[str, str], int]] = {}
+        for each in sections:
+            kind = repr(each[name]) if name in each else ""
+            flat, count = kinds.get(kind) or (flatten(each[name], name) if kind else {}, 0)
+            kinds[kind] = flat, count + 1
+        for key in list_differences([flat for flat, _ in kinds.values()]):
+            counts = found.setdefault(key, {})
+            for flat, count in kinds.values():
+                counts[flat.get(key, ABSENT)] = counts.get(flat.get(key, ABSENT), 0) + count
+    return found

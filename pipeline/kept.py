@@ -1,0 +1,92 @@
+"""What a run's folder keeps of it beside the ledger, to look at: a folder flows in, mappings, frames flow out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pipeline.errors import TableError
+from pipeline.ledger import Ledger
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """Return a run's whole configuration; empty where it is not there or cannot be read."""
+    import yaml
+
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        found = yaml.load((folder / "config.yaml").read_text(encoding="utf-8"), loader)
+    except (OSError, ValueError, yaml.YAMLError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def read_slices(ledger: Ledger) -> dict[str, Any]:
+    """Return the sections of the configuration that a run's stages read, as its ledger has them."""
+    return {name: section for record in ledger.records.values() for name, section in record["config"].items()}
+
+
+def list_headlines(config: dict[str, Any]) -> list[str]:
+    """Return the names of the tables that a run's workflow wants seen first."""
+    workflow = config.get("workflow")
+    names = workflow.get("headline") if isinstance(workflow, dict) else None
+    return [str(each) for each in names] if isinstance(names, list) else []
+
+
+def list_tables(ledger: Ledger) -> dict[str, dict[str, Any]]:
+    """Return hash, rows and bytes of each table of a run, by its name."""
+    return {
+        name: facts
+        for record in ledger.records.values()
+        if record["status"] == "done"
+        for name, facts in record["tables"].items()
+    }
+
+
+def read_whole_table(ledger: Ledger, name: str) -> tuple[pd.DataFrame, dict[str, str], str] | None:
+    """Return a table of a run, the units of its columns and its title; None where it cannot be read."""
+    import pyarrow.parquet
+
+    from pipeline.table import read_frame
+
+    path = ledger.folder / "tables" / f"{name}.parquet"
+    try:
+        frame = read_frame(path)
+        schema = pyarrow.parquet.read_schema(path)
+    except (TableError, OSError, ValueError):
+        return None
+    units = {
+        field.name: field.metadata.get(b"unit", b"1").decode(errors="replace") for field in schema if field.metadata
+    }
+    title = (schema.metadata or {}).get(b"title", name.encode()).decode(errors="replace")
+    return frame, units, title
+
+
+def read_short_tables(
+    ledger: Ledger, names: list[str], most: int
+) -> Iterator[tuple[pd.DataFrame, dict[str, str], str]]:
+    """Yield those tables of a run that have some rows, and not more than so many."""
+    kept = list_tables(ledger)
+    for name in names:
+        if name in kept and 0 < int(kept[name].get("rows", 0)) <= most:
+            found = read_whole_table(ledger, name)
+            if found:
+                yield found
+
+
+def read_surroundings(ledger: Ledger) -> dict[str, dict[str, str]]:
+    """Return with which code and libraries, and on which machine, a run was made."""
+    git, machine = ledger.facts.get("git") or {}, ledger.facts.get("machine") or {}
+    records = ledger.records.values()
+    return {
+        "code": {
+            "commit": str(git.get("commit", "unknown"))[:10],
+            "changes": "unknown" if not git else "none" if git.get("clean") else "some that were not committed",
+        },
+        "machine": {key: str(value) for key, value in machine.items() if key != "executable"},
+        "library": {name: str(version) for record in records for name, version in record["libraries"].items()},
+        "source": {name: str(digest)[:8] for record in records for name, digest in record["code"].items()},
+    }

@@ -1,0 +1,129 @@
+"""All runs and sweeps of an outputs folder, a row each: the folders flow in, a frame flows out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pipeline.errors import ConfigError, suggest
+from pipeline.kept import read_slices
+from pipeline.ledger import Ledger
+from pipeline.runs import list_folders, live_status, sweeps_folder, tell_status
+
+COLUMNS = ["run", "status", "started", "wall_s", "finished", "command"]
+WORST_FIRST = ("running", "failed", "killed", "paused", "interrupted", "unreadable", "no ledger", "not begun", "done")
+"""Of its jobs' states, the one that a sweep is said to have."""
+
+
+def list_everything(outputs: str | Path, with_jobs: bool, keys: Sequence[str] = ()) -> pd.DataFrame:
+    """Return a row for each run, and one for each sweep or each of its jobs, newest first.
+
+    Parameters
+    ----------
+    outputs : str or Path
+        The outputs folder.
+    with_jobs : bool
+        Whether a sweep's jobs have a row each instead of one together.
+    keys : sequence of str
+        Metrics or configuration keys that are to be columns too.
+
+    Raises
+    ------
+    ConfigError
+        When no run has one of the keys.
+    """
+    folders = list_folders(outputs)
+    ledgers = {each: Ledger.look(each) for each in folders}
+    sweeps = sweeps_folder(outputs)
+    together: dict[Path, list[Path]] = {}
+    rows = []
+    for folder in folders:
+        if folder.parent.parent == sweeps and not with_jobs:
+            together.setdefault(folder.parent, []).append(folder)
+        else:
+            rows.append(_describe(folder, ledgers[folder], folder.parent.parent == sweeps))
+    rows.extend(_summarise(sweep, [(job, ledgers[job]) for job in jobs]) for sweep, jobs in together.items())
+    rows.sort(key=lambda row: row["age"], reverse=True)
+    frame = pd.DataFrame(rows, columns=[*COLUMNS, "found"])
+    frame["wall_s"] = frame["wall_s"].astype(float)
+    for key in keys:
+        if key in COLUMNS:
+            continue
+        values = [_look_up(found, key) for found in frame["found"]]
+        if all(value is None for value in values):
+            raise _unknown(key, [ledger for found in frame["found"] for ledger in found])
+        frame.insert(len(frame.columns) - 2, key, pd.Series(values, dtype=object, index=frame.index))
+    return frame.drop(columns="found")
+
+
+def _describe(folder: Path, ledger: Ledger | None, is_job: bool) -> dict[str, Any]:
+    name = f"{folder.parent.name}/{folder.name}" if is_job else folder.name
+    if ledger is None:
+        status = tell_status(folder, None)
+        return {"run": name, "status": status, "finished": None, "command": None, "age": (-1, name), "found": []}
+    done = sum(ledger.finished(each) is not None for each in ledger.records)
+    return {
+        "run": name,
+        "status": live_status(ledger),
+        "started": ledger.facts["started"],
+        "wall_s": ledger.facts.get("seconds"),
+        "finished": f"{done} {'stage' if done == 1 else 'stages'}",
+        "command": ledger.facts["command"],
+        "age": ledger.age,
+        "found": [ledger],
+    }
+
+
+def _summarise(sweep: Path, jobs: Sequence[tuple[Path, Ledger | None]]) -> dict[str, Any]:
+    counts = Counter(tell_status(folder, ledger) for folder, ledger in jobs)
+    states = [each for each in WORST_FIRST if counts[each]]
+    ledgers = [ledger for _, ledger in jobs if ledger]
+    others = "".join(f", {counts[each]} {each}" for each in states if each != "done")
+    seconds = [float(each.facts.get("seconds") or 0.0) for each in ledgers]
+    return {
+        "run": f"{sweep.name}/",
+        "status": states[0],
+        "started": min((each.facts["started"] for each in ledgers), default=None),
+        "wall_s": sum(seconds) if seconds else None,
+        "finished": f"{counts['done']} of {len(jobs)} {'job' if len(jobs) == 1 else 'jobs'}{others}",
+        "command": None,
+        "age": max((each.age for each in ledgers), default=(-1, sweep.name)),
+        "found": ledgers,
+    }
+
+
+def _look_up(ledgers: Iterable[Ledger], key: str) -> Any:
+    """Return a metric or a configuration key of a run; of a sweep, only what all its jobs agree in."""
+    values = {str(value): value for each in ledgers if (value := _look_up_one(each, key)) is not None}
+    return next(iter(values.values())) if len(values) == 1 else None
+
+
+def _look_up_one(ledger: Ledger, key: str) -> Any:
+    metric = (ledger.facts.get("metrics") or {}).get(key)
+    if metric is not None:
+        return metric["value"]
+    for record in ledger.records.values():
+        node: Any = record["config"]
+        for part in key.split("."):
+            node = node.get(part) if isinstance(node, dict) else None
+        if node is not None:
+            return node
+    return None
+
+
+def _unknown(key: str, ledgers: Sequence[Ledger]) -> ConfigError:
+    metrics = {name for each in ledgers for name in (each.facts.get("metrics") or {})}
+    sections = {name: section for each in ledgers for name, section in read_slices(each).items()}
+    paths = [path for name, section in sections.items() for path in _paths(name, section)]
+    offered = suggest(key, [*COLUMNS, *metrics, *paths])
+    if offered.startswith("choose"):
+        offered = f"{suggest(key, [*COLUMNS, *metrics])}, or a configuration key"
+    return ConfigError(f"no column, metric or configuration key '{key}' in any run; {offered}")
+
+
+def _paths(name: str, section: Any) -> list[str]:
+    return [f"{name}.{key}" for key in section] if isinstance(section, dict) else [name]

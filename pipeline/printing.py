@@ -1,0 +1,56 @@
+"""Frames as tables of a terminal: a frame flows in, lines flow out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+import rich.table
+from rich.console import Console
+from rich.text import Text
+
+ROWS_SHOWN_WHOLE = 60
+
+
+def print_frame(
+    title: str, frame: pd.DataFrame, console: Console, limit: int = ROWS_SHOWN_WHOLE, option: str = ""
+) -> None:
+    """Print a frame as a terminal table, its first rows where it is long; `option` is what to type to see more."""
+    console.print(title, style="bold", soft_wrap=True, highlight=False, markup=False)
+    if frame.empty:
+        console.print("  no rows\n", highlight=False)
+        return
+    if is_prose(frame):
+        for sentence in frame.iloc[:limit, 0]:
+            console.print(f"  {sentence}", highlight=False, markup=False)
+        console.print()
+        return
+    shown = rich.table.Table(header_style="bold", box=rich.box.SIMPLE_HEAD)
+    for name in frame.columns:
+        numeric = pd.api.types.is_numeric_dtype(frame[name])
+        shown.add_column(Text(str(name)), justify="right" if numeric else "left", overflow="fold")
+    for row in frame.head(limit).itertuples(index=False):
+        shown.add_row(*(Text(format_value(value)) for value in row))
+    console.print(shown, markup=False)
+    if len(frame) > limit:
+        more = f"; {option} {len(frame)} shows all" if option else ""
+        console.print(f"  first {limit} of {len(frame)} rows{more}", highlight=False)
+
+
+def is_prose(frame: pd.DataFrame) -> bool:
+    """Tell whether a table is a list of sentences: one column of text."""
+    return len(frame.columns) == 1 and not pd.api.types.is_numeric_dtype(frame.iloc[:, 0])
+
+
+def format_value(value: Any) -> str:
+    """Return a table cell's text: four significant digits for a float, a dash for a missing value."""
+    if value is None or value is pd.NA or (isinstance(value, float) and value != value):
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value)
+
+
+def add_unit(name: str, unit: str) -> str:
+    """Return a heading with its unit, where there is one."""
+    return name if unit in ("", "1") else f"{name} ({unit})"

@@ -1,0 +1,143 @@
+"""Which rows of a frame to see, in which order: ``KEY=VALUE`` and a column flow in, a frame flows out."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from pipeline.errors import ConfigError, suggest
+
+SIGNS = re.compile(r"!=|<=|>=|=|~|<|>")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a row must fulfil.
+
+    Parameters
+    ----------
+    key : str
+        Of a column.
+    sign : str
+        ``=``, ``!=``, ``~`` (contains) or, for numbers, ``<``, ``>``, ``<=``, ``>=``.
+    value : str
+        As typed.
+    """
+
+    key: str
+    sign: str
+    value: str
+
+    def holds(self, value: object) -> bool:
+        """Tell whether a value fulfils the condition; a missing one equals nothing but ``-``."""
+        text = "-" if _is_missing(value) else str(value)
+        if self.sign == "~":
+            return self.value.lower() in text.lower()
+        number, wanted = read_number(text), read_number(self.value)
+        if self.sign in ("=", "!="):
+            same = text == self.value or (number is not None and number == wanted)
+            return same == (self.sign == "=")
+        if number is None or wanted is None:
+            return False
+        return {
+            "<": number < wanted,
+            ">": number > wanted,
+            "<=": number <= wanted,
+            ">=": number >= wanted,
+        }[self.sign]
+
+
+def read_condition(text: str) -> Condition:
+    """Return what ``KEY=VALUE`` and the like ask for.
+
+    Raises
+    ------
+    ConfigError
+        When it is no condition, or asks whether something that is no number is more or less.
+    """
+    found = SIGNS.search(text)
+    if found is None or found.start() == 0:
+        raise ConfigError(f"--where {text}: expected KEY=VALUE, KEY!=VALUE, KEY~TEXT, or 'KEY<NUMBER' and the like")
+    condition = Condition(text[: found.start()].strip(), found.group(), text[found.end() :].strip())
+    if condition.sign[0] in "<>" and read_number(condition.value) is None:
+        raise ConfigError(f"--where {text}: expected a number after {condition.sign}, got '{condition.value}'")
+    return condition
+
+
+def keep_rows(frame: pd.DataFrame, conditions: Iterable[Condition]) -> pd.DataFrame:
+    """Return the rows that fulfil all conditions.
+
+    Raises
+    ------
+    ConfigError
+        When a condition is about no column.
+    """
+    for each in conditions:
+        check_key("--where", each.key, frame.columns)
+        frame = frame[[each.holds(value) for value in frame[each.key]]]
+    return frame
+
+
+def sort_rows(frame: pd.DataFrame, by: str | None) -> pd.DataFrame:
+    """Return the rows in the order of a column, largest first where ``-`` stands before it, missing values last.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such column.
+    """
+    if by is None:
+        return frame
+    key = by if by in frame.columns else by.removeprefix("-")
+    check_key("--sort", key, frame.columns)
+    present = [row for row, value in enumerate(frame[key]) if not _is_missing(value)]
+    missing = [row for row, value in enumerate(frame[key]) if _is_missing(value)]
+    present.sort(key=lambda row: order_of(str(frame[key].iloc[row])), reverse=key != by)
+    return frame.iloc[[*present, *missing]]
+
+
+def check_key(option: str, key: str, known: Iterable[str]) -> None:
+    """Refuse a key that no column has.
+
+    Raises
+    ------
+    ConfigError
+        With the nearest name.
+    """
+    names = [str(each) for each in known]
+    if key not in names:
+        raise ConfigError(f"{option} {key}: no such column; {suggest(key, names)}")
+
+
+def order_of(text: str) -> tuple[bool, float, str]:
+    """Return a sort key by which numbers come first, as numbers."""
+    number = read_number(text)
+    return number is None, 0.0 if number is None else number, text
+
+
+def read_number(text: str) -> float | None:
+    """Return the number that a text is, or None."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return None if math.isnan(number) else number
+
+
+def put_sort_together(arguments: Sequence[str]) -> list[str]:
+    """Return a command line in which ``--sort -COLUMN`` is one word, as argparse takes the second for an option."""
+    joined: list[str] = []
+    for each in arguments:
+        if joined and joined[-1] == "--sort":
+            joined[-1] = f"--sort={each}"
+        else:
+            joined.append(each)
+    return joined
+
+
+def _is_missing(value: object) -> bool:
+    return value is None or value is pd.NA or value is pd.NaT or (isinstance(value, float) and math.isnan(value))

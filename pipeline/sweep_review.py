@@ -1,0 +1,97 @@
+"""A sweep on the terminal, its table and its page: the sweep's folder flows in, text and two files flow out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich.console import Console
+
+from pipeline.errors import PipelineError
+from pipeline.failures import list_commands, tell_reason
+from pipeline.ledger import Ledger
+from pipeline.printing import print_frame
+from pipeline.selection import Condition, keep_rows, sort_rows
+from pipeline.sweep_page import FILE_NAME, tell_counts, write_page
+from pipeline.sweep_table import write_frame
+from pipeline.sweep_view import Sweep, find_sweep
+
+MOST_FAILURES = 20
+NOT_TOLD = ("done", "not begun", "running")
+
+
+def review_sweep(
+    outputs: str,
+    name: str,
+    conditions: Sequence[Condition],
+    sort: str | None,
+    rows: int,
+    everything: bool,
+    console: Console,
+) -> None:
+    """Print a sweep's jobs, failures and the commands that finish it; write ``sweep.parquet`` and ``sweep.html``.
+
+    Parameters
+    ----------
+    outputs, name : str
+        The outputs folder and the sweep's name, or its folder.
+    conditions : sequence of Condition
+        Of the jobs to print; the files hold all.
+    sort : str or None
+        Column by which to sort.
+    rows : int
+        How many jobs to print.
+    everything : bool
+        Whether columns that do not vary are printed too.
+    console : Console
+        Standard output.
+
+    Raises
+    ------
+    PipelineError
+        When there is no such sweep, or its folder cannot be written.
+    """
+    found = find_sweep(outputs, name)
+
+    def say(text: str) -> None:
+        console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+    jobs = len(found.frame)
+    say(f"sweep {found.folder}: {jobs} {'job' if jobs == 1 else 'jobs'} ({tell_counts(found.counts)})")
+    if found.alike and not everything:
+        say(f"the same in all: {', '.join(f'{key}={value}' for key, value in found.alike.items())}")
+    chosen = sort_rows(keep_rows(found.frame, conditions), sort)
+    table = found.table(everything).loc[chosen.index]
+    if everything:
+        table = table.drop(columns="error")
+    print_frame("Jobs", table.rename(columns=found.head), console, rows, "--rows")
+    for line in _tell_failures(found):
+        say(line)
+    try:
+        say(f"table: {write_frame(found.folder, found.frame, found.units)}")
+        write_page(found)
+    except OSError as error:
+        raise PipelineError(
+            f"cannot write {error.filename or found.folder}: {error.strerror}; the jobs' own folders are as they are; "
+            "make the folder writable, or copy it to where it is"
+        ) from None
+    say(f"page: {found.folder / FILE_NAME}")
+
+
+def _tell_failures(found: Sweep) -> Iterator[str]:
+    statuses = dict(zip(found.frame["job"], found.frame["status"], strict=True))
+    unfinished = [job for job, status in statuses.items() if status != "done"]
+    failed = [job for job in unfinished if statuses[job] not in NOT_TOLD]
+    for job in failed[:MOST_FAILURES]:
+        yield f"  {job} {statuses[job]}: {tell_reason(Ledger.look(found.folder / job), statuses[job])}"
+    if len(failed) > MOST_FAILURES:
+        yield f"  ... and {len(failed) - MOST_FAILURES} more"
+    commands = list_commands(found.folder, unfinished)
+    for command, count in commands:
+        yield f"{count} of {len(statuses)} jobs {_are(count)} not done; to finish, type: {command}"
+    left = len(unfinished) - sum(count for _, count in commands)
+    if left:
+        yield f"{left} of {len(statuses)} jobs {_are(left)} not done, and nothing says by which command"
+
+
+def _are(count: int) -> str:
+    return "is" if count == 1 else "are"

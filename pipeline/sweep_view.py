@@ -1,0 +1,156 @@
+"""What a sweep shows: which of its keys vary, what its metrics do over them, why jobs failed.
+
+A sweep's table flows in; out flow its axes, the numbers behind a figure of each metric, and what all jobs have alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.command import command_line
+from pipeline.errors import ConfigError, suggest
+from pipeline.flat import is_seed
+from pipeline.printing import add_unit, format_value
+from pipeline.runs import list_folders, list_ledgers, sweeps_folder
+from pipeline.selection import order_of
+from pipeline.sweep_table import collect_sweep
+
+AS_CONFIGURED = "not set"
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep to look at.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the sweep.
+    frame : DataFrame
+        From `pipeline.sweep_table.collect_sweep`.
+    units : dict of str to str
+        Of columns that have one.
+    """
+
+    folder: Path
+    frame: pd.DataFrame
+    units: dict[str, str]
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return self.folder.name
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Jobs by status."""
+        return {str(status): int(count) for status, count in self.frame["status"].value_counts().items()}
+
+    @property
+    def keys(self) -> list[str]:
+        """What jobs override."""
+        names = [str(each) for each in self.frame.columns]
+        return names[1 : names.index("status")]
+
+    @property
+    def metrics(self) -> list[str]:
+        """What jobs measured, by name."""
+        names = [str(each) for each in self.frame.columns]
+        return names[names.index("status") + 1 : names.index("wall_s")]
+
+    @cached_property
+    def varying(self) -> dict[str, list[str]]:
+        """Values of each key that varies, in order."""
+        found = {}
+        for key in self.keys:
+            present = {AS_CONFIGURED if pd.isna(each) else str(each) for each in self.frame[key]}
+            if len(present) > 1:
+                found[key] = sorted(present, key=order_of)
+        return found
+
+    @property
+    def axes(self) -> list[str]:
+        """Keys that vary and are no seed: over them, metrics are looked at."""
+        return [each for each in self.varying if not is_seed(each)]
+
+    @property
+    def seeds(self) -> list[str]:
+        """Keys that vary and only repeat."""
+        return [each for each in self.varying if is_seed(each)]
+
+    @property
+    def alike(self) -> dict[str, str]:
+        """What all jobs have the same, by column."""
+        first = self.frame.iloc[0]
+        return {
+            name: format_value(first[name])
+            for name in [*self.keys, "commit"]
+            if name not in self.varying and not _differs(self.frame[name]) and not pd.isna(first[name])
+        }
+
+    def table(self, everything: bool) -> pd.DataFrame:
+        """Return a row for each job: the columns that vary and those that measure, or all."""
+        if everything:
+            return self.frame
+        telling = [*self.varying, "status", *self.metrics, "wall_s", "peak_memory_mb"]
+        if _differs(self.frame["commit"]):
+            telling.append("commit")
+        if self.frame.duplicated(list(self.varying)).any() or not self.varying:
+            telling.insert(0, "job")
+        return self.frame[[each for each in telling if not self.frame[each].isna().all()]]
+
+    def head(self, column: str) -> str:
+        """Return a column's heading with its unit."""
+        return add_unit(column, self.units.get(column, "1"))
+
+    def points(self, metric: str) -> pd.DataFrame:
+        """Return the jobs that have a metric as a number: it as ``value``, and each axis as text."""
+        frame = self.frame.assign(value=pd.to_numeric(self.frame[metric], errors="coerce"))
+        frame = frame[frame["value"].notna() & (frame["value"].abs() != float("inf")) & (frame["status"] == "done")]
+        texts = {key: frame[key].where(frame[key].notna(), AS_CONFIGURED).astype(str) for key in self.varying}
+        return pd.DataFrame({**texts, "value": frame["value"].astype(float)}).reset_index(drop=True)
+
+
+def find_sweep(outputs: str | Path, name: str) -> Sweep:
+    """Return the sweep of a name in the outputs folder, or at a path; ``latest`` is the one that ran last.
+
+    Raises
+    ------
+    ConfigError
+        When there is none, or it has no job.
+    """
+    place = sweeps_folder(outputs)
+    if name == "latest":
+        jobs = [each.folder.parent for each in list_ledgers(outputs) if each.folder.parent.parent == place]
+        name = jobs[0].name if jobs else name
+    folder = next((each for each in (place / name, Path(name)) if name and each.is_dir()), None)
+    if folder is None or folder == place:
+        names = list_sweeps(outputs)
+        told = suggest(name, [*names, "latest"]) if names else f"make one with: {command_line(['-m', 'seed=0,1'])}"
+        raise ConfigError(f"no sweep '{name}' in {place}, nor a folder of this name; {told}")
+    frame, units = collect_sweep(folder)
+    jobs_with_ledger = not {*frame["status"]} <= {"no ledger"}
+    if frame.empty or not jobs_with_ledger:
+        raise ConfigError(f"{folder} is no sweep: expected a folder with a folder for each job, each with a run.json")
+    return Sweep(folder, frame, units)
+
+
+def list_sweeps(outputs: str | Path) -> list[str]:
+    """Return the names of all sweeps."""
+    place = sweeps_folder(outputs)
+    return sorted({each.parent.name for each in list_folders(outputs) if each.parent.parent == place})
+
+
+def summarise(points: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+    """Return mean, least, most and number of values for each combination of some axes."""
+    grouped = points.groupby(list(by), sort=False)["value"]
+    return grouped.agg(["mean", "min", "max", "count", "std"]).reset_index()
+
+
+def _differs(values: pd.Series) -> bool:
+    return len(set(values.fillna("").astype(str))) > 1
