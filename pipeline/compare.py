@@ -80,10 +80,11 @@ class Comparison:
 
     def runs(self) -> pd.DataFrame:
         """Return a row for each run."""
+        names = [each.name for each in self.ledgers]
         return pd.DataFrame(
             {
-                "column": self.labels,
-                "run": [each.name for each in self.ledgers],
+                **({} if self.labels == names else {"column": self.labels}),
+                "run": names,
                 "status": [live_status(each) for each in self.ledgers],
                 "started": [each.facts["started"] for each in self.ledgers],
                 "wall_s": [each.facts.get("seconds") for each in self.ledgers],

@@ -57,7 +57,7 @@ def review_comparison(
         write_text(path, _render(found, names, curves, complaints))
     except OSError as error:
         raise PipelineError(
-            f"cannot write {error.filename or path}: {error.strerror}; name another file by --html PATH"
+            f"cannot write {path}: {error.strerror}; name another file by --html PATH"
         ) from None
     console.print(f"page: {path}", soft_wrap=True, highlight=False, markup=False)
 

@@ -133,6 +133,7 @@ class Runner:
         try:
             if self.given:
                 ledger.facts["given"] = list(self.given)
+            ledger.save()  # by which the folder is found again if nothing else finds room
             keep_changes(ledger.folder, ledger.facts)
             ledger.save()
             (ledger.folder / PAGE_NAME).unlink(missing_ok=True)

@@ -100,7 +100,7 @@ class Sweep:
         telling = [*self.varying, "status", *self.metrics, "wall_s", "peak_memory_mb"]
         if _differs(self.frame["commit"]):
             telling.append("commit")
-        if self.frame.duplicated(list(self.varying)).any() or not self.varying:
+        if not self.varying or self.frame.duplicated(list(self.varying)).any():
             telling.insert(0, "job")
         return self.frame[[each for each in telling if not self.frame[each].isna().all()]]
 
