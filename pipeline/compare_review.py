@@ -56,9 +56,7 @@ def review_comparison(
     try:
         write_text(path, _render(found, names, curves, complaints))
     except OSError as error:
-        raise PipelineError(
-            f"cannot write {path}: {error.strerror}; name another file by --html PATH"
-        ) from None
+        raise PipelineError(f"cannot write {path}: {error.strerror}; name another file by --html PATH") from None
     console.print(f"page: {path}", soft_wrap=True, highlight=False, markup=False)
 
 

@@ -71,7 +71,7 @@ def review_sweep(
         write_page(found)
     except OSError as error:
         raise PipelineError(
-            f"cannot write {error.filename2 or error.filename or found.folder}: {error.strerror}; the jobs' own folders "
+            f"cannot write {error.filename2 or error.filename or found.folder}: {error.strerror}; jobs' own folders "
             "are as they are; make the folder writable, or copy it to where it is"
         ) from None
     say(f"page: {found.folder / FILE_NAME}")

@@ -1,5 +1,6 @@
 """What a sweep adds to its jobs, and what jobs at once save."""
 
+import shutil
 import subprocess
 import sys
 import time
@@ -8,6 +9,7 @@ from tests.conftest import ROOT, Command
 
 FEW, MANY = 4, 24
 JOBS, BUSY_S = 8, 2.0
+LEDGERS = 1000
 
 
 def sweep(folder, *arguments):
@@ -42,3 +44,29 @@ def test_jobs_at_once(tmp_path, benchmark, tell):
         for how in ("serial", "parallel")
     ]
     assert tables[0] == tables[1]
+
+
+def test_review_of_many_jobs(tmp_path, benchmark, tell):
+    """Of a sweep of many jobs, with its table and its page, and of all runs in a list."""
+    command = Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "-m", "sweep=s")
+    assert command("workflow=trials", "seed=0,1", "trying.fail_at=[1]").returncode == 1
+    for first in [*(tmp_path / "outputs/sweeps/s").glob("[!.]*/")]:
+        text = (first / "run.json").read_text()
+        seed = next(each for each in first.name.split(",") if each.startswith("seed="))
+        for number in range(int(seed[-1]) + 2, LEDGERS, 2):
+            name = first.name.replace(seed, f"seed={number}")
+            shutil.copytree(first, first.parent / name)
+            told = text.replace(first.name, name).replace(seed, f"seed={number}")
+            (first.parent / name / "run.json").write_text(told)
+
+    def review(*arguments):
+        result = command.review(*arguments)
+        assert result.returncode == 0, result.stderr
+        return result.stdout
+
+    assert f"{LEDGERS} jobs ({LEDGERS // 2} done, {LEDGERS // 2} failed)" in review("sweep", "s")
+    benchmark.pedantic(lambda: review("sweep", "s"), rounds=3)
+    tell("review of a sweep of 1000 jobs", benchmark.stats.stats.median, "s", limit=3.0)
+    begun = time.perf_counter()
+    assert f"first 40 of {LEDGERS} rows" in review("list", "--jobs")
+    tell("list of 1000 jobs", time.perf_counter() - begun, "s", limit=3.0)
