@@ -6,6 +6,7 @@ mistake in its configuration, an exception, a kill by the system, the launcher s
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import threading
@@ -21,7 +22,7 @@ from pipeline.config import Study, read_study
 from pipeline.errors import PipelineError
 from pipeline.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_telling, name_job
 from pipeline.ledger import Ledger
-from pipeline.page import read_template
+from pipeline.page import read_templates
 from pipeline.plan import make_plan
 from pipeline.report import try_report
 from pipeline.runner import Runner
@@ -144,7 +145,8 @@ def _warm_up(study: Study, stages: list[Stage]) -> None:
     """Do once in this process what each job would do again: ledgers, sources, templates and git are then read."""
     with suppress(PipelineError):  # which the job itself will tell
         make_plan(study, stages, list_ledgers(study.settings.outputs))
-    read_template("report.html.j2")
+    read_templates()
+    importlib.import_module("pyarrow.dataset")  # without which no table is read
     look_at_checkout()
 
 

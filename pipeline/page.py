@@ -26,12 +26,13 @@ def render(template: str, **values: Any) -> str:
     **values
         What it shows.
     """
-    return read_template(template).render(**values)
+    return _environment().get_template(template).render(**values)
 
 
-def read_template(name: str) -> jinja2.Template:
-    """Return a file in ``pipeline/pages``, which this process reads once."""
-    return _environment().get_template(name)
+def read_templates() -> None:
+    """Read all templates, which then this process, and those forked off it, need not read again."""
+    for name in _environment().list_templates():
+        _environment().get_template(name)
 
 
 @cache

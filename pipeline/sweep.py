@@ -1,8 +1,9 @@
 """A sweep: many jobs by one command, of which none is lost, none done twice, and all end up in one table.
 
-A command line with several values for some keys flows in. Hydra's own multirun makes jobs of it and its launcher runs
-them; what is added here is what it lacks: a plan before, a folder for each job named by its overrides, a table of all
-jobs after, the reasons of those that failed, the command that finishes the rest, and going on without a killed worker.
+A command line with several values for some keys flows in. Hydra makes jobs of it, and the launcher that it was told to
+use runs them; what is added here is what its multirun lacks: a plan before, a folder for each job named by its
+overrides, a table of all jobs after, the reasons of those that failed, the command that finishes the rest, and going on
+without a killed worker.
 """
 
 from __future__ import annotations
@@ -21,10 +22,13 @@ from types import FrameType
 from typing import Any
 
 import hydra
+from hydra._internal.callbacks import Callbacks
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.plugins import Plugins
+from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.command import command_line
@@ -110,7 +114,9 @@ def run_sweep(
         console.print(text, soft_wrap=True, highlight=False, markup=False)
 
     overrides_typed = get_args_parser().parse_intermixed_args(list(typed)).overrides
-    base, lists = _expand(overrides, config_folder, search_path)
+    if search_path:
+        overrides = [*overrides, f"hydra.searchpath=[file://{Path(search_path).resolve()}]"]
+    base, lists = _expand(overrides, config_folder)
     settings = read_settings({str(key): _plain(base[key]) for key in base if key != "hydra"})
     folder = sweeps_folder(settings.outputs) / str(settings.sweep)
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
@@ -132,7 +138,7 @@ def run_sweep(
     )
     launch.begin(command_line(list(typed)), typed, [each.overrides for each in jobs])
     with _stopping(launch, say) as stopped:
-        _supervise(launch, config_folder, say, stopped)
+        _supervise(launch, lambda: _launch(launch, overrides, lists, config_folder), say, stopped)
     return _tell_end(launch, list(typed), say, stopped)
 
 
@@ -161,16 +167,12 @@ def tell_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> Iterat
         yield f"  wait  for {counts['running']} that another process has at work"
 
 
-def _expand(
-    overrides: Sequence[str], config_folder: Path, search_path: str | None
-) -> tuple[DictConfig, list[list[str]]]:
-    """Return the configuration of the first job, and the overrides of all jobs."""
+def _expand(overrides: Sequence[str], config_folder: Path) -> tuple[DictConfig, list[list[str]]]:
+    """Return the configuration of the first job, and the overrides of all jobs, of which each can be composed."""
     parser = OverridesParser.create()
     parsed = parser.parse_overrides(list(overrides))
     task = [each for each in parsed if not each.key_or_group.startswith("hydra")]
     others = [str(each.input_line) for each in parsed if each.key_or_group.startswith("hydra")]
-    if search_path:
-        others.append(f"hydra.searchpath=[file://{Path(search_path).resolve()}]")
     if any(each.key_or_group == "sweep" and each.is_sweep_override() for each in task):
         raise ConfigError("sweep: expected one name, as all jobs lie in one folder")
     lists = BasicSweeper.split_arguments(task, None)[0]
@@ -181,9 +183,18 @@ def _expand(
         if chosen:
             lists = BasicSweeper.split_arguments([*parser.parse_overrides(chosen), *task], None)[0]
             base = hydra.compose("config", overrides=[*lists[0], *others], return_hydra_config=True)
+        kinds = {_kind(parser, each): each for each in reversed(lists)}
+        for each in [*kinds.values()][-2::-1]:
+            hydra.compose("config", overrides=[*each, *others])
     if not str(base.hydra.sweeper["_target_"]).endswith("BasicSweeper"):
         raise ConfigError("hydra/sweeper: expected basic, as a sweep is planned before it runs; leave it out")
     return base, lists
+
+
+def _kind(parser: OverridesParser, overrides: Sequence[str]) -> tuple[tuple[str, Any], ...]:
+    """Return what decides whether a job can be composed: the options that it chooses, not its numbers."""
+    parsed = [(each.get_key_element(), each.value()) for each in parser.parse_overrides(list(overrides))]
+    return tuple((key, value if isinstance(value, str) else type(value).__name__) for key, value in parsed)
 
 
 def _plain(value: Any) -> Any:
@@ -203,13 +214,13 @@ def _refuse_twins(jobs: Sequence[Planned]) -> None:
         )
 
 
-def _supervise(launch: Launch, config_folder: Path, say: Callable[[str], None], stopped: list[int]) -> None:
+def _supervise(launch: Launch, run: Callable[[], None], say: Callable[[str], None], stopped: list[int]) -> None:
     """Have Hydra run the jobs, again where a worker's death took the others with it, or another process had some."""
     deaths = 0
     while True:
         ended = _count_ended(launch)
         try:
-            _launch(launch, config_folder)
+            run()
         except BrokenProcessPool:
             deaths = deaths + 1 if _count_ended(launch) == ended else 1
             if stopped or deaths == NO_PROGRESS:
@@ -225,11 +236,23 @@ def _supervise(launch: Launch, config_folder: Path, say: Callable[[str], None], 
             launch.forget(job)
 
 
-def _launch(launch: Launch, config_folder: Path) -> None:
+def _launch(launch: Launch, overrides: Sequence[str], lists: Sequence[Sequence[str]], config_folder: Path) -> None:
+    """Hand the jobs to Hydra's launcher, as a sweeper of Hydra does."""
     from pipeline.job import JobTask
 
     GlobalHydra.instance().clear()
-    hydra.main(version_base="1.3", config_path=str(config_folder), config_name="config")(JobTask(launch))()
+    with hydra.initialize_config_dir(str(config_folder), version_base="1.3"):
+        main = GlobalHydra.instance().hydra
+        assert main is not None
+        config = main.compose_config("config", list(overrides), RunMode.MULTIRUN)
+        callbacks = Callbacks(config)
+        launcher = Plugins.instance().instantiate_launcher(
+            HydraContext(main.config_loader, callbacks), JobTask(launch), config
+        )
+        callbacks.on_multirun_start(config=config, config_name="config")
+        for result in launcher.launch(lists, initial_job_idx=0):
+            _ = result.return_value  # raises what a job raised
+        callbacks.on_multirun_end(config=config, config_name="config")
 
 
 def _count_ended(launch: Launch) -> int:

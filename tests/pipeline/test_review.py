@@ -193,6 +193,7 @@ def test_jobs_with_different_workflows(toy):
 
 def test_a_sweep_that_cannot_be_written_is_told_after_what_can_be_told(copied):
     page = copied.outputs / "sweeps" / "s" / "sweep.html"
+    page.unlink(missing_ok=True)
     page.mkdir()
     result = copied.review("sweep", "s")
     assert result.returncode == 2
