@@ -10,6 +10,8 @@ import pytest
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+from tests.warm import run_warm
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -34,6 +36,11 @@ class Command:
         folder = self.outputs / "runs"
         return sorted(folder.iterdir()) if folder.is_dir() else []
 
+    @property
+    def is_usual(self) -> bool:
+        """Whether the code that the command finds is this project's."""
+        return self.root == ROOT and self.environment.get("PYTHONPATH") == os.environ.get("PYTHONPATH")
+
     def line(self, *arguments: str) -> list[str]:
         return [sys.executable, "-m", "pipeline", *self.fixed, f"outputs={self.outputs}", *arguments]
 
@@ -50,6 +57,8 @@ class Command:
         )
 
     def __call__(self, *arguments: str, before=None) -> subprocess.CompletedProcess:
+        if before is None and self.is_usual and not {"-m", "--multirun"} & {*self.fixed, *arguments}:
+            return run_warm(self.line(*arguments), self.environment, ROOT, 300)
         process = self.start(*arguments, before=before)
         try:
             output, errors = process.communicate(timeout=300)
@@ -59,6 +68,8 @@ class Command:
 
     def review(self, *arguments: str, before=None) -> subprocess.CompletedProcess:
         line = [sys.executable, "-m", "pipeline.review", "--outputs", str(self.outputs), *arguments]
+        if before is None and self.is_usual:
+            return run_warm(line, self.environment, ROOT, 60)
         return subprocess.run(
             line, cwd=self.root, env=self.environment, capture_output=True, text=True, timeout=60, preexec_fn=before
         )
