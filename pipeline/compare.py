@@ -243,10 +243,18 @@ def _compare_rows(
                 change = [_tell_change(*values)] if len(values) == 2 else []
                 rows.append([*row, add_unit(name, units.get(name, "1")), *map(format_value, values), *change])
     heads = [*key, "column", *labels.values(), *(["change"] if len(frames) == 2 else [])]
-    told = f"{len(rows)} values differ in {len(common)} {'row' if len(common) == 1 else 'rows'} that all have"
+    if not common:
+        return f"no row is in all runs; {_count(alone, 'row is', 'rows are')} in some alone", pd.DataFrame()
+    told = (
+        f"{_count(len(rows), 'value differs', 'values differ')} in {_count(len(common), 'row', 'rows')} that all have"
+    )
     told += f", the first {MOST_ROWS} here" if len(rows) > MOST_ROWS else ""
-    told += f"; {alone} rows are in some runs alone" if alone else ""
+    told += f"; {_count(alone, 'row is', 'rows are')} in some runs alone" if alone else ""
     return told, pd.DataFrame(rows[:MOST_ROWS], columns=heads)
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
 
 
 def _tell_table(facts: Mapping[str, Any] | None) -> str:
