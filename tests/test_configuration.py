@@ -1,7 +1,10 @@
 """What the main job's configuration refuses, and with which words; nothing is run here."""
 
+import shlex
+
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from pipeline.config import read_study
@@ -261,9 +264,11 @@ def test_overrides_named_in_the_readme_parse_and_validate():
     found = []
     for line in (ROOT / "README.md").read_text().splitlines():
         for part in line.split("`"):
-            if part.startswith("python -m pipeline ") and "rig=operator" not in part:
-                found.append(part.split()[3:])
+            if part.startswith("python -m pipeline ") and "rig=operator" not in part and "rerun=" not in part:
+                found.append([each for each in shlex.split(part)[3:] if each != "-m"])
     assert found
     for overrides in found:
-        OverridesParser.create().parse_overrides(overrides)
-        validated(*overrides)
+        jobs = BasicSweeper.split_arguments(OverridesParser.create().parse_overrides(overrides), None)[0]
+        assert len(jobs) == (16 if "sweep=night" in overrides else 1)
+        for each in jobs[:1]:
+            validated(*each)
