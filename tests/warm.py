@@ -14,7 +14,14 @@ from pathlib import Path
 
 PROCESSES = multiprocessing.get_context("forkserver")
 PROCESSES.set_forkserver_preload(
-    ["tests.warm", "matplotlib.pyplot", "pyarrow.dataset", "statsmodels.api", "pipeline.listing", "pipeline.runner"]
+    [
+        "tests.warm",
+        "matplotlib.pyplot",
+        "pyarrow.dataset",
+        "statsmodels.api",
+        "pipeline.review.listing",
+        "pipeline.runner",
+    ]
 )
 
 

@@ -259,7 +259,7 @@ def test_what_cannot_be_read_is_left_alone(toy):
 
 KILLED = """
 import os, sys
-from pipeline import prune, review
+from pipeline.review import __main__ as review, prune
 
 delete = prune._delete
 count = 0

@@ -9,12 +9,12 @@ from typing import Any
 from pipeline.failures import list_commands, read_traceback, tell_reason
 from pipeline.files import write_text
 from pipeline.flat import count_values
-from pipeline.kept import list_headlines, read_config, read_short_tables, read_slices, read_surroundings
 from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
 from pipeline.page import link_to, make_grid, make_rows, render
 from pipeline.printing import is_prose
-from pipeline.sweep_view import AS_CONFIGURED, Sweep
+from pipeline.review.kept import list_headlines, read_config, read_short_tables, read_slices, read_surroundings
+from pipeline.review.sweep_view import AS_CONFIGURED, Sweep
 
 FILE_NAME = "sweep.html"
 MOST_VALUES = 12
@@ -76,7 +76,7 @@ def tell_counts(counts: dict[str, int]) -> str:
 def _draw(sweep: Sweep) -> list[Any]:
     if not sweep.metrics:
         return []
-    from pipeline.drawing import draw_metrics
+    from pipeline.review.metric_drawing import draw_metrics
 
     return list(draw_metrics(sweep))
 

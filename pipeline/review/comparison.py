@@ -9,12 +9,19 @@ from typing import Any
 
 import pandas as pd
 
-from pipeline.curves import is_incidental
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import ABSENT, flatten, list_differences
-from pipeline.kept import list_headlines, list_tables, read_config, read_slices, read_surroundings, read_whole_table
 from pipeline.ledger import Ledger
 from pipeline.printing import add_unit, format_value, is_prose
+from pipeline.review.curves import is_incidental
+from pipeline.review.kept import (
+    list_headlines,
+    list_tables,
+    read_config,
+    read_slices,
+    read_surroundings,
+    read_whole_table,
+)
 from pipeline.runs import find_run, list_ledgers, live_status, sweeps_folder
 
 LONGEST_NAME = 24

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.intervals import half_width
-from pipeline.pictures import Margins, Picture, make_picture, new_figure, shorten
-from pipeline.selection import order_of, read_number
-from pipeline.sweep_view import Sweep, summarise
+from pipeline.review.intervals import half_width
+from pipeline.review.pictures import Margins, Picture, make_picture, new_figure, shorten
+from pipeline.review.selection import order_of, read_number
+from pipeline.review.sweep_view import Sweep, summarise
 
 MOST_AXES = 4
 MOST_CELLS = 30

@@ -17,8 +17,8 @@ from pipeline.command import command_line, python_name
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.ledger import Ledger
 from pipeline.printing import print_frame
+from pipeline.review.selection import keep_rows, put_sort_together, read_condition, sort_rows
 from pipeline.runs import find_run, list_folders, live_status, runs_folder
-from pipeline.selection import keep_rows, put_sort_together, read_condition, sort_rows
 from pipeline.terminal import open_console
 
 ROWS_SHOWN = 20
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def list_runs(options: argparse.Namespace, console: Console) -> None:
     """Print one line per run, and per sweep or each of its jobs."""
-    from pipeline.listing import list_everything
+    from pipeline.review.listing import list_everything
 
     folder = runs_folder(options.outputs)
     if not list_folders(options.outputs):
@@ -95,7 +95,7 @@ def show_table(ledger: Ledger, name: str, rows: int, console: Console) -> None:
 
 def sweep(options: argparse.Namespace, console: Console) -> None:
     """Print a sweep, and write its table and its page."""
-    from pipeline.sweep_review import review_sweep
+    from pipeline.review.sweep import review_sweep
 
     conditions = [read_condition(each) for each in options.where]
     review_sweep(options.outputs, options.sweep, conditions, options.sort, options.rows, options.all, console)
@@ -103,14 +103,14 @@ def sweep(options: argparse.Namespace, console: Console) -> None:
 
 def compare(options: argparse.Namespace, console: Console) -> None:
     """Print how runs differ, and write a page of it."""
-    from pipeline.compare_review import review_comparison
+    from pipeline.review.compare import review_comparison
 
     review_comparison(options.outputs, options.runs, options.html, options.all, options.rows, console)
 
 
 def prune_outputs(options: argparse.Namespace, console: Console) -> int:
     """Remove all but the newest runs, and those that something needs; return the exit code."""
-    from pipeline.prune import prune
+    from pipeline.review.prune import prune
 
     return prune(options.outputs, options.keep, options.sweeps, options.dry_run, console)
 

@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 
 from pipeline.errors import ConfigError, suggest
-from pipeline.kept import read_slices
 from pipeline.ledger import Ledger
+from pipeline.review.kept import read_slices
 from pipeline.runs import list_folders, live_status, sweeps_folder, tell_status
 
 COLUMNS = ["run", "status", "started", "wall_s", "finished", "command"]

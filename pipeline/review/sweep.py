@@ -10,10 +10,10 @@ from pipeline.errors import PipelineError
 from pipeline.failures import list_commands, tell_reason
 from pipeline.ledger import Ledger
 from pipeline.printing import print_frame
-from pipeline.selection import Condition, keep_rows, sort_rows
-from pipeline.sweep_page import FILE_NAME, tell_counts, write_page
+from pipeline.review.selection import Condition, keep_rows, sort_rows
+from pipeline.review.sweep_page import FILE_NAME, tell_counts, write_page
+from pipeline.review.sweep_view import Sweep, find_sweep
 from pipeline.sweep_table import write_frame
-from pipeline.sweep_view import Sweep, find_sweep
 
 MOST_FAILURES = 20
 NOT_TOLD = ("done", "not begun", "running")

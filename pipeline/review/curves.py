@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 
 from pipeline.flat import is_seed, list_differences
-from pipeline.intervals import half_width
-from pipeline.kept import list_tables, read_whole_table
 from pipeline.launch import INCIDENTAL_KEYS
 from pipeline.ledger import Ledger
 from pipeline.printing import add_unit
+from pipeline.review.intervals import half_width
+from pipeline.review.kept import list_tables, read_whole_table
 from pipeline.sweep_table import split_overrides
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from pipeline.command import command_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import is_seed
 from pipeline.printing import add_unit, format_value
+from pipeline.review.selection import order_of
 from pipeline.runs import list_folders, list_ledgers, sweeps_folder
-from pipeline.selection import order_of
 from pipeline.sweep_table import collect_sweep
 
 AS_CONFIGURED = "not set"

@@ -10,12 +10,12 @@ from typing import Any
 import pandas as pd
 from rich.console import Console
 
-from pipeline.compare import Comparison, choose_runs
-from pipeline.curves import Curves, make_curves
 from pipeline.errors import PipelineError
 from pipeline.files import hash_json, write_text
 from pipeline.page import make_grid, render
 from pipeline.printing import print_frame
+from pipeline.review.comparison import Comparison, choose_runs
+from pipeline.review.curves import Curves, make_curves
 
 COLUMNS_OF_A_TERMINAL = 6
 LONGEST_FILE_NAME = 80
@@ -109,7 +109,7 @@ def _render(found: Comparison, names: Sequence[str], curves: Sequence[Curves], c
 
 
 def _show_curves(curves: Curves) -> dict[str, Any]:
-    from pipeline.curve_drawing import draw_curves
+    from pipeline.review.curve_drawing import draw_curves
 
     rows = []
     for line in curves.lines:
