@@ -37,6 +37,18 @@ import pytest
         (["outputs=~/x"], "needs quotes: quote its value twice"),
         (["--foo"], "unrecognized arguments: --foo; python -m pipeline --hydra-help shows the options"),
         (["workflow.package=nowhere"], "no Python package 'nowhere'"),
+        (
+            ["+workflow.metrics.m={table:totl,column:total,where:{},but:{},by:mean}"],
+            "workflow.metrics.m.table: no stage of tests.pipeline.toy writes 'totl'; did you mean 'total'?",
+        ),
+        (
+            ["+workflow.metrics.m={table:doubles,column:doubel,where:{},but:{},by:mean}"],
+            "workflow.metrics.m.column: table doubles has no column 'doubel'; did you mean 'double'?",
+        ),
+        (
+            ["+workflow.curves.c={table:doubles,x:number,y:double,by:[nobody],repeats:[],where:{}}"],
+            "workflow.curves.c.by: table doubles has no column 'nobody'",
+        ),
     ],
 )
 def test_refuses_before_anything_is_written(toy, arguments, told):
@@ -52,3 +64,9 @@ def test_refuses_unknown_keys_inside_a_target(pamid):
     assert result.returncode == 2
     assert "unknown key 'rig.experimentor': did you mean 'experimenter'?" in result.stderr
     assert not pamid.outputs.exists()
+
+
+def test_a_metric_of_a_stage_that_is_left_out_is_left_out_too(toy):
+    result = toy("+workflow.metrics.m={table:tried,column:score,where:{},but:{},by:mean}")
+    assert result.returncode == 0, result.stderr
+    assert '"metrics": {}' in (toy.runs[0] / "run.json").read_text()
