@@ -23,6 +23,7 @@ from pipeline.terminal import open_console
 
 ROWS_SHOWN = 20
 ROWS_OF_A_LIST = 40
+OUTPUTS_HELP = "the outputs folder (default: outputs)"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -117,13 +118,18 @@ def prune_outputs(options: argparse.Namespace, console: Console) -> int:
 
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m pipeline.review", description="Look at runs and their tables.")
-    parser.add_argument("--outputs", default="outputs", metavar="PATH", help="the outputs folder (default: outputs)")
+    parser.add_argument("--outputs", default="outputs", metavar="PATH", help=OUTPUTS_HELP)
     commands = parser.add_subparsers(dest="command", required=True, metavar="list | show | compare | sweep | prune")
-    _add_list(commands.add_parser("list", help="all runs and sweeps, newest first"))
-    _add_show(commands.add_parser("show", help="a run's stages, or the first rows of one of its tables"))
-    _add_compare(commands.add_parser("compare", help="how runs differ, as text and as a page with their curves"))
-    _add_sweep(commands.add_parser("sweep", help="a sweep: its jobs, failures and metrics, as text and as a page"))
-    _add_prune(commands.add_parser("prune", help="remove all but the newest runs, and those that something needs"))
+    for name, (told, declare) in {
+        "list": ("all runs and sweeps, newest first", _add_list),
+        "show": ("a run's stages, or the first rows of one of its tables", _add_show),
+        "compare": ("how runs differ, as text and as a page with their curves", _add_compare),
+        "sweep": ("a sweep: its jobs, failures and metrics, as text and as a page", _add_sweep),
+        "prune": ("remove all but the newest runs, and those that something needs", _add_prune),
+    }.items():
+        command = commands.add_parser(name, help=told, description=f"{told[0].upper()}{told[1:]}.")
+        command.add_argument("--outputs", default=argparse.SUPPRESS, metavar="PATH", help=OUTPUTS_HELP)
+        declare(command)
     return parser
 
 

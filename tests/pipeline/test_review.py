@@ -54,6 +54,12 @@ def test_list_has_a_line_for_a_sweep_or_for_each_of_its_jobs(swept):
     assert " s/ " not in jobs
 
 
+def test_the_outputs_folder_is_named_before_or_after(swept):
+    elsewhere = Command(swept.outputs.parent / "nowhere")
+    assert "no runs in" in elsewhere.review("list").stdout
+    assert elsewhere.review("list", "--outputs", str(swept.outputs)).stdout == swept.review("list").stdout
+
+
 def test_list_is_sorted_and_chosen_from_by_columns_metrics_and_configuration(swept):
     shown = swept.review("list", "--jobs", "--sort", "-score_m", "--where", "status=done").stdout
     scores = [float(each) for each in re.findall(r"stages +(\d+\.\d+)", shown)]
