@@ -27,6 +27,7 @@ def study_of(*overrides):
     return read_stages(["blind_tests", "disguise", "scorecard"], *GROUPS, "rig.trials=12", *overrides)
 
 
+@pytest.mark.slow
 def test_a_small_scorecard(pamid):
     line = ["workflow=scorecard", "blind_tests=small", "rig.trials=12", "disguise.effects=[leakage]", "figures=[png]"]
     result = pamid(*line)

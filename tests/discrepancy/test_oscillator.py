@@ -46,6 +46,7 @@ def test_a_hidden_hardening_spring_is_named_and_mended(settings, generator):
     assert compare(unused, state.current) < 1.05 * np.hypot(NOISE_V, WANDER_V / np.sqrt(2)) / unused.measured.std()
 
 
+@pytest.mark.slow
 def test_dry_friction_is_named(settings, generator):
     rub = 0.02
     cell = build_whole_records(

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.checkout import LARGEST_PATCH
 from tests.conftest import ROOT, Command
-from tests.faults import find_parts, ledger_of, wait_until
+from tests.faults import find_parts, ledger_of, limit_file_size, wait_until
 
 COUNTING = "tests/pipeline/toy/counting.py"
 SLOWLY = "doubling.pause_s=0.4"
@@ -53,6 +53,20 @@ def test_a_clean_checkout_is_its_commit(copied):
     assert facts["git"] == {"commit": copied.git("rev-parse", "HEAD").decode().strip(), "clean": True}
     assert facts["directory"] == str(copied.root)
     assert not (run / "changes.patch").exists()
+
+
+def test_a_run_whose_changes_find_no_room_is_found_again(copied):
+    copied.commit()
+    copied.change(f"# {'x' * 300_000}\n")
+    result = copied(before=limit_file_size(200_000))
+    assert result.returncode == 1
+    (line,) = result.stderr.splitlines()
+    assert f"cannot write to {copied.runs[0]}" in line
+    again = copied()
+    assert again.returncode == 0, again.stderr
+    (run,) = copied.runs
+    assert f"resuming {run}" in again.stdout
+    assert (run / "changes.patch").stat().st_size > 300_000
 
 
 def test_changes_lie_beside_the_tables_and_can_be_had_again(copied, tmp_path):

@@ -133,6 +133,7 @@ def test_a_job_that_the_system_kills_is_told_and_loses_no_other(sweeping):
     assert set(sweeping.table["status"]) == {"done"}
 
 
+@pytest.mark.slow
 def test_a_killed_worker_is_noticed_and_the_sweep_goes_on(sweeping):
     process = sweeping.start("seed=range(6)", "trying.pause_s=1.0")
     victim = wait_until(process, lambda: sweeping.count("begun") and find_workers(process.pid))[0]
@@ -143,6 +144,7 @@ def test_a_killed_worker_is_noticed_and_the_sweep_goes_on(sweeping):
     assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
 
 
+@pytest.mark.slow
 def test_a_killed_launcher_leaves_nothing_at_work_and_nothing_is_done_twice(sweeping):
     process = sweeping.start("seed=range(8)", "trying.pause_s=0.7")
     wait_until(process, lambda: len(sweeping.count("ended")) >= 3)
@@ -158,7 +160,9 @@ def test_a_killed_launcher_leaves_nothing_at_work_and_nothing_is_done_twice(swee
     assert set(sweeping.table["status"]) == {"done"}
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+)
 def test_a_signal_ends_the_jobs_at_a_safe_point(sweeping, number, code):
     process = sweeping.start("seed=range(6)", "trying.pause_s=1.5")
     wait_until(process, lambda: sweeping.count("begun"))
