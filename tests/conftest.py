@@ -29,6 +29,7 @@ class Command:
         self.fixed = fixed
         self.environment = {**os.environ, "COLUMNS": "200"}
         self.root = ROOT
+        self.warm = True
 
     @property
     def runs(self) -> list[Path]:
@@ -37,9 +38,9 @@ class Command:
         return sorted(folder.iterdir()) if folder.is_dir() else []
 
     @property
-    def is_usual(self) -> bool:
-        """Whether the code that the command finds is this project's."""
-        return self.root == ROOT and self.environment.get("PYTHONPATH") == os.environ.get("PYTHONPATH")
+    def can_be_warm(self) -> bool:
+        """Whether the command need not be started in full: no time of it counts, and this code is what it finds."""
+        return self.warm and self.root == ROOT and self.environment.get("PYTHONPATH") == os.environ.get("PYTHONPATH")
 
     def line(self, *arguments: str) -> list[str]:
         return [sys.executable, "-m", "pipeline", *self.fixed, f"outputs={self.outputs}", *arguments]
@@ -57,7 +58,7 @@ class Command:
         )
 
     def __call__(self, *arguments: str, before=None) -> subprocess.CompletedProcess:
-        if before is None and self.is_usual and not {"-m", "--multirun"} & {*self.fixed, *arguments}:
+        if before is None and self.can_be_warm and not {"-m", "--multirun"} & {*self.fixed, *arguments}:
             return run_warm(self.line(*arguments), self.environment, ROOT, 300)
         process = self.start(*arguments, before=before)
         try:
@@ -68,7 +69,7 @@ class Command:
 
     def review(self, *arguments: str, before=None) -> subprocess.CompletedProcess:
         line = [sys.executable, "-m", "pipeline.review", "--outputs", str(self.outputs), *arguments]
-        if before is None and self.is_usual:
+        if before is None and self.can_be_warm:
             return run_warm(line, self.environment, ROOT, 60)
         return subprocess.run(
             line, cwd=self.root, env=self.environment, capture_output=True, text=True, timeout=60, preexec_fn=before
