@@ -38,7 +38,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.choices import read_choices
 from pipeline.command import command_line
@@ -151,8 +151,10 @@ def complain(line: str) -> None:
 def explain(error: Exception) -> str:
     """Return one line for an error of composition, with the nearest name where one was mistyped."""
     text = str(error)
-    if isinstance(error, MissingMandatoryValue):
-        return f"missing value: set it as {error.full_key}=..."
+    if isinstance(error, OmegaConfBaseException):
+        from pipeline.config import explain_unresolved
+
+        return explain_unresolved(error)
     if "LexerNoViableAltException" in text or "no viable alternative at input" in text:
         return "an override has a character that needs quotes: quote its value twice, as in \"outputs='my folder'\""
     override = re.search(r"Error parsing override '([^']*)'", text)
@@ -164,9 +166,6 @@ def explain(error: Exception) -> str:
         wrong = [name for name, value in pairs if value and name != "outputs" and not names.fullmatch(value)]
         name = wrong[0] if wrong else "GROUP"
         return f"{name}: expected the name of a file in conf/{name}/"
-    gone = re.search(r"Interpolation key '([^']+)' not found", text)
-    if gone:
-        return f"missing key '{gone.group(1)}', which other keys quote; leave it in, or change what quotes it"
     unknown = re.search(r"Could not override '([^']+)'", text)
     if unknown:
         path = unknown.group(1).removeprefix("+").split("@")[0]

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from pydantic.errors import PydanticSchemaGenerationError
 
@@ -182,13 +183,26 @@ def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
     WiringError
         When the stages do not fit together.
     """
-    values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    try:
+        values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    except OmegaConfBaseException as error:
+        raise ConfigError(explain_unresolved(error)) from None
     if not isinstance(values, dict):
         raise ConfigError("expected a configuration with keys")
     plain = {str(key): value for key, value in values.items()}
     settings = read_settings(plain)
     stages = order_stages(load_stages(settings.workflow.package, settings.workflow.stages))
     return validate(plain, settings, stages), stages
+
+
+def explain_unresolved(error: OmegaConfBaseException) -> str:
+    """Return one line for a value that is missing, or quotes one that is."""
+    if isinstance(error, MissingMandatoryValue):
+        return f"missing value: set it as {error.full_key}=..."
+    gone = re.search(r"Interpolation key '([^']+)' not found", str(error))
+    if gone:
+        return f"missing key '{gone.group(1)}', which other keys quote; leave it in, or change what quotes it"
+    return "; ".join([line.strip() for line in str(error).splitlines() if line.strip()][:2])
 
 
 def read_settings(values: Mapping[str, Any]) -> Settings:

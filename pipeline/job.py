@@ -71,10 +71,11 @@ class JobTask:
         folder = self.launch.sweep / job
         try:
             study, stages = read_study(composed)
-        except PipelineError as error:
+        except Exception as error:  # of one job, whose others go on
+            why = str(error) if isinstance(error, PipelineError) else f"{type(error).__name__}: {error}"
             with claim_job(folder, "", arguments) as ledger:
-                ledger.end("failed", {"stage": "configuration", "message": str(error)})
-            return Outcome("failed", 2), str(error)
+                ledger.end("failed", {"stage": "configuration", "message": why.splitlines()[0]})
+            return Outcome("failed", 2), why.splitlines()[0]
         before = Ledger.read(folder)
         if before is not None and is_running(before):
             return Outcome("elsewhere"), "another process has it at work"

@@ -32,7 +32,7 @@ from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.command import command_line
-from pipeline.config import read_settings
+from pipeline.config import Settings, read_settings
 from pipeline.errors import ConfigError
 from pipeline.interruption import WORDS
 from pipeline.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
@@ -117,7 +117,7 @@ def run_sweep(
     if search_path:
         overrides = [*overrides, f"hydra.searchpath=[file://{Path(search_path).resolve()}]"]
     base, lists = _expand(overrides, config_folder)
-    settings = read_settings({str(key): _plain(base[key]) for key in base if key != "hydra"})
+    settings = read_settings({name: _plain(base[name]) for name in Settings.model_fields if name in base})
     folder = sweeps_folder(settings.outputs) / str(settings.sweep)
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
     _refuse_twins(jobs)

@@ -99,6 +99,14 @@ def test_a_mistake_is_told_in_one_line(swept, arguments, told):
     assert len(result.stderr.splitlines()) == 1
 
 
+def test_jobs_that_did_not_begin_are_listed_and_counted(tmp_path):
+    command = Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=trials", "-m", "sweep=h")
+    stopped = command("seed=0,1,2", "trying.fail_at=[0]", "on_failure=stop", "hydra.launcher.n_jobs=1")
+    assert stopped.returncode == 1
+    assert "0 of 3 jobs, 1 failed, 2 not begun" in command.review("list").stdout
+    assert "3 jobs (2 not begun, 1 failed)" in command.review("sweep", "h").stdout
+
+
 def test_nothing_there_is_told(toy):
     assert "no runs in" in toy.review("list", "--jobs").stdout
     for arguments in (("compare", "latest", "s"), ("sweep", "latest")):

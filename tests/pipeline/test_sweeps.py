@@ -30,7 +30,11 @@ class Sweeping(Command):
 
     @property
     def table(self):
-        return pd.read_parquet(self.sweep / "sweep.parquet").set_index("seed")
+        return self.table_of_jobs.set_index("seed")
+
+    @property
+    def table_of_jobs(self):
+        return pd.read_parquet(self.sweep / "sweep.parquet")
 
     def count(self, word):
         """Return how often each seed was begun or ended."""
@@ -247,6 +251,20 @@ def test_a_wrong_value_in_one_job_fails_that_job_alone(sweeping):
     assert "seed: input should be greater than or equal to 0, got -1" in result.stderr
     assert Counter(sweeping.table["status"]) == {"done": 2, "failed": 1}
     assert set(tables_of(sweeping.job(0))) == {"numbers.parquet", "tried.parquet"}
+
+
+def test_a_missing_value_or_a_stage_that_cannot_be_imported_fails_its_job_alone(sweeping, tmp_path):
+    package = tmp_path / "broken"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "counting.py").write_text("import nothing_of_this_name\n")
+    sweeping.environment["PYTHONPATH"] = str(tmp_path)
+    result = sweeping("workflow=scales,count", "workflow.package=tests.pipeline.toy,broken", "hydra.launcher.n_jobs=1")
+    assert result.returncode == 1, result.stderr
+    assert Counter(sweeping.table_of_jobs["status"]) == {"done": 1, "failed": 3}
+    for told in ("missing value: set it as weighing.what=...", "ModuleNotFoundError: No module named 'nothing_of_this"):
+        assert told in result.stderr
+    assert result.stderr.splitlines()[-1].startswith("3 of 4 jobs are not done; ")
 
 
 @pytest.mark.parametrize(
