@@ -11,6 +11,7 @@ import pandas as pd
 
 from pipeline.errors import ConfigError, suggest
 from pipeline.kept import read_slices
+from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
 from pipeline.runs import list_folders, live_status, sweeps_folder, tell_status
 
@@ -80,6 +81,9 @@ def _describe(folder: Path, ledger: Ledger | None, is_job: bool) -> dict[str, An
 
 def _summarise(sweep: Path, jobs: Sequence[tuple[Path, Ledger | None]]) -> dict[str, Any]:
     counts = Counter(tell_status(folder, ledger) for folder, ledger in jobs)
+    planned = {str(job["job"]) for launch in list_launches(sweep) for job in launch["jobs"]}
+    counts["not begun"] += len(planned - {folder.name for folder, _ in jobs})
+    number = counts.total()
     states = [each for each in WORST_FIRST if counts[each]]
     ledgers = [ledger for _, ledger in jobs if ledger]
     others = "".join(f", {counts[each]} {each}" for each in states if each != "done")
@@ -89,7 +93,7 @@ def _summarise(sweep: Path, jobs: Sequence[tuple[Path, Ledger | None]]) -> dict[
         "status": states[0],
         "started": min((each.facts["started"] for each in ledgers), default=None),
         "wall_s": sum(seconds) if seconds else None,
-        "finished": f"{counts['done']} of {len(jobs)} {'job' if len(jobs) == 1 else 'jobs'}{others}",
+        "finished": f"{counts['done']} of {number} {'job' if number == 1 else 'jobs'}{others}",
         "command": None,
         "age": max((each.age for each in ledgers), default=(-1, sweep.name)),
         "found": ledgers,
