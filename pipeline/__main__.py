@@ -83,7 +83,8 @@ def main() -> int:
         sys.argv[1:], found = read_choices(typed, list_groups(typed))
         files.update(found)
         options = get_args_parser().parse_args(sys.argv[1:])
-        if options.multirun:
+        asks = options.help or options.hydra_help or options.cfg or options.info or options.shell_completion
+        if options.multirun and not asks:
             from pipeline.sweep import name_sweep, run_sweep
 
             typed, sys.argv[1:] = name_sweep(typed), name_sweep(sys.argv[1:])
@@ -155,9 +156,10 @@ def explain(error: Exception) -> str:
         from pipeline.config import explain_unresolved
 
         return explain_unresolved(error)
-    if "LexerNoViableAltException" in text or "no viable alternative at input" in text:
-        return "an override has a character that needs quotes: quote its value twice, as in \"outputs='my folder'\""
     override = re.search(r"Error parsing override '([^']*)'", text)
+    unquoted = "LexerNoViableAltException" in text or "no viable alternative at input" in text
+    if unquoted or (not override and re.match("(mismatched|extraneous) input", text)):
+        return "an override has a character that needs quotes: quote its value twice, as in \"outputs='my folder'\""
     if override:
         return f"'{override.group(1)}' is no override: expected key=value, as in seed=1 or 'bank.trajectories=20'"
     if "Config group override must be a string or a list" in text:
@@ -166,6 +168,12 @@ def explain(error: Exception) -> str:
         wrong = [name for name, value in pairs if value and name != "outputs" and not names.fullmatch(value)]
         name = wrong[0] if wrong else "GROUP"
         return f"{name}: expected the name of a file in conf/{name}/"
+    merged = re.search(r"Error merging override (\S+)", text)
+    if merged and error.__cause__:
+        return f"{merged.group(1)}: {str(error.__cause__).splitlines()[0]}"
+    twice = re.search(r"Multiple values for (\S+)\. To override", text)
+    if twice:
+        return f"{twice.group(1)}: an option is chosen already; leave out the +, as in {twice.group(1)}=..."
     unknown = re.search(r"Could not override '([^']+)'", text)
     if unknown:
         path = unknown.group(1).removeprefix("+").split("@")[0]

@@ -15,6 +15,7 @@ import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import NoReturn
 
 SOONEST_S, LATEST_S = 0.002, 0.05
@@ -62,7 +63,7 @@ def run_apart(work: Callable[[], int], wants_stop: Callable[[], bool], follow_pa
     follow_parent : bool
         Whether it, and this process, end when the parent of this process does.
     """
-    parent = os.getppid()
+    parent = _parent_of(os.getpid())
     sys.stdout.flush()
     sys.stderr.flush()
     begun = time.monotonic()
@@ -92,6 +93,12 @@ def run_apart(work: Callable[[], int], wants_stop: Callable[[], bool], follow_pa
     code = 128 + killed if killed else os.waitstatus_to_exitcode(status)
     to_mb = 1e-6 if sys.platform == "darwin" else 1024e-6
     return Ending(code, killed, round(seconds, 3), round(usage.ru_maxrss * to_mb, 1), output)
+
+
+@cache
+def _parent_of(pid: int) -> int:
+    """Return the parent that this process had when it first asked: one that died since is not taken for another."""
+    return os.getppid()
 
 
 def _live(work: Callable[[], int], printed: int, parent: int) -> NoReturn:

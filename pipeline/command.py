@@ -13,6 +13,12 @@ def command_line(arguments: list[str]) -> str:
     return shlex.join([python_name(), "-m", "pipeline", *arguments])
 
 
+def review_line(outputs: str, *arguments: str) -> str:
+    """Return the command that looks at the runs of an outputs folder."""
+    place = [] if outputs == "outputs" else ["--outputs", outputs]
+    return shlex.join([python_name(), "-m", "pipeline.review", *place, *arguments])
+
+
 def python_name() -> str:
     """Return the shortest name under which the running Python can be typed."""
     for name in ("python", "python3"):

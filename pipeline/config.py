@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from pydantic.errors import PydanticSchemaGenerationError
 
 from pipeline.errors import ConfigError, suggest
@@ -27,6 +27,7 @@ from pipeline.files import hash_json
 from pipeline.stage import Stage, load_stages, order_stages
 
 LONGEST_QUOTE = 80
+LONGEST_SWEEP = 100
 INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished")
 """Keys that change no result."""
 BEGINS_WITH_KEY = r"[\w.]+: "
@@ -115,6 +116,17 @@ class Workflow(Section):
         return self
 
 
+def _check_name(value: Any) -> Any:
+    """Return a sweep's name if it can be a folder's, and is no other word's or number's."""
+    usual = isinstance(value, str) and re.fullmatch(r"\w[\w.-]*", value)
+    if value is None or (usual and value != "latest" and len(value) <= LONGEST_SWEEP):
+        return value
+    raise ValueError(
+        f"expected a name of at most {LONGEST_SWEEP} letters, digits, _ . - that is no number and not 'latest', "
+        f"as in sweep=night, got {_quote(value)}"
+    )
+
+
 class Settings(Section):
     """The keys that the pipeline itself reads; of them, only the seed reaches a stage, if the stage declares it."""
 
@@ -125,7 +137,7 @@ class Settings(Section):
     workers: Annotated[int, Field(ge=1)] | None
     figures: list[Literal["png", "pdf", "svg"]]
     outputs: Text
-    sweep: Annotated[str, Field(pattern=r"^\w[\w.-]*$")] | None
+    sweep: Annotated[str | None, BeforeValidator(_check_name)]
     on_failure: Literal["continue", "stop"]
     on_finished: Literal["keep", "refresh"]
 

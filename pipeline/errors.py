@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+MOST_OFFERED = 40
+"""Names that a suggestion lists."""
+
 
 class PipelineError(Exception):
     """A problem that its message explains completely; the terminal shows no traceback for it."""
@@ -28,6 +31,10 @@ class InputError(PipelineError):
 
 class WorkerError(PipelineError):
     """A process that shared the work is gone."""
+
+
+class TakenError(PipelineError):
+    """Another process has the folder of this job at work."""
 
 
 class WiringError(PipelineError):
@@ -53,4 +60,5 @@ def suggest(name: str, known: Iterable[str]) -> str:
     nearest = get_close_matches(name, names, n=1, cutoff=0.5)
     if nearest:
         return f"did you mean '{nearest[0]}'?"
-    return f"choose from: {', '.join(names)}" if names else "nothing can be set here"
+    more = f", and {len(names) - MOST_OFFERED} more" if len(names) > MOST_OFFERED else ""
+    return f"choose from: {', '.join(names[:MOST_OFFERED])}{more}" if names else "nothing can be set here"

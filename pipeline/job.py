@@ -19,7 +19,7 @@ from omegaconf import DictConfig
 from pipeline.apart import Ending, run_apart
 from pipeline.checkout import look_at_checkout
 from pipeline.config import Study, read_study
-from pipeline.errors import PipelineError
+from pipeline.errors import PipelineError, TakenError
 from pipeline.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_telling, name_job
 from pipeline.ledger import Ledger
 from pipeline.page import read_templates
@@ -32,6 +32,9 @@ from pipeline.terminal import open_console
 
 ONE_WORKER = 1
 """Processes over which a job spreads its loops: the sweep spreads jobs."""
+TAKEN = 75
+"""Exit code of a job's process that found another process to have begun the job meanwhile."""
+ELSEWHERE = Outcome("elsewhere"), "another process has it at work"
 COLOURS = {"done": "green", "kept": "green", "failed": "red", "killed": "red", "paused": "yellow"}
 
 
@@ -78,7 +81,7 @@ class JobTask:
             return Outcome("failed", 2), why.splitlines()[0]
         before = Ledger.read(folder)
         if before is not None and is_running(before):
-            return Outcome("elsewhere"), "another process has it at work"
+            return ELSEWHERE
         if before is not None and before.status == "done" and self.launch.on_finished == "keep":
             same = before.facts["identity"] == study.identity
             return Outcome("kept"), "" if same else "with another configuration; on_finished=refresh runs it again"
@@ -88,6 +91,8 @@ class JobTask:
             lambda: self.launch.stop == STOPPED_BY_SIGNAL,
             follow_parent=os.getpid() != self.launch.pid,
         )
+        if ending.code == TAKEN:
+            return ELSEWHERE
         ended = Ledger.read(folder)
         told = self._tell(ended, job, ending)
         if ended is not None and ended.status == "killed":
@@ -101,6 +106,8 @@ class JobTask:
         runner = Runner(study, stages, arguments, quiet, errors, given, self.launch.sweep / job, ONE_WORKER)
         try:
             return runner.run()
+        except TakenError:
+            return TAKEN
         except PipelineError as error:
             errors.print(str(error), soft_wrap=True, highlight=False, markup=False)
             return 2

@@ -18,12 +18,14 @@ from filelock import FileLock, Timeout
 
 from pipeline.checkout import keep_changes
 from pipeline.command import command_line
-from pipeline.errors import ConfigError, PipelineError, suggest
+from pipeline.errors import ConfigError, PipelineError, TakenError, suggest
 from pipeline.files import clear_temporaries
 from pipeline.ledger import FILE_NAME, Ledger
 
 LOCK_NAME = ".lock"
 MAKING = ".making"
+MOST_NAMED = 5
+"""Runs that a message names where a name means many."""
 LOOK_S = 0.2
 """Between two looks whether another process is done with a stage, s."""
 
@@ -109,7 +111,8 @@ def find_run(outputs: str | Path, name: str) -> Ledger:
         return matching[0]
     names = [each.name for each in matching or ledgers]
     if matching:
-        raise ConfigError(f"'{name}' begins the names of {len(matching)} runs ({', '.join(names)}); type more of it")
+        some = ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")
+        raise ConfigError(f"'{name}' begins the names of {len(matching)} runs ({some}); type more of it")
     raise ConfigError(f"no run '{name}' in {runs_folder(outputs)}; {suggest(name, [*names, 'latest'])}")
 
 
@@ -214,7 +217,7 @@ def _take(place: Path, identity: str, arguments: list[str], sequence: int) -> Cl
     try:
         lock.acquire(timeout=0)
     except Timeout:
-        raise PipelineError(f"{place}: another process has this job at work; wait for it, or stop it") from None
+        raise TakenError(f"{place}: another process has this job at work; wait for it, or stop it") from None
     begun = Ledger.begin(place, identity, sequence, arguments)
     before = Ledger.read(place)
     if before is None:

@@ -27,6 +27,7 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override, ValueType
 from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf
@@ -118,7 +119,9 @@ def run_sweep(
         overrides = [*overrides, f"hydra.searchpath=[file://{Path(search_path).resolve()}]"]
     base, lists = _expand(overrides, config_folder)
     settings = read_settings({name: _plain(base[name]) for name in Settings.model_fields if name in base})
-    folder = sweeps_folder(settings.outputs) / str(settings.sweep)
+    if settings.sweep is None:
+        raise ConfigError("sweep: expected a name, as in sweep=night, got null; leave it out for the time of day")
+    folder = sweeps_folder(settings.outputs) / settings.sweep
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
     _refuse_twins(jobs)
     for line in tell_plan(folder, jobs, settings.on_finished):
@@ -136,7 +139,13 @@ def run_sweep(
         files,
         tuple(each for each in typed if each not in overrides_typed and each not in MULTIRUN),
     )
-    launch.begin(command_line(list(typed)), typed, [each.overrides for each in jobs])
+    try:
+        launch.begin(command_line(list(typed)), typed, [each.overrides for each in jobs])
+    except OSError as error:
+        raise ConfigError(
+            f"cannot write to {folder} ({error.strerror}); free the folder, or choose another with sweep=NAME or "
+            "outputs=PATH"
+        ) from None
     with _stopping(launch, say) as stopped:
         _supervise(launch, lambda: _launch(launch, overrides, lists, config_folder), say, stopped)
     return _tell_end(launch, list(typed), say, stopped)
@@ -175,13 +184,17 @@ def _expand(overrides: Sequence[str], config_folder: Path) -> tuple[DictConfig, 
     others = [str(each.input_line) for each in parsed if each.key_or_group.startswith("hydra")]
     if any(each.key_or_group == "sweep" and each.is_sweep_override() for each in task):
         raise ConfigError("sweep: expected one name, as all jobs lie in one folder")
-    lists = BasicSweeper.split_arguments(task, None)[0]
+    for override in task:
+        if override.value_type in (ValueType.INTERVAL_SWEEP, ValueType.GLOB_CHOICE_SWEEP):
+            key = override.get_key_element()
+            raise ConfigError(f"{key}: expected values, as in {key}=1,2 or '{key}=range(8)', got {override.input_line}")
+    lists = _combine(task)
     GlobalHydra.instance().clear()
     with hydra.initialize_config_dir(str(config_folder), version_base="1.3"):
         base = hydra.compose("config", overrides=[*lists[0], *others], return_hydra_config=True)
         chosen = [f"{key}={value}" for key, value in (base.hydra.sweeper.get("params") or {}).items()]
         if chosen:
-            lists = BasicSweeper.split_arguments([*parser.parse_overrides(chosen), *task], None)[0]
+            lists = _combine([*parser.parse_overrides(chosen), *task])
             base = hydra.compose("config", overrides=[*lists[0], *others], return_hydra_config=True)
         kinds = {_kind(parser, each): each for each in reversed(lists)}
         for each in [*kinds.values()][-2::-1]:
@@ -189,6 +202,14 @@ def _expand(overrides: Sequence[str], config_folder: Path) -> tuple[DictConfig, 
     if not str(base.hydra.sweeper["_target_"]).endswith("BasicSweeper"):
         raise ConfigError("hydra/sweeper: expected basic, as a sweep is planned before it runs; leave it out")
     return base, lists
+
+
+def _combine(overrides: list[Override]) -> list[list[str]]:
+    """Return the overrides of each job."""
+    lists: list[list[str]] = BasicSweeper.split_arguments(overrides, None)[0]
+    if not lists:
+        raise ConfigError("sweep: no job, as a key has no value at all; give it some, as in 'seed=range(8)'")
+    return lists
 
 
 def _kind(parser: OverridesParser, overrides: Sequence[str]) -> tuple[tuple[str, Any], ...]:

@@ -6,14 +6,13 @@ The folder of outputs flows in, text flows out, and a page where one is made; no
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 
 from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 
-from pipeline.command import command_line, python_name
+from pipeline.command import command_line, review_line
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.ledger import Ledger
 from pipeline.printing import print_frame
@@ -51,19 +50,20 @@ def list_runs(options: argparse.Namespace, console: Console) -> None:
     frame = sort_rows(keep_rows(frame, conditions), options.sort)
     print_frame(f"Runs in {folder.parent}", frame, console, options.rows, "--rows")
     if not options.jobs and frame["run"].str.endswith("/").any():
-        console.print(f"a sweep's jobs: --jobs, or {python_name()} -m pipeline.review sweep NAME", highlight=False)
+        command = review_line(options.outputs, "sweep", "NAME")
+        console.print(f"a sweep's jobs: --jobs, or {command}", soft_wrap=True, highlight=False, markup=False)
 
 
 def show(options: argparse.Namespace, console: Console) -> None:
     """Print how a run went, or one of its tables."""
     ledger = find_run(options.outputs, options.run)
     if options.table is None:
-        show_run(ledger, console)
+        show_run(ledger, options.outputs, console)
     else:
         show_table(ledger, options.table, options.rows, console)
 
 
-def show_run(ledger: Ledger, console: Console) -> None:
+def show_run(ledger: Ledger, outputs: str, console: Console) -> None:
     """Print how a run went and which tables it holds."""
     console.print(f"{ledger.folder}  {live_status(ledger)}", soft_wrap=True, highlight=False, markup=False)
     console.print(f"command: {ledger.facts['command']}", soft_wrap=True, highlight=False, markup=False)
@@ -79,8 +79,8 @@ def show_run(ledger: Ledger, console: Console) -> None:
         console.print(f"[bold]{name:<{width}}[/bold]  {told}", highlight=False)
         for text in (f"because: {escape(record['reason'])}", f"tables (rows): {tables or '-'}"):
             console.print(Padding(text, (0, 0, 0, width + 2)), highlight=False)
-    command = f"a table: {python_name()} -m pipeline.review show {shlex.quote(ledger.name)} TABLE"
-    console.print(command, soft_wrap=True, highlight=False, markup=False)
+    command = review_line(outputs, "show", ledger.name, "TABLE")
+    console.print(f"a table: {command}", soft_wrap=True, highlight=False, markup=False)
 
 
 def show_table(ledger: Ledger, name: str, rows: int, console: Console) -> None:

@@ -53,6 +53,8 @@ def review_comparison(
     for each in complaints:
         console.print(each, soft_wrap=True, highlight=False, markup=False)
     path = Path(page) if page else Path(outputs) / "reviews" / _name_file(names)
+    if not path.name:
+        raise PipelineError(f"cannot write {path}: Is a directory; name another file by --html PATH")
     try:
         write_text(path, _render(found, names, curves, complaints))
     except OSError as error:

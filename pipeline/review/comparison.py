@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from pipeline.command import review_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import ABSENT, flatten, list_differences
 from pipeline.ledger import Ledger
@@ -203,7 +204,7 @@ def choose_runs(outputs: str, names: Sequence[str]) -> tuple[Ledger, ...]:
         if bare in sweeps and bare not in known:
             done = sorted((each for each in sweeps[bare] if each.status == "done"), key=lambda each: each.name)
             if not done:
-                raise ConfigError(f"sweep '{bare}' has no job that is done; see python -m pipeline.review sweep {bare}")
+                raise ConfigError(f"sweep '{bare}' has no job that is done; see {review_line(outputs, 'sweep', bare)}")
             chosen.update({each.name: each for each in done})
             continue
         begun = [each for each in known if each.startswith(bare)]

@@ -11,7 +11,7 @@ import pandas as pd
 
 from pipeline.errors import ConfigError, suggest
 
-SIGNS = re.compile(r"!=|<=|>=|=|~|<|>")
+SIGNS = re.compile(r"!=|<=|>=|==?|~|<|>")
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,8 @@ def read_condition(text: str) -> Condition:
     found = SIGNS.search(text)
     if found is None or found.start() == 0:
         raise ConfigError(f"--where {text}: expected KEY=VALUE, KEY!=VALUE, KEY~TEXT, or 'KEY<NUMBER' and the like")
-    condition = Condition(text[: found.start()].strip(), found.group(), text[found.end() :].strip())
+    sign = "=" if found.group() == "==" else found.group()
+    condition = Condition(text[: found.start()].strip(), sign, text[found.end() :].strip())
     if condition.sign[0] in "<>" and read_number(condition.value) is None:
         raise ConfigError(f"--where {text}: expected a number after {condition.sign}, got '{condition.value}'")
     return condition

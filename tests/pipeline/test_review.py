@@ -60,6 +60,17 @@ def test_the_outputs_folder_is_named_before_or_after(swept):
     assert elsewhere.review("list", "--outputs", str(swept.outputs)).stdout == swept.review("list").stdout
 
 
+def test_list_counts_jobs_that_did_not_begin(copied):
+    shutil.rmtree(job(copied, "seed=2", "counting.count=3"))
+    assert "3 of 6 jobs, 2 failed, 1 not begun" in copied.review("list").stdout
+
+
+def test_a_printed_command_looks_into_the_same_outputs(swept):
+    place = f"-m pipeline.review --outputs {swept.outputs} "
+    assert f"{place}sweep NAME" in swept.review("list").stdout
+    assert f"{place}show " in swept.review("show", "latest").stdout
+
+
 def test_list_is_sorted_and_chosen_from_by_columns_metrics_and_configuration(swept):
     shown = swept.review("list", "--jobs", "--sort", "-score_m", "--where", "status=done").stdout
     scores = [float(each) for each in re.findall(r"stages +(\d+\.\d+)", shown)]
@@ -69,6 +80,7 @@ def test_list_is_sorted_and_chosen_from_by_columns_metrics_and_configuration(swe
     assert some.count("s/counting.count=3") == 2
     assert "counting.count=4" not in some
     assert swept.review("list", "--jobs", "--where", "run~SEED=1").stdout.count("s/counting") == 2
+    assert swept.review("list", "--jobs", "--where", "seed==1").stdout.count("s/counting") == 2
     assert "no rows" in swept.review("list", "--where", "status=paused").stdout
 
 
@@ -90,6 +102,7 @@ def test_list_says_how_many_it_does_not_show(swept):
         (("compare", "s", "nowhere"), "no run or sweep 'nowhere'"),
         (("compare", "20", "s"), "begins the names of 2 runs"),
         (("compare", "s", "--html", "tests"), "cannot write tests"),
+        (("compare", "s", "--html", "."), "cannot write ."),
     ],
 )
 def test_a_mistake_is_told_in_one_line(swept, arguments, told):
@@ -97,14 +110,6 @@ def test_a_mistake_is_told_in_one_line(swept, arguments, told):
     assert result.returncode == 2
     assert told in result.stderr
     assert len(result.stderr.splitlines()) == 1
-
-
-def test_jobs_that_did_not_begin_are_listed_and_counted(tmp_path):
-    command = Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=trials", "-m", "sweep=h")
-    stopped = command("seed=0,1,2", "trying.fail_at=[0]", "on_failure=stop", "hydra.launcher.n_jobs=1")
-    assert stopped.returncode == 1
-    assert "0 of 3 jobs, 1 failed, 2 not begun" in command.review("list").stdout
-    assert "3 jobs (2 not begun, 1 failed)" in command.review("sweep", "h").stdout
 
 
 def test_nothing_there_is_told(toy):

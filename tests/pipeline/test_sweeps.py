@@ -267,13 +267,58 @@ def test_a_missing_value_or_a_stage_that_cannot_be_imported_fails_its_job_alone(
     assert result.stderr.splitlines()[-1].startswith("3 of 4 jobs are not done; ")
 
 
+def test_help_runs_nothing(sweeping):
+    result = sweeping("--help")
+    assert result.returncode == 0
+    assert "== Choices of a group" in result.stdout
+    assert not sweeping.outputs.exists()
+
+
+def test_a_folder_that_cannot_be_written_is_told_in_one_line(sweeping):
+    sweeping.sweep.parent.mkdir(parents=True)
+    sweeping.sweep.write_text("no folder")
+    result = sweeping("seed=0,1")
+    assert result.returncode == 2
+    assert result.stderr.startswith(f"cannot write to {sweeping.sweep} (Not a directory)")
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_a_launcher_killed_between_jobs_leaves_nothing_at_work(sweeping):
+    process = sweeping.start("seed=range(40)", "counting.count=2", "hydra.launcher.n_jobs=1")
+    wait_until(process, lambda: len(sweeping.count("ended")) >= 3)
+    process.kill()
+    process.communicate()
+    wait_until_quiet(sweeping)
+    ended = sweeping.count("ended")
+    time.sleep(2.0)
+    assert sweeping.count("ended") == ended
+
+
+def test_a_job_that_another_process_begins_meanwhile_is_no_failure(sweeping):
+    processes = [sweeping.start("seed=range(5)", "trying.pause_s=1.0", "on_failure=stop") for _ in range(2)]
+    for process in processes:
+        output, errors = process.communicate(timeout=120)
+        assert process.returncode == 0, errors + output
+        assert "failed" not in output
+    assert sweeping.count("begun") == dict.fromkeys(range(5), 1)
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
         (("sweep=a/b", "seed=0,1"), "sweep: "),
         (("workers=1,2",), "more than once"),
         (("sweep=a,b", "seed=0"), "sweep: expected one name"),
-        (("seed=interval(0,3)",), "INTERVAL_SWEEP"),
+        (("seed=interval(0,3)",), "seed: expected values"),
+        (("counting=glob(*)",), "counting: expected values"),
+        (("seed=range(0)",), "no job, as a key has no value at all"),
+        (("sweep=2026", "seed=0,1"), "sweep: expected a name"),
+        (("sweep=latest", "seed=0,1"), "sweep: expected a name"),
+        (("sweep=null", "seed=0,1"), "sweep: expected a name"),
+        (("+experiment=quick,paper",), "experiment: an option is chosen already"),
+        (("hydra.launcher.n_jobs=x",), "hydra.launcher.n_jobs=x: "),
+        (("counting.label=a b,c=d",), "needs quotes"),
+        (("--cfg", "job", "seed=0,1"), "Only one of"),
         (("on_failure=giveup", "seed=0,1"), "on_failure: "),
         (("hydra/sweeper=none", "seed=0,1"), "unknown"),
     ],
