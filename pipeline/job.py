@@ -10,8 +10,10 @@ import importlib
 import os
 import signal
 import threading
+import time
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from omegaconf import DictConfig
@@ -32,6 +34,8 @@ from pipeline.terminal import open_console
 
 ONE_WORKER = 1
 """Processes over which a job spreads its loops: the sweep spreads jobs."""
+LOOK_S = 0.5
+"""Between two looks of a worker whether its launcher lives, s."""
 TAKEN = 75
 """Exit code of a job's process that found another process to have begun the job meanwhile."""
 ELSEWHERE = Outcome("elsewhere"), "another process has it at work"
@@ -50,6 +54,7 @@ class JobTask:
 
         if os.getpid() != self.launch.pid and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launch says when to stop
+            _end_with_parent(os.getpid())
         config = HydraConfig.get()
         overrides = [str(each) for each in config.overrides.task]
         job = name_job(overrides)
@@ -147,6 +152,19 @@ class JobTask:
         took = f"{outcome.seconds:7.1f} s" if outcome.seconds else " " * 9
         line = f"  {number:>{width}}/{len(self.launch.jobs)}  [{colour}]{outcome.word:<11}[/]{took}  "
         open_console().print(line + _escape(f"{job}  {told}".rstrip()), soft_wrap=True, highlight=False)
+
+
+@cache
+def _end_with_parent(pid: int) -> None:
+    """Have this worker end when the launcher does, also while it waits for a job."""
+    parent = os.getppid()
+
+    def follow() -> None:
+        while os.getppid() == parent:
+            time.sleep(LOOK_S)
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 def _warm_up(study: Study, stages: list[Stage]) -> None:

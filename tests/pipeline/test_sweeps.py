@@ -294,6 +294,19 @@ def test_a_launcher_killed_between_jobs_leaves_nothing_at_work(sweeping):
     assert sweeping.count("ended") == ended
 
 
+def test_a_killed_launchers_workers_end_also_while_they_wait(sweeping):
+    process = sweeping.start("seed=0,1,2", "trying.pause_s=3.0", "hydra.launcher.n_jobs=3")
+    workers = wait_until(process, lambda: len(sweeping.count("begun")) == 3 and find_workers(process.pid))
+    os.kill(process.pid, signal.SIGSTOP)  # so that the workers, done, wait
+    wait_until(process, lambda: len(sweeping.count("ended")) == 3)
+    process.kill()
+    process.communicate(timeout=30)  # not before the workers have let go of what it prints to
+    deadline = time.monotonic() + 20.0
+    while any("LokyProcess" in _command(each) for each in workers):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
 def test_a_job_that_another_process_begins_meanwhile_is_no_failure(sweeping):
     processes = [sweeping.start("seed=range(5)", "trying.pause_s=1.0", "on_failure=stop") for _ in range(2)]
     for process in processes:
