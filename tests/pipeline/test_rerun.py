@@ -245,7 +245,7 @@ def test_a_run_that_is_not_whole_is_refused(toy, rerun):
     for text, told in (
         ("words\n", "to hold a whole configuration, got none"),
         ("a: [1\n", "cannot be read"),
-        ("a: ${b}\n", "missing key 'b'"),
+        ("a: ${b}\n", "cannot be read (Interpolation key 'b' not found)"),
         ("", "to hold a whole configuration, got none"),
         (kept + "surplus: 1\n", "unknown key 'surplus'"),
     ):

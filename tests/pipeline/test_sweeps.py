@@ -179,6 +179,7 @@ def test_a_signal_ends_the_jobs_at_a_safe_point(sweeping, number, code):
     assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
 
 
+@pytest.mark.slow
 def test_two_processes_share_a_sweep(sweeping):
     first = sweeping.start("seed=range(6)", "trying.pause_s=0.5")
     wait_until(first, lambda: sweeping.count("begun"))
@@ -283,6 +284,7 @@ def test_a_folder_that_cannot_be_written_is_told_in_one_line(sweeping):
     assert len(result.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_launcher_killed_between_jobs_leaves_nothing_at_work(sweeping):
     process = sweeping.start("seed=range(40)", "counting.count=2", "hydra.launcher.n_jobs=1")
     wait_until(process, lambda: len(sweeping.count("ended")) >= 3)
@@ -294,6 +296,7 @@ def test_a_launcher_killed_between_jobs_leaves_nothing_at_work(sweeping):
     assert sweeping.count("ended") == ended
 
 
+@pytest.mark.slow
 def test_a_killed_launchers_workers_end_also_while_they_wait(sweeping):
     process = sweeping.start("seed=0,1,2", "trying.pause_s=3.0", "hydra.launcher.n_jobs=3")
     workers = wait_until(process, lambda: len(sweeping.count("begun")) == 3 and find_workers(process.pid))
@@ -307,6 +310,7 @@ def test_a_killed_launchers_workers_end_also_while_they_wait(sweeping):
         time.sleep(0.1)
 
 
+@pytest.mark.slow
 def test_a_job_that_another_process_begins_meanwhile_is_no_failure(sweeping):
     processes = [sweeping.start("seed=range(5)", "trying.pause_s=1.0", "on_failure=stop") for _ in range(2)]
     for process in processes:
