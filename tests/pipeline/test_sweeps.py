@@ -91,9 +91,7 @@ def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping, k
     assert sweeping.count("begun") - before == dict.fromkeys((3, 17, 40), 1)
     ended = sweeping.count("ended")
     assert ended.keys() == set(range(64))
-    again_ended = {
-        seed for seed, count in ended.items() if count > 1
-    }  # killed before they noted that they had
+    again_ended = {seed for seed, count in ended.items() if count > 1}  # killed before they noted that they had
     assert not again_ended & done
     assert len(again_ended) <= (0 if killed == "nothing" else 2)
     broken_off = sum(count - 1 for seed, count in before.items() if seed not in (3, 17, 40))
