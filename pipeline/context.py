@@ -21,6 +21,8 @@ import pandas as pd
 
 from pipeline.errors import TableError, WiringError
 from pipeline.files import TEMPORARY_SUFFIX, hash_file, sync_folder, write_atomically, write_json, write_text
+from pipeline.journal import SUFFIX as JOURNAL_SUFFIX
+from pipeline.journal import Journal, keep_interrupted
 from pipeline.table import Table
 from pipeline.terminal import open_console
 from pipeline.workers import spread
@@ -62,6 +64,16 @@ class Record:
     check: Callable[[], None]
     keys: dict[str, None] = field(default_factory=dict)
     frames: dict[str, dict[str, pd.DataFrame]] = field(default_factory=dict)
+    journals: dict[str, Journal] = field(default_factory=dict)
+
+    def watch(self, key: tuple[object, ...]) -> Journal:
+        """Return what takes the rows of a turn while it runs.
+
+        They are kept, with the reason, as ``interrupted/STAGE~TURN~1.parquet`` in the run's folder if the turn does not
+        land, and go when it does.
+        """
+        name = self.name(key)
+        return self.journals.setdefault(name, Journal(self._journal_path(name)))
 
     def part(self, key: tuple[object, ...], make: Callable[[], Mapping[str, pd.DataFrame]]) -> dict[str, pd.DataFrame]:
         """Return the tables of one turn of the loop: read if an earlier process landed them, else made and landed.
@@ -84,7 +96,14 @@ class Record:
         if place.is_dir():
             return self._read(name)
         self.check()
-        frames = make()
+        self._keep_interrupted(name, "the process ended")
+        try:
+            frames = make()
+        except BaseException as error:
+            kept = self._keep_interrupted(name, str(error).split("\n")[0] or type(error).__name__)
+            if kept is not None:
+                error.add_note(f"what was measured until then: {kept}")
+            raise
         if set(frames) != set(self.tables):
             raise TableError(f"a part needs tables {', '.join(self.tables)}; got {', '.join(frames)}")
         temporary = self.folder / f".{name}.{os.getpid()}{TEMPORARY_SUFFIX}"
@@ -98,6 +117,8 @@ class Record:
                 raise
             shutil.rmtree(temporary, ignore_errors=True)  # a worker of an earlier process landed the same part
         sync_folder(self.folder)
+        if name in self.journals:
+            self.journals.pop(name).discard()
         return self._read(name)
 
     @staticmethod
@@ -115,7 +136,17 @@ class Record:
         return {name: pd.concat([part[name] for part in parts], ignore_index=True) for name in self.tables}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "check": _go_on, "keys": {}, "frames": {}}
+        return {**vars(self), "check": _go_on, "keys": {}, "frames": {}, "journals": {}}
+
+    def _journal_path(self, name: str) -> Path:
+        stage = self.folder.name.rpartition("-")[0] or self.folder.name
+        return self.folder.parent.parent / "interrupted" / f"{stage}~{name}{JOURNAL_SUFFIX}"
+
+    def _keep_interrupted(self, name: str, reason: str) -> Path | None:
+        """Keep what a turn measured that did not land, in this process or in an earlier one."""
+        if name in self.journals:
+            self.journals.pop(name).close()
+        return keep_interrupted(self._journal_path(name), reason)
 
     def _read(self, key: str) -> dict[str, pd.DataFrame]:
         if key not in self.frames:

@@ -165,11 +165,12 @@ class Runner:
             When the folder cannot be written, which is then the reason.
         """
         asks = getattr(error, "asks", None)
+        notes = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
         if signals.number is not None:
             stop = Interrupted(signals.number)
-            return self._end(ledger, stage, "interrupted", stop.code, str(stop), "to continue")
+            return self._end(ledger, stage, "interrupted", stop.code, f"{stop}{notes}", "to continue")
         if isinstance(error, PipelineError):
-            return self._end(ledger, stage, "failed", 1, str(error), "when that is mended")
+            return self._end(ledger, stage, "failed", 1, f"{error}{notes}", "when that is mended")
         if asks is not None:
             path = ledger.folder / "documents" / "asks.json"
             write_json(path, asks)
@@ -178,7 +179,7 @@ class Runner:
             raise error
         log.error("%s failed", stage.name, exc_info=error)
         first = str(error).splitlines()[0] if str(error) else ""
-        message = f"{type(error).__name__}: {first}".rstrip(": ")
+        message = f"{type(error).__name__}: {first}".rstrip(": ") + notes
         where = f"(traceback: {ledger.folder / 'log.txt'})"
         return self._end(ledger, stage, "failed", 1, f"{message} {where}", "when that is mended")
 

@@ -25,9 +25,17 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.figures import draw_chosen_trials
 from stages.gp import Design, Interaction
-from stages.identification import DesignSettings, MuscleSet, describe_choice, describe_models, spread_evenly, take
+from stages.identification import (
+    DesignSettings,
+    MuscleSet,
+    describe_choice,
+    describe_models,
+    keep_usable,
+    spread_evenly,
+    take,
+)
 from stages.plant import Exoskeleton
-from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, Rig, track
+from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig, track
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
 
 Array = NDArray[np.float64]
@@ -58,7 +66,7 @@ TRIALS = Table(
 ACTIVE_RECORDINGS = Table(
     "active_recordings",
     "A sample of a muscle in a designed trial",
-    {**WHERE, **MEASUREMENT_COLUMNS},
+    {**WHERE, **RECORDING_COLUMNS},
     key=(*WHERE, "muscle", "time_s"),
 )
 MODELS = Table(
@@ -211,7 +219,7 @@ def active_loop(
     loops = []
     for (participant, experiment), initial in experiments:
         executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
-        start = spread_evenly(executed, cfg.active_loop.initial_points, muscles.names)
+        start = spread_evenly(keep_usable(executed), cfg.active_loop.initial_points, muscles.names)
         used = [int(each) for each in initial["trajectory"]]
         count = cfg.active_loop.control_experiments
         for arm in arms if count is None or int(str(experiment)) <= count else arms[:1]:
@@ -282,10 +290,14 @@ class Loop:
         keys = []
         with self.ctx.rig as rig:
             for trial in range(1, self.cfg.active_loop.trials + 1):
-                key = (self.participant, self.experiment, self.arm, f"{trial:02d}")
+                key = self.key(trial)
                 landed.append(self.ctx.record.part(key, partial(self.run_trial, trial, landed, rig)))
                 keys.append(self.ctx.record.name(key))
         return keys
+
+    def key(self, trial: int) -> tuple[object, ...]:
+        """Return what names a trial's part."""
+        return self.participant, self.experiment, self.arm, f"{trial:02d}"
 
     def run_trial(self, trial: int, landed: Sequence[dict[str, pd.DataFrame]], rig: Rig) -> dict[str, pd.DataFrame]:
         """Choose a trajectory, execute it, learn from it."""
@@ -298,8 +310,9 @@ class Loop:
             models.append(self.label(describe_models(interaction.models, self.muscles), 0))
         choice = interaction.ask(self.ctx.generator("random", self.participant, self.experiment, trial))
         samples = self.execute(choice.trajectory, trial, rig)
-        told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(samples), self.starts(trial))
-        points.append(self.label(take(samples, picks, self.muscles.names), trial))
+        usable = keep_usable(samples)
+        told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(usable), self.starts(trial))
+        points.append(self.label(take(usable, picks, self.muscles.names), trial))
         models.append(self.label(describe_models(told.models, self.muscles), trial))
         return {
             TRIALS.name: self.label(pd.DataFrame([describe_choice(choice, interaction, self.muscles)]), trial),
@@ -353,7 +366,8 @@ class Loop:
         label = f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}"
         generator = self.ctx.generator("rig", self.participant, self.experiment, trial)
         trajectory = self.muscles.trajectories[index]
-        return track(self.references, trajectory, rig, self.participant, label, generator)
+        watch = self.ctx.record.watch(self.key(trial))
+        return track(self.references, trajectory, rig, self.participant, label, generator, watch)
 
     def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""

@@ -16,12 +16,12 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton
-from stages.rig import MEASUREMENT_COLUMNS, FreeMovements, Rig, RigWithLimits, check_levels
+from stages.rig import RECORDING_COLUMNS, FreeMovements, Rig, RigWithLimits, check_levels
 
 BANK = Table(
     "bank",
     "A sample of a muscle in a movement of the bank",
-    {"trajectory": column(int, "movement of the bank", low=0), **MEASUREMENT_COLUMNS},
+    {"trajectory": column(int, "movement of the bank", low=0), **RECORDING_COLUMNS},
     key=("trajectory", "muscle", "time_s"),
 )
 
@@ -67,5 +67,6 @@ def bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
 
 def record_movement(cfg: Config, ctx: Context, rig: Rig, trajectory: int) -> dict[str, pd.DataFrame]:
     """Record one free movement."""
-    columns = cfg.bank.record(trajectory, rig, ctx.generator(trajectory), f"bank {trajectory}")
+    watch = ctx.record.watch((trajectory,))
+    columns = cfg.bank.record(trajectory, rig, ctx.generator(trajectory), f"bank {trajectory}", watch)
     return {BANK.name: pd.DataFrame(columns)}

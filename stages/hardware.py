@@ -10,13 +10,14 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.rig import MEASUREMENT_COLUMNS, Rig, passive_trial, tidy, tracked_trial
+from stages.rig import RECORDING_COLUMNS, Rig, Watch, passive_trial, tidy, tracked_trial
 
 NOBODY = "nobody"
 """Who is in a passive trial; no participant has this name."""
@@ -29,7 +30,7 @@ HARDWARE_RECORDINGS = Table(
         "experiment": column(int, "experiment of this participant", low=1),
         "position": column(int, "order of execution", low=1),
         "trajectory": column(int, "movement of the bank that was tracked", low=0),
-        **MEASUREMENT_COLUMNS,
+        **RECORDING_COLUMNS,
     },
     key=("participant", "experiment", "position", "muscle", "time_s"),
 )
@@ -39,7 +40,7 @@ PROTOCOL_RECORDINGS = Table(
     {
         "experiment": column(int, "sequence of trials", low=1),
         "trial": column(int, "trial of this experiment", low=1),
-        **MEASUREMENT_COLUMNS,
+        **RECORDING_COLUMNS,
     },
     key=("experiment", "trial", "muscle", "time_s"),
 )
@@ -74,20 +75,22 @@ def hardware(
     with ctx.rig as rig, ctx.progress("trials", len(initial_trials) + len(passive)) as advance:
         for row in rows_of(initial_trials):
             key = (row["participant"], row["experiment"], row["position"])
-            ctx.record.part(key, partial(execute_tracked, row, references, rig, ctx.generator(*key)))
+            ctx.record.part(key, partial(execute_tracked, row, references, rig, ctx.generator(*key), ctx.record.watch(key)))
             advance(f"{row['participant']} experiment {row['experiment']}")
         for turn, commands in passive.items():
-            ctx.record.part((NOBODY, *turn), partial(execute_passive, commands, rig, ctx))
+            ctx.record.part((NOBODY, *turn), partial(execute_passive, commands, rig, ctx, ctx.record.watch((NOBODY, *turn))))
             advance(f"protocol experiment {turn[0]}")
     executed_by = {"rig": [type(rig).__name__], "real": [rig.real], "sampling_rate_hz": [float(rig.sampling_rate_hz)]}
     return {**ctx.record.collect(), EXECUTED_BY.name: pd.DataFrame(executed_by)}
 
 
-def execute_tracked(row: dict[str, Any], references: pd.DataFrame, rig: Rig, generator: Any) -> dict[str, pd.DataFrame]:
+def execute_tracked(
+    row: dict[str, Any], references: pd.DataFrame, rig: Rig, generator: np.random.Generator, watch: Watch
+) -> dict[str, pd.DataFrame]:
     """Execute one initial trial."""
     samples = references[references["trajectory"] == row["trajectory"]]
     label = f"{row['participant']} experiment {row['experiment']} initial {row['position']}"
-    recording = rig.execute(tracked_trial(samples, rig, row["participant"], label), generator)
+    recording = rig.execute(tracked_trial(samples, rig, row["participant"], label), generator, watch)
     return make_part(HARDWARE_RECORDINGS, pd.DataFrame(tidy(recording, rig)).assign(**row))
 
 
@@ -103,13 +106,13 @@ def split_turns(commands: pd.DataFrame | None, real: bool) -> dict[tuple[int, ..
     return {tuple(int(str(each)) for each in key): rows for key, rows in commands.groupby(by, sort=False)}
 
 
-def execute_passive(commands: pd.DataFrame, rig: Rig, ctx: Context) -> dict[str, pd.DataFrame]:
+def execute_passive(commands: pd.DataFrame, rig: Rig, ctx: Context, watch: Watch) -> dict[str, pd.DataFrame]:
     """Execute trials of the protocol."""
     frames = []
     for (experiment, trial), samples in commands.groupby(["experiment", "trial"], sort=False):
         turn = int(str(experiment)), int(str(trial))
         label = "protocol experiment {} trial {}".format(*turn)
-        recording = rig.execute(passive_trial(samples, rig, label), ctx.generator(NOBODY, *turn))
+        recording = rig.execute(passive_trial(samples, rig, label), ctx.generator(NOBODY, *turn), watch)
         frames.append(pd.DataFrame(tidy(recording, rig)).assign(experiment=turn[0], trial=turn[1]))
     return make_part(PROTOCOL_RECORDINGS, pd.concat(frames, ignore_index=True))
 

@@ -28,7 +28,7 @@ from pipeline.table import Table, column
 from stages.gp import MarginalModel, SparseDesign, SparseInteraction, fit, trajectory_utility
 from stages.identification import MuscleSet, describe_choice, describe_models, measure_cost, thin
 from stages.plant import Exoskeleton
-from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, Rig, track
+from stages.rig import MOST_ROWS, RECORDING_COLUMNS, Rig, track
 from stages.signals import MODEL_INPUTS
 
 MOST_NUMBERS = 25_000_000
@@ -56,7 +56,7 @@ SPARSE_TRIALS = Table(
 SPARSE_RECORDINGS = Table(
     "sparse_recordings",
     "A sample of a muscle in a trial with sparse models",
-    {**WHERE, **MEASUREMENT_COLUMNS},
+    {**WHERE, **RECORDING_COLUMNS},
     key=(*WHERE, "muscle", "time_s"),
 )
 SPARSE_MODELS = Table(
@@ -284,10 +284,14 @@ class Experiment:
             for arm in self.arms:
                 landed: list[dict[str, pd.DataFrame]] = []
                 for trial in range(1, self.cfg.sparse_loop.trials + 1):
-                    key = (self.participant, self.number, arm, f"{trial:02d}")
+                    key = self.key(arm, trial)
                     landed.append(self.ctx.record.part(key, partial(self.run_trial, arm, trial, landed, rig)))
                     keys.append(self.ctx.record.name(key))
         return keys
+
+    def key(self, arm: str, trial: int) -> tuple[object, ...]:
+        """Return what names a trial's part."""
+        return self.participant, self.number, arm, f"{trial:02d}"
 
     def run_trial(
         self, arm: str, trial: int, landed: Sequence[Mapping[str, pd.DataFrame]], rig: Rig
@@ -398,7 +402,8 @@ class Experiment:
         """Execute a trajectory of the bank; arms share the person's and the sensors' noise at equal trial number."""
         label = f"{self.participant} experiment {self.number} sparse {arm} trial {trial}"
         generator = self.ctx.generator("rig", self.participant, self.number, trial)
-        return track(self.references, self.muscles.trajectories[index], rig, self.participant, label, generator)
+        trajectory, watch = self.muscles.trajectories[index], self.ctx.record.watch(self.key(arm, trial))
+        return track(self.references, trajectory, rig, self.participant, label, generator, watch)
 
     def label(self, frame: pd.DataFrame, arm: str, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""

@@ -18,12 +18,12 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton
-from stages.rig import MEASUREMENT_COLUMNS, FreeMovements, Rig, RigWithLimits, check_levels
+from stages.rig import RECORDING_COLUMNS, FreeMovements, Rig, RigWithLimits, check_levels
 
 UNSEEN_BANK = Table(
     "unseen_bank",
     "A sample of a muscle in a movement that nothing has seen",
-    {"trajectory": column(int, "movement of the unseen bank", low=0), **MEASUREMENT_COLUMNS},
+    {"trajectory": column(int, "movement of the unseen bank", low=0), **RECORDING_COLUMNS},
     key=("trajectory", "muscle", "time_s"),
 )
 
@@ -95,5 +95,6 @@ def unseen_bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
 
 def record_movement(cfg: Config, ctx: Context, rig: Rig, trajectory: int) -> dict[str, pd.DataFrame]:
     """Record one free movement."""
-    columns = cfg.unseen_bank.record(trajectory, rig, ctx.generator(trajectory), f"unseen bank {trajectory}")
+    watch, label = ctx.record.watch((trajectory,)), f"unseen bank {trajectory}"
+    columns = cfg.unseen_bank.record(trajectory, rig, ctx.generator(trajectory), label, watch)
     return {UNSEEN_BANK.name: pd.DataFrame(columns)}

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from pipeline.context import Context
-from stages.rig import MEASUREMENT_COLUMNS, passive_trial, tidy
+from stages.rig import RECORDING_COLUMNS, passive_trial, tidy
 from stages.rig.operator import OperatorRig, TrialRequested
 from stages.rig.sim import SimulatedRig
 from tests.plant.machines import configured
@@ -48,7 +48,7 @@ def passive(tmp_path_factory):
 def test_without_a_protocol_there_are_no_recordings_of_one(without):
     table = without["protocol_recordings"]
     assert table.empty
-    assert list(table.columns) == ["experiment", "trial", *MEASUREMENT_COLUMNS]
+    assert list(table.columns) == ["experiment", "trial", *RECORDING_COLUMNS]
     assert table["force_n"].dtype == float
     assert table["trial"].dtype == int
 
@@ -93,7 +93,7 @@ def test_is_what_the_rig_returns_for_a_passive_trial_with_nobody(passive, tmp_pa
     with study.build("rig") as rig:
         expected = tidy(rig.execute(passive_trial(rows, rig, ""), drawn), rig)
     found = tables["protocol_recordings"].query("experiment == 2 and trial == 3")
-    for name in MEASUREMENT_COLUMNS:
+    for name in RECORDING_COLUMNS:
         np.testing.assert_array_equal(found[name], expected[name])
 
 

@@ -108,7 +108,7 @@ def test_nothing_is_quicker_than_it_says_nor_much_slower(sweeps, levels, share, 
 def test_the_rig_applies_it_as_it_is(commands):
     rig = configured()
     for trial in by_trial(commands, 1):
-        applied = apply_limits(trial, rig.limits, rig.exoskeleton.muscles, 250.0)
+        applied = apply_limits(trial, rig.limits, rig.exoskeleton)[0]
         np.testing.assert_array_equal(applied, trial)
 
 

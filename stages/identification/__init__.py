@@ -11,7 +11,7 @@ from stages.identification.loop_settings import DesignSettings, LoopSettings
 from stages.identification.muscle_set import MuscleSet
 from stages.identification.recorded_models import RecordedModels
 from stages.identification.replay import Replay, TimeShift
-from stages.identification.samples import place_evenly, spread_evenly, take, thin
+from stages.identification.samples import keep_usable, place_evenly, spread_evenly, take, thin
 
 __all__ = [
     "DesignSettings",
@@ -23,6 +23,7 @@ __all__ = [
     "TimeShift",
     "describe_choice",
     "describe_models",
+    "keep_usable",
     "measure_cost",
     "place_evenly",
     "spread_evenly",

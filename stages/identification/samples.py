@@ -27,6 +27,11 @@ def spread_evenly(executed: pd.DataFrame, count: int, muscles: Sequence[str]) ->
     return pd.concat(frames, ignore_index=True)[TAKEN]
 
 
+def keep_usable(executed: pd.DataFrame) -> pd.DataFrame:
+    """Return the samples that are as measured: of those, models are made."""
+    return executed[executed["status"] == "ok"]
+
+
 def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequence[str]) -> pd.DataFrame:
     """Return the picked samples of each muscle, in the order of picking."""
     measured = samples[[name for name in TAKEN if name != "pick"]]
@@ -38,6 +43,7 @@ def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequ
 
 
 def thin(executed: pd.DataFrame, every: int, trial: Sequence[str]) -> pd.DataFrame:
-    """Return the first of every so many samples of each muscle in each trial, named by so many columns."""
+    """Return the first of every so many usable samples of each muscle in each trial, named by so many columns."""
+    executed = keep_usable(executed)
     rank = executed.groupby([*trial, "muscle"], sort=False).cumcount()
     return executed[rank % every == 0]

@@ -3,7 +3,18 @@
 The rigs themselves are named by configuration and imported from there.
 """
 
-from stages.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, Recording, Rig, RigError, Trial, tidy
+from stages.rig.contract import (
+    MEASUREMENT_COLUMNS,
+    MOST_ROWS,
+    RECORDING_COLUMNS,
+    Recording,
+    Rig,
+    RigError,
+    Trial,
+    TrialStopped,
+    Watch,
+    tidy,
+)
 from stages.rig.excitation import FreeMovements, RigWithLimits, check_levels
 from stages.rig.reference import track, tracked_trial
 from stages.rig.sessions import RecordedSession, SessionRig, seal_truth
@@ -12,6 +23,7 @@ from stages.rig.sweeps import Sweeps, passive_trial
 __all__ = [
     "MEASUREMENT_COLUMNS",
     "MOST_ROWS",
+    "RECORDING_COLUMNS",
     "FreeMovements",
     "RecordedSession",
     "Recording",
@@ -21,6 +33,8 @@ __all__ = [
     "SessionRig",
     "Sweeps",
     "Trial",
+    "TrialStopped",
+    "Watch",
     "check_levels",
     "passive_trial",
     "seal_truth",

@@ -8,8 +8,8 @@ lets go of its actuators whatever happens.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from types import TracebackType
 from typing import Any, ClassVar, Literal, Self
 
@@ -23,8 +23,36 @@ MOST_ROWS = 50_000_000
 """Rows of a table of measurements, beyond which its ten numbers a row take over 4 GB and its copies no longer fit."""
 
 
+STATUS = {
+    "ok": "as measured",
+    "missed": "the loop came too late: values of the sample before",
+    "frozen": "the sensor's value had not changed for too long",
+    "invalid": "the device told no value: the last one that it told",
+    "saturated": "at the end of the sensor's range",
+    "over": "beyond a limit",
+    "ramp": "measured while the muscles were let down after a stop",
+}
+"""What a sample may be, and what that means."""
+
+CLIPPED_BY = {
+    "": "nothing: as asked",
+    "pressure": "the muscle's lowest or highest command",
+    "co_contraction": "the ceiling on muscles that pull against each other",
+    "rate": "the largest rate of change",
+    "ramp": "the way to the first command or down after a stop",
+}
+"""What may make the command that is applied differ from the one that was asked."""
+
+Watch = Callable[[Mapping[str, NDArray[Any]]], None]
+"""Is handed rows of samples, as of `tidy`, while a trial runs."""
+
+
 class RigError(RuntimeError):
     """A rig was asked for what it cannot do now; the message says what to do instead."""
+
+
+class TrialStopped(RigError):
+    """A trial was stopped before its end, and the muscles were let down as far as the machine could be reached."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +108,12 @@ class Recording:
         Sensors; contraction and its velocity follow from the encoders and the nominal geometry.
     joint_angle_rad, joint_velocity_rad_per_s : (T, J) ndarray
         Encoders, and their filtered derivative.
+    status : (T, M) ndarray of str
+        What each sample is, a key of `STATUS`; ``ok`` throughout if not given.
+    clipped_by : (T, M) ndarray of str
+        What made the command differ from the one asked, a key of `CLIPPED_BY`; empty throughout if not given.
+    late_s : (T,) ndarray
+        How much later than at ``time_s`` the sample was taken, s; 0 throughout if not given.
     """
 
     time_s: Array
@@ -90,14 +124,24 @@ class Recording:
     force_n: Array
     joint_angle_rad: Array
     joint_velocity_rad_per_s: Array
+    status: NDArray[Any] = field(default_factory=lambda: np.array("ok"))
+    clipped_by: NDArray[Any] = field(default_factory=lambda: np.array(""))
+    late_s: Array = field(default_factory=lambda: np.array(0.0))
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            shape = getattr(self, field.name).shape
-            like = self.joint_angle_rad if field.name.startswith("joint") else self.pressure_command_kpa
-            expected = self.time_s.shape if field.name == "time_s" else (len(self.time_s), like.shape[-1])
+        for name in ("status", "clipped_by"):
+            if getattr(self, name).ndim == 0:
+                object.__setattr__(self, name, np.full(self.pressure_command_kpa.shape, getattr(self, name)))
+        if self.late_s.ndim == 0:
+            object.__setattr__(self, "late_s", np.zeros(self.time_s.shape))
+        for each in fields(self):
+            shape = getattr(self, each.name).shape
+            like = self.joint_angle_rad if each.name.startswith("joint") else self.pressure_command_kpa
+            expected = (
+                self.time_s.shape if each.name in ("time_s", "late_s") else (len(self.time_s), like.shape[-1])
+            )
             if shape != expected:
-                raise ValueError(f"recording: expected {field.name} of shape {expected}, got {shape}")
+                raise ValueError(f"recording: expected {each.name} of shape {expected}, got {shape}")
 
 
 class Rig(ABC):
@@ -149,10 +193,20 @@ class Rig(ABC):
         """Let go of every actuator, each being tried, then raise the first error met; harmless when not connected."""
 
     @abstractmethod
-    def run(self, trial: Trial, generator: np.random.Generator) -> Recording:
+    def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
         """Execute a checked trial while connected; `execute` is what callers use."""
 
-    def execute(self, trial: Trial, generator: np.random.Generator) -> Recording:
+    def check(self, trial: Trial) -> None:
+        """Check a trial before anything moves.
+
+        Raises
+        ------
+        ValueError
+            When the trial does not fit the rig or asks for what its limits forbid.
+        """
+        check_trial(trial, self)
+
+    def execute(self, trial: Trial, generator: np.random.Generator, watch: Watch | None = None) -> Recording:
         """Execute one trial.
 
         Parameters
@@ -161,19 +215,22 @@ class Rig(ABC):
             Of this rig's shape.
         generator : numpy.random.Generator
             The only source of randomness.
+        watch : callable or None
+            Is handed rows of samples while the trial runs; a rig that knows its samples only at the end hands over
+            none.
 
         Raises
         ------
         RigError
-            When the rig is not connected.
+            When the rig is not connected; `TrialStopped` when it stopped the trial.
         ValueError
-            When the trial does not fit the rig. After any exception the actuators are released.
+            As `check`. After any exception the actuators are released.
         """
         if not self.connected:
             raise RigError(f"{type(self).__name__} is not connected; write: with rig: rig.execute(trial, generator)")
         try:
-            check_trial(trial, self)
-            return self.run(trial, generator)
+            self.check(trial)
+            return self.run(trial, generator, watch)
         except BaseException as error:
             _release_after(self, error)
             raise
@@ -235,7 +292,7 @@ def tidy(recording: Recording, rig: Rig) -> dict[str, NDArray[Any]]:
     Returns
     -------
     dict of str to (M T,) ndarray
-        The columns of `MEASUREMENT_COLUMNS`, in order; joint columns are those of the muscle's joint.
+        The columns of `RECORDING_COLUMNS`, in order; joint columns are those of the muscle's joint.
     """
     joint = [list(rig.joints).index(name) for name in rig.muscle_joints]
     samples = len(recording.time_s)
@@ -247,7 +304,14 @@ def tidy(recording: Recording, rig: Rig) -> dict[str, NDArray[Any]]:
         columns[name] = getattr(recording, name).T.ravel()
     for name in ("joint_angle_rad", "joint_velocity_rad_per_s"):
         columns[name] = getattr(recording, name)[:, joint].T.ravel()
+    for name in ("status", "clipped_by"):
+        columns[name] = getattr(recording, name).T.ravel().astype(object)
+    columns["late_s"] = np.tile(recording.late_s, len(joint))
     return columns
+
+
+def _word(among: Mapping[str, str], description: str) -> pa.Column:
+    return pa.Column(str, pa.Check.isin(list(among)), nullable=False, description=description, metadata={"unit": "1"})
 
 
 def _measurement(
@@ -270,7 +334,15 @@ MEASUREMENT_COLUMNS: dict[str, pa.Column] = {
     "joint_angle_rad": _measurement(float, "rad", "angle of the muscle's joint", -6.3, 6.3),
     "joint_velocity_rad_per_s": _measurement(float, "rad/s", "filtered derivative of the joint's angle", -100.0, 100.0),
 }
-"""What every table of measurements holds of each sample; a table adds its own keys, such as the trial."""
+"""What was measured in each sample; a table adds its own keys, such as the trial."""
+
+RECORDING_COLUMNS: dict[str, pa.Column] = {
+    **MEASUREMENT_COLUMNS,
+    "status": _word(STATUS, "what the sample is: ok, or what is wrong with it"),
+    "clipped_by": _word(CLIPPED_BY, "what made the command differ from the one asked; empty = nothing did"),
+    "late_s": _measurement(float, "s", "how much later than at time_s the sample was taken", -1.0, 3600.0),
+}
+"""What a rig records of each sample: what was measured, and how."""
 
 
 def _as_matrix(name: str, values: Array) -> Array:

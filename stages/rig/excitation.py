@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegative
 
 from stages.plant.declaration import Declared, nearest
 from stages.plant.exoskeleton import Exoskeleton
-from stages.rig.contract import MOST_ROWS, Array, Rig, Trial, tidy
+from stages.rig.contract import MOST_ROWS, Array, Rig, Trial, Watch, tidy
 from stages.rig.limits import Limits
 from stages.signals.pressures import pressure_profiles
 
@@ -106,7 +106,9 @@ class FreeMovements(Declared):
                 f"got {self.trajectories}; lower it, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
 
-    def record(self, trajectory: int, rig: Rig, generator: np.random.Generator, label: str) -> dict[str, NDArray[Any]]:
+    def record(
+        self, trajectory: int, rig: Rig, generator: np.random.Generator, label: str, watch: Watch | None = None
+    ) -> dict[str, NDArray[Any]]:
         """Record one movement of the experimenter under pressures drawn for it.
 
         Parameters
@@ -119,14 +121,16 @@ class FreeMovements(Declared):
             The only source of randomness.
         label : str
             Names the trial for an operator.
+        watch : callable or None
+            As of `Rig.execute`.
 
         Returns
         -------
         dict of str to (M T,) ndarray
-            The number, as ``trajectory``, and the columns of `MEASUREMENT_COLUMNS`.
+            The number, as ``trajectory``, and the columns of `RECORDING_COLUMNS`.
         """
         trial = Trial("free", "experimenter", self.pressure.draw(rig, generator), label=label)
-        columns = tidy(rig.execute(trial, generator), rig)
+        columns = tidy(rig.execute(trial, generator, watch), rig)
         return {"trajectory": np.full(len(columns["time_s"]), trajectory), **columns}
 
 

@@ -1,20 +1,31 @@
-"""Limits on what is commanded: a pressure range and a largest rate of change, by type of muscle.
+"""Limits: what may be commanded, what a reference may ask of a joint, and what ends a trial.
 
-A command flows in; the command that may be applied flows out, and is what a recording holds.
+A command flows in; the command that may be applied flows out, with what made it differ, and is what a recording holds.
+References flow in before anything moves, samples while it does; what forbids them flows out in words.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Self
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Self
 
 import numpy as np
+import pandas as pd
 from numba import njit
+from numpy.typing import NDArray
 from pydantic import Field, PositiveFloat, model_validator
 
 from stages.plant.declaration import Declared, nearest
-from stages.plant.exoskeleton import Muscle
+from stages.plant.exoskeleton import Exoskeleton, Muscle
+from stages.rig.contract import CLIPPED_BY
 from stages.signals.trajectories import Array
+
+CODES = list(CLIPPED_BY)
+NOTHING, PRESSURE, CO_CONTRACTION, RATE = (
+    CODES.index(name) for name in ("", "pressure", "co_contraction", "rate")
+)
+ROUNDING_KPA = 1e-9
+"""Difference of two commands that is no clipping, kPa."""
 
 
 class PressureLimit(Declared):
@@ -32,6 +43,61 @@ class PressureLimit(Declared):
 
 
 Limits = dict[str, PressureLimit]
+
+
+class JointLimit(Declared):
+    """What one joint may do."""
+
+    lower_rad: float = Field(ge=-6.3, le=6.3, description="smallest angle, rad")
+    upper_rad: float = Field(ge=-6.3, le=6.3, description="largest angle, rad")
+    speed_rad_per_s: PositiveFloat = Field(description="largest speed, rad/s")
+
+    @model_validator(mode="after")
+    def _order(self) -> Self:
+        if self.lower_rad >= self.upper_rad:
+            raise ValueError(f"expected lower_rad < upper_rad, got {self.lower_rad} and {self.upper_rad}")
+        return self
+
+
+class Ceiling(Declared):
+    """What is measured at one type of muscle and ends a trial where it is exceeded."""
+
+    pressure_kpa: PositiveFloat = Field(description="largest measured pressure, kPa gauge")
+    force_n: PositiveFloat = Field(description="largest measured tension, N")
+
+
+class Guard(Declared):
+    """What ends a trial, and how the muscles are let down then."""
+
+    ceilings: dict[str, Ceiling] = Field(description="by type of muscle")
+    joints: dict[str, JointLimit] = Field(description="by name of joint")
+    ramp_down_s: float = Field(ge=0.0, le=10.0, description="time in which the muscles are let down, s")
+    borne_samples: int = Field(ge=0, description="samples in a row that a sensor may fail before the trial ends")
+    frozen_s: PositiveFloat = Field(description="time without any change that ends it: pressure and force, s")
+    frozen_encoder_s: PositiveFloat = Field(description="the same of an encoder, in a trial with a person, s")
+
+    def check_against(self, exoskeleton: Exoskeleton, limits: Limits) -> None:
+        """Check that everything has its limit, and that no command reaches a ceiling.
+
+        Raises
+        ------
+        ValueError
+            Naming the key.
+        """
+        for kind, wanted, given in (
+            ("ceilings", {each.type: each.name for each in exoskeleton.muscles}, self.ceilings),
+            ("joints", {name: name for name in exoskeleton.joint_names}, self.joints),
+        ):
+            for name in wanted:
+                if name not in given:
+                    raise ValueError(f"guard.{kind}: none for {name}; add guard.{kind}.{name}")
+        for muscle in exoskeleton.muscles:
+            if self.ceilings[muscle.type].pressure_kpa <= limits[muscle.type].high_kpa:
+                raise ValueError(
+                    f"guard.ceilings.{muscle.type}.pressure_kpa: expected more than the {limits[muscle.type].high_kpa} "
+                    f"kPa that may be commanded (limits.{muscle.type}.high_kpa), "
+                    f"got {self.ceilings[muscle.type].pressure_kpa}"
+                )
 
 
 def check_limits(limits: Limits, muscles: Sequence[Muscle]) -> None:
@@ -55,37 +121,141 @@ def check_limits(limits: Limits, muscles: Sequence[Muscle]) -> None:
             )
 
 
-def apply_limits(command_kpa: Array, limits: Limits, muscles: Sequence[Muscle], sampling_rate_hz: float) -> Array:
+def apply_limits(
+    command_kpa: Array,
+    limits: Limits,
+    exoskeleton: Exoskeleton,
+    co_contraction_kpa: Mapping[str, float] | None = None,
+    start_kpa: Array | None = None,
+) -> tuple[Array, NDArray[Any]]:
     """Return the nearest command within the limits, sample after sample.
 
     Parameters
     ----------
     command_kpa : (T, M) ndarray
-        What is asked, kPa gauge; the muscles are filled to the first sample before the trial.
+        What is asked, kPa gauge.
     limits : mapping of str to PressureLimit
         By type of muscle.
-    muscles : sequence of Muscle
-        The M muscles.
-    sampling_rate_hz : float
-        Samples per second.
+    exoskeleton : Exoskeleton
+        The machine.
+    co_contraction_kpa : mapping of str to float or None
+        By joint: as long as one side of it is commanded more than this, the other one is not; None for no ceiling.
+    start_kpa : (M,) ndarray or None
+        What is applied before the first sample; None where the muscles are filled to the first sample beforehand.
 
     Returns
     -------
-    (T, M) ndarray
-        What is applied, kPa gauge.
+    tuple of (T, M) ndarray
+        What is applied, kPa gauge, and what made it differ, keys of `CLIPPED_BY`.
     """
-    rows = [limits[muscle.type] for muscle in muscles]
-    applied = np.clip(command_kpa, [row.low_kpa for row in rows], [row.high_kpa for row in rows])
-    step = np.array([row.slew_kpa_per_s for row in rows]) / sampling_rate_hz
-    limited: Array = _limit_slew(applied, step)
-    return limited
+    rows = [limits[muscle.type] for muscle in exoskeleton.muscles]
+    step = np.array([row.slew_kpa_per_s for row in rows]) / exoskeleton.sampling_rate_hz
+    low, high = np.array([row.low_kpa for row in rows]), np.array([row.high_kpa for row in rows])
+    side = np.array([1 if muscle.role == "agonist" else -1 for muscle in exoskeleton.muscles])
+    ceilings = co_contraction_kpa or {}
+    ceiling = np.array([ceilings.get(name, np.inf) for name in exoskeleton.joint_names])
+    begun = np.full(len(rows), np.nan) if start_kpa is None else np.asarray(start_kpa, dtype=float)
+    applied, codes = _limit(
+        np.ascontiguousarray(command_kpa, dtype=float),
+        low,
+        high,
+        step,
+        np.array(exoskeleton.joint_of_muscle),
+        side,
+        ceiling,
+        begun,
+    )
+    return applied, np.array(CODES)[codes]
 
 
 @njit(cache=True)
-def _limit_slew(wanted: Array, step: Array) -> Array:
-    applied = wanted.copy()
-    for k in range(1, applied.shape[0]):
-        for m in range(applied.shape[1]):
-            before = applied[k - 1, m]
-            applied[k, m] = min(max(applied[k, m], before - step[m]), before + step[m])
-    return applied
+def _limit(
+    wanted: Array,
+    low: Array,
+    high: Array,
+    step: Array,
+    joint: NDArray[np.int64],
+    side: NDArray[np.int64],
+    ceiling: Array,
+    start: Array,
+) -> tuple[Array, NDArray[np.int64]]:
+    applied, codes = wanted.copy(), np.zeros(wanted.shape, dtype=np.int64)
+    count = wanted.shape[1]
+    before = start.copy()
+    for k in range(wanted.shape[0]):
+        for m in range(count):
+            value = min(max(wanted[k, m], low[m]), high[m])
+            if abs(value - wanted[k, m]) > ROUNDING_KPA:
+                codes[k, m] = PRESSURE
+            if not np.isnan(before[m]):
+                slow = min(max(value, before[m] - step[m]), before[m] + step[m])
+                if abs(slow - value) > ROUNDING_KPA:
+                    codes[k, m] = RATE
+                value = slow
+            applied[k, m] = value
+        for j in range(ceiling.shape[0]):
+            most, was = np.full(2, -np.inf), np.full(2, -np.inf)
+            for m in range(count):
+                if joint[m] == j:
+                    s = (side[m] + 1) // 2
+                    most[s] = max(most[s], applied[k, m])
+                    was[s] = max(was[s], applied[k, m] if np.isnan(before[m]) else before[m])
+            if min(most[0], most[1]) <= ceiling[j]:
+                continue
+            held = 0 if was[0] < was[1] else 1  # the side that was lower stays below, which no rate forbids
+            for m in range(count):
+                if joint[m] == j and (side[m] + 1) // 2 == held and applied[k, m] > ceiling[j]:
+                    applied[k, m] = ceiling[j]
+                    codes[k, m] = CO_CONTRACTION
+        before = applied[k].copy()
+    return applied, codes
+
+
+def find_forbidden(
+    samples: pd.DataFrame, trials: str, exoskeleton: Exoskeleton, guard: Guard, limits: Limits
+) -> Iterator[str]:
+    """Say what a bank asks for that the limits forbid, before anything moves.
+
+    Parameters
+    ----------
+    samples : DataFrame
+        Rows of movements that are to be replayed: muscle, time_s, pressure_command_kpa, joint_angle_rad and
+        joint_velocity_rad_per_s (of the muscle's joint).
+    trials : str
+        Column that numbers the movements.
+    exoskeleton : Exoskeleton
+        The machine.
+    guard : Guard
+        Limits of the joints.
+    limits : mapping of str to PressureLimit
+        By type of muscle.
+
+    Yields
+    ------
+    str
+        One line for each limit that is passed: where it is passed first, by how much, and in how many movements.
+    """
+    for muscle in exoskeleton.muscles:
+        rows = samples[samples["muscle"] == muscle.name]
+        allowed, joint = limits[muscle.type], guard.joints[muscle.joint]
+        angle, speed = rows["joint_angle_rad"], rows["joint_velocity_rad_per_s"].abs()
+        command = rows["pressure_command_kpa"]
+        wrong = {
+            f"joint {muscle.joint} at {{:.3g}} rad, permitted {joint.lower_rad} to {joint.upper_rad}": (
+                angle, ~angle.between(joint.lower_rad, joint.upper_rad)
+            ),
+            f"joint {muscle.joint} at {{:.3g}} rad/s, permitted {joint.speed_rad_per_s}": (
+                speed, speed > joint.speed_rad_per_s
+            ),
+            f"muscle {muscle.name} at {{:.4g}} kPa, permitted {allowed.low_kpa} to {allowed.high_kpa}": (
+                command, ~command.between(allowed.low_kpa - ROUNDING_KPA, allowed.high_kpa + ROUNDING_KPA)
+            ),
+        }  # fmt: skip
+        for words, (values, beyond) in wrong.items():
+            if beyond.any():
+                first = rows[beyond].iloc[0]
+                found = rows.loc[beyond, trials].nunique()
+                yield (
+                    f"{trials} {first[trials]} asks for {words.format(values[beyond].iloc[0])}, at "
+                    f"{first['time_s']:.2f} s ({found} of {rows[trials].nunique()} ask for such)"
+                )

@@ -18,9 +18,12 @@ import pandera.pandas as pa
 from pydantic import field_validator
 
 from stages.rig.configured import ConfiguredRig
-from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, RigError, Trial
+from stages.rig.contract import MEASUREMENT_COLUMNS, RECORDING_COLUMNS, Recording, RigError, Trial, Watch
 
 SUFFIXES = (".csv", ".parquet")
+
+PUNCTUAL = {"status": "ok", "clipped_by": "", "late_s": 0.0}
+"""How samples were taken, of which a file need not tell."""
 
 
 class TrialRequested(Exception):
@@ -63,7 +66,7 @@ class OperatorRig(ConfiguredRig):
             raise ValueError(f"expected a folder that receives recordings, got the file {folder}; set rig.folder=PATH")
         return folder
 
-    def run(self, trial: Trial, generator: np.random.Generator) -> Recording:
+    def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
         """Read what the operator recorded, or ask for it.
 
         Raises
@@ -107,8 +110,8 @@ class OperatorRig(ConfiguredRig):
                 f"{path}: expected the columns {', '.join(MEASUREMENT_COLUMNS)}; it lacks {', '.join(missing)}"
             )
         try:
-            schema = pa.DataFrameSchema(dict(MEASUREMENT_COLUMNS), strict="filter", coerce=True)
-            frame = schema.validate(frame, lazy=True)
+            schema = pa.DataFrameSchema(dict(RECORDING_COLUMNS), strict="filter", coerce=True)
+            frame = schema.validate(_assume_conduct(frame), lazy=True)
         except pa.errors.SchemaErrors as errors:
             case = errors.failure_cases.iloc[0]
             raise RigError(
@@ -123,14 +126,21 @@ class OperatorRig(ConfiguredRig):
         if len(times) != self.samples or times.min() < len(self.muscles):
             raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(times)} times")
         wide = {
-            name: frame.pivot(index="time_s", columns="muscle", values=name) for name in list(MEASUREMENT_COLUMNS)[2:]
+            name: frame.pivot(index="time_s", columns="muscle", values=name) for name in list(RECORDING_COLUMNS)[2:]
         }
         first_muscle = [self.muscles[list(self.muscle_joints).index(joint)] for joint in self.joints]
         arrays = {
             name: values[first_muscle if name.startswith("joint") else list(self.muscles)].to_numpy()
             for name, values in wide.items()
         }
-        return Recording(time_s=wide["force_n"].index.to_numpy(), **arrays)
+        late_s = arrays.pop("late_s")[:, 0]
+        return Recording(time_s=wide["force_n"].index.to_numpy(), late_s=late_s, **arrays)
+
+
+def _assume_conduct(frame: pd.DataFrame) -> pd.DataFrame:
+    """Take samples for punctual, as measured and applied as asked, where the file does not tell."""
+    told = frame.assign(**{name: value for name, value in PUNCTUAL.items() if name not in frame})
+    return told.fillna({"clipped_by": ""})
 
 
 def name_trial(trial: Trial) -> str:

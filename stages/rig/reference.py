@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from stages.rig.contract import Rig, Trial, tidy
+from stages.rig.contract import Rig, Trial, Watch, tidy
 
 
 def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str) -> Trial:
@@ -47,7 +47,13 @@ def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str)
 
 
 def track(
-    references: pd.DataFrame, trajectory: int, rig: Rig, participant: str, label: str, generator: np.random.Generator
+    references: pd.DataFrame,
+    trajectory: int,
+    rig: Rig,
+    participant: str,
+    label: str,
+    generator: np.random.Generator,
+    watch: Watch | None = None,
 ) -> pd.DataFrame:
     """Let a participant track a movement, and return what was measured.
 
@@ -65,11 +71,13 @@ def track(
         Names the trial for an operator.
     generator : Generator
         The only source of randomness.
+    watch : callable or None
+        As of `Rig.execute`.
 
     Returns
     -------
     DataFrame
-        The columns of `MEASUREMENT_COLUMNS`.
+        The columns of `RECORDING_COLUMNS`.
 
     Raises
     ------
@@ -77,5 +85,5 @@ def track(
         As `Rig.execute` and `tracked_trial`.
     """
     samples = references[references["trajectory"] == trajectory]
-    recording = rig.execute(tracked_trial(samples, rig, participant, label), generator)
+    recording = rig.execute(tracked_trial(samples, rig, participant, label), generator, watch)
     return pd.DataFrame(tidy(recording, rig))

@@ -5,6 +5,7 @@ Configuration and trials flow in, recordings flow out. Every random number comes
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -15,7 +16,7 @@ from stages.plant.joint import STABLE, quickest_rate
 from stages.plant.participant import Participant, embody, intend, nobody, rest
 from stages.plant.plant import Plant
 from stages.rig.configured import ConfiguredRig
-from stages.rig.contract import Recording, Trial
+from stages.rig.contract import Recording, Trial, Watch
 from stages.rig.limits import Limits, apply_limits, check_limits
 from stages.rig.movement import Movement, move_freely
 from stages.rig.sensors import record
@@ -83,12 +84,13 @@ class SimulatedRig(ConfiguredRig):
     def _lead_samples(self) -> int:
         return round(self.lead_in_s * self.sampling_rate_hz)
 
-    def run(self, trial: Trial, generator: np.random.Generator) -> Recording:
+    def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
         """Simulate one trial."""
-        command = apply_limits(trial.pressure_command_kpa, self.limits, self.exoskeleton.muscles, self.sampling_rate_hz)
+        command, clipped = apply_limits(trial.pressure_command_kpa, self.limits, self.exoskeleton)
         lead = self._lead_samples
         motion = self._move(trial, _hold_first(command, lead), lead, generator)
-        return record(_cut(motion, lead), command, self.exoskeleton, self.plant, generator)
+        recording = record(_cut(motion, lead), command, self.exoskeleton, self.plant, generator)
+        return replace(recording, clipped_by=clipped)
 
     def _move(self, trial: Trial, command: Array, lead: int, generator: np.random.Generator) -> Motion:
         if trial.kind == "passive":

@@ -6,7 +6,7 @@ import pandas as pd
 import pandera.pandas as pa
 import pytest
 
-from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, Rig, RigError, Trial, tidy
+from stages.rig.contract import RECORDING_COLUMNS, Recording, Rig, RigError, Trial, tidy
 
 
 class Bench(Rig):
@@ -41,7 +41,7 @@ class Bench(Rig):
         if self.fault_on_release:
             raise self.fault_on_release
 
-    def run(self, trial, generator):
+    def run(self, trial, generator, watch):
         if self.fault:
             raise self.fault
         per_muscle = np.arange(12.0).reshape(4, 3)
@@ -152,7 +152,7 @@ def test_tidy_is_long_muscle_by_muscle_with_the_muscles_joint(generator):
     with Bench() as bench:
         recording = bench.execute(trial(), generator)
     frame = pd.DataFrame(tidy(recording, bench))
-    assert list(frame.columns) == list(MEASUREMENT_COLUMNS)
+    assert list(frame.columns) == list(RECORDING_COLUMNS)
     assert frame["muscle"].tolist() == ["a"] * 4 + ["b"] * 4 + ["c"] * 4
     assert frame["time_s"].tolist() == [0.0, 0.02, 0.04, 0.06] * 3
     for column, name in enumerate("abc"):
@@ -165,7 +165,7 @@ def test_tidy_is_long_muscle_by_muscle_with_the_muscles_joint(generator):
 def test_the_columns_check_types_and_ranges(generator):
     with Bench() as bench:
         frame = pd.DataFrame(tidy(bench.execute(trial(), generator), bench))
-    schema = pa.DataFrameSchema(MEASUREMENT_COLUMNS, strict=True, ordered=True)
+    schema = pa.DataFrameSchema(RECORDING_COLUMNS, strict=True, ordered=True)
     schema.validate(frame)
     for column, wrong in (("force_n", -1.0), ("pressure_kpa", 2000.0), ("contraction", np.nan)):
         broken = frame.copy()
@@ -175,7 +175,7 @@ def test_the_columns_check_types_and_ranges(generator):
 
 
 def test_every_column_says_its_unit_and_what_it_is():
-    for name, column in MEASUREMENT_COLUMNS.items():
+    for name, column in RECORDING_COLUMNS.items():
         assert column.description
         unit = column.metadata["unit"].lower().replace("/", "_per_").replace("1_per_", "per_")
         assert unit == "1" or name.endswith(unit)

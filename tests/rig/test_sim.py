@@ -6,7 +6,7 @@ import pandera.pandas as pa
 import pytest
 from pydantic import ValidationError
 
-from stages.rig.contract import MEASUREMENT_COLUMNS, RigError, Trial, tidy
+from stages.rig.contract import RECORDING_COLUMNS, RigError, Trial, tidy
 from stages.rig.sim import SimulatedRig
 from stages.signals.pressures import pressure_profiles
 from tests.plant.machines import configured, other_machine, other_rig
@@ -66,7 +66,7 @@ def test_recordings_keep_the_contract():
     rig = configured("rich")
     frame = pd.DataFrame(tidy(free(rig, 3), rig))
     assert len(frame) == 4000
-    pa.DataFrameSchema(MEASUREMENT_COLUMNS, strict=True, ordered=True).validate(frame)
+    pa.DataFrameSchema(RECORDING_COLUMNS, strict=True, ordered=True).validate(frame)
 
 
 def test_sensors_sample_before_the_command_acts():
@@ -190,7 +190,7 @@ def test_other_machines_run_every_kind(muscles_of_joint, plant):
         assert recording.force_n.shape == (250, count)
         assert recording.time_s[-1] == pytest.approx(2.49)
         frame = pd.DataFrame(tidy(recording, rig))
-        pa.DataFrameSchema(MEASUREMENT_COLUMNS).validate(frame)
+        pa.DataFrameSchema(RECORDING_COLUMNS).validate(frame)
 
 
 def test_it_obeys_the_contract_of_all_rigs(generator):
