@@ -116,7 +116,7 @@ def keep_interrupted(path: Path, reason: str) -> Path | None:
 
 def read_journal(path: Path) -> pd.DataFrame:
     """Return the rows of a journal up to its last whole batch, as a process that was killed may have left it."""
-    batches = []
+    batches: list[pyarrow.RecordBatch] = []
     try:
         with path.open("rb") as file, pyarrow.ipc.open_stream(file) as stream:
             batches.extend(iter(stream.read_next_batch, None))

@@ -215,6 +215,7 @@ def active_loop(
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     arms = choose_arms(cfg.active_loop, ctx.rig.real)
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
+    ctx.rig.check_bank(references, "trajectory")
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
     loops = []
     for (participant, experiment), initial in experiments:

@@ -71,14 +71,17 @@ def hardware(
     protocol_commands: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Execute each experiment's initial trials, then those of the protocol."""
+    ctx.rig.check_bank(references, "trajectory")
     passive = split_turns(protocol_commands, ctx.rig.real)
     with ctx.rig as rig, ctx.progress("trials", len(initial_trials) + len(passive)) as advance:
         for row in rows_of(initial_trials):
             key = (row["participant"], row["experiment"], row["position"])
-            ctx.record.part(key, partial(execute_tracked, row, references, rig, ctx.generator(*key), ctx.record.watch(key)))
+            drawn, watch = ctx.generator(*key), ctx.record.watch(key)
+            ctx.record.part(key, partial(execute_tracked, row, references, rig, drawn, watch))
             advance(f"{row['participant']} experiment {row['experiment']}")
         for turn, commands in passive.items():
-            ctx.record.part((NOBODY, *turn), partial(execute_passive, commands, rig, ctx, ctx.record.watch((NOBODY, *turn))))
+            watch = ctx.record.watch((NOBODY, *turn))
+            ctx.record.part((NOBODY, *turn), partial(execute_passive, commands, rig, ctx, watch))
             advance(f"protocol experiment {turn[0]}")
     executed_by = {"rig": [type(rig).__name__], "real": [rig.real], "sampling_rate_hz": [float(rig.sampling_rate_hz)]}
     return {**ctx.record.collect(), EXECUTED_BY.name: pd.DataFrame(executed_by)}

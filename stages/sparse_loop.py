@@ -200,6 +200,7 @@ def sparse_loop(
         return {table.name: pd.DataFrame(columns=list(table.columns)) for table in TABLES}
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     check_movements(section, len(muscles.trajectories), int(initial_trials["position"].max()))
+    ctx.rig.check_bank(references, "trajectory")
     experiments = []
     for (participant, number), initial in initial_trials.groupby(["participant", "experiment"], sort=False):
         if int(str(number)) > section.experiments:

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
+import pandas as pd
 import pandera.pandas as pa
 from numpy.typing import NDArray
 
@@ -137,9 +138,7 @@ class Recording:
         for each in fields(self):
             shape = getattr(self, each.name).shape
             like = self.joint_angle_rad if each.name.startswith("joint") else self.pressure_command_kpa
-            expected = (
-                self.time_s.shape if each.name in ("time_s", "late_s") else (len(self.time_s), like.shape[-1])
-            )
+            expected = self.time_s.shape if each.name in ("time_s", "late_s") else (len(self.time_s), like.shape[-1])
             if shape != expected:
                 raise ValueError(f"recording: expected {each.name} of shape {expected}, got {shape}")
 
@@ -205,6 +204,22 @@ class Rig(ABC):
             When the trial does not fit the rig or asks for what its limits forbid.
         """
         check_trial(trial, self)
+
+    def check_bank(self, samples: pd.DataFrame, by: str) -> None:
+        """Check movements that are to be replayed against the rig's limits, before anything moves.
+
+        Parameters
+        ----------
+        samples : DataFrame
+            Rows of one muscle and time: muscle, time_s, pressure_command_kpa, joint_angle_rad of its joint.
+        by : str
+            Column that numbers the movements.
+
+        Raises
+        ------
+        ValueError
+            Saying which movement passes which limit; a rig without limits on movements raises none.
+        """
 
     def execute(self, trial: Trial, generator: np.random.Generator, watch: Watch | None = None) -> Recording:
         """Execute one trial.

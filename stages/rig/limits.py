@@ -21,11 +21,13 @@ from stages.rig.contract import CLIPPED_BY
 from stages.signals.trajectories import Array
 
 CODES = list(CLIPPED_BY)
-NOTHING, PRESSURE, CO_CONTRACTION, RATE = (
-    CODES.index(name) for name in ("", "pressure", "co_contraction", "rate")
-)
+NOTHING, PRESSURE, CO_CONTRACTION, RATE = (CODES.index(name) for name in ("", "pressure", "co_contraction", "rate"))
 ROUNDING_KPA = 1e-9
 """Difference of two commands that is no clipping, kPa."""
+
+
+SPEED_WINDOW_S = 0.03
+"""Time over which a joint's speed is measured against its limit, s: above an encoder's counts, below a movement."""
 
 
 class PressureLimit(Declared):
@@ -219,8 +221,8 @@ def find_forbidden(
     Parameters
     ----------
     samples : DataFrame
-        Rows of movements that are to be replayed: muscle, time_s, pressure_command_kpa, joint_angle_rad and
-        joint_velocity_rad_per_s (of the muscle's joint).
+        Rows of movements that are to be replayed, each muscle's in the order of time: muscle, time_s,
+        pressure_command_kpa and joint_angle_rad (of the muscle's joint).
     trials : str
         Column that numbers the movements.
     exoskeleton : Exoskeleton
@@ -238,7 +240,7 @@ def find_forbidden(
     for muscle in exoskeleton.muscles:
         rows = samples[samples["muscle"] == muscle.name]
         allowed, joint = limits[muscle.type], guard.joints[muscle.joint]
-        angle, speed = rows["joint_angle_rad"], rows["joint_velocity_rad_per_s"].abs()
+        angle, speed = rows["joint_angle_rad"], _measure_speed(rows, trials, exoskeleton.sampling_rate_hz)
         command = rows["pressure_command_kpa"]
         wrong = {
             f"joint {muscle.joint} at {{:.3g}} rad, permitted {joint.lower_rad} to {joint.upper_rad}": (
@@ -259,3 +261,16 @@ def find_forbidden(
                     f"{trials} {first[trials]} asks for {words.format(values[beyond].iloc[0])}, at "
                     f"{first['time_s']:.2f} s ({found} of {rows[trials].nunique()} ask for such)"
                 )
+
+
+def _measure_speed(rows: pd.DataFrame, trials: str, sampling_rate_hz: float) -> pd.Series:
+    """Return the mean speed over the last `SPEED_WINDOW_S`, rad/s; nothing at the beginning."""
+    steps = speed_samples(sampling_rate_hz)
+    changes = rows.groupby(trials)[["joint_angle_rad", "time_s"]].diff(steps)
+    speed: pd.Series = (changes["joint_angle_rad"] / changes["time_s"]).abs()
+    return speed
+
+
+def speed_samples(sampling_rate_hz: float) -> int:
+    """Return the samples over which a speed is measured."""
+    return max(round(SPEED_WINDOW_S * sampling_rate_hz), 1)

@@ -22,7 +22,7 @@ from stages.rig.contract import MEASUREMENT_COLUMNS, RECORDING_COLUMNS, Recordin
 
 SUFFIXES = (".csv", ".parquet")
 
-PUNCTUAL = {"status": "ok", "clipped_by": "", "late_s": 0.0}
+PUNCTUAL: dict[str, Any] = {"status": "ok", "clipped_by": "", "late_s": 0.0}
 """How samples were taken, of which a file need not tell."""
 
 
@@ -140,7 +140,7 @@ class OperatorRig(ConfiguredRig):
 def _assume_conduct(frame: pd.DataFrame) -> pd.DataFrame:
     """Take samples for punctual, as measured and applied as asked, where the file does not tell."""
     told = frame.assign(**{name: value for name, value in PUNCTUAL.items() if name not in frame})
-    return told.fillna({"clipped_by": ""})
+    return told.assign(clipped_by=told["clipped_by"].astype(object).where(told["clipped_by"].notna(), ""))
 
 
 def name_trial(trial: Trial) -> str:

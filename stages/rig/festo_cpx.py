@@ -1,0 +1,309 @@
+"""The real rig: muscles, load cells and encoders on a Festo CPX-E.
+
+Trials flow in, recordings flow out, sampled at a fixed rate over Modbus. While muscles are under pressure the device's
+own watchdog is armed; whatever ends a trial early lets all of them down in a stated time, or, where the device can no
+longer be reached, leaves that to the watchdog.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import tempfile
+import time
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import pandas as pd
+from filelock import FileLock, Timeout
+from pydantic import Field, PrivateAttr, model_validator
+
+from stages.plant.exoskeleton import Exoskeleton
+from stages.rig.channels import ChannelMap, EncoderPlace, MuscleChannels
+from stages.rig.configured import ConfiguredRig
+from stages.rig.contract import Recording, RigError, Trial, TrialStopped, Watch
+from stages.rig.cpx_link import CpxLink, Device, LinkLost
+from stages.rig.held_signals import Held, hold_signals
+from stages.rig.limits import Guard, Limits, apply_limits, check_limits, find_forbidden
+from stages.rig.logbook import Logbook
+from stages.rig.pacing import Tick, pace
+from stages.rig.supervision import Supervisor
+from stages.signals.filtering import differentiate
+from stages.signals.trajectories import Array
+
+log = logging.getLogger("pamid")
+
+MOST_TOLD = 5
+"""Lines of a refusal that are printed; the others are counted."""
+
+
+class FestoCpx(ConfiguredRig):
+    """A rig on a Festo CPX-E.
+
+    Parameters
+    ----------
+    exoskeleton, participants
+        As of every `ConfiguredRig`; its sampling rate is that of the loop.
+    device : Device
+        Where the CPX-E is and what stands in it.
+    channels : dict of str to MuscleChannels
+        By muscle: where its regulator, pressure sensor and load cell are, and what their counts mean.
+    encoders : dict of str to EncoderPlace
+        By joint.
+    limits : dict of str to PressureLimit
+        What may be commanded, by type of muscle.
+    co_contraction_kpa : dict of str to float
+        By joint: as long as one side is commanded more than this, the other one is not.
+    guard : Guard
+        What ends a trial, and how fast muscles are let down then.
+    lead_in_s : float
+        Time before the trial in which the muscles are filled to its first command, s; not part of the recording.
+
+    Notes
+    -----
+    Sensors are read, then the command of the sample is written, which holds until the next one.
+    """
+
+    real: ClassVar[bool] = True
+
+    device: Device
+    channels: dict[str, MuscleChannels]
+    encoders: dict[str, EncoderPlace]
+    limits: Limits
+    co_contraction_kpa: dict[str, float]
+    guard: Guard
+    lead_in_s: float = Field(ge=0.0, le=60.0)
+    _link: CpxLink | None = PrivateAttr(default=None)
+    _lock: Any = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _check_fit(self) -> Self:
+        check_limits(self.limits, self.exoskeleton.muscles)
+        self.guard.check_against(self.exoskeleton, self.limits)
+        self.map_channels()
+        for joint in self.co_contraction_kpa:
+            if joint not in self.exoskeleton.joint_names:
+                raise ValueError(f"co_contraction_kpa: no joint '{joint}' in exoskeleton.joints")
+        for muscle in self.exoskeleton.muscles:
+            limit = self.limits[muscle.type]
+            rise_s = (limit.high_kpa - limit.low_kpa) / limit.slew_kpa_per_s
+            if rise_s > self.lead_in_s:
+                raise ValueError(
+                    f"lead_in_s: expected at least {rise_s:.3g} s, in which {muscle.name} can be filled to any command "
+                    f"within limits.{muscle.type}.slew_kpa_per_s, got {self.lead_in_s}"
+                )
+        return self
+
+    def map_channels(self) -> ChannelMap:
+        """Return the channels of all muscles and joints."""
+        return ChannelMap(self.exoskeleton, self.device.modules, self.channels, self.encoders)
+
+    def connect(self) -> None:
+        """Take the device for this process alone, check its modules and vent all muscles.
+
+        Raises
+        ------
+        RigError
+            When another process holds it, or it does not answer as it should.
+        """
+        if self._link is not None:
+            return
+        self._lock = _take(self.device)
+        self._link = CpxLink(self.device, self.map_channels())
+        self._link.open()
+        self._connected = True
+
+    def release(self) -> None:
+        """Vent all muscles, let the watchdog rest and give the device back, each being tried."""
+        link, lock = self._link, self._lock
+        self._link = self._lock = None
+        self._connected = False
+        try:
+            if link is not None:
+                _let_go(link)
+        finally:
+            if lock is not None:
+                lock.release()
+
+    def check(self, trial: Trial) -> None:
+        """Check a trial against shapes and limits, before anything moves."""
+        super().check(trial)
+        if trial.reference_rad is not None:
+            self.check_bank(tabulate(trial, self.exoskeleton), "trial")
+
+    def check_bank(self, samples: pd.DataFrame, by: str) -> None:
+        """Refuse movements that ask for what the limits forbid, before anything moves."""
+        lines = list(find_forbidden(samples, by, self.exoskeleton, self.guard, self.limits))
+        if lines:
+            more = f"; and {len(lines) - MOST_TOLD} more" if len(lines) > MOST_TOLD else ""
+            raise ValueError(
+                f"expected movements within the rig's limits: {'; '.join(lines[:MOST_TOLD])}{more}; "
+                "leave them out of the bank or change rig.limits and rig.guard"
+            )
+
+    def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
+        """Execute one trial.
+
+        Raises
+        ------
+        TrialStopped
+            When a limit, a sensor, the link or the loop's pace ended it.
+        """
+        assert self._link is not None
+        lead = self._lead_samples
+        asked = np.concatenate([np.repeat(trial.pressure_command_kpa[:1], lead, axis=0), trial.pressure_command_kpa])
+        start = np.array([self.limits[muscle.type].low_kpa for muscle in self.exoskeleton.muscles])
+        command, clipped = apply_limits(asked, self.limits, self.exoskeleton, self.co_contraction_kpa, start)
+        clipped[:lead] = "ramp"
+        book = Logbook(self.exoskeleton, lead, command, clipped, watch)
+        with hold_signals() as signals:
+            reason = self._conduct(trial, command, book, signals)
+        if reason:
+            raise TrialStopped(self._tell(reason, book))
+        log.info("%s: %s", trial.label or trial.kind, book.measure_pace())
+        return self._record(book)
+
+    @property
+    def _lead_samples(self) -> int:
+        return round(self.lead_in_s * self.sampling_rate_hz)
+
+    def announce(self, trial: Trial) -> None:
+        """Tell whoever shows the trial to the person that it begins, with the lead-in."""
+
+    def _conduct(self, trial: Trial, command: Array, book: Logbook, signals: Held) -> str:
+        """Run the loop, let the muscles down, and return why it ended early; empty where it did not."""
+        link = self._link
+        assert link is not None
+        supervisor = Supervisor(
+            self.exoskeleton, link.channels, self.device.counts, self.guard, moved=trial.kind != "passive"
+        )
+        reason = ""
+        try:
+            link.arm()
+            self.announce(trial)
+            for tick in pace(len(command), 1.0 / self.sampling_rate_hz):
+                reason = signals.name or self._judge_pace(book, tick)
+                if reason:
+                    break
+                sample = supervisor.look(link.read(), book.last_command)
+                reason = sample.breach
+                if not reason:
+                    link.write(command[tick.index])
+                book.note(tick, sample, applied=not reason)
+                if reason:
+                    break
+        except LinkLost as error:
+            reason = f"the device at {link.place} does not answer ({error})"
+        finally:
+            lost = self._let_down(link, supervisor, book)
+        book.close()
+        if reason and lost:
+            reason = f"{reason}, nor could it be reached to let the muscles down: its watchdog does, {lost}"
+        return reason or (f"the muscles could not be let down: the device's watchdog does, {lost}" if lost else "")
+
+    def _judge_pace(self, book: Logbook, tick: Tick) -> str:
+        """Say that the loop slept for so long that the device may have vented meanwhile."""
+        slept_s = (tick.index - book.count) / self.sampling_rate_hz + tick.late_s
+        if book.count and slept_s > 0.5 * self.device.watchdog_s:
+            return f"the loop came {1e3 * slept_s:.0f} ms late (half the watchdog's time is borne)"
+        return ""
+
+    def _let_down(self, link: CpxLink, supervisor: Supervisor, book: Logbook) -> str:
+        """Let all muscles down within the guard's time; say so if the device could not be reached for it."""
+        begun, period_s = time.monotonic(), 1.0 / self.sampling_rate_hz
+        steps = max(round(self.guard.ramp_down_s * self.sampling_rate_hz), 1)
+        first, deadline_s = book.last_command, self.guard.ramp_down_s + RETRY_S
+        problem = ""
+        while (passed_s := time.monotonic() - begun) < deadline_s:
+            share = min((np.floor(passed_s / period_s) + 1) / steps, 1.0)
+            try:
+                link.write((1.0 - share) * first)
+                if share == 1.0:
+                    link.disarm()
+                    return ""
+                book.note_ramp(supervisor.look(link.read(), first), (1.0 - share) * first)
+            except LinkLost as error:
+                problem = str(error)
+                _try_again(link)
+            time.sleep(max(begun + (np.floor(passed_s / period_s) + 1) * period_s - time.monotonic(), 0.0))
+        return f"{self.device.watchdog_s} s after the last request ({problem})"
+
+    def _tell(self, reason: str, book: Logbook) -> str:
+        when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"
+        return (
+            f"{reason}; the trial was stopped {when} and the muscles were let down; find out why before anybody goes on"
+        )
+
+    def _record(self, book: Logbook) -> Recording:
+        """Return what the trial measured, velocities as of every rig."""
+        taken = book.collect()
+        window = self.exoskeleton.velocity_filter
+        velocity = differentiate(taken.angle_rad, self.sampling_rate_hz, window.window_s, window.order)
+        at_zero = np.array([muscle.contraction_at_angle_0 for muscle in self.exoskeleton.muscles])
+        per_rad = np.array([muscle.contraction_per_rad for muscle in self.exoskeleton.muscles])
+        joint = self.exoskeleton.joint_of_muscle
+        return Recording(
+            time_s=taken.time_s,
+            pressure_command_kpa=taken.command_kpa,
+            pressure_kpa=taken.pressure_kpa,
+            contraction=at_zero + per_rad * taken.angle_rad[:, joint],
+            contraction_velocity_per_s=per_rad * velocity[:, joint],
+            force_n=np.maximum(taken.force_n, 0.0),
+            joint_angle_rad=taken.angle_rad,
+            joint_velocity_rad_per_s=velocity,
+            status=taken.status,
+            clipped_by=taken.clipped_by,
+            late_s=taken.late_s,
+        )
+
+
+RETRY_S = 0.6
+"""Time beyond the ramp for which a lost device is tried to be reached, s."""
+
+
+def tabulate(trial: Trial, exoskeleton: Exoskeleton) -> pd.DataFrame:
+    """Return a tracked trial as long rows, one per muscle and time."""
+    assert trial.reference_rad is not None
+    samples = len(trial.pressure_command_kpa)
+    columns = {
+        "trial": trial.label or trial.kind,
+        "time_s": np.tile(np.arange(samples) / exoskeleton.sampling_rate_hz, len(exoskeleton.muscles)),
+        "muscle": np.repeat(exoskeleton.muscle_names, samples),
+        "pressure_command_kpa": trial.pressure_command_kpa.T.ravel(),
+        "joint_angle_rad": trial.reference_rad[:, exoskeleton.joint_of_muscle].T.ravel(),
+    }
+    return pd.DataFrame(columns)
+
+
+def _take(device: Device) -> FileLock:
+    """Take a device for this process alone."""
+    name = f"pamid-{device.host}-{device.port}".replace(":", "_").replace("/", "_")
+    path = os.path.join(tempfile.gettempdir(), f"{name}.lock")
+    lock = FileLock(path)
+    try:
+        lock.acquire(timeout=0.0)
+    except Timeout:
+        raise RigError(
+            f"{device.host}:{device.port} is driven by another process (it holds {path}); wait until that ends, "
+            "and have a sweep run one job at a time: hydra.launcher.n_jobs=1"
+        ) from None
+    return lock
+
+
+def _let_go(link: CpxLink) -> None:
+    """Vent, let the watchdog rest, disconnect; raise the first problem once all was tried."""
+    problems: list[str] = []
+    for attempt in (link.vent, link.disarm):
+        try:
+            attempt()
+        except LinkLost as error:
+            problems.append(str(error))
+    link.close()
+    if problems:
+        raise RigError(f"{link.place} could not be told to vent ({problems[0]}); see that its muscles are without air")
+
+
+def _try_again(link: CpxLink) -> None:
+    with contextlib.suppress(LinkLost):
+        link.reopen()

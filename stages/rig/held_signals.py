@@ -1,0 +1,48 @@
+"""Ctrl-C and SIGTERM while muscles are under pressure: noted at once, acted upon once the muscles are let down.
+
+A signal flows in; its name flows out to whoever asks, and at the end the signal itself, to whom it was for.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+
+NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
+
+
+@dataclass
+class Held:
+    """The signal that arrived, if one did."""
+
+    number: int | None = None
+
+    def note(self, number: int, frame: FrameType | None) -> None:
+        """Note the first one."""
+        self.number = self.number or number
+
+    @property
+    def name(self) -> str | None:
+        """What it is called."""
+        return None if self.number is None else NAMES[signal.Signals(self.number)]
+
+
+@contextmanager
+def hold_signals() -> Iterator[Held]:
+    """Hold both signals back; in another thread than the main one, where none arrives, nothing is done."""
+    held = Held()
+    if threading.current_thread() is not threading.main_thread():
+        yield held
+        return
+    before = {number: signal.signal(number, held.note) for number in NAMES}
+    try:
+        yield held
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if held.number is not None:
+            signal.raise_signal(held.number)

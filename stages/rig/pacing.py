@@ -1,0 +1,98 @@
+"""A loop at a fixed rate.
+
+Ticks flow out when they are due, with how late they are; those that were slept through are skipped, so that what
+follows keeps to the trial's time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.signals.trajectories import Array
+
+
+@dataclass(frozen=True)
+class Tick:
+    """One turn of the loop.
+
+    Parameters
+    ----------
+    index : int
+        Its number; numbers that are left out were missed.
+    late_s : float
+        How much later than due it began, s.
+    """
+
+    index: int
+    late_s: float
+
+
+def pace(count: int, period_s: float) -> Iterator[Tick]:
+    """Yield ticks as they are due: the first at once, the last possible one always.
+
+    Parameters
+    ----------
+    count : int
+        Ticks if none is missed.
+    period_s : float
+        Time from one to the next, s.
+    """
+    begun, index = time.monotonic(), 0
+    while index < count:
+        ahead_s = begun + index * period_s - time.monotonic()
+        if ahead_s > 0.0:
+            time.sleep(ahead_s)
+        late_s = time.monotonic() - begun - index * period_s
+        missed = min(int(late_s / period_s), count - 1 - index)
+        index += missed
+        yield Tick(index, late_s - missed * period_s)
+        index += 1
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How a loop kept its rate.
+
+    Parameters
+    ----------
+    samples : int
+        How many were due.
+    p50_s, p99_s : float
+        Median and 99th percentile of the time from one sample to the next, s.
+    overruns : int
+        Samples that were missed, or taken more than half a period late.
+    """
+
+    samples: int
+    p50_s: float
+    p99_s: float
+    overruns: int
+
+    def __str__(self) -> str:
+        share = 100.0 * self.overruns / self.samples
+        return (
+            f"period p50 {1e3 * self.p50_s:.2f} ms, p99 {1e3 * self.p99_s:.2f} ms, "
+            f"{self.overruns} of {self.samples} samples overrun ({share:.2f} %)"
+        )
+
+
+def measure_pace(time_s: Array, late_s: Array, missed: NDArray[np.bool_]) -> Pace:
+    """Return how a trial's loop kept its rate.
+
+    Parameters
+    ----------
+    time_s, late_s : (T,) ndarray
+        When samples were due, and how much later they were taken, s.
+    missed : (T,) ndarray of bool
+        Samples that were not taken at all.
+    """
+    taken = np.logical_not(missed)
+    periods = np.diff((time_s + late_s)[taken])
+    late = taken & (late_s > 0.5 * (time_s[1] - time_s[0]))
+    p50_s, p99_s = np.percentile(periods, [50.0, 99.0])
+    return Pace(len(time_s), float(p50_s), float(p99_s), int(missed.sum() + late.sum()))
