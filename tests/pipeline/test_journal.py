@@ -1,0 +1,127 @@
+"""What a turn measures outlives the turn that does not land."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.context import Record
+from pipeline.journal import Journal, keep_interrupted, read_journal
+from pipeline.table import Table, column
+
+TABLE = Table("made", "A number", {"number": column(int, "a number")})
+
+
+def rows(first, count=10):
+    return {"time_s": np.arange(first, first + count) / 100.0, "muscle": np.array(["pam1"] * count)}
+
+
+def make_record(folder):
+    return Record(folder / "run" / "parts" / "loop-0123", {"made": TABLE}, lambda: None)
+
+
+def interrupted(folder):
+    return sorted((folder / "run" / "interrupted").glob("*"))
+
+
+def made(number=1):
+    return {"made": pd.DataFrame({"number": [number]})}
+
+
+def test_a_turn_that_lands_leaves_no_journal(tmp_path):
+    record = make_record(tmp_path)
+
+    def make():
+        record.watch((1,))(rows(0))
+        return made()
+
+    record.part((1,), make)
+    assert not (tmp_path / "run" / "interrupted").exists()
+
+
+@pytest.mark.parametrize("error", [ValueError("pam1 at 900 kPa\nmore"), KeyboardInterrupt("Ctrl-C")])
+def test_a_turn_that_fails_leaves_its_rows_with_the_reason(tmp_path, error):
+    record = make_record(tmp_path)
+
+    def make():
+        watch = record.watch(("p1", 2))
+        watch(rows(0))
+        watch(rows(10))
+        raise error
+
+    with pytest.raises(type(error)) as caught:
+        record.part(("p1", 2), make)
+    (kept,) = interrupted(tmp_path)
+    assert kept.name == "loop~p1~2~1.parquet"
+    assert str(kept) in caught.value.__notes__[0]
+    frame = pd.read_parquet(kept)
+    assert frame["time_s"].tolist() == pytest.approx(np.arange(20) / 100.0)
+    assert set(frame["stopped_by"]) == {str(error).split("\n")[0]}
+    with pytest.raises(type(error)):
+        record.part(("p1", 2), make)
+    assert [each.name for each in interrupted(tmp_path)] == ["loop~p1~2~1.parquet", "loop~p1~2~2.parquet"]
+
+
+def test_a_turn_that_measured_nothing_leaves_nothing(tmp_path):
+    with pytest.raises(ZeroDivisionError):
+        make_record(tmp_path).part((1,), lambda: 1 / 0)
+    assert not (tmp_path / "run" / "interrupted").exists()
+
+
+KILLED = """
+import sys, time
+from tests.pipeline.test_journal import make_record, rows
+from pathlib import Path
+record = make_record(Path(sys.argv[1]))
+def make():
+    for turn in range(1000):
+        record.watch((1,))(rows(10 * turn))
+        if turn == 20:
+            print("there", flush=True)
+        time.sleep(0.01)
+record.part((1,), make)
+"""
+
+
+def test_a_killed_process_leaves_what_it_handed_over(tmp_path):
+    process = subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "there\n"
+    time.sleep(0.2)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+    (left,) = interrupted(tmp_path)
+    assert left.suffix == ".arrows"
+    assert len(read_journal(left)) >= 200
+    record = make_record(tmp_path)
+    record.part((1,), made)
+    (kept,) = interrupted(tmp_path)
+    frame = pd.read_parquet(kept)
+    assert frame["time_s"].tolist() == pytest.approx(np.arange(len(frame)) / 100.0)
+    assert len(frame) >= 200
+    assert set(frame["stopped_by"]) == {"the process ended"}
+
+
+@pytest.mark.parametrize("cut", [1, 40, 300])
+def test_a_journal_that_is_cut_is_read_up_to_its_last_whole_batch(tmp_path, cut):
+    journal = Journal(tmp_path / "one.arrows")
+    for turn in range(5):
+        journal(rows(10 * turn))
+    journal.close()
+    content = journal.path.read_bytes()
+    journal.path.write_bytes(content[:-cut])
+    frame = read_journal(journal.path)
+    assert len(frame) in (40, 50)
+    assert frame["time_s"].tolist() == pytest.approx(np.arange(len(frame)) / 100.0)
+
+
+def test_what_is_no_journal_is_none(tmp_path):
+    path = tmp_path / "one.arrows"
+    path.write_bytes(b"not a stream")
+    assert keep_interrupted(path, "why") is None
+    assert not path.exists()
