@@ -1,0 +1,66 @@
+"""Faults that tests ask for, and when they begin and end.
+
+Requests of the control connection flow in; what is wrong now flows out.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+FIELDS = {
+    "cut": {"for_s"},
+    "garbage": {"variant"},
+    "silent": set(),
+    "slow": {"delay_s"},
+    "sensor": {"channel", "mode", "counts"},
+    "overpressure": {"muscle", "kpa"},
+    "overspeed": {"joint", "rad_per_s"},
+}
+VARIANTS = ("random", "length", "transaction", "function")
+
+
+class Faults:
+    """The faults asked for; each begins `after_s` from when it was asked for, and lasts `for_s` or until mended."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._asked: list[dict[str, Any]] = []
+
+    def add(self, asked: Mapping[str, Any]) -> None:
+        """Take a fault.
+
+        Raises
+        ------
+        ValueError
+            For one that is not known.
+        """
+        fault = {key: value for key, value in asked.items() if key != "do"}
+        name = fault.get("name")
+        if name not in FIELDS:
+            raise ValueError(f"no fault '{name}'; there are {', '.join(FIELDS)}")
+        strange = set(fault) - FIELDS[name] - {"name", "after_s", "for_s"}
+        if strange:
+            raise ValueError(f"fault {name} takes {sorted(FIELDS[name])}, not {sorted(strange)}")
+        if name == "garbage" and fault.setdefault("variant", "random") not in VARIANTS:
+            raise ValueError(f"garbage is one of {', '.join(VARIANTS)}, not '{fault['variant']}'")
+        begins = time.monotonic() + (fault.get("after_s") or 0.0)
+        lasts = fault.get("for_s")
+        fault |= {"begins_s": begins, "ends_s": float("inf") if lasts is None else begins + lasts}
+        with self._lock:
+            self._asked.append(fault)
+
+    def mend(self) -> None:
+        """End all faults."""
+        with self._lock:
+            self._asked = []
+
+    def now(self, name: str) -> list[dict[str, Any]]:
+        """Return the faults of a name that are there now."""
+        if not self._asked:
+            return []
+        now = time.monotonic()
+        with self._lock:
+            return [each for each in self._asked if each["name"] == name and each["begins_s"] <= now < each["ends_s"]]

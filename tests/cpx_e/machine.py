@@ -1,0 +1,120 @@
+"""What the emulator emulates: the machine's description, and where its channels lie in registers.
+
+The text of MACHINE.json flows in; a checked machine with its register map flows out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from stages.plant.exoskeleton import Exoskeleton
+from stages.plant.participant import Participant
+from stages.plant.plant import Plant
+from stages.rig.movement import Movement
+
+OUTPUTS_FROM, INPUTS_FROM = 40003, 45395
+WIDTHS = {"EP": (0, 0), "4AO": (4, 5), "4AI": (0, 5), "1CI": (1, 8)}
+"""Registers of each module: out and in; those of the EP stand before the others'."""
+
+
+class Analog(BaseModel):
+    """One channel of an analog module: value = sign * per_count * (count - zero_count)."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    module: int
+    channel: int
+    kpa_per_count: float | None = None
+    n_per_count: float | None = None
+    zero_count: float
+    sign: int
+
+    @property
+    def per_count(self) -> float:
+        return self.kpa_per_count if self.kpa_per_count is not None else float(self.n_per_count or 1.0)
+
+    def to_value(self, count: int) -> float:
+        return self.sign * self.per_count * (count - self.zero_count)
+
+    def to_count(self, value: float) -> int:
+        return int(np.clip(round(self.sign * value / self.per_count + self.zero_count), -32768, 32767))
+
+
+class Counter(BaseModel):
+    """A counter module: angle = sign * rad_per_count * (count - zero_count), of 32 bits."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    module: int
+    rad_per_count: float
+    zero_count: float
+    sign: int
+
+    def to_count(self, value: float) -> int:
+        return round(self.sign * value / self.rad_per_count + self.zero_count) & 0xFFFFFFFF
+
+
+class Channels(BaseModel):
+    """A muscle's channels."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    command: Analog
+    pressure: Analog
+    force: Analog
+
+
+class Device(BaseModel):
+    """The device; what says how a rig uses it is not looked at."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    modules: list[str]
+
+
+class Machine(BaseModel):
+    """The machine, its people and its device; sections beside these are those of other parts."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    exoskeleton: Exoskeleton
+    plant: Plant
+    participants: dict[str, Participant]
+    experimenter: Participant
+    movement: Movement
+    device: Device
+    channels: dict[str, Channels]
+    encoders: dict[str, Counter]
+    seed: int = 0
+    port: int = 0
+
+    @property
+    def first_registers(self) -> list[tuple[int, int]]:
+        """First out and in register of each module, by position."""
+        out, into, found = OUTPUTS_FROM, INPUTS_FROM, []
+        for name in self.device.modules:
+            found.append((out, into))
+            out, into = out + WIDTHS[name][0], into + WIDTHS[name][1]
+        return found
+
+    def commands(self) -> list[tuple[int, Analog]]:
+        """Register and channel of each muscle's command, in the exoskeleton's order."""
+        first = self.first_registers
+        return [(first[each.module][0] + each.channel, each) for each in self._list("command")]
+
+    def sensors(self) -> dict[str, tuple[int, Analog | Counter]]:
+        """Register and channel of every sensor by name: pressures, then forces, then encoders."""
+        first = self.first_registers
+        found: dict[str, tuple[int, Analog | Counter]] = {}
+        for kind in ("pressure", "force"):
+            for name, each in zip(self.exoskeleton.muscle_names, self._list(kind), strict=True):
+                found[f"{name}.{kind}"] = (first[each.module][1] + each.channel, each)
+        for joint in self.exoskeleton.joint_names:
+            found[f"{joint}.encoder"] = (first[self.encoders[joint].module][1], self.encoders[joint])
+        return found
+
+    def _list(self, kind: str) -> list[Any]:
+        return [getattr(self.channels[name], kind) for name in self.exoskeleton.muscle_names]

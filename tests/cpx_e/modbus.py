@@ -1,0 +1,182 @@
+"""Modbus/TCP on sockets: frames in, the device's words out, with faults put into the bytes.
+
+Functions 3, 4, 6, 16, 23 and 43/14; everything else is answered with an exception.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import socket
+import struct
+import threading
+import time
+
+from tests.cpx_e.device import Device, NoSuchRegister
+from tests.cpx_e.faults import Faults
+
+BASIC = [b"Festo", b"CPX-E-EP", b"1.0"]
+REGULAR = [*BASIC, b"http://www.festo.com", b"CPX-E", b"CPX-E-EP emulated"]
+
+
+class Refused(Exception):
+    """A request that is answered with an exception code."""
+
+
+class ModbusServer:
+    """Serves a device to any number of clients.
+
+    Parameters
+    ----------
+    device : Device
+        Whose registers.
+    faults : Faults
+        Those of the connection are put in here.
+    port : int
+        0 for any that is free; `port` tells it then.
+    """
+
+    def __init__(self, device: Device, faults: Faults, port: int):
+        self.device, self.faults = device, faults
+        self.listener: socket.socket | None = _listen(port)
+        self.port: int = self.listener.getsockname()[1]
+        self.clients: set[socket.socket] = set()
+        self.lock = threading.Lock()
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        while True:
+            cut = bool(self.faults.now("cut"))
+            if cut:
+                self._drop_all()
+                time.sleep(0.002)
+                continue
+            if self.listener is None:
+                self.listener = _listen(self.port)
+            try:
+                client, _ = self.listener.accept()
+            except TimeoutError:
+                continue
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            with self.lock:
+                self.clients.add(client)
+            threading.Thread(target=self._serve, args=(client,), daemon=True).start()
+
+    def _drop_all(self) -> None:
+        if self.listener is not None:
+            self.listener.close()
+            self.listener = None
+        with self.lock:
+            clients, self.clients = self.clients, set()
+        for client in clients:
+            with contextlib.suppress(OSError):
+                client.shutdown(socket.SHUT_RDWR)
+            client.close()
+
+    def _serve(self, client: socket.socket) -> None:
+        try:
+            while True:
+                transaction, protocol, length, unit = struct.unpack(">HHHB", _receive(client, 7))
+                if protocol != 0 or not 2 <= length <= 254:
+                    return
+                request = _receive(client, length - 1)
+                if self.faults.now("cut"):
+                    return
+                self.device.note_request()
+                reply = self._spoil(transaction, unit, self._answer(request))
+                if reply is not None:
+                    client.sendall(reply)
+        except OSError:
+            return
+        finally:
+            with self.lock:
+                self.clients.discard(client)
+            client.close()
+
+    def _spoil(self, transaction: int, unit: int, answer: bytes) -> bytes | None:
+        for each in self.faults.now("slow"):
+            time.sleep(each["delay_s"])
+        if self.faults.now("silent"):
+            return None
+        length = len(answer) + 1
+        for each in self.faults.now("garbage"):
+            if each["variant"] == "random":
+                return os.urandom(random.randint(1, 300))
+            if each["variant"] == "length":
+                length += random.choice((-1, 1, 7, 200, 40000))
+            elif each["variant"] == "transaction":
+                transaction = (transaction + random.randint(1, 60000)) & 0xFFFF
+            else:
+                answer = bytes([(answer[0] ^ random.randint(1, 127)) & 0x7F]) + answer[1:]
+        return struct.pack(">HHHB", transaction, 0, length, unit) + answer
+
+    def _answer(self, request: bytes) -> bytes:
+        function = request[0]
+        try:
+            return bytes([function]) + self._perform(function, request[1:])
+        except Refused as refusal:
+            return bytes([function | 0x80, refusal.args[0]])
+        except NoSuchRegister:
+            return bytes([function | 0x80, 2])
+        except (struct.error, IndexError):
+            return bytes([function | 0x80, 3])
+
+    def _perform(self, function: int, body: bytes) -> bytes:
+        if function in (3, 4):
+            return self._read(*struct.unpack(">HH", body))
+        if function == 6:
+            address, word = struct.unpack(">HH", body)
+            self.device.write(address, [word])
+            return body
+        if function == 16:
+            self._write(body)
+            return body[:4]
+        if function == 23:
+            self._write(body[4:])
+            return self._read(*struct.unpack(">HH", body[:4]))
+        if function == 43 and body[0] == 14:
+            return _identify(body[1], body[2])
+        raise Refused(1)
+
+    def _read(self, address: int, count: int) -> bytes:
+        if not 1 <= count <= 125:
+            raise Refused(3)
+        return struct.pack(f">B{count}H", 2 * count, *self.device.read(address, count))
+
+    def _write(self, body: bytes) -> None:
+        address, count, size = struct.unpack(">HHB", body[:5])
+        if not 1 <= count <= 123 or size != 2 * count or len(body) != 5 + size:
+            raise Refused(3)
+        self.device.write(address, list(struct.unpack(f">{count}H", body[5:])))
+
+
+def _identify(wanted: int, first: int) -> bytes:
+    if wanted not in (1, 2, 3, 4):
+        raise Refused(3)
+    known = BASIC if wanted == 1 else REGULAR
+    if first >= len(known):
+        if wanted == 4:
+            raise Refused(2)
+        first = 0
+    shown = [(place, known[place]) for place in range(first, len(known))]
+    if wanted == 4:
+        shown = shown[:1]
+    objects = b"".join(bytes([place, len(text)]) + text for place, text in shown)
+    return bytes([14, wanted, 0x82, 0, 0, len(shown)]) + objects
+
+
+def _listen(port: int) -> socket.socket:
+    listener = socket.create_server(("127.0.0.1", port), reuse_port=False)
+    listener.settimeout(0.01)
+    return listener
+
+
+def _receive(client: socket.socket, size: int) -> bytes:
+    data = b""
+    while len(data) < size:
+        more = client.recv(size - len(data))
+        if not more:
+            raise OSError("closed")
+        data += more
+    return data

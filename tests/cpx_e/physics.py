@@ -1,0 +1,230 @@
+"""The machine and the person behind the device, in real time and in a process of its own.
+
+Commanded pressures flow in through shared memory and announced trials through a pipe; at each of the exoskeleton's
+samples counts of all sensors flow out.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from stages.plant.chain import Chain
+from stages.plant.participant import Intention, embody, intend, nobody, rest
+from stages.rig.movement import move_freely
+from stages.signals.trajectories import Array
+from tests.cpx_e.machine import Machine
+from tests.cpx_e.shared import Shared
+from tests.cpx_e.stepping import Steps
+
+HELD_S = 2.0
+"""History of commands that an idle machine knows; valves settle within it."""
+GLIDE_S = 0.8
+"""Time in which a joint is brought to the middle after a trial."""
+LEAD_SHARE = 0.4
+"""Share of what is held before a trial in which the person takes the first posture."""
+EDGE, NUDGE = 0.2, 0.05
+"""Share of a sample before and after a tick in which no write should fall, and by how much ticks move to avoid it."""
+
+
+class Idle:
+    """Nobody moves; joints stand in the middle, or go there."""
+
+    def __init__(self, machine: Machine, angle_rad: Array, command_kpa: Array):
+        exoskeleton = machine.exoskeleton
+        self.exoskeleton = exoskeleton
+        self.chain = Chain(exoskeleton, machine.plant)
+        middle = _middle(machine)
+        glide = max(round(GLIDE_S * exoskeleton.sampling_rate_hz), 1)
+        left = [angle_rad + (middle - angle_rad) * _ease(k / glide) for k in range(1, glide + 1)]
+        self.way = deque(left if np.abs(middle - angle_rad).max() > 1e-9 else [middle])
+        held = max(round(HELD_S * exoskeleton.sampling_rate_hz), 2)
+        self.command = deque([np.array(command_kpa)], maxlen=held)
+        self.angles = deque([np.array(angle_rad)], maxlen=held)
+        self._sense()
+
+    def step(self, command_kpa: Array) -> None:
+        self.command[-1] = np.array(command_kpa)
+        self.command.append(np.array(command_kpa))
+        self.angles.append(self.way.popleft() if len(self.way) > 1 else self.way[0])
+        self._sense()
+
+    def _sense(self) -> None:
+        constants = self.chain.constants
+        angle = np.array(self.angles)
+        column = np.array(self.exoskeleton.joint_of_muscle)
+        velocity = np.gradient(angle, axis=0) / self.chain.step_s if len(angle) > 1 else np.zeros_like(angle)
+        self.pressure = self.chain.pressurise(np.array(self.command))
+        self.contraction = constants.contraction_at_angle_0 + constants.contraction_per_rad * angle[:, column]
+        self.rate = constants.contraction_per_rad * velocity[:, column]
+        self.force, self.tension = self.chain.pull(self.pressure, self.contraction, self.rate)
+        self.angle = angle[-1]
+
+
+class Moving:
+    """A trial: the person does what was announced, and the machine acts on them."""
+
+    def __init__(self, machine: Machine, trial: dict[str, Any], angle_rad: Array, command_kpa: Array):
+        exoskeleton = machine.exoskeleton
+        lead, samples = int(trial["lead_samples"]), int(trial["samples"])
+        generator = np.random.default_rng(trial.get("seed", 0))
+        start = np.array(angle_rad)
+        if trial["kind"] == "passive":
+            intention, person = rest(exoskeleton, lead + samples), nobody(exoskeleton)
+        else:
+            name = trial["participant"]
+            who = machine.experimenter if name == "experimenter" else machine.participants[name]
+            shown = trial.get("reference_rad")
+            if shown is None:
+                shown = move_freely(machine.movement, exoskeleton, samples, generator)
+            shown = np.asarray(shown, dtype=float)
+            held = np.concatenate([np.repeat(shown[:1], lead, axis=0), shown])
+            intention = intend(who, exoskeleton, held, generator)
+            person = embody(who, exoskeleton)
+            if trial.get("glide", True):
+                intention = _come_from(start, intention, round(LEAD_SHARE * lead), exoskeleton.sampling_rate_hz)
+            start = intention.angle_rad[0]
+        self.steps = Steps(exoskeleton, machine.plant, intention, list(person), start)
+        self.steps.begin(command_kpa)
+
+    def step(self, command_kpa: Array) -> None:
+        if not self.steps.over:
+            self.steps.step(command_kpa)
+
+    @property
+    def over(self) -> bool:
+        return self.steps.over
+
+    def __getattr__(self, name: str) -> Array:
+        found = getattr(self.steps, name)[: self.steps.at + 1]
+        return found[-1] if name == "angle" else found
+
+
+class Physics:
+    """What the sensors show, one sample after another.
+
+    Parameters
+    ----------
+    machine : Machine
+        All of it.
+    """
+
+    def __init__(self, machine: Machine):
+        self.machine = machine
+        self.generator = np.random.default_rng(machine.seed)
+        models = [machine.plant.model_of(muscle) for muscle in machine.exoskeleton.muscles]
+        self.pressure_noise = np.array([each.pressure_noise_kpa for each in models])
+        self.force_noise = np.array([each.force_noise_n for each in models])
+        self.channels = [channel for _, channel in machine.sensors().values()]
+        self.sensed = {effect.signal for effect in Chain(machine.exoskeleton, machine.plant).effects}
+        self.run_rad = np.zeros(len(machine.exoskeleton.joints))
+        self.now: Idle | Moving = Idle(machine, _middle(machine), np.zeros(len(models)))
+        self._forget()
+
+    def announce(self, trial: dict[str, Any], command_kpa: Array) -> None:
+        """Begin a trial."""
+        if trial["do"] == "end":
+            if isinstance(self.now, Moving):
+                self.now = Idle(self.machine, self.now.angle, command_kpa)
+        else:
+            self.now = Moving(self.machine, trial, self.now.angle, command_kpa)
+        self._forget()
+
+    def step(self, command_kpa: Array) -> None:
+        """Go on by one sample."""
+        if isinstance(self.now, Moving) and self.now.over:
+            self.now = Idle(self.machine, self.now.angle, command_kpa)
+            self._forget()
+        self.now.step(command_kpa)
+
+    def show(self, run_rad_per_s: Array) -> list[int]:
+        """Return the counts of all sensors; an encoder that runs away does so at a speed."""
+        chain = self.now.chain if isinstance(self.now, Idle) else self.now.steps.chain
+        pressure, force = self.now.pressure, self.now.force
+        if self.machine.exoskeleton.load_cell_site == "joint_end":
+            force = self.now.tension
+        shape = self.pressure_noise.shape
+        self.noise.append(
+            (
+                self.pressure_noise * self.generator.standard_normal(shape),
+                self.force_noise * self.generator.standard_normal(shape),
+            )
+        )
+        noisy_pressure, noisy_force = self._add_noise(pressure, 0), self._add_noise(force, 1)
+        if "sensed_pressure_kpa" in self.sensed:
+            noisy_pressure = chain.sense_pressure(noisy_pressure)
+        if "sensed_force_n" in self.sensed:
+            shown = chain.sense_force(noisy_force, pressure, self.now.contraction, self.now.rate)
+        else:
+            shown = noisy_force + chain.constants.force_offset_n
+        encoder = self.machine.plant.encoder
+        self.run_rad = np.where(run_rad_per_s == 0.0, 0.0, self.run_rad + run_rad_per_s * chain.step_s)
+        angle = self.now.angle + encoder.noise_rad * self.generator.standard_normal(self.run_rad.shape) + self.run_rad
+        values = [*noisy_pressure[-1], *np.maximum(shown[-1], 0.0), *angle]
+        return [channel.to_count(float(value)) for channel, value in zip(self.channels, values, strict=True)]
+
+    def _forget(self) -> None:
+        self.noise: deque[tuple[Array, Array]] = deque(maxlen=100_000)
+
+    def _add_noise(self, values: Array, kind: int) -> Array:
+        noisy = values.copy()
+        known = [each[kind] for each in self.noise][-len(noisy) :] if self.sensed else [self.noise[-1][kind]]
+        noisy[len(noisy) - len(known) :] += np.array(known)
+        return noisy
+
+
+def run(machine: Machine, shared: Shared, announced: Connection) -> None:
+    """Keep the machine going for ever.
+
+    A tick takes the commands that were held since the last one. Ticks keep away from the instants at which a client
+    writes, so that a loop at the exoskeleton's rate has one tick between any two of its writes.
+    """
+    physics = Physics(machine)
+    step_s = 1.0 / machine.exoskeleton.sampling_rate_hz
+    due = time.monotonic()
+    while True:
+        wait = due - time.monotonic()
+        if announced.poll(max(wait, 0.0)):
+            trial = announced.recv()
+            physics.announce(trial, _command(shared))
+            due = trial["heard_s"]
+            announced.send("ready")
+            shared.publish(physics.show(shared.run_rad_per_s))
+            due += step_s
+            continue
+        begun = time.monotonic()
+        late = min(int((begun - due) / step_s), 10_000)
+        for _ in range(late + 1):
+            physics.step(_command(shared))
+        shared.publish(physics.show(shared.run_rad_per_s))
+        cost = time.monotonic() - begun
+        shared.costs_s[:] = cost, max(cost, shared.costs_s[1]), shared.costs_s[2] + cost
+        age = (begun - shared.written_s[0]) / step_s
+        nudge = NUDGE * step_s if age < EDGE else -NUDGE * step_s if 1.0 - EDGE < age < 1.0 else 0.0
+        due += (late + 1) * step_s + nudge
+
+
+def _command(shared: Shared) -> Array:
+    return np.where(np.isnan(shared.valve_kpa), shared.command_kpa, shared.valve_kpa)
+
+
+def _middle(machine: Machine) -> Array:
+    return np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in machine.exoskeleton.joints])
+
+
+def _ease(share: float) -> float:
+    share = min(share, 1.0)
+    return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+
+
+def _come_from(start_rad: Array, intention: Intention, samples: int, rate: float) -> Intention:
+    """Let a person take the first posture from where the joint is, within some samples."""
+    if samples < 2:
+        return intention
+    left = np.array([1.0 - _ease(k / samples) for k in range(len(intention.angle_rad))])
+    angle = intention.angle_rad + left[:, None] * (start_rad - intention.angle_rad[0])
+    return Intention(angle, np.gradient(angle, 1.0 / rate, axis=0), intention.push_nm)

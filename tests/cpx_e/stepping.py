@@ -1,0 +1,173 @@
+"""The plant one sample after another: the equations of `interact`, solved as commands come.
+
+The command of each sample flows in, the state at the next sample flows out. Valves and effects are evaluated over all
+samples since the trial began; the joints' integrator goes on from where it was. `interact` feeds back what effects do
+to the tension by passes over the trial; here each sample is passed over, beginning with what the sample before had.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from stages.plant.chain import Chain
+from stages.plant.exoskeleton import Exoskeleton
+from stages.plant.interaction import SLOWEST_PER_S
+from stages.plant.joint import _muscle_torque, _passive_torque, _rates, collect_joints
+from stages.plant.participant import Intention, Person
+from stages.plant.plant import Plant
+from stages.signals.trajectories import Array
+
+PASSES = 2
+
+
+@njit(cache=True, error_model="numpy")
+def balance(start, drive, joint, muscles, person):
+    """Return the torque that a person holds at rest; `drive` is (3, m)."""
+    inputs = np.empty((1, 3, muscles.shape[0]))
+    inputs[0] = drive
+    if person.compensation_per_s == 0.0:
+        return 0.0
+    load = _muscle_torque(start, 0.0, inputs, 0, muscles) + _passive_torque(start, 0.0, joint)
+    return min(max(-load, -person.strength_nm), person.strength_nm)
+
+
+@njit(cache=True, error_model="numpy")
+def advance(state, drive, aims, joint, muscles, person, step_s, substeps):
+    """Return angle, velocity and held torque one sample later, by the rule of `stages.plant.joint`.
+
+    `drive` is (2, 3, m), `aims` (2, 3) with angle, velocity and push, both at the sample and the next.
+    """
+    inputs = np.empty((3, 3, muscles.shape[0]))
+    h = step_s / substeps
+    q, w, held = state[0], state[1], state[2]
+    for i in range(substeps):
+        for s in range(3):
+            inputs[s] = drive[0] + (i + 0.5 * s) / substeps * (drive[1] - drive[0])
+        dq, dw, dh = 0.0, 0.0, 0.0
+        sum_q, sum_w, sum_h = 0.0, 0.0, 0.0
+        for stage in range(4):
+            reach = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+            weight = 1.0 if stage == 0 or stage == 3 else 2.0
+            s = (stage + 1) // 2
+            share = (i + 0.5 * s) / substeps
+            aim = aims[0] + share * (aims[1] - aims[0])
+            q_now, w_now, held_now = q + reach * dq, w + reach * dw, held + reach * dh
+            dq = w_now
+            dw, dh = _rates(q_now, w_now, held_now, inputs, s, aim[0], aim[1], aim[2], joint, muscles, person)
+            sum_q += weight * dq
+            sum_w += weight * dw
+            sum_h += weight * dh
+        q += h / 6.0 * sum_q
+        w += h / 6.0 * sum_w
+        held += h / 6.0 * sum_h
+    return np.array([q, w, held])
+
+
+class Steps:
+    """A trial that is simulated as it goes.
+
+    Parameters
+    ----------
+    exoskeleton, plant, intention, person, start_rad
+        As of `interact`; the trial ends with the intention.
+    """
+
+    def __init__(
+        self, exoskeleton: Exoskeleton, plant: Plant, intention: Intention, person: list[Person], start_rad: Array
+    ):
+        self.chain = Chain(exoskeleton, plant)
+        self.joints = collect_joints(exoskeleton, plant)
+        self.of_muscle = np.array(exoskeleton.joint_of_muscle)
+        self.person = person
+        self.step_s = 1.0 / exoskeleton.sampling_rate_hz
+        self.substeps = max(int(np.ceil(self.step_s / plant.integration_step_s - 1e-9)), 1)
+        self.aims = np.stack(intention, axis=1)  # (T, 3, J)
+        samples, muscles = len(self.aims), len(self.of_muscle)
+        constants = self.chain.constants
+        area = constants.area_n_per_kpa * constants.area_factor
+        self.rows = np.stack((area, *constants[1:7], *constants[8:11]), axis=1)
+        self.command = np.zeros((samples, muscles))
+        self.drive = np.zeros((samples, 3, muscles))
+        self.angle, self.velocity = (np.zeros((samples, len(self.joints))) for _ in range(2))
+        self.force, self.tension = (np.zeros((samples, muscles)) for _ in range(2))
+        self.states = np.stack([start_rad, np.zeros_like(start_rad), np.zeros_like(start_rad)], axis=1)
+        self.at = 0
+
+    @property
+    def pressure(self) -> Array:
+        return self.drive[:, 0]
+
+    @property
+    def contraction(self) -> Array:
+        constants = self.chain.constants
+        return constants.contraction_at_angle_0 + constants.contraction_per_rad * self.angle[:, self.of_muscle]
+
+    @property
+    def rate(self) -> Array:
+        return self.chain.constants.contraction_per_rad * self.velocity[:, self.of_muscle]
+
+    @property
+    def over(self) -> bool:
+        """Whether the last sample is there."""
+        return self.at + 1 >= len(self.aims)
+
+    def begin(self, command_kpa: Array) -> None:
+        """Set the first sample: muscles filled to a command, joints at rest, the person in balance."""
+        self.command[0] = command_kpa
+        self.drive[0, 0] = self.chain.pressurise(self.command[:1])[0]
+        self._settle(0, self.states)
+        for j in range(len(self.joints)):
+            on = self.of_muscle == j
+            drive = np.ascontiguousarray(self.drive[0][:, on])
+            rows = np.ascontiguousarray(self.rows[on])
+            self.states[j, 2] = balance(self.states[j, 0], drive, self.joints[j], rows, self.person[j])
+
+    def step(self, command_kpa: Array) -> None:
+        """Go on by one sample, over which a command was held."""
+        now, after = self.at, self.at + 1
+        self.command[now] = command_kpa
+        self.command[after] = command_kpa
+        self.drive[after, 0] = self.chain.pressurise(self.command[: after + 1])[after]
+        self.drive[after, 1:] = self.drive[now, 1:]
+        for _ in range(PASSES if self.chain.bends_force else 1):
+            states = self._advance(now)
+            self._settle(after, states)
+        self.states = states
+        self.at = after
+
+    def _advance(self, now: int) -> Array:
+        found = np.empty_like(self.states)
+        for j in range(len(self.joints)):
+            on = self.of_muscle == j
+            found[j] = advance(
+                self.states[j],
+                np.ascontiguousarray(self.drive[now : now + 2][:, :, on]),
+                np.ascontiguousarray(self.aims[now : now + 2, :, j]),
+                self.joints[j],
+                np.ascontiguousarray(self.rows[on]),
+                self.person[j],
+                self.step_s,
+                self.substeps,
+            )
+        return found
+
+    def _settle(self, at: int, states: Array) -> None:
+        """Note a sample's motion, its tensions, and what effects do to them, as `split_deviation` splits it."""
+        self.angle[at], self.velocity[at] = states[:, 0], states[:, 1]
+        upto = slice(0, at + 1)
+        contraction, rate = self.contraction[upto], self.rate[upto]
+        pressure = self.pressure[upto]
+        if not self.chain.bends_force:
+            force, tension = self.chain.pull(pressure, contraction, rate)
+            self.force[at], self.tension[at] = force[at], tension[at]
+            return
+        moving = np.copysign(np.maximum(np.abs(rate), SLOWEST_PER_S), rate)
+        rates = np.stack([rate, moving, np.zeros_like(rate)], axis=1)
+        copies = [np.repeat(each[:, None], 3, axis=1) for each in (pressure, contraction)]
+        force, tension = self.chain.pull(*copies, rates)
+        self.force[at], self.tension[at] = force[at, 0], tension[at, 0]
+        last = [each[at : at + 1] for each in (*copies, rates)]
+        shown, moved, still = tension[at] - self.chain.pull_nominally(*last)[0]
+        drag = np.maximum((still - moved) / moving[at], 0.0)
+        self.drive[at, 1], self.drive[at, 2] = shown + drag * rate[at], drag

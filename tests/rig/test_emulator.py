@@ -1,0 +1,285 @@
+"""The emulated CPX-E answers the vendor's library as the device would, and its faults are what they say."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from stages.rig.contract import Trial
+from stages.rig.sim import SimulatedRig
+from tests.cpx_e.described import describe
+from tests.cpx_e.emulator import ROOT, Emulator
+from tests.plant.machines import configured
+
+pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
+from cpx_io.cpx_system.cpx_e.cpx_e import CpxE
+from cpx_io.cpx_system.cpx_e.e1ci import CpxE1Ci
+from cpx_io.cpx_system.cpx_e.e4aiui import CpxE4AiUI
+from cpx_io.cpx_system.cpx_e.e4aoui import CpxE4AoUI
+from cpx_io.cpx_system.cpx_e.eep import CpxEEp
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+
+MADE = {"EP": CpxEEp, "4AO": CpxE4AoUI, "4AI": CpxE4AiUI, "1CI": CpxE1Ci}
+
+
+class Connected:
+    """The vendor's library on an emulator's port."""
+
+    def __init__(self, emulator, timeout=0.1):
+        self.cpx = CpxE(modules=[])
+        self.cpx.client = ModbusTcpClient("127.0.0.1", port=emulator.port, timeout=timeout, retries=0)
+        assert self.cpx.client.connect()
+        self.modules = [self.cpx.add_module(MADE[name]()) for name in emulator.machine["device"]["modules"]]
+        self.outputs, self.pressures, self.forces = self.modules[1:4]
+        self.encoders = self.modules[4:]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.cpx.shutdown()
+
+
+def wait_until(holds, within_s=1.0):
+    end = time.monotonic() + within_s
+    while not holds():
+        assert time.monotonic() < end, "did not happen in time"
+        time.sleep(0.002)
+
+
+@pytest.fixture(scope="module")
+def running():
+    with Emulator(describe()) as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def emulator(running):
+    yield running
+    running.mend()
+    running.end()
+    with Connected(running) as device:
+        device.cpx.set_timeout(0)
+        device.outputs.write_channels([0] * 4)
+
+
+@pytest.fixture
+def device(emulator):
+    with Connected(emulator) as connected:
+        yield connected
+
+
+def test_it_has_the_modules_of_its_description(device):
+    assert device.cpx.module_count() == 6
+    assert device.cpx.read_status() == (False, False)
+    assert not any(device.cpx.read_fault_detection())
+    assert device.cpx.read_device_info()["vendor_name"] == "Festo"
+
+
+def test_outputs_are_read_back_and_fill_the_muscles(emulator, device):
+    device.outputs.write_channels([1000, 2000, 3000, 4000])
+    assert device.outputs.read_channels() == [1000, 2000, 3000, 4000]
+    device.outputs[1] = 2500
+    assert device.outputs.read_channels() == [1000, 2500, 3000, 4000]
+    assert emulator.state()["outputs_kpa"] == pytest.approx([40, 100, 120, 160])
+    time.sleep(0.5)
+    assert 0.04 * np.array(device.pressures.read_channels()) == pytest.approx([40, 100, 120, 160], abs=2.5)
+    assert min(device.forces.read_channels()) >= 0
+
+
+def test_parameters_are_remembered(device):
+    device.outputs.configure_channel_range(0, 1)
+    device.outputs.configure_channel_range(1, 2)
+    assert device.cpx.read_function_number(4828 + 64 + 11) == 0x21
+    device.pressures.configure_channel_limits(2, upper=30000, lower=-5)
+    assert device.cpx.read_function_number(4828 + 2 * 64 + 17 + 4) == 0xFB
+    device.encoders[0].configure_signal_evaluation(2)
+
+
+def test_counters_show_the_joint_and_can_be_set(device):
+    joint = configured().exoskeleton.joints[0]
+    middle = 0.5 * (joint.lower_rad + joint.upper_rad)
+    counter = device.encoders[0]
+    assert 0.000628 * counter.read_value() == pytest.approx(middle, abs=0.003)
+    counter.configure_load_value(5)
+    counter.write_process_data(set_counter=True)
+    shown = (counter.read_value() + 2**31) % 2**32 - 2**31
+    assert shown == pytest.approx(5, abs=4)
+    assert counter.read_status_word().counter_set
+    counter.write_process_data(set_counter=False)
+    counter.configure_load_value(round(middle / 0.000628))
+    counter.write_process_data(set_counter=True)
+    counter.write_process_data(set_counter=False)
+
+
+def test_addresses_that_are_not_there_are_refused(device):
+    client = device.cpx.client
+    assert client.read_holding_registers(45366, count=1).exception_code == 2
+    assert client.write_registers(45391, [1]).exception_code == 2
+    assert client.read_coils(0, count=1).exception_code == 1
+    both = client.readwrite_registers(read_address=45395, read_count=4, write_address=40003, values=[7, 8, 9, 10])
+    assert both.registers == [7, 8, 9, 10]
+
+
+def test_watchdog_vents_in_time_and_not_before(emulator, device):
+    device.cpx.set_timeout(200)
+    for _ in range(10):
+        device.outputs.write_channels([2500] * 4)
+        time.sleep(0.05)
+    assert emulator.state()["vented_at_s"] is None
+    device.outputs.write_channels([2500] * 4)
+    last = emulator.state()["last_request_at_s"]
+    before = emulator.state()["watchdog_count"]
+    wait_until(lambda: emulator.state()["watchdog_count"] > before)
+    state = emulator.state()
+    assert 0.2 < state["watchdog_fired_at_s"] - last < 0.25
+    assert state["vented_at_s"] == state["watchdog_fired_at_s"]
+    assert state["outputs_kpa"] == [0.0] * 4
+    assert device.outputs.read_channels() == [0] * 4
+
+
+def test_watchdog_counts_over_a_freeze(emulator, device):
+    device.cpx.set_timeout(200)
+    device.outputs.write_channels([2500] * 4)
+    before = emulator.state()["watchdog_count"]
+    emulator.freeze()
+    time.sleep(0.3)
+    emulator.thaw()
+    assert device.outputs.read_channels() == [0] * 4
+    assert emulator.state()["watchdog_count"] == before + 1
+
+
+def play(emulator, device, command, announce):
+    """Write a command at the machine's rate and return what is read before each write."""
+    counts = np.round(command / 0.04).astype(int).tolist()
+    device.outputs.write_channels(counts[0])
+    time.sleep(0.3)
+    step_s = 1.0 / emulator.machine["exoskeleton"]["sampling_rate_hz"]
+    started = announce()
+    read = []
+    for k, each in enumerate(counts):
+        time.sleep(max(started + (k + 0.5) * step_s - time.monotonic(), 0.0))
+        client = device.cpx.client
+        words = client.readwrite_registers(read_address=45395, read_count=31, write_address=40003, values=each)
+        read.append(words.registers)
+    values = np.array(read, dtype=float)
+    return 0.04 * values[:, 5:9], 0.2 * values[:, 10:14], 0.000628 * values[:, [15, 23]]
+
+
+def simulated(kind, who, command, reference=None):
+    told = configured().model_dump()
+    told["exoskeleton"] |= {"sampling_rate_hz": 100.0, "trial_s": len(command) / 100.0}
+    rig = SimulatedRig.model_validate(told | {"lead_in_s": 0.0})
+    with rig:
+        return rig.execute(Trial(kind, who, command, reference), np.random.default_rng(0))
+
+
+def test_passive_trial_goes_as_in_simulation(emulator, device):
+    command = np.full((150, 4), 100.0)
+    command[30:80] += [20.0, 60.0, 10.0, 30.0]
+    pressure, force, angle = play(emulator, device, command, lambda: emulator.trial("passive", "nobody", 150))
+    expected = simulated("passive", "nobody", command)
+    assert (pressure - expected.pressure_kpa).std(axis=0) == pytest.approx(0.4 * 2**0.5, rel=0.25)
+    assert np.abs(pressure - expected.pressure_kpa).max() < 3.0
+    assert np.abs(angle - expected.joint_angle_rad).max() < 0.005
+    assert np.sqrt(((force - expected.force_n) ** 2).mean(axis=0)).max() < 4.5
+
+
+def test_cut_drops_clients_and_refuses_new_ones(emulator, device):
+    emulator.fault("cut", for_s=0.2)
+    wait_until(lambda: emulator.state()["clients"] == 0)
+    with pytest.raises(ConnectionAbortedError):
+        device.pressures.read_channels()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", emulator.port), timeout=0.1)
+    time.sleep(0.25)
+    with Connected(emulator) as again:
+        assert again.cpx.module_count() == 6
+
+
+@pytest.mark.parametrize("variant", ["random", "length", "transaction", "function"])
+def test_garbage_is_never_taken_for_values(emulator, device, variant):
+    emulator.fault("garbage", variant=variant)
+    for _ in range(3):
+        try:
+            answer = device.cpx.client.read_holding_registers(45400, count=4)
+        except ModbusException:
+            device.cpx.client.connect()
+            continue
+        assert answer.isError() or len(answer.registers) != 4 or variant in ("random", "length")
+    emulator.mend()
+
+
+def test_silent_and_slow(emulator, device):
+    emulator.fault("silent", for_s=0.15)
+    before = emulator.state()["messages"]
+    with pytest.raises(ModbusException):
+        device.pressures.read_channels()
+    assert emulator.state()["messages"] == before + 1
+    time.sleep(0.1)
+    device.cpx.client.connect()
+    emulator.fault("slow", delay_s=0.05)
+    begun = time.monotonic()
+    device.pressures.read_channels()
+    assert 0.05 < time.monotonic() - begun < 0.1
+
+
+def test_sensor_faults(emulator, device):
+    device.outputs.write_channels([2500] * 4)
+    emulator.fault("sensor", channel="pam1.pressure", mode="frozen")
+    emulator.fault("sensor", channel="pam2.force", mode="counts", counts=-32768)
+    emulator.fault("sensor", channel="SFE.encoder", mode="counts", counts=123456, after_s=0.05)
+    time.sleep(0.02)
+    seen = [(device.pressures[0], device.pressures[1], device.forces[1]) for _ in range(20) if not time.sleep(0.01)]
+    assert len({each[0] for each in seen}) == 1
+    assert len({each[1] for each in seen}) > 5
+    assert {each[2] for each in seen} == {-32768}
+    assert device.encoders[0].read_value() == 123456
+    emulator.mend()
+    assert device.encoders[0].read_value() != 123456
+
+
+def test_overpressure_and_overspeed(emulator, device):
+    emulator.fault("overpressure", muscle="pam3", kpa=400.0)
+    emulator.fault("overspeed", joint="EFE", rad_per_s=5.0)
+    first = device.encoders[1].read_value()
+    time.sleep(0.4)
+    assert 0.04 * device.pressures[2] == pytest.approx(400.0, abs=5.0)
+    assert 0.000628 * (device.encoders[1].read_value() - first) == pytest.approx(2.0, abs=0.3)
+    assert emulator.state()["outputs_kpa"] == [0.0] * 4
+
+
+def test_strange_requests_are_answered_with_an_error(emulator):
+    with pytest.raises(RuntimeError, match="no fault 'fire'"):
+        emulator.fault("fire")
+    with pytest.raises(RuntimeError, match="reference_rad"):
+        emulator.trial("tracked", "p1", 100)
+
+
+def processes_of(group):
+    told = subprocess.run(["ps", "-eo", "pgid="], capture_output=True, text=True, check=True)
+    return told.stdout.split().count(str(group))
+
+
+def test_nothing_is_left_behind():
+    with Emulator(describe()) as emulator:
+        group = emulator.pid
+        assert processes_of(group) == 2
+        emulator.freeze()
+    wait_until(lambda: processes_of(group) == 0)
+
+
+def test_it_ends_with_its_stdin(tmp_path):
+    path = tmp_path / "machine.json"
+    path.write_text(json.dumps(describe()))
+    command = [sys.executable, "-m", "tests.cpx_e", str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT, env=os.environ) as server:
+        assert set(json.loads(server.stdout.readline())) == {"port", "control"}
+        server.stdin.close()
+        assert server.wait(timeout=5) == 0
