@@ -53,7 +53,19 @@ class RigError(RuntimeError):
 
 
 class TrialStopped(RigError):
-    """A trial was stopped before its end, and the muscles were let down as far as the machine could be reached."""
+    """A trial was stopped before its end, and the muscles were let down as far as the machine could be reached.
+
+    Parameters
+    ----------
+    message : str
+        Why, and what to do.
+    noticed_at_s : float
+        When the reason was noticed, by the monotonic clock, s.
+    """
+
+    def __init__(self, message: str, noticed_at_s: float):
+        super().__init__(message)
+        self.noticed_at_s = noticed_at_s
 
 
 @dataclass(frozen=True, eq=False)

@@ -109,10 +109,14 @@ class FestoCpx(ConfiguredRig):
         """
         if self._link is not None:
             return
-        self._lock = _take(self.device)
-        self._link = CpxLink(self.device, self.map_channels())
-        self._link.open()
-        self._connected = True
+        lock, link = _take(self.device), CpxLink(self.device, self.map_channels())
+        try:
+            link.open()
+        except BaseException:
+            link.close()
+            lock.release()
+            raise
+        self._lock, self._link, self._connected = lock, link, True
 
     def release(self) -> None:
         """Vent all muscles, let the watchdog rest and give the device back, each being tried."""
@@ -160,7 +164,7 @@ class FestoCpx(ConfiguredRig):
         with hold_signals() as signals:
             reason = self._conduct(trial, command, book, signals)
         if reason:
-            raise TrialStopped(self._tell(reason, book))
+            raise TrialStopped(self._tell(reason, book), book.noticed_at_s)
         log.info("%s: %s", trial.label or trial.kind, book.measure_pace())
         return self._record(book)
 
@@ -196,6 +200,7 @@ class FestoCpx(ConfiguredRig):
         except LinkLost as error:
             reason = f"the device at {link.place} does not answer ({error})"
         finally:
+            book.noticed_at_s = time.monotonic()
             lost = self._let_down(link, supervisor, book)
         book.close()
         if reason and lost:

@@ -67,6 +67,7 @@ class Logbook:
         self.last_command: Array = np.zeros(command_kpa.shape[1])
         self._rows: list[dict[str, Any]] = []
         self._handed_over = 0
+        self.noticed_at_s = 0.0
 
     @property
     def time_s(self) -> float:

@@ -37,6 +37,7 @@ class Emulator:
     def __init__(self, machine: Mapping[str, Any]):
         self.machine = dict(machine)
         self.port = 0
+        self.control_port = 0
         self._process: subprocess.Popen[str] | None = None
         self._control: socket.socket | None = None
         self._lines: Any = None
@@ -57,8 +58,8 @@ class Emulator:
             )
             try:
                 ports = self._await_ports()
-                self.port = ports["port"]
-                self._control = socket.create_connection(("127.0.0.1", ports["control"]), timeout=REPLY_S)
+                self.port, self.control_port = ports["port"], ports["control"]
+                self._control = socket.create_connection(("127.0.0.1", self.control_port), timeout=REPLY_S)
                 self._lines = self._control.makefile("rw")
             except BaseException:
                 self.kill()
