@@ -23,6 +23,7 @@ from typing import Any, Self
 ROOT = Path(__file__).resolve().parents[2]
 START_S = 60.0
 REPLY_S = 5.0
+END_S = 2.0
 
 
 class Emulator:
@@ -68,7 +69,7 @@ class Emulator:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.kill()
+        self.close()
 
     @property
     def pid(self) -> int:
@@ -141,6 +142,19 @@ class Emulator:
     def thaw(self) -> None:
         """Let it go on."""
         os.killpg(self.pid, signal.SIGCONT)
+
+    def close(self) -> None:
+        """End it as it ends by itself, when nobody is there any more; kill what has not ended in a while."""
+        if self._process is None:
+            return
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        with contextlib.suppress(ProcessLookupError):
+            self.thaw()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_S)
+        self.kill()
 
     def kill(self) -> None:
         """Kill the whole process group, frozen or not, and wait for it."""
