@@ -108,7 +108,6 @@ class Emulator:
         lead_samples: int = 0,
         reference_rad: Sequence[Sequence[float]] | None = None,
         seed: int = 0,
-        glide: bool = True,
     ) -> float:
         """Announce a trial; returns when it began, by the monotonic clock, s."""
         started: float = self.ask(
@@ -119,7 +118,6 @@ class Emulator:
             lead_samples=lead_samples,
             reference_rad=reference_rad,
             seed=seed,
-            glide=glide,
         )["started_s"]
         return started
 

@@ -169,7 +169,8 @@ def play(emulator, device, command, announce):
         words = client.readwrite_registers(read_address=45395, read_count=31, write_address=40003, values=each)
         read.append(words.registers)
     values = np.array(read, dtype=float)
-    return 0.04 * values[:, 5:9], 0.2 * values[:, 10:14], 0.000628 * values[:, [15, 23]]
+    signed = (values + 32768.0) % 65536.0 - 32768.0
+    return 0.04 * signed[:, 5:9], 0.2 * signed[:, 10:14], 0.000628 * signed[:, [15, 23]]
 
 
 def simulated(kind, who, command, reference=None):
