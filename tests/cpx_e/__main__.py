@@ -5,10 +5,13 @@ from __future__ import annotations
 import ctypes
 import json
 import multiprocessing
+import multiprocessing.connection
 import os
 import signal
 import sys
+import threading
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from tests.cpx_e.control import Control
@@ -20,6 +23,7 @@ from tests.cpx_e.physics import Physics, run
 from tests.cpx_e.shared import Shared
 
 DIE_WITH_PARENT = 1
+ENDING = threading.Event()
 
 
 def _run(machine: Machine, shared: Shared, announced: Connection) -> None:
@@ -39,6 +43,19 @@ def _warm(machine: Machine, shared: Shared) -> list[int]:
     return Physics(machine).show(shared.run_rad_per_s)
 
 
+def _end_with(plant: BaseProcess) -> None:
+    multiprocessing.connection.wait([plant.sentinel])
+    if not ENDING.is_set():
+        os._exit(1)
+
+
+def _stop(plant: BaseProcess) -> int:
+    ENDING.set()
+    plant.kill()
+    plant.join()
+    return 0
+
+
 def main(path: str) -> None:
     """Serve the machine that a file describes."""
     machine = Machine.model_validate(json.loads(Path(path).read_text()))
@@ -46,15 +63,18 @@ def main(path: str) -> None:
     shared.publish(_warm(machine, shared))
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe()
-    context.Process(target=_run, args=(machine, shared, theirs), daemon=True).start()
-    faults = Faults()
+    plant = context.Process(target=_run, args=(machine, shared, theirs), daemon=True)
+    plant.start()
+    faults = Faults(machine)
     device = Device(machine, shared, faults)
     server = ModbusServer(device, faults, machine.port)
     control = Control(device, server, faults, shared, ours)
     sys.setswitchinterval(0.0005)
     print(json.dumps({"port": server.port, "control": control.port}), flush=True)
+    threading.Thread(target=_end_with, args=(plant,), daemon=True).start()
     while os.read(0, 4096):
         pass
+    os._exit(_stop(plant))
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from typing import Any, Self
 ROOT = Path(__file__).resolve().parents[2]
 START_S = 60.0
 REPLY_S = 5.0
+END_S = 2.0
 
 
 class Emulator:
@@ -69,7 +70,7 @@ class Emulator:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.kill()
+        self.close()
 
     @property
     def pid(self) -> int:
@@ -108,7 +109,6 @@ class Emulator:
         lead_samples: int = 0,
         reference_rad: Sequence[Sequence[float]] | None = None,
         seed: int = 0,
-        glide: bool = True,
     ) -> float:
         """Announce a trial; returns when it began, by the monotonic clock, s."""
         started: float = self.ask(
@@ -119,7 +119,6 @@ class Emulator:
             lead_samples=lead_samples,
             reference_rad=reference_rad,
             seed=seed,
-            glide=glide,
         )["started_s"]
         return started
 
@@ -142,6 +141,19 @@ class Emulator:
     def thaw(self) -> None:
         """Let it go on."""
         os.killpg(self.pid, signal.SIGCONT)
+
+    def close(self) -> None:
+        """End it as it ends by itself, when nobody is there any more; kill what has not ended in a while."""
+        if self._process is None:
+            return
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        with contextlib.suppress(ProcessLookupError):
+            self.thaw()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_S)
+        self.kill()
 
     def kill(self) -> None:
         """Kill the whole process group, frozen or not, and wait for it."""

@@ -10,8 +10,10 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from tests.cpx_e.machine import Machine
+
 FIELDS = {
-    "cut": {"for_s"},
+    "cut": set(),
     "garbage": {"variant"},
     "silent": set(),
     "slow": {"delay_s"},
@@ -23,9 +25,22 @@ VARIANTS = ("random", "length", "transaction", "function")
 
 
 class Faults:
-    """The faults asked for; each begins `after_s` from when it was asked for, and lasts `for_s` or until mended."""
+    """The faults asked for; each begins `after_s` from when it was asked for, and lasts `for_s` or until mended.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    machine : Machine
+        Whose channels, muscles and joints can be named.
+    """
+
+    def __init__(self, machine: Machine):
+        self._known = {
+            "channel": list(machine.sensors()),
+            "muscle": machine.exoskeleton.muscle_names,
+            "joint": machine.exoskeleton.joint_names,
+            "mode": ["frozen", "counts"],
+            "variant": VARIANTS,
+        }
         self._lock = threading.Lock()
         self._asked: list[dict[str, Any]] = []
 
@@ -35,17 +50,22 @@ class Faults:
         Raises
         ------
         ValueError
-            For one that is not known.
+            For one that is not known, lacks something or has too much.
         """
         fault = {key: value for key, value in asked.items() if key != "do"}
         name = fault.get("name")
         if name not in FIELDS:
             raise ValueError(f"no fault '{name}'; there are {', '.join(FIELDS)}")
-        strange = set(fault) - FIELDS[name] - {"name", "after_s", "for_s"}
-        if strange:
-            raise ValueError(f"fault {name} takes {sorted(FIELDS[name])}, not {sorted(strange)}")
-        if name == "garbage" and fault.setdefault("variant", "random") not in VARIANTS:
-            raise ValueError(f"garbage is one of {', '.join(VARIANTS)}, not '{fault['variant']}'")
+        if name == "garbage":
+            fault.setdefault("variant", "random")
+        if fault.get("mode") == "frozen":
+            fault.setdefault("counts", None)
+        given = set(fault) - {"name", "after_s", "for_s"}
+        if given != FIELDS[name]:
+            raise ValueError(f"fault {name} takes {sorted(FIELDS[name])}, not {sorted(given)}")
+        for key, known in self._known.items():
+            if key in fault and fault[key] not in known:
+                raise ValueError(f"{key}: expected one of {', '.join(known)}, got '{fault[key]}'")
         begins = time.monotonic() + (fault.get("after_s") or 0.0)
         lasts = fault.get("for_s")
         fault |= {"begins_s": begins, "ends_s": float("inf") if lasts is None else begins + lasts}

@@ -6,7 +6,6 @@ Functions 3, 4, 6, 16, 23 and 43/14; everything else is answered with an excepti
 from __future__ import annotations
 
 import contextlib
-import os
 import random
 import socket
 import struct
@@ -43,6 +42,7 @@ class ModbusServer:
         self.port: int = self.listener.getsockname()[1]
         self.clients: set[socket.socket] = set()
         self.lock = threading.Lock()
+        self.chance = random.Random(device.machine.seed)
         threading.Thread(target=self._accept, daemon=True).start()
 
     def _accept(self) -> None:
@@ -102,13 +102,13 @@ class ModbusServer:
         length = len(answer) + 1
         for each in self.faults.now("garbage"):
             if each["variant"] == "random":
-                return os.urandom(random.randint(1, 300))
+                return self.chance.randbytes(self.chance.randint(1, 300))
             if each["variant"] == "length":
-                length += random.choice((-1, 1, 7, 200, 40000))
+                length += self.chance.choice((-1, 1, 7, 200, 40000))
             elif each["variant"] == "transaction":
-                transaction = (transaction + random.randint(1, 60000)) & 0xFFFF
+                transaction = (transaction + self.chance.randint(1, 60000)) & 0xFFFF
             else:
-                answer = bytes([(answer[0] ^ random.randint(1, 127)) & 0x7F]) + answer[1:]
+                answer = bytes([(answer[0] ^ self.chance.randint(1, 127)) & 0x7F]) + answer[1:]
         return struct.pack(">HHHB", transaction, 0, length, unit) + answer
 
     def _answer(self, request: bytes) -> bytes:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from stages.plant.chain import Chain
-from stages.plant.participant import Intention, embody, intend, nobody, rest
+from stages.plant.participant import embody, intend, nobody, rest
 from stages.rig.movement import move_freely
 from stages.signals.trajectories import Array
 from tests.cpx_e.machine import Machine
@@ -26,7 +26,7 @@ HELD_S = 2.0
 GLIDE_S = 0.8
 """Time in which a joint is brought to the middle after a trial."""
 LEAD_SHARE = 0.4
-"""Share of what is held before a trial in which the person takes the first posture."""
+"""Share of what is held before a trial in which encoders are shown on the way to the first posture."""
 EDGE, NUDGE = 0.2, 0.05
 """Share of a sample before and after a tick in which no write should fall, and by how much ticks move to avoid it."""
 
@@ -66,13 +66,17 @@ class Idle:
 
 
 class Moving:
-    """A trial: the person does what was announced, and the machine acts on them."""
+    """A trial: the person does what was announced, and the machine acts on them.
+
+    As in `SimulatedRig`, it begins at rest in the first posture, with muscles settled there. Encoders do not jump to
+    it: over the first part of what is held before the trial they are shown on the way there.
+    """
 
     def __init__(self, machine: Machine, trial: dict[str, Any], angle_rad: Array, command_kpa: Array):
         exoskeleton = machine.exoskeleton
         lead, samples = int(trial["lead_samples"]), int(trial["samples"])
         generator = np.random.default_rng(trial.get("seed", 0))
-        start = np.array(angle_rad)
+        start = _middle(machine)
         if trial["kind"] == "passive":
             intention, person = rest(exoskeleton, lead + samples), nobody(exoskeleton)
         else:
@@ -85,11 +89,10 @@ class Moving:
             held = np.concatenate([np.repeat(shown[:1], lead, axis=0), shown])
             intention = intend(who, exoskeleton, held, generator)
             person = embody(who, exoskeleton)
-            if trial.get("glide", True):
-                intention = _come_from(start, intention, round(LEAD_SHARE * lead), exoskeleton.sampling_rate_hz)
             start = intention.angle_rad[0]
         self.steps = Steps(exoskeleton, machine.plant, intention, list(person), start)
         self.steps.begin(command_kpa)
+        self.apart, self.glide = angle_rad - start, round(LEAD_SHARE * lead)
 
     def step(self, command_kpa: Array) -> None:
         if not self.steps.over:
@@ -101,7 +104,9 @@ class Moving:
 
     def __getattr__(self, name: str) -> Array:
         found = getattr(self.steps, name)[: self.steps.at + 1]
-        return found[-1] if name == "angle" else found
+        if name != "angle":
+            return found
+        return found[-1] + self.apart * (1.0 - _ease(self.steps.at / self.glide)) if self.glide else found[-1]
 
 
 class Physics:
@@ -185,7 +190,7 @@ def run(machine: Machine, shared: Shared, announced: Connection) -> None:
     """
     physics = Physics(machine)
     step_s = 1.0 / machine.exoskeleton.sampling_rate_hz
-    due = time.monotonic()
+    due, apart = time.monotonic(), 0.0
     while True:
         wait = due - time.monotonic()
         if announced.poll(max(wait, 0.0)):
@@ -195,6 +200,7 @@ def run(machine: Machine, shared: Shared, announced: Connection) -> None:
             announced.send("ready")
             shared.publish(physics.show(shared.run_rad_per_s))
             due += step_s
+            apart = 0.0
             continue
         begun = time.monotonic()
         late = min(int((begun - due) / step_s), 10_000)
@@ -204,8 +210,10 @@ def run(machine: Machine, shared: Shared, announced: Connection) -> None:
         cost = time.monotonic() - begun
         shared.costs_s[:] = cost, max(cost, shared.costs_s[1]), shared.costs_s[2] + cost
         age = (begun - shared.written_s[0]) / step_s
-        nudge = NUDGE * step_s if age < EDGE else -NUDGE * step_s if 1.0 - EDGE < age < 1.0 else 0.0
-        due += (late + 1) * step_s + nudge
+        nudge = NUDGE if age < EDGE else -NUDGE if 1.0 - EDGE < age < 1.0 else 0.0
+        nudge = min(max(nudge, -0.5 - apart), 0.5 - apart)
+        apart += nudge
+        due += (late + 1 + nudge) * step_s
 
 
 def _command(shared: Shared) -> Array:
@@ -219,12 +227,3 @@ def _middle(machine: Machine) -> Array:
 def _ease(share: float) -> float:
     share = min(share, 1.0)
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-
-
-def _come_from(start_rad: Array, intention: Intention, samples: int, rate: float) -> Intention:
-    """Let a person take the first posture from where the joint is, within some samples."""
-    if samples < 2:
-        return intention
-    left = np.array([1.0 - _ease(k / samples) for k in range(len(intention.angle_rad))])
-    angle = intention.angle_rad + left[:, None] * (start_rad - intention.angle_rad[0])
-    return Intention(angle, np.gradient(angle, 1.0 / rate, axis=0), intention.push_nm)
