@@ -93,8 +93,10 @@ def test_a_trial_is_recorded_as_commanded(rig, emulator):
     with rig:
         recording = rig.execute(given, np.random.default_rng(0))
         between = emulator.state()
-    assert np.array_equal(recording.pressure_command_kpa[recording.clipped_by == ""].shape, (rig.samples * 4,))
-    np.testing.assert_allclose(recording.pressure_command_kpa, given.pressure_command_kpa)
+    taken = (recording.status != "missed").all(axis=1)
+    assert taken.mean() > 0.9
+    assert set(recording.clipped_by.ravel()) == {""}
+    np.testing.assert_array_equal(recording.pressure_command_kpa[taken], given.pressure_command_kpa[taken])
     assert np.abs(recording.pressure_kpa[40:] - given.pressure_command_kpa[36:-4]).max() < 40.0
     assert set(recording.status.ravel()) <= {"ok", "missed"}
     assert (recording.late_s >= 0.0).all()
@@ -112,7 +114,7 @@ def test_a_command_beyond_the_limits_is_clipped_and_recorded_as_such(rig):
         recording = rig.execute(Trial("passive", "nobody", command), np.random.default_rng(0))
     assert recording.pressure_command_kpa[:, 0].max() == 250.0
     assert recording.pressure_command_kpa[:, 3].max() == 700.0
-    assert set(recording.clipped_by[80:90, 0]) == {"rate", "pressure"} or "rate" in recording.clipped_by[80:90, 0]
+    assert "rate" in recording.clipped_by[80:90, 0]
     assert set(recording.clipped_by[100:, 0]) == {"pressure"}
     assert set(recording.clipped_by[:80].ravel()) == {""}
 

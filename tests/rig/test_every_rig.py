@@ -1,0 +1,155 @@
+"""What every rig keeps to, on the configured arm and on others."""
+
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from stages.rig.contract import CLIPPED_BY, RECORDING_COLUMNS, STATUS, RigError, Trial, tidy
+from tests.cpx_e.emulator import Emulator
+from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
+from tests.plant.machines import other_machine, other_rig
+
+ARMS = {"one joint, two muscles": [2], "two joints, four muscles": [2, 2], "four joints, eight muscles": [2, 2, 2, 2]}
+RATE_HZ, TRIAL_S = 100.0, 1.0
+
+
+def make_simulated(exoskeleton):
+    return other_rig(exoskeleton)
+
+
+def describe_other(exoskeleton):
+    """The section of rig=festo_cpx for another machine: as many modules as it takes, channels in order."""
+    base = describe_rig("rig.lead_in_s=0.6")
+    muscles, joints = exoskeleton.muscle_names, exoskeleton.joint_names
+    cards = -(-len(muscles) // 4)
+    modules = ["EP", *["4AO"] * cards, *["4AI"] * (2 * cards), *["1CI"] * len(joints)]
+    models = dict(zip(("agonist", "antagonist"), ("pam1", "pam2"), strict=True))
+    channels = {}
+    for m, muscle in enumerate(exoskeleton.muscles):
+        its = base["channels"][models[muscle.role]]
+        firsts = {"command": 1, "pressure": 1 + cards, "force": 1 + 2 * cards}
+        channels[muscle.name] = {
+            kind: its[kind] | {"module": first + m // 4, "channel": m % 4} for kind, first in firsts.items()
+        }
+    encoders = {
+        name: base["encoders"]["SFE"] | {"module": 1 + 3 * cards + j, "zero_count": 1000.0 * j, "sign": (-1) ** j}
+        for j, name in enumerate(joints)
+    }
+    limits = {name: base["guard"]["joints"][("SFE", "EFE")[j % 2]] for j, name in enumerate(joints)}
+    return base | {
+        "exoskeleton": exoskeleton.model_dump(mode="json"),
+        "device": base["device"] | {"modules": modules},
+        "channels": channels,
+        "encoders": encoders,
+        "guard": base["guard"] | {"joints": limits},
+        "co_contraction_kpa": {},
+    }
+
+
+@contextmanager
+def run_simulated(exoskeleton):
+    yield make_simulated(exoskeleton)
+
+
+@contextmanager
+def run_emulated(exoskeleton):
+    pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
+    section = describe_other(exoskeleton)
+    with Emulator(describe_machine(section)) as emulator:
+        yield build_rig(section, emulator.port, emulator.control_port)
+
+
+RIGS = {"sim": run_simulated, "festo_cpx": run_emulated}
+
+
+@pytest.fixture(scope="module", params=[(rig, arm) for rig in RIGS for arm in ARMS], ids=lambda each: ", ".join(each))
+def rig(request):
+    kind, arm = request.param
+    with RIGS[kind](other_machine(ARMS[arm], RATE_HZ, TRIAL_S)) as made:
+        yield made
+
+
+def command(rig, low=60.0, high=120.0):
+    share = 0.5 - 0.5 * np.cos(np.linspace(0.0, 6.0, rig.samples))[:, None]
+    return (low + (high - low) * share) * np.ones(len(rig.muscles))
+
+
+def reference(rig):
+    return 0.6 + 0.2 * np.sin(np.linspace(0.0, 3.0, rig.samples))[:, None] * np.ones(len(rig.joints))
+
+
+def trials(rig):
+    return [
+        Trial("free", "experimenter", command(rig), label="a movement"),
+        Trial("tracked", "p1", command(rig), reference(rig), label="a reference"),
+        Trial("passive", "nobody", command(rig), label="nobody"),
+    ]
+
+
+def test_shapes_are_known_before_connecting(rig):
+    assert rig.samples == round(RATE_HZ * TRIAL_S)
+    assert rig.sampling_rate_hz == RATE_HZ
+    assert len(rig.muscle_joints) == len(rig.muscles)
+    assert set(rig.muscle_joints) == set(rig.joints)
+    assert {"p1", "p2", "experimenter"} <= set(rig.people)
+    assert not rig.connected
+
+
+def test_all_three_kinds_of_trial_are_executed(rig, generator):
+    for trial in trials(rig):
+        with rig:
+            assert rig.connected
+            found = rig.execute(trial, generator)
+        assert not rig.connected
+        frame = tidy(found, rig)
+        assert list(frame) == list(RECORDING_COLUMNS)
+        assert len(frame["time_s"]) == rig.samples * len(rig.muscles)
+        np.testing.assert_allclose(found.time_s, np.arange(rig.samples) / RATE_HZ)
+        assert set(found.status.ravel()) <= set(STATUS)
+        assert set(found.clipped_by.ravel()) <= set(CLIPPED_BY)
+        taken = (found.status == "ok").all(axis=1)
+        assert taken.mean() > 0.8
+        np.testing.assert_allclose(found.pressure_command_kpa[taken], trial.pressure_command_kpa[taken])
+        assert np.abs(found.pressure_kpa[taken] - trial.pressure_command_kpa[taken]).max() < 40.0
+        if trial.reference_rad is not None:
+            assert np.corrcoef(found.joint_angle_rad[:, 0], trial.reference_rad[:, 0])[0, 1] > 0.5
+
+
+def test_trials_follow_each_other_in_one_block(rig, generator):
+    with rig:
+        first, second = (rig.execute(trials(rig)[2], generator) for _ in range(2))
+    assert np.abs(first.pressure_kpa - second.pressure_kpa).max() < 40.0
+
+
+def test_what_does_not_fit_is_refused_and_releases(rig, generator):
+    with pytest.raises(RigError, match="is not connected"):
+        rig.execute(trials(rig)[0], generator)
+    for wrong in (
+        Trial("free", "experimenter", command(rig)[1:]),
+        Trial("free", "experimenter", command(rig)[:, 1:] if len(rig.muscles) > 2 else np.ones((rig.samples, 5))),
+        Trial("free", "nobody here", command(rig)),
+        Trial("tracked", "p1", command(rig), np.ones((rig.samples, len(rig.joints) + 1))),
+    ):
+        with pytest.raises(ValueError, match=r"this rig (takes|knows)"), rig:
+            rig.execute(wrong, generator)
+        assert not rig.connected
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), ZeroDivisionError(), SystemExit(1)])
+def test_an_exception_in_the_block_releases(rig, error):
+    with pytest.raises(type(error)), rig:
+        raise error
+    assert not rig.connected
+    with rig:
+        assert rig.connected
+
+
+def test_what_clipped_the_command_is_recorded(rig, generator):
+    asked = command(rig)
+    asked[50:] = 2000.0
+    with rig:
+        found = rig.execute(Trial("passive", "nobody", asked), generator)
+    assert {"pressure", "rate"} <= set(found.clipped_by[50:].ravel())
+    assert (found.pressure_command_kpa < asked)[60:].all()
+    assert set(found.clipped_by[:50].ravel()) == {""}
