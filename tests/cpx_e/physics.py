@@ -125,7 +125,8 @@ class Physics:
         self.pressure_noise = np.array([each.pressure_noise_kpa for each in models])
         self.force_noise = np.array([each.force_noise_n for each in models])
         self.channels = [channel for _, channel in machine.sensors().values()]
-        self.sensed = {effect.signal for effect in Chain(machine.exoskeleton, machine.plant).effects}
+        signals = [effect.signal for effect in Chain(machine.exoskeleton, machine.plant).effects]
+        self.sensed = [signal for signal in signals if signal in ("sensed_pressure_kpa", "sensed_force_n")]
         self.run_rad = np.zeros(len(machine.exoskeleton.joints))
         self.now: Idle | Moving = Idle(machine, _middle(machine), np.zeros(len(models)))
         self._forget()
