@@ -14,6 +14,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
+import numpy as np
+
 from tests.cpx_e.control import Control
 from tests.cpx_e.device import Device
 from tests.cpx_e.faults import Faults
@@ -34,7 +36,7 @@ def _run(machine: Machine, shared: Shared, announced: Connection) -> None:
 
 def _warm(machine: Machine, shared: Shared) -> list[int]:
     """Compile all that a trial takes before the fork, and return what sensors show of an idle machine."""
-    vented = shared.command_kpa
+    vented = np.zeros(len(machine.exoskeleton.muscles))
     physics = Physics(machine)
     physics.announce({"do": "trial", "kind": "passive", "samples": 3, "lead_samples": 0}, vented)
     for _ in range(3):

@@ -104,6 +104,7 @@ class Control:
             "now_s": time.monotonic(),
             "clients": len(self.server.clients),
             "trial": self.trial,
+            "muscles": self.device.machine.exoskeleton.muscle_names,
             **state,
             "log": state["log"][-last:] if last else [],
             "ticks": ticks,

@@ -196,7 +196,7 @@ class Device:
         if kpa == self.outputs_kpa:
             return
         self.outputs_kpa = kpa
-        self.shared.command_kpa[:] = kpa
+        self.shared.order(now, kpa)
         vented = not any(kpa)
         if not vented:
             self.vented_at_s = None

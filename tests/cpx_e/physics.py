@@ -27,8 +27,10 @@ GLIDE_S = 0.8
 """Time in which a joint is brought to the middle after a trial."""
 LEAD_SHARE = 0.4
 """Share of what is held before a trial in which encoders are shown on the way to the first posture."""
-EDGE, NUDGE = 0.2, 0.05
-"""Share of a sample before and after a tick in which no write should fall, and by how much ticks move to avoid it."""
+NEWEST, OLDEST = 0.1, 0.5
+"""Share of a sample by which a client's write should come before a tick, so that what it reads before it is new."""
+NUDGE, FURTHEST = 0.02, (-0.7, 0.3)
+"""Share of a sample by which a tick may move for that, and how far from the trial's clock ticks may go."""
 
 
 class Idle:
@@ -125,7 +127,8 @@ class Physics:
         self.pressure_noise = np.array([each.pressure_noise_kpa for each in models])
         self.force_noise = np.array([each.force_noise_n for each in models])
         self.channels = [channel for _, channel in machine.sensors().values()]
-        self.sensed = {effect.signal for effect in Chain(machine.exoskeleton, machine.plant).effects}
+        signals = [effect.signal for effect in Chain(machine.exoskeleton, machine.plant).effects]
+        self.sensed = [signal for signal in signals if signal in ("sensed_pressure_kpa", "sensed_force_n")]
         self.run_rad = np.zeros(len(machine.exoskeleton.joints))
         self.now: Idle | Moving = Idle(machine, _middle(machine), np.zeros(len(models)))
         self._forget()
@@ -185,7 +188,7 @@ class Physics:
 def run(machine: Machine, shared: Shared, announced: Connection) -> None:
     """Keep the machine going for ever.
 
-    A tick takes the commands that were held since the last one. Ticks keep away from the instants at which a client
+    A tick takes the commands that were held when it was due. Ticks keep away from the instants at which a client
     writes, so that a loop at the exoskeleton's rate has one tick between any two of its writes.
     """
     physics = Physics(machine)
@@ -195,7 +198,7 @@ def run(machine: Machine, shared: Shared, announced: Connection) -> None:
         wait = due - time.monotonic()
         if announced.poll(max(wait, 0.0)):
             trial = announced.recv()
-            physics.announce(trial, _command(shared))
+            physics.announce(trial, shared.ordered_at(trial["heard_s"]))
             due = trial["heard_s"]
             announced.send("ready")
             shared.publish(physics.show(shared.run_rad_per_s))
@@ -204,20 +207,18 @@ def run(machine: Machine, shared: Shared, announced: Connection) -> None:
             continue
         begun = time.monotonic()
         late = min(int((begun - due) / step_s), 10_000)
-        for _ in range(late + 1):
-            physics.step(_command(shared))
+        for missed in range(late + 1):
+            physics.step(shared.ordered_at(due + missed * step_s))
         shared.publish(physics.show(shared.run_rad_per_s))
         cost = time.monotonic() - begun
         shared.costs_s[:] = cost, max(cost, shared.costs_s[1]), shared.costs_s[2] + cost
-        age = (begun - shared.written_s[0]) / step_s
-        nudge = NUDGE if age < EDGE else -NUDGE if 1.0 - EDGE < age < 1.0 else 0.0
-        nudge = min(max(nudge, -0.5 - apart), 0.5 - apart)
+        age = (due - shared.written_s[0]) / step_s
+        nudge = 0.0
+        if abs(age) < 1.0 and not NEWEST <= age % 1.0 <= OLDEST:
+            nudge = NUDGE if age % 1.0 < NEWEST else -NUDGE
+        nudge = min(max(nudge, FURTHEST[0] - apart), FURTHEST[1] - apart)
         apart += nudge
         due += (late + 1 + nudge) * step_s
-
-
-def _command(shared: Shared) -> Array:
-    return np.where(np.isnan(shared.valve_kpa), shared.command_kpa, shared.valve_kpa)
 
 
 def _middle(machine: Machine) -> Array:

@@ -14,6 +14,7 @@ from stages.plant.chain import Chain
 from stages.plant.exoskeleton import Exoskeleton
 from stages.plant.interaction import SLOWEST_PER_S
 from stages.plant.joint import _muscle_torque, _passive_torque, _rates, collect_joints
+from stages.plant.muscle import MuscleConstants
 from stages.plant.participant import Intention, Person
 from stages.plant.plant import Plant
 from stages.signals.trajectories import Array
@@ -64,6 +65,16 @@ def advance(state, drive, aims, joint, muscles, person, step_s, substeps):
     return np.array([q, w, held])
 
 
+class RepeatedChain(Chain):
+    """A chain that repeats its constants for each number of columns once."""
+
+    def _repeat(self, columns: int) -> MuscleConstants:
+        known = self.__dict__.setdefault("known", {})
+        if columns not in known:
+            known[columns] = super()._repeat(columns)
+        return known[columns]
+
+
 class Steps:
     """A trial that is simulated as it goes.
 
@@ -76,7 +87,7 @@ class Steps:
     def __init__(
         self, exoskeleton: Exoskeleton, plant: Plant, intention: Intention, person: list[Person], start_rad: Array
     ):
-        self.chain = Chain(exoskeleton, plant)
+        self.chain = RepeatedChain(exoskeleton, plant)
         self.joints = collect_joints(exoskeleton, plant)
         self.of_muscle = np.array(exoskeleton.joint_of_muscle)
         self.person = person
