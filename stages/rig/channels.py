@@ -107,9 +107,9 @@ class ChannelMap:
     modules : sequence of str
         Kinds, as they stand.
     channels : mapping of str to MuscleChannels
-        By muscle.
+        By muscle; those of muscles that the machine does not have are left alone.
     encoders : mapping of str to EncoderPlace
-        By joint.
+        By joint; likewise.
 
     Raises
     ------
@@ -195,7 +195,4 @@ def _scale(places: list[PressurePlace] | list[ForcePlace], counts: Array) -> Arr
 def _check_names(path: str, wanted: list[str], given: Mapping[str, object]) -> None:
     for name in wanted:
         if name not in given:
-            raise ValueError(f"{path}: none for {name}; add {path}.{name}")
-    for name in given:
-        if name not in wanted:
-            raise ValueError(f"{path}: {name} is none of {', '.join(wanted)}; remove {path}.{name}")
+            raise ValueError(f"{path}: none for {name}, only for {', '.join(given) or 'nobody'}; add {path}.{name}")

@@ -217,7 +217,7 @@ class Rig(ABC):
         """
         check_trial(trial, self)
 
-    def check_bank(self, samples: pd.DataFrame, by: str) -> None:
+    def check_bank(self, samples: pd.DataFrame, by: str) -> None:  # noqa: B027 (a rig may have no such limits)
         """Check movements that are to be replayed against the rig's limits, before anything moves.
 
         Parameters

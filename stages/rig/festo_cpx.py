@@ -27,7 +27,7 @@ from stages.rig.cpx_link import CpxLink, Device, LinkLost
 from stages.rig.held_signals import Held, hold_signals
 from stages.rig.limits import Guard, Limits, apply_limits, check_limits, find_forbidden
 from stages.rig.logbook import Logbook
-from stages.rig.pacing import Tick, pace
+from stages.rig.pacing import Tick, pace, undisturbed
 from stages.rig.supervision import Supervisor
 from stages.signals.filtering import differentiate
 from stages.signals.trajectories import Array
@@ -82,9 +82,9 @@ class FestoCpx(ConfiguredRig):
         check_limits(self.limits, self.exoskeleton.muscles)
         self.guard.check_against(self.exoskeleton, self.limits)
         self.map_channels()
-        for joint in self.co_contraction_kpa:
-            if joint not in self.exoskeleton.joint_names:
-                raise ValueError(f"co_contraction_kpa: no joint '{joint}' in exoskeleton.joints")
+        for joint in self.exoskeleton.joint_names:
+            if joint not in self.co_contraction_kpa:
+                raise ValueError(f"co_contraction_kpa: none for joint {joint}; add co_contraction_kpa.{joint}")
         for muscle in self.exoskeleton.muscles:
             limit = self.limits[muscle.type]
             rise_s = (limit.high_kpa - limit.low_kpa) / limit.slew_kpa_per_s
@@ -161,7 +161,7 @@ class FestoCpx(ConfiguredRig):
         command, clipped = apply_limits(asked, self.limits, self.exoskeleton, self.co_contraction_kpa, start)
         clipped[:lead] = "ramp"
         book = Logbook(self.exoskeleton, lead, command, clipped, watch)
-        with hold_signals() as signals:
+        with hold_signals() as signals, undisturbed():
             reason = self._conduct(trial, command, book, signals)
         if reason:
             raise TrialStopped(self._tell(reason, book), book.noticed_at_s)
@@ -184,8 +184,8 @@ class FestoCpx(ConfiguredRig):
         )
         reason = ""
         try:
-            link.arm()
             self.announce(trial)
+            link.arm()
             for tick in pace(len(command), 1.0 / self.sampling_rate_hz):
                 reason = signals.name or self._judge_pace(book, tick)
                 if reason:
@@ -203,9 +203,9 @@ class FestoCpx(ConfiguredRig):
             book.noticed_at_s = time.monotonic()
             lost = self._let_down(link, supervisor, book)
         book.close()
-        if reason and lost:
-            reason = f"{reason}, nor could it be reached to let the muscles down: its watchdog does, {lost}"
-        return reason or (f"the muscles could not be let down: the device's watchdog does, {lost}" if lost else "")
+        if lost:
+            return f"{reason or 'the trial was over'}; the muscles could not be let down: the watchdog does, {lost}"
+        return f"{reason}; the muscles were let down" if reason else ""
 
     def _judge_pace(self, book: Logbook, tick: Tick) -> str:
         """Say that the loop slept for so long that the device may have vented meanwhile."""
@@ -236,9 +236,7 @@ class FestoCpx(ConfiguredRig):
 
     def _tell(self, reason: str, book: Logbook) -> str:
         when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"
-        return (
-            f"{reason}; the trial was stopped {when} and the muscles were let down; find out why before anybody goes on"
-        )
+        return f"stopped {when}: {reason}; find out why before anybody goes on"
 
     def _record(self, book: Logbook) -> Recording:
         """Return what the trial measured, velocities as of every rig."""

@@ -6,8 +6,10 @@ follows keeps to the trial's time.
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +54,18 @@ def pace(count: int, period_s: float) -> Iterator[Tick]:
         index += missed
         yield Tick(index, late_s - missed * period_s)
         index += 1
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Put the collection of garbage off, which would stop a loop for many periods."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 @dataclass(frozen=True)

@@ -5,57 +5,31 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from stages.plant.exoskeleton import Exoskeleton
 from stages.rig.contract import CLIPPED_BY, RECORDING_COLUMNS, STATUS, RigError, Trial, tidy
 from tests.cpx_e.emulator import Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
-from tests.plant.machines import other_machine, other_rig
+from tests.plant.machines import other_rig
 
-ARMS = {"one joint, two muscles": [2], "two joints, four muscles": [2, 2], "four joints, eight muscles": [2, 2, 2, 2]}
+ARMS = {"elbow": "festo_cpx", "upper_limb": "festo_cpx", "arm": "festo_cpx_arm"}
+"""Option of exoskeleton, and of rig that goes with it: one joint, two and four."""
 RATE_HZ, TRIAL_S = 100.0, 1.0
 
 
-def make_simulated(exoskeleton):
-    return other_rig(exoskeleton)
-
-
-def describe_other(exoskeleton):
-    """The section of rig=festo_cpx for another machine: as many modules as it takes, channels in order."""
-    base = describe_rig("rig.lead_in_s=0.6")
-    muscles, joints = exoskeleton.muscle_names, exoskeleton.joint_names
-    cards = -(-len(muscles) // 4)
-    modules = ["EP", *["4AO"] * cards, *["4AI"] * (2 * cards), *["1CI"] * len(joints)]
-    models = dict(zip(("agonist", "antagonist"), ("pam1", "pam2"), strict=True))
-    channels = {}
-    for m, muscle in enumerate(exoskeleton.muscles):
-        its = base["channels"][models[muscle.role]]
-        firsts = {"command": 1, "pressure": 1 + cards, "force": 1 + 2 * cards}
-        channels[muscle.name] = {
-            kind: its[kind] | {"module": first + m // 4, "channel": m % 4} for kind, first in firsts.items()
-        }
-    encoders = {
-        name: base["encoders"]["SFE"] | {"module": 1 + 3 * cards + j, "zero_count": 1000.0 * j, "sign": (-1) ** j}
-        for j, name in enumerate(joints)
-    }
-    limits = {name: base["guard"]["joints"][("SFE", "EFE")[j % 2]] for j, name in enumerate(joints)}
-    return base | {
-        "exoskeleton": exoskeleton.model_dump(mode="json"),
-        "device": base["device"] | {"modules": modules},
-        "channels": channels,
-        "encoders": encoders,
-        "guard": base["guard"] | {"joints": limits},
-        "co_contraction_kpa": {},
-    }
+def describe_arm(arm):
+    chosen = f"exoskeleton={arm}", f"rig={ARMS[arm]}", f"exoskeleton.trial_s={TRIAL_S}", "rig.lead_in_s=0.6"
+    return describe_rig(*chosen)
 
 
 @contextmanager
-def run_simulated(exoskeleton):
-    yield make_simulated(exoskeleton)
+def run_simulated(arm):
+    yield other_rig(Exoskeleton.model_validate(describe_arm(arm)["exoskeleton"]))
 
 
 @contextmanager
-def run_emulated(exoskeleton):
+def run_emulated(arm):
     pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
-    section = describe_other(exoskeleton)
+    section = describe_arm(arm)
     with Emulator(describe_machine(section)) as emulator:
         yield build_rig(section, emulator.port, emulator.control_port)
 
@@ -66,7 +40,7 @@ RIGS = {"sim": run_simulated, "festo_cpx": run_emulated}
 @pytest.fixture(scope="module", params=[(rig, arm) for rig in RIGS for arm in ARMS], ids=lambda each: ", ".join(each))
 def rig(request):
     kind, arm = request.param
-    with RIGS[kind](other_machine(ARMS[arm], RATE_HZ, TRIAL_S)) as made:
+    with RIGS[kind](arm) as made:
         yield made
 
 
