@@ -17,7 +17,7 @@ from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.rig import RECORDING_COLUMNS, Rig, Watch, passive_trial, tidy, tracked_trial
+from stages.rig import RECORDING_COLUMNS, Rig, Watch, measure_pace, passive_trial, tidy, tracked_trial
 
 NOBODY = "nobody"
 """Who is in a passive trial; no participant has this name."""
@@ -51,6 +51,10 @@ EXECUTED_BY = Table(
         "rig": column(str, "its class"),
         "real": column(bool, "whether it is a machine, not a simulation"),
         "sampling_rate_hz": column(float, "samples per second", unit="Hz", low=0),
+        "period_p50_s": column(float, "median time from one sample to the next", unit="s", low=0),
+        "period_p99_s": column(float, "99th percentile of it", unit="s", low=0),
+        "overruns": column(int, "samples that were missed, or taken over half a period late", low=0),
+        "samples": column(int, "of all tracked trials", low=1),
     },
 )
 
@@ -83,8 +87,18 @@ def hardware(
             watch = ctx.record.watch((NOBODY, *turn))
             ctx.record.part((NOBODY, *turn), partial(execute_passive, commands, rig, ctx, watch))
             advance(f"protocol experiment {turn[0]}")
-    executed_by = {"rig": [type(rig).__name__], "real": [rig.real], "sampling_rate_hz": [float(rig.sampling_rate_hz)]}
-    return {**ctx.record.collect(), EXECUTED_BY.name: pd.DataFrame(executed_by)}
+    tables = ctx.record.collect()
+    pace = measure_pace(tables[HARDWARE_RECORDINGS.name], ["participant", "experiment", "position"])
+    executed_by = {
+        "rig": type(rig).__name__,
+        "real": rig.real,
+        "sampling_rate_hz": float(rig.sampling_rate_hz),
+        "period_p50_s": pace.p50_s,
+        "period_p99_s": pace.p99_s,
+        "overruns": pace.overruns,
+        "samples": pace.samples,
+    }
+    return {**tables, EXECUTED_BY.name: pd.DataFrame([executed_by])}
 
 
 def execute_tracked(

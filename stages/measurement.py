@@ -234,6 +234,8 @@ class Source:
         As told; None where the times must say.
     session : Session or None
         What meta.json says, if there is one.
+    notes : sequence of tuple of str
+        What was left out already.
     """
 
     name: str
@@ -245,6 +247,7 @@ class Source:
     timing: str
     rate_hz: float | None
     session: Session | None
+    notes: Sequence[tuple[str, str]] = ()
 
 
 def show_map(cfg: Config) -> list[str]:
@@ -399,9 +402,14 @@ def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
         raise InputError("measured: expected recordings of the hardware stage, got none; set measured=PATH")
     trial = recordings.groupby(["participant", "experiment", "position"], sort=False).ngroup()
     samples = recordings[list(MEASURED.columns)[1:]].assign(trial=trial)
+    amiss = recordings["status"] != "ok"
+    samples.loc[amiss, [name for name in READINGS if name != "pressure_command_kpa"]] = float("nan")
+    counts = recordings.loc[amiss, ["muscle", "status"]].value_counts(sort=False)
+    notes = [(str(muscle), f"{count} samples left out: {status}") for (muscle, status), count in counts.items()]
     known, machine = describe_muscles(cfg.exoskeleton), cfg.exoskeleton
     site, rate = machine.load_cell_site, machine.sampling_rate_hz
-    return Source("hardware", "hardware_recordings", samples, known, "exoskeleton.muscles", site, HELD, rate, None)
+    file, told_in = "hardware_recordings", "exoskeleton.muscles"
+    return Source("hardware", file, samples, known, told_in, site, HELD, rate, None, notes)
 
 
 def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:
@@ -415,7 +423,7 @@ def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:
 
 def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     """Return the tables of a recording of muscles."""
-    notes: Notes = []
+    notes: Notes = list(source.notes)
     if cfg.measured is not None and not Path(cfg.measured).is_dir():
         notes.extend(note_counting(Path(cfg.measured), cfg))
     samples, muscles = choose_muscles(source.samples, source.muscles, source.told_in, notes)

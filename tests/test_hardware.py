@@ -25,6 +25,9 @@ class MachineOfSteel(SimulatedRig):
     real: ClassVar[bool] = True
 
 
+KEPT_PACE = {"period_p50_s": pytest.approx(0.004), "period_p99_s": pytest.approx(0.004), "overruns": 0, "samples": 2000}
+
+
 @pytest.fixture(scope="module")
 def without(tmp_path_factory):
     """Tables without a protocol."""
@@ -58,7 +61,7 @@ def test_says_what_executed_the_trials(arranged, request):
     found = request.getfixturevalue(arranged)
     tables = found[2] if arranged == "passive" else found
     (row,) = tables["executed_by"].to_dict("records")
-    assert row == {"rig": "SimulatedRig", "real": False, "sampling_rate_hz": 250.0}
+    assert row == {"rig": "SimulatedRig", "real": False, "sampling_rate_hz": 250.0, **KEPT_PACE}
 
 
 def test_initial_trials_are_the_same_with_and_without(without, passive):
@@ -103,7 +106,12 @@ def test_a_real_rigs_trials_land_one_by_one_with_the_same_rows(passive, tmp_path
     found = run_stage(study, stages["hardware"], tmp_path, tables, rig)
     for name in ("hardware_recordings", "protocol_recordings"):
         pd.testing.assert_frame_equal(found[name], tables[name])
-    assert found["executed_by"].iloc[0].to_dict() == {"rig": "MachineOfSteel", "real": True, "sampling_rate_hz": 250.0}
+    assert found["executed_by"].iloc[0].to_dict() == {
+        "rig": "MachineOfSteel",
+        "real": True,
+        "sampling_rate_hz": 250.0,
+        **KEPT_PACE,
+    }
     landed = sorted(each.name for each in (tmp_path / "parts" / "hardware").glob("nobody*"))
     assert landed == [f"nobody~{experiment}~{trial}" for experiment in (1, 2) for trial in (1, 2, 3)]
 
@@ -135,7 +143,12 @@ def test_an_operator_is_asked_for_passive_trials_and_told_that_nobody_moves(pass
     told = pd.read_csv(Path(last["save_as"]))
     recorded = found["protocol_recordings"].query("trial == 2")
     np.testing.assert_array_equal(recorded["force_n"], told["force_n"])
-    assert found["executed_by"].iloc[0].to_dict() == {"rig": "OperatorRig", "real": True, "sampling_rate_hz": 250.0}
+    assert found["executed_by"].iloc[0].to_dict() == {
+        "rig": "OperatorRig",
+        "real": True,
+        "sampling_rate_hz": 250.0,
+        **KEPT_PACE,
+    }
 
 
 def test_every_experiment_and_trial_has_noise_of_its_own(passive):

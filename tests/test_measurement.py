@@ -106,6 +106,15 @@ def test_the_hardware_stages_recordings_serve_where_there_is_no_path(tmp_path):
     for name in ("force_n", "pressure_kpa", "joint_angle_rad"):
         np.testing.assert_array_equal(tables["measured"][name], recordings[name])
     assert list(tables["measured_muscles"]["muscle"]) == ["pam1", "pam2", "pam3", "pam4"]
+    assert not tables["measured_notes"]["note"].str.contains("left out").any()
+    amiss = recordings.copy()
+    frozen = amiss.index[amiss["muscle"] == "pam3"][100:130]
+    amiss.loc[frozen, "status"] = "frozen"
+    again = run_stage(study, stages[-1], tmp_path / "amiss", {**tables, "hardware_recordings": amiss})
+    assert again["measured"].loc[frozen, "force_n"].isna().all()
+    assert again["measured"]["force_n"].isna().sum() == 30
+    assert again["measured"].loc[frozen, "pressure_command_kpa"].notna().all()
+    assert ("pam3", "30 samples left out: frozen") in list(again["measured_notes"].itertuples(index=False, name=None))
 
 
 def test_nothing_measured_is_refused_before_anything_runs():

@@ -16,6 +16,7 @@ from stages.rig.contract import (
     tidy,
 )
 from stages.rig.excitation import FreeMovements, RigWithLimits, check_levels
+from stages.rig.pacing import measure_pace
 from stages.rig.reference import track, tracked_trial
 from stages.rig.sessions import RecordedSession, SessionRig, seal_truth
 from stages.rig.sweeps import Sweeps, passive_trial
@@ -36,6 +37,7 @@ __all__ = [
     "TrialStopped",
     "Watch",
     "check_levels",
+    "measure_pace",
     "passive_trial",
     "seal_truth",
     "tidy",

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-
-from stages.signals.trajectories import Array
+import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -95,18 +93,23 @@ class Pace:
         )
 
 
-def measure_pace(time_s: Array, late_s: Array, missed: NDArray[np.bool_]) -> Pace:
-    """Return how a trial's loop kept its rate.
+def measure_pace(recordings: pd.DataFrame, by: Sequence[str]) -> Pace:
+    """Return how a loop kept its rate over trials.
 
     Parameters
     ----------
-    time_s, late_s : (T,) ndarray
-        When samples were due, and how much later they were taken, s.
-    missed : (T,) ndarray of bool
-        Samples that were not taken at all.
+    recordings : DataFrame
+        At least one trial: muscle, time_s, late_s and status.
+    by : sequence of str
+        Columns that tell trials apart; none for one trial.
     """
-    taken = np.logical_not(missed)
-    periods = np.diff((time_s + late_s)[taken])
-    late = taken & (late_s > 0.5 * (time_s[1] - time_s[0]))
-    p50_s, p99_s = np.percentile(periods, [50.0, 99.0])
-    return Pace(len(time_s), float(p50_s), float(p99_s), int(missed.sum() + late.sum()))
+    rows = recordings[recordings["muscle"] == recordings["muscle"].iloc[0]]
+    trials = [rows] if not by else [its for _, its in rows.groupby(list(by), sort=False)]
+    periods, overruns = [], 0
+    for its in trials:
+        time_s, late_s = its["time_s"].to_numpy(), its["late_s"].to_numpy()
+        taken = its["status"].to_numpy() != "missed"
+        periods.append(np.diff((time_s + late_s)[taken]))
+        overruns += int((~taken | (late_s > 0.5 * (time_s[1] - time_s[0]))).sum())
+    p50_s, p99_s = np.percentile(np.concatenate(periods), [50.0, 99.0])
+    return Pace(len(rows), float(p50_s), float(p99_s), overruns)

@@ -1,0 +1,246 @@
+"""What is wrong with a sample, and how a loop keeps its rate."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.rig.held_signals import hold_signals
+from stages.rig.limits import find_forbidden
+from stages.rig.pacing import measure_pace, pace
+from stages.rig.supervision import Supervisor
+from tests.cpx_e.rig import build_rig, describe_rig
+
+RIG = build_rig(describe_rig(), 502)
+CHANNELS = RIG.map_channels()
+
+
+def make_supervisor(moved=True):
+    return Supervisor(RIG.exoskeleton, CHANNELS, RIG.device.counts, RIG.guard, moved)
+
+
+def counts(generator, pressure=(100.0, 300.0, 100.0, 300.0), force=(400.0, 100.0, 400.0, 100.0), angle=(0.5, 0.6)):
+    """Counts of values with noise of some counts."""
+    values = [
+        *(value / 0.03125 for value in pressure),
+        *(value / per for value, per in zip(force, (0.1, 0.025) * 2, strict=True)),
+        *(value / 6.283185307e-4 for value in angle),
+    ]
+    return np.round(np.array(values) + generator.uniform(-8.0, 8.0, 10))
+
+
+def look(supervisor, given):
+    return supervisor.look(given, np.full(4, 100.0))
+
+
+def test_counts_become_values_and_commands_counts(generator):
+    pressure, force, angle = CHANNELS.to_values(counts(generator))
+    np.testing.assert_allclose(pressure, [100.0, 300.0, 100.0, 300.0], atol=0.3)
+    np.testing.assert_allclose(force, [400.0, 100.0, 400.0, 100.0], atol=0.9)
+    np.testing.assert_allclose(angle, [0.5, 0.6], atol=0.006)
+    np.testing.assert_allclose(
+        CHANNELS.to_commands(CHANNELS.to_counts(np.array([10.0, 20.0, 250.0, 700.0]))),
+        [10.0, 20.0, 250.0, 700.0],
+        atol=0.016,
+    )
+
+
+@pytest.mark.parametrize(("zero", "sign"), [(0.0, 1), (1234.0, 1), (4294967000.0, -1), (-5000.0, -1)])
+def test_a_counter_is_read_across_its_wrap(zero, sign):
+    section = describe_rig()
+    section["encoders"]["SFE"] |= {"zero_count": zero, "sign": sign}
+    channels = build_rig(section, 502).map_channels()
+    for angle in (-0.1, 0.0, 1.3):
+        raw = np.zeros(10)
+        raw[8] = (zero + sign * angle / 6.283185307e-4) % 2**32
+        assert channels.to_values(raw)[2][0] == pytest.approx(angle, abs=1e-3)
+
+
+def test_a_steady_sample_is_well(generator):
+    supervisor = make_supervisor()
+    samples = [look(supervisor, counts(generator)) for _ in range(200)]
+    assert {each.breach for each in samples} == {""}
+    assert {word for each in samples for word in each.status} == {"ok"}
+
+
+def test_a_vented_and_slack_muscle_stands_still_without_being_frozen(generator):
+    supervisor = make_supervisor(moved=False)
+    still = counts(generator, (0.0,) * 4, (0.0,) * 4)
+    assert not any(supervisor.look(still, np.zeros(4)).breach for _ in range(300))
+    under_command = [supervisor.look(still, np.full(4, 200.0)).breach for _ in range(40)]
+    assert "pam1.pressure has not changed for 0.30 s" in under_command[29]
+    assert under_command[:29] == [""] * 29
+
+
+def test_encoders_stand_still_where_nobody_moves(generator):
+    resting = make_supervisor(moved=False)
+    moved = make_supervisor(moved=True)
+    told = {}
+    for name, supervisor in (("resting", resting), ("moved", moved)):
+        for _ in range(200):
+            given = counts(generator)
+            given[8:] = [800.0, 900.0]
+            told[name] = look(supervisor, given).breach
+    assert told["resting"] == ""
+    assert "SFE.encoder has not changed for" in told["moved"]
+
+
+def test_bad_samples_are_borne_only_for_so_long_and_the_last_value_is_held(generator):
+    supervisor = make_supervisor()
+    look(supervisor, counts(generator))
+    breaches = []
+    for _ in range(5):
+        given = counts(generator)
+        given[5] = -32768.0
+        sample = look(supervisor, given)
+        assert sample.force_n[1] == pytest.approx(100.0, abs=0.9)
+        assert sample.status.tolist() == ["ok", "invalid", "ok", "ok"]
+        breaches.append(sample.breach)
+    assert breaches[:3] == [""] * 3
+    assert breaches[3] == "pam2.force tells no value (count -32768)"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"pressure": (301.0, 300.0, 100.0, 300.0)}, "pam1 at 301 kPa, ceiling 300.0 kPa"),
+        ({"force": (400.0, 100.0, 400.0, 710.0)}, "pam4 at 710 N, ceiling 700.0 N"),
+        ({"angle": (-0.2, 0.6)}, "rad, limits -0.15 and 1.45 rad"),
+        ({"angle": (0.5, 1.4)}, "EFE at 1.40"),
+    ],
+)
+def test_what_passes_a_limit_ends_the_trial_at_once(generator, changes, words):
+    sample = look(make_supervisor(), counts(generator, **changes))
+    assert words in sample.breach
+    assert "over" in sample.status
+
+
+def test_a_joint_that_is_too_quick_ends_the_trial(generator):
+    supervisor = make_supervisor()
+    told = [look(supervisor, counts(generator, angle=(0.2 + 0.09 * k, 0.6))).breach for k in range(8)]
+    assert "SFE at" in told[-1]
+    assert "limit 8.0 rad/s" in told[-1]
+    slower = make_supervisor()
+    assert not any(look(slower, counts(generator, angle=(0.2 + 0.05 * k, 0.6))).breach for k in range(8))
+
+
+def bank(angle, command=100.0):
+    time_s = np.arange(50) / 100.0
+    rows = [
+        pd.DataFrame(
+            {
+                "trajectory": n,
+                "time_s": time_s,
+                "muscle": name,
+                "pressure_command_kpa": command,
+                "joint_angle_rad": angle(time_s, n),
+            }
+        )
+        for n in range(3)
+        for name in RIG.muscles
+    ]
+    return pd.concat(rows, ignore_index=True)
+
+
+def forbidden(samples):
+    return list(find_forbidden(samples, "trajectory", RIG.exoskeleton, RIG.guard, RIG.limits))
+
+
+def test_a_bank_within_limits_passes():
+    assert forbidden(bank(lambda t, n: 0.5 + 0.2 * np.sin(t + n))) == []
+
+
+def test_a_bank_beyond_limits_is_told_where():
+    far = forbidden(bank(lambda t, n: 0.5 + (1.0 * (t > 0.3) if n == 1 else 0.0 * t)))
+    assert far[0].startswith("trajectory 1 asks for joint SFE at 1.5 rad, permitted -0.15 to 1.45, at 0.31 s (1 of 3")
+    assert any("rad/s, permitted 8.0" in each for each in far)
+    high = forbidden(bank(lambda t, n: 0.5 + 0.0 * t, command=300.0))
+    assert high == [
+        f"trajectory 0 asks for muscle {name} at 300 kPa, permitted 0.0 to 250.0, at 0.00 s (3 of 3 ask for such)"
+        for name in ("pam1", "pam3")
+    ]
+
+
+def test_a_rig_refuses_a_bank_in_one_line():
+    with pytest.raises(ValueError, match=r"within the rig's limits: .* change rig.limits and rig.guard$") as caught:
+        RIG.check_bank(bank(lambda t, n: 2.0 + 0.0 * t), "trajectory")
+    assert "\n" not in str(caught.value)
+
+
+def test_ticks_keep_to_time_and_missed_ones_are_left_out():
+    begun = time.monotonic()
+    ticks = []
+    for tick in pace(20, 0.01):
+        ticks.append((tick.index, time.monotonic() - begun))
+        if tick.index == 5:
+            time.sleep(0.045)
+    indices = [index for index, _ in ticks]
+    assert indices[:6] == list(range(6))
+    assert 9 <= indices[6] <= 12
+    assert indices[-1] == 19
+    assert all(at >= 0.01 * index - 1e-4 for index, at in ticks)
+
+
+def test_the_pace_is_measured_on_samples_that_were_taken():
+    rows = pd.DataFrame({"muscle": "pam1", "time_s": np.arange(100) / 100.0, "late_s": 0.0, "status": "ok"})
+    rows.loc[50, "late_s"], rows.loc[70, "status"] = 0.006, "missed"
+    found = measure_pace(pd.concat([rows, rows.assign(muscle="pam2")]), [])
+    assert (found.samples, found.overruns) == (100, 2)
+    assert found.p50_s == pytest.approx(0.01)
+    assert found.p99_s > 0.015
+    assert "2 of 100 samples overrun (2.00 %)" in str(found)
+
+
+def test_a_signal_waits_until_the_muscles_are_down():
+    seen = []
+    before = signal.signal(signal.SIGTERM, lambda number, frame: seen.append(number))
+    try:
+        with hold_signals() as held:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(0.01)
+            assert held.name == "SIGTERM"
+            assert seen == []
+        assert seen == [signal.SIGTERM]
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    with pytest.raises(KeyboardInterrupt):  # noqa: SIM117 (raised on leaving the inner block)
+        with hold_signals():
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: s["channels"].pop("pam2"), "channels: none for pam2, only for pam1, pam3, pam4; add channels.pam2"),
+        (lambda s: s["encoders"].pop("EFE"), "encoders: none for EFE"),
+        (
+            lambda s: s["channels"]["pam1"]["force"].update(module=1),
+            "expected the position of a 4AI, got 1, which is 4AO",
+        ),
+        (lambda s: s["channels"]["pam1"]["force"].update(module=9), "got 9, which is no module"),
+        (
+            lambda s: s["channels"]["pam1"]["force"].update(channel=1),
+            "pam1.force and channels.pam2.force: expected a channel",
+        ),
+        (lambda s: s["device"].update(watchdog_s=0.05), "greater than or equal to 0.1"),
+        (lambda s: s["device"].update(reply_s=0.3), "device.reply_s: expected less than watchdog_s"),
+        (lambda s: s["device"].update(modules=["4AO", "EP"]), "device.modules: expected EP first and only there"),
+        (lambda s: s["guard"]["ceilings"].pop("MAS-10"), "guard.ceilings: none for MAS-10"),
+        (
+            lambda s: s["guard"]["ceilings"]["MAS-40"].update(pressure_kpa=250.0),
+            "expected more than the 250.0 kPa that",
+        ),
+        (lambda s: s["guard"]["joints"].pop("SFE"), "guard.joints: none for SFE"),
+        (lambda s: s["co_contraction_kpa"].pop("SFE"), "co_contraction_kpa: none for joint SFE"),
+        (lambda s: s.update(lead_in_s=0.01), "lead_in_s: expected at least 0.0625 s, in which pam1 can be filled"),
+    ],
+)
+def test_a_rig_that_cannot_work_is_refused(change, message):
+    section = describe_rig()
+    change(section)
+    with pytest.raises(ValueError, match=r".*") as caught:
+        build_rig(section, 502)
+    assert message in str(caught.value)
