@@ -404,8 +404,8 @@ def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
     samples = recordings[list(MEASURED.columns)[1:]].assign(trial=trial)
     amiss = recordings["status"] != "ok"
     samples.loc[amiss, [name for name in READINGS if name != "pressure_command_kpa"]] = float("nan")
-    counts = recordings.loc[amiss, ["muscle", "status"]].value_counts(sort=False)
-    notes = [(str(muscle), f"{count} samples left out: {status}") for (muscle, status), count in counts.items()]
+    counts = recordings[amiss].groupby(["muscle", "status"], sort=False).size().reset_index(name="count")
+    notes = [(str(row["muscle"]), f"{row['count']} samples left out: {row['status']}") for _, row in counts.iterrows()]
     known, machine = describe_muscles(cfg.exoskeleton), cfg.exoskeleton
     site, rate = machine.load_cell_site, machine.sampling_rate_hz
     file, told_in = "hardware_recordings", "exoskeleton.muscles"
