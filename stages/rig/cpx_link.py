@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import struct
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Self
@@ -69,11 +70,17 @@ class CpxLink:
         self._outputs: dict[int, list[int]] = {
             position: [0] * 4 for position, kind in enumerate(device.modules) if kind == "4AO"
         }
+        self._answered_at_s = time.monotonic()
 
     @property
     def place(self) -> str:
         """Address and port."""
         return f"{self.device.host}:{self.device.port}"
+
+    @property
+    def silent_s(self) -> float:
+        """Time since the device answered last, s."""
+        return time.monotonic() - self._answered_at_s
 
     def open(self) -> None:
         """Connect, check the modules and set all outputs to zero pressure.
@@ -230,6 +237,7 @@ class CpxLink:
             yield
         if self._cpx.client.socket is not before:
             raise LinkLost("the connection was closed and made anew")
+        self._answered_at_s = time.monotonic()
 
 
 @contextmanager

@@ -87,7 +87,7 @@ class FestoCpx(ConfiguredRig):
                 raise ValueError(f"co_contraction_kpa: none for joint {joint}; add co_contraction_kpa.{joint}")
         for muscle in self.exoskeleton.muscles:
             limit = self.limits[muscle.type]
-            rise_s = (limit.high_kpa - limit.low_kpa) / limit.slew_kpa_per_s
+            rise_s = limit.high_kpa / limit.slew_kpa_per_s
             if rise_s > self.lead_in_s:
                 raise ValueError(
                     f"lead_in_s: expected at least {rise_s:.3g} s, in which {muscle.name} can be filled to any command "
@@ -157,8 +157,8 @@ class FestoCpx(ConfiguredRig):
         assert self._link is not None
         lead = self._lead_samples
         asked = np.concatenate([np.repeat(trial.pressure_command_kpa[:1], lead, axis=0), trial.pressure_command_kpa])
-        start = np.array([self.limits[muscle.type].low_kpa for muscle in self.exoskeleton.muscles])
-        command, clipped = apply_limits(asked, self.limits, self.exoskeleton, self.co_contraction_kpa, start)
+        vented = np.zeros(len(self.exoskeleton.muscles))
+        command, clipped = apply_limits(asked, self.limits, self.exoskeleton, self.co_contraction_kpa, vented)
         clipped[:lead] = "ramp"
         book = Logbook(self.exoskeleton, lead, command, clipped, watch)
         with hold_signals() as signals, undisturbed():
@@ -218,7 +218,8 @@ class FestoCpx(ConfiguredRig):
         """Let all muscles down within the guard's time; say so if the device could not be reached for it."""
         begun, period_s = time.monotonic(), 1.0 / self.sampling_rate_hz
         steps = max(round(self.guard.ramp_down_s * self.sampling_rate_hz), 1)
-        first, deadline_s = book.last_command, self.guard.ramp_down_s + RETRY_S
+        vented = link.silent_s > self.device.watchdog_s  # by the watchdog, which a ramp would undo
+        first, deadline_s = (0.0 if vented else 1.0) * book.last_command, self.guard.ramp_down_s + RETRY_S
         problem = ""
         while (passed_s := time.monotonic() - begun) < deadline_s:
             share = min((np.floor(passed_s / period_s) + 1) / steps, 1.0)

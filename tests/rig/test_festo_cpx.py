@@ -318,3 +318,23 @@ def test_other_modules_and_nobody_there_are_told(emulator, section):
         build_rig(fewer, emulator.port).connect()
     with pytest.raises(RigError, match=r"expected a CPX-E that answers Modbus .*check its power"):
         build_rig(section, 1).connect()
+
+
+def test_muscles_that_the_watchdog_vented_are_not_filled_anew_on_the_way_down(rig, emulator, monkeypatch):
+    """As when the computer slept for longer than the watchdog's time."""
+    from stages.rig import festo_cpx
+
+    def sleep_once(count, period_s, pace=festo_cpx.pace):
+        for tick in pace(count, period_s):
+            if tick.index == 120:
+                time.sleep(0.5)
+            yield tick
+
+    monkeypatch.setattr(festo_cpx, "pace", sleep_once)
+    before = emulator.state(log=0)["watchdog_count"]
+    with pytest.raises(TrialStopped, match=r"the loop came \d+ ms late"), rig:
+        rig.execute(trial(rig, "passive"), np.random.default_rng(0))
+    state = emulator.state()
+    assert state["watchdog_count"] == before + 1
+    later = [outputs for at_s, outputs in state["log"] if at_s >= state["watchdog_fired_at_s"]]
+    assert np.max(later) == 0.0
