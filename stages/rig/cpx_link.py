@@ -71,6 +71,7 @@ class CpxLink:
             position: [0] * 4 for position, kind in enumerate(device.modules) if kind == "4AO"
         }
         self._answered_at_s = time.monotonic()
+        self._longest_silence_s = 0.0
 
     @property
     def place(self) -> str:
@@ -78,9 +79,9 @@ class CpxLink:
         return f"{self.device.host}:{self.device.port}"
 
     @property
-    def silent_s(self) -> float:
-        """Time since the device answered last, s."""
-        return time.monotonic() - self._answered_at_s
+    def longest_silence_s(self) -> float:
+        """Longest time without an answer since the watchdog was armed, s."""
+        return max(self._longest_silence_s, time.monotonic() - self._answered_at_s)
 
     def open(self) -> None:
         """Connect, check the modules and set all outputs to zero pressure.
@@ -190,6 +191,7 @@ class CpxLink:
             When the device does not take the time.
         """
         self._set_watchdog(round(self.device.watchdog_s * 1000))
+        self._longest_silence_s = 0.0
 
     def disarm(self) -> None:
         """Let the device bear silence."""
@@ -233,6 +235,7 @@ class CpxLink:
         before = self._cpx.client.socket
         if before is None:
             raise LinkLost("the connection was closed")
+        self._longest_silence_s = self.longest_silence_s
         with _told():
             yield
         if self._cpx.client.socket is not before:

@@ -187,14 +187,16 @@ class FestoCpx(ConfiguredRig):
             self.announce(trial)
             link.arm()
             for tick in pace(len(command), 1.0 / self.sampling_rate_hz):
+                late_s = tick.late_s
+                counts = link.read()
                 reason = signals.name or self._judge_pace(book, tick)
                 if reason:
                     break
-                sample = supervisor.look(link.read(), book.last_command)
+                sample = supervisor.look(counts, book.last_command, tick.due_s + late_s)
                 reason = sample.breach
                 if not reason:
                     link.write(command[tick.index])
-                book.note(tick, sample, applied=not reason)
+                book.note(tick.index, late_s, sample, applied=not reason)
                 if reason:
                     break
         except LinkLost as error:
@@ -218,7 +220,7 @@ class FestoCpx(ConfiguredRig):
         """Let all muscles down within the guard's time; say so if the device could not be reached for it."""
         begun, period_s = time.monotonic(), 1.0 / self.sampling_rate_hz
         steps = max(round(self.guard.ramp_down_s * self.sampling_rate_hz), 1)
-        vented = link.silent_s > self.device.watchdog_s  # by the watchdog, which a ramp would undo
+        vented = link.longest_silence_s > self.device.watchdog_s  # by the watchdog, which a ramp would undo
         first, deadline_s = (0.0 if vented else 1.0) * book.last_command, self.guard.ramp_down_s + RETRY_S
         problem = ""
         while (passed_s := time.monotonic() - begun) < deadline_s:
@@ -228,7 +230,7 @@ class FestoCpx(ConfiguredRig):
                 if share == 1.0:
                     link.disarm()
                     return ""
-                book.note_ramp(supervisor.look(link.read(), first), (1.0 - share) * first)
+                book.note_ramp(supervisor.look(link.read(), first, time.monotonic()), (1.0 - share) * first)
             except LinkLost as error:
                 problem = str(error)
                 _try_again(link)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stages.plant.exoskeleton import Exoskeleton
 from stages.rig.contract import Watch
-from stages.rig.pacing import Pace, Tick, measure_pace
+from stages.rig.pacing import Pace, measure_pace
 from stages.rig.supervision import Sample
 from stages.signals.trajectories import Array
 
@@ -75,16 +75,16 @@ class Logbook:
         """Time of the last sample, s; below 0 in the lead-in."""
         return (self.count - 1 - self.lead) / self.exoskeleton.sampling_rate_hz
 
-    def note(self, tick: Tick, sample: Sample, applied: bool) -> None:
+    def note(self, index: int, late_s: float, sample: Sample, applied: bool) -> None:
         """Note a sample, and before it those that were missed, with the values and the command that held meanwhile."""
-        while self.count < tick.index:
+        while self.count < index:
             held = self._rows[-1] if self._rows else self._describe(sample, self.last_command, "")
             missed = np.full(len(self.last_command), "missed")
             self._append({**held, "status": missed, "late_s": 0.0})
         if applied:
-            self.last_command = self.command_kpa[tick.index]
-        clipped = self.clipped_by[tick.index] if applied else "ramp"
-        self._append({**self._describe(sample, self.last_command, clipped), "late_s": tick.late_s})
+            self.last_command = self.command_kpa[index]
+        clipped = self.clipped_by[index] if applied else "ramp"
+        self._append({**self._describe(sample, self.last_command, clipped), "late_s": late_s})
 
     def note_ramp(self, sample: Sample, command_kpa: Array) -> None:
         """Note a sample on the way down."""

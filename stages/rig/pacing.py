@@ -24,12 +24,17 @@ class Tick:
     ----------
     index : int
         Its number; numbers that are left out were missed.
-    late_s : float
-        How much later than due it began, s.
+    due_s : float
+        When it was to begin, by the monotonic clock, s.
     """
 
     index: int
-    late_s: float
+    due_s: float
+
+    @property
+    def late_s(self) -> float:
+        """How much later than due it is now, s."""
+        return time.monotonic() - self.due_s
 
 
 def pace(count: int, period_s: float) -> Iterator[Tick]:
@@ -48,9 +53,8 @@ def pace(count: int, period_s: float) -> Iterator[Tick]:
         if ahead_s > 0.0:
             time.sleep(ahead_s)
         late_s = time.monotonic() - begun - index * period_s
-        missed = min(int(late_s / period_s), count - 1 - index)
-        index += missed
-        yield Tick(index, late_s - missed * period_s)
+        index += min(int(late_s / period_s), count - 1 - index)
+        yield Tick(index, begun + index * period_s)
         index += 1
 
 

@@ -72,13 +72,13 @@ class Supervisor:
         self._failing = np.zeros(2 * muscles + joints, dtype=int)
         self._before: Array | None = None
         self._told: Array | None = None
-        self._angles: deque[Array] = deque(maxlen=speed_samples(rate) + 1)
+        self._angles: deque[tuple[float, Array]] = deque(maxlen=speed_samples(rate) + 1)
         self._ceilings = [guard.ceilings[muscle.type] for muscle in exoskeleton.muscles]
         self._awake = AWAKE * np.array(
             [each.pressure_kpa for each in self._ceilings] + [each.force_n for each in self._ceilings]
         )
 
-    def look(self, counts: Array, command_kpa: Array) -> Sample:
+    def look(self, counts: Array, command_kpa: Array, at_s: float) -> Sample:
         """Judge one sample.
 
         Parameters
@@ -87,6 +87,8 @@ class Supervisor:
             Of all inputs, in the order of the channel map.
         command_kpa : (M,) ndarray
             What was commanded before it, kPa gauge.
+        at_s : float
+            When it was taken, by any clock, s.
         """
         muscles = len(self.exoskeleton.muscles)
         analogue = counts[: 2 * muscles]
@@ -94,7 +96,7 @@ class Supervisor:
         ended = ~none & ((analogue < self.counts.low) | (analogue >= self.counts.high))
         lost = np.concatenate([none | ended, np.zeros(len(counts) - 2 * muscles, dtype=bool)])
         pressure, force, angle = self._read(counts, lost)
-        self._angles.append(angle)
+        self._angles.append((at_s, angle))
         frozen = self._find_frozen(counts, np.concatenate([np.maximum(pressure, command_kpa), force]))
         self._failing = np.where(lost, self._failing + 1, 0)
         speed = self._measure_speed()
@@ -119,11 +121,8 @@ class Supervisor:
         return frozen
 
     def _measure_speed(self) -> Array:
-        steps = len(self._angles) - 1
-        if steps == 0:
-            return np.zeros(len(self._angles[0]))
-        change: Array = self._angles[-1] - self._angles[0]
-        return change * self.exoskeleton.sampling_rate_hz / steps
+        (begun_s, first), (ended_s, last) = self._angles[0], self._angles[-1]
+        return (last - first) / (ended_s - begun_s) if ended_s > begun_s else np.zeros(len(last))
 
     def _find_over(self, pressure: Array, force: Array, angle: Array, speed: Array) -> dict[int, str]:
         """Return what passes which limit, by muscle."""

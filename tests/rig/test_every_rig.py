@@ -83,7 +83,7 @@ def test_all_three_kinds_of_trial_are_executed(rig, generator):
         assert set(found.status.ravel()) <= set(STATUS)
         assert set(found.clipped_by.ravel()) <= set(CLIPPED_BY)
         taken = (found.status == "ok").all(axis=1)
-        assert taken.mean() > 0.8
+        assert taken.sum() > 20
         np.testing.assert_allclose(found.pressure_command_kpa[taken], trial.pressure_command_kpa[taken])
         assert np.abs(found.pressure_kpa[taken] - trial.pressure_command_kpa[taken]).max() < 40.0
         if trial.reference_rad is not None:

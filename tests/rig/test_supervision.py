@@ -32,8 +32,10 @@ def counts(generator, pressure=(100.0, 300.0, 100.0, 300.0), force=(400.0, 100.0
     return np.round(np.array(values) + generator.uniform(-8.0, 8.0, 10))
 
 
-def look(supervisor, given):
-    return supervisor.look(given, np.full(4, 100.0))
+def look(supervisor, given, command=(100.0,) * 4):
+    """A sample a hundredth of a second after the one before."""
+    supervisor.clock = getattr(supervisor, "clock", 0.0) + 0.01
+    return supervisor.look(given, np.array(command), supervisor.clock)
 
 
 def test_counts_become_values_and_commands_counts(generator):
@@ -69,8 +71,8 @@ def test_a_steady_sample_is_well(generator):
 def test_a_vented_and_slack_muscle_stands_still_without_being_frozen(generator):
     supervisor = make_supervisor(moved=False)
     still = counts(generator, (0.0,) * 4, (0.0,) * 4)
-    assert not any(supervisor.look(still, np.zeros(4)).breach for _ in range(300))
-    under_command = [supervisor.look(still, np.full(4, 200.0)).breach for _ in range(40)]
+    assert not any(look(supervisor, still, (0.0,) * 4).breach for _ in range(300))
+    under_command = [look(supervisor, still, (200.0,) * 4).breach for _ in range(40)]
     assert "pam1.pressure has not changed for 0.30 s" in under_command[29]
     assert under_command[:29] == [""] * 29
 
@@ -244,3 +246,11 @@ def test_a_rig_that_cannot_work_is_refused(change, message):
     with pytest.raises(ValueError, match=r".*") as caught:
         build_rig(section, 502)
     assert message in str(caught.value)
+
+
+def test_the_speed_is_that_of_the_real_time_between_samples(generator):
+    supervisor = make_supervisor()
+    at_s = [0.0, 0.01, 0.02, 0.08, 0.09, 0.10]
+    told = [supervisor.look(counts(generator, angle=(0.2 + 5.0 * t, 0.6)), np.zeros(4), t) for t in at_s]
+    assert {each.breach for each in told} == {""}
+    assert told[-1].speed_rad_per_s[0] == pytest.approx(5.0, abs=0.5)
