@@ -27,7 +27,7 @@ class RecordingError(ValueError):
 
 def tell_rows(wrong: pd.Series) -> str:
     """Return the first rows at which a mask is true, and how many more there are."""
-    rows = [str(index) for index in wrong.index[wrong.to_numpy(dtype=bool)]]
+    rows = list(dict.fromkeys(str(index) for index in wrong.index[wrong.to_numpy(dtype=bool)]))
     more = f" and {len(rows) - SHOWN_ROWS} more" if len(rows) > SHOWN_ROWS else ""
     return f"row{'s' * (len(rows) > 1)} {', '.join(rows[:SHOWN_ROWS])}{more}"
 

@@ -72,6 +72,8 @@ class Trial:
         Joint angles to follow, rad; only in a tracked trial.
     label : str
         Names the trial for an operator.
+    number : int or None
+        Which of its study's trials of this kind it is, from 0; None where nothing counts them.
     """
 
     kind: Literal["free", "tracked", "passive"]
@@ -79,6 +81,7 @@ class Trial:
     pressure_command_kpa: Array
     reference_rad: Array | None = None
     label: str = ""
+    number: int | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("free", "tracked", "passive"):
@@ -137,9 +140,7 @@ class Recording:
         for each in fields(self):
             shape = getattr(self, each.name).shape
             like = self.joint_angle_rad if each.name.startswith("joint") else self.pressure_command_kpa
-            expected = (
-                self.time_s.shape if each.name in ("time_s", "late_s") else (len(self.time_s), like.shape[-1])
-            )
+            expected = self.time_s.shape if each.name in ("time_s", "late_s") else (len(self.time_s), like.shape[-1])
             if shape != expected:
                 raise ValueError(f"recording: expected {each.name} of shape {expected}, got {shape}")
 

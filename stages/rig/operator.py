@@ -14,11 +14,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-import pandera.pandas as pa
 from pydantic import field_validator
 
 from stages.rig.configured import ConfiguredRig
-from stages.rig.contract import MEASUREMENT_COLUMNS, RECORDING_COLUMNS, Recording, RigError, Trial, Watch
+from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, RigError, Trial, Watch
+from stages.rig.rows import check_values, gather
 
 SUFFIXES = (".csv", ".parquet")
 
@@ -110,13 +110,9 @@ class OperatorRig(ConfiguredRig):
                 f"{path}: expected the columns {', '.join(MEASUREMENT_COLUMNS)}; it lacks {', '.join(missing)}"
             )
         try:
-            schema = pa.DataFrameSchema(dict(RECORDING_COLUMNS), strict="filter", coerce=True)
-            frame = schema.validate(_assume_conduct(frame), lazy=True)
-        except pa.errors.SchemaErrors as errors:
-            case = errors.failure_cases.iloc[0]
-            raise RigError(
-                f"{path}: column {case['column']}: expected {case['check']}, got {case['failure_case']}"
-            ) from None
+            frame = check_values(_assume_conduct(frame))
+        except ValueError as error:
+            raise RigError(f"{path}: {error}") from None
         counts = frame["muscle"].value_counts()
         wrong = [name for name in self.muscles if counts.get(name, 0) != self.samples]
         if wrong:
@@ -125,16 +121,7 @@ class OperatorRig(ConfiguredRig):
         times = frame.groupby("time_s")["muscle"].nunique()
         if len(times) != self.samples or times.min() < len(self.muscles):
             raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(times)} times")
-        wide = {
-            name: frame.pivot(index="time_s", columns="muscle", values=name) for name in list(RECORDING_COLUMNS)[2:]
-        }
-        first_muscle = [self.muscles[list(self.muscle_joints).index(joint)] for joint in self.joints]
-        arrays = {
-            name: values[first_muscle if name.startswith("joint") else list(self.muscles)].to_numpy()
-            for name, values in wide.items()
-        }
-        late_s = arrays.pop("late_s")[:, 0]
-        return Recording(time_s=wide["force_n"].index.to_numpy(), late_s=late_s, **arrays)
+        return gather(frame, self)
 
 
 def _assume_conduct(frame: pd.DataFrame) -> pd.DataFrame:

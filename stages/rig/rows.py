@@ -1,0 +1,50 @@
+"""From long rows back to a recording: what `tidy` made of one.
+
+Rows of one trial flow in, one for each muscle and time; the `Recording` flows out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pandera.pandas as pa
+
+from stages.rig.contract import RECORDING_COLUMNS, Recording, Rig
+
+
+def check_values(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns of `RECORDING_COLUMNS`, each of its type.
+
+    Raises
+    ------
+    ValueError
+        Naming the column, what was expected of it, and the first value that is otherwise.
+    """
+    try:
+        checked: pd.DataFrame = pa.DataFrameSchema(dict(RECORDING_COLUMNS), strict="filter", coerce=True).validate(
+            frame, lazy=True
+        )
+    except pa.errors.SchemaErrors as errors:
+        case = errors.failure_cases.iloc[0]
+        raise ValueError(f"column {case['column']}: expected {case['check']}, got {case['failure_case']}") from None
+    return checked
+
+
+def gather(frame: pd.DataFrame, rig: Rig) -> Recording:
+    """Return the recording whose long rows these are; a joint's columns are those of its first muscle.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        The columns of `RECORDING_COLUMNS`, for every muscle at the same times, in any order.
+    rig : Rig
+        Names the muscles and their joints.
+    """
+    wide = {name: frame.pivot(index="time_s", columns="muscle", values=name) for name in list(RECORDING_COLUMNS)[2:]}
+    first_muscle = [rig.muscles[list(rig.muscle_joints).index(joint)] for joint in rig.joints]
+    arrays = {
+        name: np.ascontiguousarray(values[first_muscle if name.startswith("joint") else list(rig.muscles)].to_numpy())
+        for name, values in wide.items()
+    }
+    late_s = arrays.pop("late_s")[:, 0]
+    return Recording(time_s=wide["force_n"].index.to_numpy(), late_s=late_s, **arrays)
