@@ -83,7 +83,7 @@ class Bag:
     def join(self, names: Collection[str] | None = None) -> pd.DataFrame:
         """Return the columns of these names, or all, on the clock of the one of their topics with most messages."""
         wanted = {
-            each: [name for name in topic.table if names is None or name in names]
+            each: [str(name) for name in topic.table if names is None or name in names]
             for each, topic in self.topics.items()
         }
         used = [each for each, columns in wanted.items() if columns] or list(self.topics)

@@ -216,16 +216,16 @@ def active_loop(
     arms = choose_arms(cfg.active_loop, ctx.rig.real)
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
-    loops = []
+    loops: list[Loop] = []
     for (participant, experiment), initial in experiments:
         executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
         start = spread_evenly(keep_usable(executed), cfg.active_loop.initial_points, muscles.names)
         used = [int(each) for each in initial["trajectory"]]
         count = cfg.active_loop.control_experiments
         for arm in arms if count is None or int(str(experiment)) <= count else arms[:1]:
-            first = len(initial_trials) + len(loops) * cfg.active_loop.trials
+            number = len(initial_trials) + len(loops) * cfg.active_loop.trials
             who = str(participant), int(str(experiment))
-            loops.append(Loop(cfg, ctx, muscles, references, start, used, *who, arm, first))
+            loops.append(Loop(cfg, ctx, muscles, references, start, used, *who, arm, number))
     with ctx.progress("experiments", len(loops)) as advance:
         for loop, keys in zip(loops, ctx.spread(Loop.run, loops), strict=True):
             ctx.record.include(keys)

@@ -434,7 +434,9 @@ def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     samples, muscles = choose_muscles(source.samples, source.muscles, source.told_in, notes)
     rate = find_rate(samples, ("trial", "muscle"), source.rate_hz)
     parts = read_parts(samples, WHOLE)
+    recorded = samples.groupby("trial", sort=False).size()
     samples, starts = regularise(samples, "trial", ["muscle"], rate, cfg.measurement.largest_jitter)
+    notes.extend(note_gaps(recorded, samples))
     window = cfg.exoskeleton.velocity_filter
     samples = complete(samples, muscles, READINGS, rate, window.window_s, window.order, notes)
     trials = list_trials(samples, rate).assign(part=parts.to_numpy(), start_s=find_starts(source.session, starts))
@@ -455,6 +457,16 @@ def note_reading(file: Path, cfg: Config, known: pd.DataFrame) -> Notes:
     if is_one_trial(cfg.columns, header.names):
         notes.append(("trial", "the whole file is one, number 0"))
     return notes + ([(file.name, each) for each in header.remarks] if is_bag(file) else [])
+
+
+def note_gaps(recorded: pd.Series, samples: pd.DataFrame) -> Notes:
+    """Return a note for each trial that lacked rows: now they are there, without values."""
+    lost = samples.groupby("trial", sort=False).size() - recorded
+    return [
+        (f"trial {trial}", f"{count} of its rows were missing: samples without values")
+        for trial, count in lost.items()
+        if count
+    ]
 
 
 def describe_session(source: Source, rate: float, trials: int, muscles: int) -> pd.DataFrame:

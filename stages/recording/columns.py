@@ -107,8 +107,11 @@ def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
         )
     steps = frame.groupby(stream, sort=False)[time].diff() if stream else frame[time].diff()
     if (steps < 0.0).any():
+        back = steps < 0.0
+        told = ", ".join(f"{name} {frame.loc[back, name].iloc[0]}" for name in stream)
+        where = f" ({told})" if told else ""
         raise RecordingError(
-            f"column {time}: time goes back in {tell_rows(steps < 0.0)}; sort the rows" + _begin_anew(stream)
+            f"column {time}: time goes back in {tell_rows(back)}{where}; sort the rows" + _begin_anew(stream)
         )
 
 

@@ -18,12 +18,9 @@ from pydantic import field_validator
 
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, RigError, Trial, Watch
-from stages.rig.rows import check_values, gather
+from stages.rig.rows import assume_conduct, check_values, gather
 
 SUFFIXES = (".csv", ".parquet")
-
-PUNCTUAL = {"status": "ok", "clipped_by": "", "late_s": 0.0}
-"""How samples were taken, of which a file need not tell."""
 
 
 class TrialRequested(Exception):
@@ -110,7 +107,7 @@ class OperatorRig(ConfiguredRig):
                 f"{path}: expected the columns {', '.join(MEASUREMENT_COLUMNS)}; it lacks {', '.join(missing)}"
             )
         try:
-            frame = check_values(_assume_conduct(frame))
+            frame = check_values(assume_conduct(frame))
         except ValueError as error:
             raise RigError(f"{path}: {error}") from None
         counts = frame["muscle"].value_counts()
@@ -122,12 +119,6 @@ class OperatorRig(ConfiguredRig):
         if len(times) != self.samples or times.min() < len(self.muscles):
             raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(times)} times")
         return gather(frame, self)
-
-
-def _assume_conduct(frame: pd.DataFrame) -> pd.DataFrame:
-    """Take samples for punctual, as measured and applied as asked, where the file does not tell."""
-    told = frame.assign(**{name: value for name, value in PUNCTUAL.items() if name not in frame})
-    return told.fillna({"clipped_by": ""})
 
 
 def name_trial(trial: Trial) -> str:

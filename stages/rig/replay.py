@@ -38,25 +38,25 @@ from stages.recording import (
 )
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import MEASUREMENT_COLUMNS, Array, Recording, RigError, Trial, Watch
-from stages.rig.rows import check_values, gather
+from stages.rig.rows import PUNCTUAL, assume_conduct, check_values, gather
 
 Kind = Literal["free", "tracked", "passive"]
 How = Literal["command", "order"]
 
 READINGS = tuple(MEASUREMENT_COLUMNS)[2:]
-CONDUCT = {"status": "ok", "clipped_by": "", "late_s": 0.0}
-"""How samples were taken, and what is assumed of a file that does not tell."""
 NEEDED = ("pressure_command_kpa", "pressure_kpa", "force_n", "joint_angle_rad")
 TEXTS = ("trial", "muscle", "kind", "participant", "status", "clipped_by")
-KNOWN = ("trial", "kind", "participant", "muscle", "time_s", *READINGS, *CONDUCT, "reference_rad")
+KNOWN = ("trial", "kind", "participant", "muscle", "time_s", *READINGS, *PUNCTUAL, "reference_rad")
 KEYS = ("participant", "experiment", "arm", "position", "trial", "trajectory")
 """Columns that tell trials apart in the tables of a run, where ``columns.trial`` names none."""
-HELD = ("pressure_command_kpa", *CONDUCT)
+HELD = ("pressure_command_kpa", *PUNCTUAL)
 """Columns whose values hold until the next sample."""
 SLACK_N = -50.0
 """Tension below which a load cell is not merely slack; what lies between it and 0 is taken for 0, as in simulation."""
 SAME_RATE = 0.01
 """Relative difference of two rates that are the same."""
+SAME_KPA = 1e-9
+"""Difference of commands that are the same; of several recordings of one, that of the trial's number is taken."""
 A_GAP = 1.5
 """Steps of time, over the usual one, from which on samples are missing in between."""
 
@@ -208,17 +208,23 @@ class ReplayRig(ConfiguredRig):
                 f"{theirs[away.index(nearest_kpa)].name} at {nearest_kpa:.4g} kPa as the nearest; add a recording of "
                 f"it, raise rig.tolerance_kpa, or set rig.match={{{trial.kind}: order}}"
             )
-        near = [each for each, its in zip(theirs, away, strict=True) if its <= max(nearest_kpa, 1e-9)]
-        if trial.reference_rad is None:
-            return near[0]
-        off = [float(np.sqrt(np.mean((each.shown_rad - trial.reference_rad) ** 2))) for each in near]
-        if min(off) > self.tolerance_rad:
+        near = [each for each, its in zip(theirs, away, strict=True) if its <= max(nearest_kpa, SAME_KPA)]
+        if trial.reference_rad is not None:
+            near = self._keep_tracked(near, trial.reference_rad, asked)
+        numbered = found[trial.number] if trial.number is not None and trial.number < len(found) else None
+        return next((each for each in near if each is numbered), near[0])
+
+    def _keep_tracked(self, near: Sequence[Recorded], reference_rad: Array, asked: str) -> list[Recorded]:
+        """Return the recordings within the tolerance of a reference, the nearest first."""
+        off = [float(np.sqrt(np.mean((each.shown_rad - reference_rad) ** 2))) for each in near]
+        order = [int(k) for k in np.argsort(off, kind="stable")]
+        if off[order[0]] > self.tolerance_rad:
             raise RigError(
                 f"{asked}: expected a recording whose reference is within {self.tolerance_rad:g} rad RMS, got "
-                f"{near[off.index(min(off))].name} at {min(off):.3g} rad; name its reference with "
-                "rig.columns.reference_rad=NAME, or raise rig.tolerance_rad"
+                f"{near[order[0]].name} at {off[order[0]]:.3g} rad as the nearest; add a recording of it, name the "
+                "file's reference with rig.columns.reference_rad=NAME, or raise rig.tolerance_rad"
             )
-        return near[off.index(min(off))]
+        return [near[k] for k in order if off[k] <= self.tolerance_rad]
 
     def _read_kind(self, kind: str) -> list[Recorded]:
         paths: list[InputPath] = getattr(self.recordings, kind)
@@ -249,7 +255,7 @@ class ReplayRig(ConfiguredRig):
         for values, rows in trials:
             name = ", ".join([file.name, *(f"{key} {value}" for key, value in zip(keys, values, strict=True))])
             with _about(f"{file.parent / name}"):
-                found.append(self._read_trial(rows.assign(trial=0), name, muscles))
+                found.append(self._read_trial(rows.assign(trial=" ".join(map(str, values))), name, muscles))
         return found
 
     def _read_trial(self, rows: pd.DataFrame, name: str, muscles: pd.DataFrame) -> Recorded:
@@ -259,8 +265,8 @@ class ReplayRig(ConfiguredRig):
             raise RecordingError(f"column muscle: expected rows of every muscle, got none of {', '.join(missing)}")
         if "time_s" not in rows:
             rows = count_time(rows, ["muscle"], float(self.rate_hz or 0.0))
-        check_rows(rows, ("muscle", "time_s"))
-        rows = rows.assign(**{key: value for key, value in CONDUCT.items() if key not in rows})
+        check_rows(rows, ("trial", "muscle", "time_s"))
+        rows = assume_conduct(rows)
         rate = find_rate(rows, ("muscle",), None)
         placed = self._resample(rows) if self.resample else self._keep(rows, rate)
         window = self.exoskeleton.velocity_filter
@@ -355,7 +361,7 @@ def _select(frame: pd.DataFrame, columns: dict[str, str | None], kind: str) -> p
     if told in frame:
         frame = frame[frame[told] == kind]
     clipped = columns.get("clipped_by") or "clipped_by"
-    return frame.assign(**{clipped: frame[clipped].fillna("")}) if clipped in frame else frame
+    return frame.assign(**{clipped: frame[clipped].astype(object).fillna("")}) if clipped in frame else frame
 
 
 def _list_files(path: InputPath) -> list[Path]:

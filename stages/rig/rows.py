@@ -5,11 +5,22 @@ Rows of one trial flow in, one for each muscle and time; the `Recording` flows o
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pandera.pandas as pa
 
 from stages.rig.contract import RECORDING_COLUMNS, Recording, Rig
+
+PUNCTUAL: dict[str, Any] = {"status": "ok", "clipped_by": "", "late_s": 0.0}
+"""How samples were taken, of which a file need not tell."""
+
+
+def assume_conduct(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return rows that are punctual, as measured and applied as asked, where a file does not tell."""
+    told = frame.assign(**{name: value for name, value in PUNCTUAL.items() if name not in frame})
+    return told.assign(clipped_by=told["clipped_by"].astype(object).fillna(""))
 
 
 def check_values(frame: pd.DataFrame) -> pd.DataFrame:
