@@ -101,18 +101,24 @@ def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
             raise RecordingError(f"column {name}: expected a value in every row, got none in {_rows(frame[name])}")
     repeated = frame.duplicated(list(key))
     if repeated.any():
-        told = ", ".join(f"{name} {frame.loc[repeated, name].iloc[0]}" for name in key)
+        told = _tell_first(frame, repeated, key)
         raise RecordingError(
             f"column {time}: {tell_rows(repeated)} repeat an earlier one ({told}); remove them" + _begin_anew(stream)
         )
     steps = frame.groupby(stream, sort=False)[time].diff() if stream else frame[time].diff()
     if (steps < 0.0).any():
         back = steps < 0.0
-        told = ", ".join(f"{name} {frame.loc[back, name].iloc[0]}" for name in stream)
-        where = f" ({told})" if told else ""
+        where = f" ({_tell_first(frame, back, stream)})" if stream else ""
         raise RecordingError(
             f"column {time}: time goes back in {tell_rows(back)}{where}; sort the rows" + _begin_anew(stream)
         )
+
+
+def _tell_first(frame: pd.DataFrame, wrong: pd.Series, names: Sequence[str]) -> str:
+    first = frame[wrong].iloc[0]
+    return ", ".join(
+        f"{name} {first[name] if isinstance(first[name], str) else f'{first[name]:.9g}'}" for name in names
+    )
 
 
 def _begin_anew(stream: Sequence[str]) -> str:
