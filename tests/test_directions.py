@@ -15,7 +15,7 @@ READS_THE_PATH_ITS_CONFIGURATION_NAMES = {
     ("stages.rig.replay", "pipeline.foreign"),
     ("stages.rig.replay", "pipeline.inputs"),
 }
-TAKES_RECORDINGS_FOR_TRIALS = {("stages.rig.replay", "stages.recording")}
+TAKES_RECORDINGS_FOR_TRIALS = {(f"stages.rig.{name}", "stages.recording") for name in ("replay", "placement")}
 SCIENCE = sorted(path.name for path in (ROOT / "stages").iterdir() if (path / "__init__.py").exists())
 
 

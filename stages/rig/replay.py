@@ -30,35 +30,26 @@ from stages.recording import (
     count_time,
     derive_velocity,
     describe_muscles,
-    find_rate,
     is_wide,
     list_sources,
-    regularise,
-    tell_rows,
 )
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import MEASUREMENT_COLUMNS, Array, Recording, RigError, Trial, Watch
+from stages.rig.placement import READINGS, keep, resample
 from stages.rig.rows import PUNCTUAL, assume_conduct, check_values, gather
 
 Kind = Literal["free", "tracked", "passive"]
 How = Literal["command", "order"]
 
-READINGS = tuple(MEASUREMENT_COLUMNS)[2:]
 NEEDED = ("pressure_command_kpa", "pressure_kpa", "force_n", "joint_angle_rad")
 TEXTS = ("trial", "muscle", "kind", "participant", "status", "clipped_by")
 KNOWN = ("trial", "kind", "participant", "muscle", "time_s", *READINGS, *PUNCTUAL, "reference_rad")
 KEYS = ("participant", "experiment", "arm", "position", "trial", "trajectory")
 """Columns that tell trials apart in the tables of a run, where ``columns.trial`` names none."""
-HELD = ("pressure_command_kpa", *PUNCTUAL)
-"""Columns whose values hold until the next sample."""
 SLACK_N = -50.0
 """Tension below which a load cell is not merely slack; what lies between it and 0 is taken for 0, as in simulation."""
-SAME_RATE = 0.01
-"""Relative difference of two rates that are the same."""
 SAME_KPA = 1e-9
 """Difference of commands that are the same; of several recordings of one, that of the trial's number is taken."""
-A_GAP = 1.5
-"""Steps of time, over the usual one, from which on samples are missing in between."""
 
 
 def _list(value: Any) -> Any:
@@ -157,27 +148,16 @@ class ReplayRig(ConfiguredRig):
                     raise ValueError(f"{section}: no column '{name}'; {nearest(name, KNOWN)}")
         return self
 
-    def connect(self) -> None:
-        """Read the recordings, once.
-
-        Raises
-        ------
-        RigError
-            When one does not hold what it should.
-        """
-        if not self._recorded:
-            found = {kind: self._read_kind(kind) for kind in ("free", "tracked", "passive")}
-            self._recorded.update(found)
-        super().connect()
-
     def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
-        """Return the recording of this trial.
+        """Return the recording of this trial; all of its kind are read when the first one is asked for.
 
         Raises
         ------
         RigError
-            When none is near enough, or there are fewer.
+            When none is near enough, there are fewer, or a file does not hold what it should.
         """
+        if trial.kind not in self._recorded:
+            self._recorded[trial.kind] = self._read_kind(trial.kind)
         found = self._recorded[trial.kind]
         asked = f"{trial.kind} trial{f' ({trial.label})' if trial.label else ''}"
         if not found:
@@ -232,7 +212,9 @@ class ReplayRig(ConfiguredRig):
 
     def _read_file(self, file: Path, kind: str) -> list[Recorded]:
         header = read_header(file)
-        keys = ["trial"] if self.columns.get("trial") else [each for each in KEYS if each in header.names]
+        keys = [each for each in KEYS if each in header.names]
+        if self.columns.get("trial"):
+            keys = [each for each in ("participant", "trial") if self.columns.get(each)]
         columns = {**dict.fromkeys(keys), **self.columns}
         muscles = describe_muscles(self.exoskeleton)
         frame = read_foreign(file, set(list_sources([its or name for name, its in columns.items()], muscles)))
@@ -250,39 +232,49 @@ class ReplayRig(ConfiguredRig):
                     bounds = low["min_value"], high["max_value"]
                     check_plausible(samples[name], name, *bounds, self.units.get(name))
         keys = keys or [each for each in ("trial",) if is_wide(columns)]
-        trials = samples.groupby(keys, sort=False) if keys else [((), samples)]
-        found = []
-        for values, rows in trials:
+        placed = {}
+        for values, rows in samples.groupby(keys, sort=False) if keys else [((), samples)]:
             name = ", ".join([file.name, *(f"{key} {value}" for key, value in zip(keys, values, strict=True))])
             with _about(f"{file.parent / name}"):
-                found.append(self._read_trial(rows.assign(trial=" ".join(map(str, values))), name, muscles))
-        return found
+                placed[name] = self._place(rows.assign(trial=" ".join(map(str, values))), muscles)
+        return self._gather(placed, file)
 
-    def _read_trial(self, rows: pd.DataFrame, name: str, muscles: pd.DataFrame) -> Recorded:
-        rows = rows[rows["muscle"].isin(self.muscles)]
+    def _place(self, rows: pd.DataFrame, muscles: pd.DataFrame) -> pd.DataFrame:
+        """Return the rows of a trial on the exoskeleton's clock, with all that follows from them."""
         missing = [each for each in self.muscles if each not in set(rows["muscle"])]
         if missing:
             raise RecordingError(f"column muscle: expected rows of every muscle, got none of {', '.join(missing)}")
+        rows = assume_conduct(rows[rows["muscle"].isin(self.muscles)])
         if "time_s" not in rows:
             rows = count_time(rows, ["muscle"], float(self.rate_hz or 0.0))
         check_rows(rows, ("trial", "muscle", "time_s"))
-        rows = assume_conduct(rows)
-        rate = find_rate(rows, ("muscle",), None)
-        placed = self._resample(rows) if self.resample else self._keep(rows, rate)
+        if self.resample:
+            placed = resample(rows, self.sampling_rate_hz, self.samples, self.largest_gap_s)
+        else:
+            placed = keep(rows, self.sampling_rate_hz, self.samples, self.largest_jitter)
         window = self.exoskeleton.velocity_filter
         filtering = self.sampling_rate_hz, window.window_s, window.order
         if "joint_velocity_rad_per_s" not in placed:
             derived = derive_velocity(placed, "joint_angle_rad", ["muscle"], *filtering)
             placed = placed.assign(joint_velocity_rad_per_s=derived)
-        placed = complete(placed, muscles, READINGS, *filtering, [])
+        return complete(placed, muscles, READINGS, *filtering, [])
+
+    def _gather(self, placed: dict[str, pd.DataFrame], file: Path) -> list[Recorded]:
+        """Return the recordings of trials, checked together, which is as quick as one."""
         try:
-            recording = gather(check_values(placed), self)
-        except ValueError as error:
-            raise RecordingError(str(error)) from None
-        told = placed.get("participant")
-        return Recorded(
-            name, None if told is None else str(told.iloc[0]), recording, self._read_shown(placed, recording)
-        )
+            checked = check_values(pd.concat(placed.values(), ignore_index=True))
+        except ValueError:
+            for name, rows in placed.items():
+                with _about(f"{file.parent / name}"):
+                    check_values(rows)
+            raise
+        each = len(self.muscles) * self.samples
+        found = []
+        for k, (name, rows) in enumerate(placed.items()):
+            recording = gather(checked.iloc[k * each : (k + 1) * each], self)
+            who = str(rows["participant"].iloc[0]) if "participant" in rows else None
+            found.append(Recorded(name, who, recording, self._read_shown(rows, recording)))
+        return found
 
     def _read_shown(self, placed: pd.DataFrame, recording: Recording) -> Array:
         if "reference_rad" not in placed:
@@ -291,76 +283,14 @@ class ReplayRig(ConfiguredRig):
         first_muscle = [self.muscles[list(self.muscle_joints).index(joint)] for joint in self.joints]
         return told[first_muscle].to_numpy()
 
-    def _keep(self, rows: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-        """Return the rows on the exoskeleton's clock, which must be theirs."""
-        if abs(rate_hz / self.sampling_rate_hz - 1.0) > SAME_RATE:
-            raise RecordingError(
-                f"column time_s: expected the exoskeleton's {self.sampling_rate_hz:g} Hz, got {rate_hz:.6g} Hz; set "
-                f"rig.resample=true, or exoskeleton.sampling_rate_hz={rate_hz:.6g}"
-            )
-        steps = rows.groupby("muscle", sort=False)["time_s"].diff() * self.sampling_rate_hz
-        if (steps > A_GAP).any():
-            lost = int((steps[steps > A_GAP].round() - 1).max())
-            raise RecordingError(
-                f"column time_s: nothing for {lost} samples before {tell_rows(steps > A_GAP)}; record it anew, or set "
-                "rig.resample=true, which marks what is missing"
-            )
-        for name in [each for each in READINGS if each in rows]:
-            if rows[name].isna().any():
-                raise RecordingError(
-                    f"column {name}: expected a value in every row, got none in {tell_rows(rows[name].isna())}; set "
-                    "rig.resample=true, which marks what is missing"
-                )
-        placed, _ = regularise(rows, "trial", ["muscle"], self.sampling_rate_hz, self.largest_jitter)
-        counts = placed.groupby("muscle")["time_s"].size()
-        if (counts != self.samples).any():
-            count = int(counts[counts != self.samples].iloc[0])
-            remedy = "rig.resample=true, which cuts it, or " if count > self.samples else ""
-            raise RecordingError(
-                f"expected the {self.samples} samples of a trial, got {count}; set {remedy}"
-                f"exoskeleton.trial_s={count / self.sampling_rate_hz:g}"
-            )
-        return placed
-
-    def _resample(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Return the rows at the exoskeleton's samples: readings between two by interpolation, missing ones held."""
-        start = rows["time_s"].min()
-        return pd.concat(
-            [self._resample_muscle(own, float(start)) for _, own in rows.groupby("muscle", sort=False)],
-            ignore_index=True,
-        )
-
-    def _resample_muscle(self, rows: pd.DataFrame, start_s: float) -> pd.DataFrame:
-        readings = [name for name in (*READINGS, "reference_rad") if name in rows]
-        rows = rows[rows[readings].notna().all(axis=1)]
-        times = rows["time_s"].to_numpy() - start_s
-        if len(times) < 2:
-            raise RecordingError(f"expected samples with all readings of {rows['muscle'].iloc[:1].tolist()}, got none")
-        grid = np.arange(self.samples) / self.sampling_rate_hz
-        usual = float(np.median(np.diff(times)))
-        before = np.clip(np.searchsorted(times, grid + 1e-9, side="right") - 1, 0, None)
-        after = np.clip(np.searchsorted(times, grid - 1e-9), None, len(times) - 1)
-        missed = times[after] - times[before] > A_GAP * usual
-        missed |= (grid > times[-1] + 0.5 * usual) | (grid < times[0] - 0.5 * usual)
-        longest = _longest(missed) / self.sampling_rate_hz
-        if longest > self.largest_gap_s:
-            at = float(grid[int(np.argmax(missed))])
-            raise RecordingError(
-                f"column time_s: nothing for {longest:.3g} s, first from {at:.3g} s of the trial on, in which "
-                f"rig.largest_gap_s={self.largest_gap_s:g} bridges less; record it anew, or shorten exoskeleton.trial_s"
-            )
-        held = rows.iloc[before].reset_index(drop=True)
-        between = {name: np.interp(grid, times, rows[name].to_numpy()) for name in readings if name not in HELD}
-        told = {name: np.where(missed, held[name], values) for name, values in between.items()}
-        return held.assign(**told, time_s=grid, status=held["status"].mask(missed & (held["status"] == "ok"), "missed"))
-
 
 def _select(frame: pd.DataFrame, columns: dict[str, str | None], kind: str) -> pd.DataFrame:
-    """Return the rows of one kind of trial, where the file tells kinds apart; an empty cause of clipping is a text."""
-    told = columns.get("kind") or "kind"
-    if told in frame:
-        frame = frame[frame[told] == kind]
-    clipped = columns.get("clipped_by") or "clipped_by"
+    """Return the rows of one kind of trial, where the file tells kinds apart, but for those of no trial."""
+    trial, kinds, clipped = (columns.get(name) or name for name in ("trial", "kind", "clipped_by"))
+    if trial in frame:
+        frame = frame[frame[trial].notna()]
+    if kinds in frame:
+        frame = frame[frame[kinds] == kind]
     return frame.assign(**{clipped: frame[clipped].astype(object).fillna("")}) if clipped in frame else frame
 
 
@@ -381,17 +311,11 @@ def _differ(recording: Recording, command_kpa: Array) -> float:
     return float(np.sqrt(np.mean((recording.pressure_command_kpa - command_kpa)[as_asked] ** 2)))
 
 
-def _longest(flags: np.ndarray) -> int:
-    """Return the length of the longest run of true."""
-    runs = np.diff(np.flatnonzero(np.concatenate([[True], ~flags, [True]])))
-    return int(runs.max()) - 1
-
-
 @contextmanager
 def _about(what: str) -> Iterator[None]:
     """Name the file and the trial in what is refused, and the rig's section in what is to be set."""
     try:
         yield
-    except RecordingError as error:
+    except ValueError as error:
         told = re.sub(r"(?<![\w.])(columns|units)\.", r"rig.\1.", str(error)).replace("measurement.", "rig.")
         raise RigError(f"{what}: {told}") from None

@@ -51,11 +51,11 @@ def gather(frame: pd.DataFrame, rig: Rig) -> Recording:
     rig : Rig
         Names the muscles and their joints.
     """
-    wide = {name: frame.pivot(index="time_s", columns="muscle", values=name) for name in list(RECORDING_COLUMNS)[2:]}
-    first_muscle = [rig.muscles[list(rig.muscle_joints).index(joint)] for joint in rig.joints]
-    arrays = {
-        name: np.ascontiguousarray(values[first_muscle if name.startswith("joint") else list(rig.muscles)].to_numpy())
-        for name, values in wide.items()
-    }
+    place = frame["muscle"].map({name: index for index, name in enumerate(rig.muscles)}).to_numpy()
+    times = frame["time_s"].to_numpy(dtype=float)
+    order = np.lexsort((times, place)).reshape(len(rig.muscles), -1).T
+    first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
+    arrays = {name: frame[name].to_numpy()[order] for name in list(RECORDING_COLUMNS)[2:]}
+    arrays = {name: each[:, first_muscle] if name.startswith("joint") else each for name, each in arrays.items()}
     late_s = arrays.pop("late_s")[:, 0]
-    return Recording(time_s=wide["force_n"].index.to_numpy(), late_s=late_s, **arrays)
+    return Recording(time_s=times[order[:, 0]], late_s=late_s, **arrays)
