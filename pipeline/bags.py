@@ -55,9 +55,10 @@ class Topic:
 
     @property
     def rate_hz(self) -> float:
-        """Messages per second; nan for one message."""
-        span = int(self.times.max() - self.times.min())
-        return (len(self.times) - 1) * 1e9 / span if span else np.nan
+        """Messages per second, by the usual step; nan for one message."""
+        steps = np.diff(self.times)
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        return 1e9 / usual if usual else np.nan
 
 
 @dataclass(frozen=True)

@@ -179,7 +179,7 @@ class SomethingMeasured(View):
         if self.measured is None and not {"hardware", "sealed_session"} & set(self.workflow.stages):
             raise ValueError(
                 "measured: expected what was measured (a folder with samples.parquet and meta.json, or one .parquet, "
-                ".csv or .mat file), got null; set measured=PATH"
+                ".csv, .mat or .mcap file, or a ROS 2 bag), got null; set measured=PATH"
             )
         return self
 

@@ -167,7 +167,7 @@ class ReplayRig(ConfiguredRig):
 
     def _find_number(self, trial: Trial, asked: str, found: Sequence[Recorded]) -> Recorded:
         if trial.number is None:
-            raise RigError(f"{asked}: nothing numbers it; set rig.match={{{trial.kind}: command}}")
+            raise RigError(f"{asked}: nothing numbers it; set 'rig.match={{{trial.kind}: command}}'")
         if trial.number >= len(found):
             raise RigError(
                 f"{asked}: expected recording {trial.number + 1} in order, got {len(found)} of {trial.kind} trials; "
@@ -186,7 +186,7 @@ class ReplayRig(ConfiguredRig):
             raise RigError(
                 f"{asked}: expected a recording whose pressure command is within {self.tolerance_kpa:g} kPa RMS, got "
                 f"{theirs[away.index(nearest_kpa)].name} at {nearest_kpa:.4g} kPa as the nearest; add a recording of "
-                f"it, raise rig.tolerance_kpa, or set rig.match={{{trial.kind}: order}}"
+                f"it, raise rig.tolerance_kpa, or set 'rig.match={{{trial.kind}: order}}'"
             )
         near = [each for each, its in zip(theirs, away, strict=True) if its <= max(nearest_kpa, SAME_KPA)]
         if trial.reference_rad is not None:
