@@ -164,8 +164,9 @@ def tell_unknown(guess: Guess) -> list[str]:
     if guess.left:
         some = f"{', '.join(guess.left[:FEW])}{', ...' * (len(guess.left) > FEW)}"
         lines.append(f"the unit of {some}, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F")
-    for stem in list(dict.fromkeys(found.group(1) for each in guess.left if (found := OF_ONE.match(each))))[:1]:
-        pattern = quote(f"{stem}[{{muscle}}]")
+    stems = [found.group(1) for each in reversed(guess.left) if (found := OF_ONE.match(each))]
+    if stems:
+        pattern = quote(f"{max(stems, key=stems.count)}[{{muscle}}]")
         lines.append(f"which columns are of muscles: columns.force_n={pattern} takes one of each, as muscles")
     for name in guess.assumed:
         lines.append(f"the unit of {guess.columns[name]}: {own_unit(name)} is assumed; end {name} in the right one")
