@@ -143,8 +143,7 @@ def _read(path: Path, state: object) -> Bag:
 
 def _list_bag(path: Path) -> Iterator[Message]:
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.rosbag2 import ReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ModuleNotFoundError:
         raise InputError(f"{path}: expected the library rosbags, which reads ROS 2 bags; {INSTALL}") from None
@@ -152,13 +151,14 @@ def _list_bag(path: Path) -> Iterator[Message]:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             for connection, time, raw in reader.messages():
                 yield connection.topic, time, reader.deserialize(raw, connection.msgtype)
-    except (AnyReaderError, ReaderError, KeyError) as error:
+    except OSError:
+        raise
+    except Exception as error:  # the library raises whatever the bytes make it stumble over
         raise ValueError(str(error) or type(error).__name__) from None
 
 
 def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
     try:
-        from mcap.exceptions import McapError
         from mcap.reader import make_reader
     except ModuleNotFoundError:
         raise InputError(f"{path}: expected the library mcap, which reads MCAP files; {INSTALL}") from None
@@ -173,8 +173,11 @@ def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
                 else:
                     told = f"its messages are in {channel.message_encoding or 'no known form'}, expected json or cdr"
                     left[channel.topic] = told
-        except McapError as error:
-            raise ValueError(str(error) or type(error).__name__) from None
+        except (OSError, InputError):
+            raise
+        except Exception as error:  # as above; a recorder that was killed leaves no end
+            told = str(error) or type(error).__name__
+            raise ValueError(f"{told}; if its recorder was killed, try: mcap recover {path.name} -o new.mcap") from None
 
 
 class _Decoder:
