@@ -1,5 +1,6 @@
-"""Tables that others wrote, in Parquet, text and MAT files: a path flows in, columns under their own names flow out.
+"""Tables that others wrote, in Parquet, text and MAT files and in bags of messages.
 
+A path flows in, columns under their own names flow out.
 A file that is none of these, or cannot be read, is refused in one line.
 """
 
@@ -14,12 +15,13 @@ import pandas as pd
 import pyarrow
 import pyarrow.parquet
 
+from pipeline.bags import is_bag, read_bag
 from pipeline.delimited import find_dialect, read_delimited
 from pipeline.errors import InputError
 from pipeline.matlab import Variables, Vector, list_unequal, read_variables
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
-TABLE_SUFFIXES = (".parquet", ".mat", *TEXT_SUFFIXES)
+TABLE_SUFFIXES = (".parquet", ".mat", ".mcap", *TEXT_SUFFIXES)
 REMEDIES = {".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV"}
 
 
@@ -58,6 +60,9 @@ def read_header(path: Path) -> Header:
         As of `read_foreign`.
     """
     with _explained(path):
+        if is_bag(path):
+            bag = read_bag(path)
+            return Header(bag.names, {}, {}, bag.remarks)
         suffix = _suffix(path)
         if suffix == ".parquet":
             names = [str(name) for name in pyarrow.parquet.read_schema(path).names if not _is_index(str(name))]
@@ -77,7 +82,7 @@ def read_foreign(path: Path, names: Collection[str] | None = None) -> pd.DataFra
     Parameters
     ----------
     path : Path
-        A Parquet, text or MAT file.
+        A Parquet, text, MAT or MCAP file, or the folder of a ROS 2 bag.
     names : collection of str or None
         Columns that are wanted, of those that are there; None for all, as far as they are equally long.
 
@@ -89,6 +94,8 @@ def read_foreign(path: Path, names: Collection[str] | None = None) -> pd.DataFra
         When wanted columns differ in length.
     """
     with _explained(path):
+        if is_bag(path):
+            return read_bag(path).join(names)
         suffix = _suffix(path)
         if suffix == ".mat":
             return _align(path, read_variables(path), names)
@@ -150,5 +157,5 @@ def _explained(path: Path) -> Iterator[None]:
         yield
     except (OSError, ValueError, KeyError, TypeError, MemoryError, pyarrow.ArrowException) as error:
         told = (str(error).splitlines() or [type(error).__name__])[0]
-        kind = "CSV" if path.suffix.lower() in TEXT_SUFFIXES else path.suffix[1:].upper()
+        kind = "CSV" if path.suffix.lower() in TEXT_SUFFIXES else path.suffix[1:].upper() or "a ROS 2 bag"
         raise InputError(f"{path}: cannot be read as {kind} ({told[:200]})") from None

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pydantic import BaseModel
+
 from pipeline.config import Study, find_target
 from pipeline.errors import ConfigError
 from pipeline.files import hash_json
@@ -138,13 +140,17 @@ def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
     modules = [stage.module]
     section = study.target(stage)
     measured = False
+    brought: dict[str, str] = {}
     if section:
         target = find_target(study.values[section]["_target_"])
         modules.append(target.__module__)
-        measured = bool(getattr(study.build(section), "real", False))
+        built = study.build(section)
+        measured = bool(getattr(built, "real", False))
+        if isinstance(built, BaseModel):
+            brought = {f"{section}.{name}": digest for name, digest in hash_inputs(built).items()}
     return Ingredients(
         study.slice(stage),
-        {**read, **hash_inputs(study.config(stage))},
+        {**read, **hash_inputs(study.config(stage)), **brought},
         hash_sources(package, modules),
         library_versions(package, modules),
         measured,

@@ -217,14 +217,16 @@ def active_loop(
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
     ctx.rig.check_bank(references, "trajectory")
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
-    loops = []
+    loops: list[Loop] = []
     for (participant, experiment), initial in experiments:
         executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
         start = spread_evenly(keep_usable(executed), cfg.active_loop.initial_points, muscles.names)
         used = [int(each) for each in initial["trajectory"]]
         count = cfg.active_loop.control_experiments
         for arm in arms if count is None or int(str(experiment)) <= count else arms[:1]:
-            loops.append(Loop(cfg, ctx, muscles, references, start, used, str(participant), int(str(experiment)), arm))
+            number = len(initial_trials) + len(loops) * cfg.active_loop.trials
+            who = str(participant), int(str(experiment))
+            loops.append(Loop(cfg, ctx, muscles, references, start, used, *who, arm, number))
     with ctx.progress("experiments", len(loops)) as advance:
         for loop, keys in zip(loops, ctx.spread(Loop.run, loops), strict=True):
             ctx.record.include(keys)
@@ -273,7 +275,7 @@ def choose_arms(section: ActiveLoop, real: bool) -> list[str]:
 
 @dataclass(frozen=True)
 class Loop:
-    """One experiment's trials in one arm."""
+    """One experiment's trials in one arm, numbered from the first on."""
 
     cfg: Config
     ctx: Context
@@ -284,6 +286,7 @@ class Loop:
     participant: str
     experiment: int
     arm: str
+    first: int
 
     def run(self) -> list[str]:
         """Run all trials, each from what the earlier ones left on disk; return the keys of their parts."""
@@ -368,7 +371,8 @@ class Loop:
         generator = self.ctx.generator("rig", self.participant, self.experiment, trial)
         trajectory = self.muscles.trajectories[index]
         watch = self.ctx.record.watch(self.key(trial))
-        return track(self.references, trajectory, rig, self.participant, label, generator, watch)
+        number = self.first + trial - 1
+        return track(self.references, trajectory, rig, self.participant, label, generator, watch, number)
 
     def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""

@@ -68,5 +68,5 @@ def bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
 def record_movement(cfg: Config, ctx: Context, rig: Rig, trajectory: int) -> dict[str, pd.DataFrame]:
     """Record one free movement."""
     watch = ctx.record.watch((trajectory,))
-    columns = cfg.bank.record(trajectory, rig, ctx.generator(trajectory), f"bank {trajectory}", watch)
+    columns = cfg.bank.record(trajectory, rig, ctx.generator(trajectory), f"bank {trajectory}", watch, trajectory)
     return {BANK.name: pd.DataFrame(columns)}

@@ -78,14 +78,16 @@ def hardware(
     ctx.rig.check_bank(references, "trajectory")
     passive = split_turns(protocol_commands, ctx.rig.real)
     with ctx.rig as rig, ctx.progress("trials", len(initial_trials) + len(passive)) as advance:
-        for row in rows_of(initial_trials):
+        for number, row in enumerate(rows_of(initial_trials)):
             key = (row["participant"], row["experiment"], row["position"])
             drawn, watch = ctx.generator(*key), ctx.record.watch(key)
-            ctx.record.part(key, partial(execute_tracked, row, references, rig, drawn, watch))
+            ctx.record.part(key, partial(execute_tracked, row, number, references, rig, drawn, watch))
             advance(f"{row['participant']} experiment {row['experiment']}")
+        first = 0
         for turn, commands in passive.items():
             watch = ctx.record.watch((NOBODY, *turn))
-            ctx.record.part((NOBODY, *turn), partial(execute_passive, commands, rig, ctx, watch))
+            ctx.record.part((NOBODY, *turn), partial(execute_passive, commands, first, rig, ctx, watch))
+            first += commands.groupby(["experiment", "trial"]).ngroups
             advance(f"protocol experiment {turn[0]}")
     tables = ctx.record.collect()
     pace = measure_pace(tables[HARDWARE_RECORDINGS.name], ["participant", "experiment", "position"])
@@ -102,12 +104,12 @@ def hardware(
 
 
 def execute_tracked(
-    row: dict[str, Any], references: pd.DataFrame, rig: Rig, generator: np.random.Generator, watch: Watch
+    row: dict[str, Any], number: int, references: pd.DataFrame, rig: Rig, generator: np.random.Generator, watch: Watch
 ) -> dict[str, pd.DataFrame]:
     """Execute one initial trial."""
     samples = references[references["trajectory"] == row["trajectory"]]
     label = f"{row['participant']} experiment {row['experiment']} initial {row['position']}"
-    recording = rig.execute(tracked_trial(samples, rig, row["participant"], label), generator, watch)
+    recording = rig.execute(tracked_trial(samples, rig, row["participant"], label, number), generator, watch)
     return make_part(HARDWARE_RECORDINGS, pd.DataFrame(tidy(recording, rig)).assign(**row))
 
 
@@ -123,13 +125,16 @@ def split_turns(commands: pd.DataFrame | None, real: bool) -> dict[tuple[int, ..
     return {tuple(int(str(each)) for each in key): rows for key, rows in commands.groupby(by, sort=False)}
 
 
-def execute_passive(commands: pd.DataFrame, rig: Rig, ctx: Context, watch: Watch) -> dict[str, pd.DataFrame]:
-    """Execute trials of the protocol."""
+def execute_passive(
+    commands: pd.DataFrame, first: int, rig: Rig, ctx: Context, watch: Watch
+) -> dict[str, pd.DataFrame]:
+    """Execute trials of the protocol, numbered from the first on."""
     frames = []
-    for (experiment, trial), samples in commands.groupby(["experiment", "trial"], sort=False):
+    trials = commands.groupby(["experiment", "trial"], sort=False)
+    for number, ((experiment, trial), samples) in enumerate(trials, first):
         turn = int(str(experiment)), int(str(trial))
         label = "protocol experiment {} trial {}".format(*turn)
-        recording = rig.execute(passive_trial(samples, rig, label), ctx.generator(NOBODY, *turn), watch)
+        recording = rig.execute(passive_trial(samples, rig, label, number), ctx.generator(NOBODY, *turn), watch)
         frames.append(pd.DataFrame(tidy(recording, rig)).assign(experiment=turn[0], trial=turn[1]))
     return make_part(PROTOCOL_RECORDINGS, pd.concat(frames, ignore_index=True))
 

@@ -19,6 +19,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import pandas as pd
 from pydantic import Field, model_validator
 
+from pipeline.bags import is_bag
 from pipeline.command import command_line
 from pipeline.config import Section, View
 from pipeline.context import Context
@@ -35,9 +36,8 @@ from stages.recording import (
     Notes,
     RecordingError,
     Session,
-    adopt,
+    adopt_rows,
     arrange_records,
-    check_headings,
     check_plausible,
     check_rows,
     choose_muscles,
@@ -47,6 +47,7 @@ from stages.recording import (
     describe_muscles,
     find_rate,
     find_starts,
+    is_one_trial,
     join_parts,
     list_arguments,
     list_blocks,
@@ -178,7 +179,7 @@ class SomethingMeasured(View):
         if self.measured is None and not {"hardware", "sealed_session"} & set(self.workflow.stages):
             raise ValueError(
                 "measured: expected what was measured (a folder with samples.parquet and meta.json, or one .parquet, "
-                ".csv or .mat file), got null; set measured=PATH"
+                ".csv, .mat or .mcap file, or a ROS 2 bag), got null; set measured=PATH"
             )
         return self
 
@@ -203,13 +204,12 @@ class Config(Section):
                     raise ValueError(f"{section}: no column '{name}'; {suggest(name, known)}")
         return self
 
-    @property
-    def map(self) -> ColumnMap:
-        """Which column of a file is what."""
+    def map(self, muscles: pd.DataFrame) -> ColumnMap:
+        """Return which column of a file is what, for the muscles that `read_known` returns."""
         given = self.measurement
         names = NEEDED if given.kind == "muscles" else [name for name in self.columns if name not in NAMES]
         needed = [name for name in names if name != "time_s" or given.rate_hz is None]
-        return ColumnMap(self.columns, self.units, needed, given.part_endings or [], given.rate_hz)
+        return ColumnMap(self.columns, self.units, needed, given.part_endings or [], given.rate_hz, muscles)
 
 
 @dataclass(frozen=True)
@@ -257,13 +257,14 @@ def show_map(cfg: Config) -> list[str]:
     file = find_samples(cfg.measured)
     header = read_header(file)
     with about(str(file)):
-        return [f"{file}:", *(f"  {each}" for each in [*header.remarks, *cfg.map.describe(header.names)])]
+        told = cfg.map(read_known(cfg.measured, cfg)).describe(header.names)
+        return [f"{file}:", *(f"  {each}" for each in [*header.remarks, *told])]
 
 
 def describe_file(path: InputPath) -> list[str]:
     """Return what a file holds, as lines that end in the command line with the map of its columns."""
     file = find_samples(path)
-    if not file.is_file():
+    if not file.exists():
         raise InputError(f"{path}: expected {SAMPLES} in this folder, got none; name a file")
     header = read_header(file)
     with about(str(file)):
@@ -319,15 +320,29 @@ def about(file: str) -> Iterator[None]:
 
 def find_samples(path: InputPath) -> Path:
     """Return the file that holds the samples."""
-    return Path(path) / SAMPLES if Path(path).is_dir() else Path(path)
+    return Path(path) / SAMPLES if is_folder(path) else Path(path)
+
+
+def is_folder(path: InputPath) -> bool:
+    """Return whether a path is that of a folder with samples and meta.json; a bag is one file, of several parts."""
+    return Path(path).is_dir() and not is_bag(Path(path))
+
+
+def read_known(path: InputPath, cfg: Config) -> pd.DataFrame:
+    """Return the muscles that may be there, under `MUSCLE_COLUMNS`."""
+    meta = Path(path) / META
+    if not is_folder(path) or not meta.is_file():
+        return describe_muscles(cfg.exoskeleton)
+    with about(str(meta)):
+        return read_session(read_json(meta)).describe()
 
 
 def read_muscles(path: InputPath, cfg: Config) -> Source:
     """Read a folder with samples and meta.json, or one file for the configured exoskeleton."""
-    if Path(path).is_dir():
+    if is_folder(path):
         return read_folder(Path(path), cfg)
     known, site = describe_muscles(cfg.exoskeleton), cfg.exoskeleton.load_cell_site
-    samples, name, rate = adopt_muscles(Path(path), cfg), Path(path).name, cfg.measurement.rate_hz
+    samples, name, rate = adopt_muscles(Path(path), cfg, known), Path(path).name, cfg.measurement.rate_hz
     return Source(name, path, samples, known, "exoskeleton.muscles", site, "", rate, None)
 
 
@@ -339,14 +354,15 @@ def read_folder(folder: Path, cfg: Config) -> Source:
             raise InputError(f"{folder}: expected {SAMPLES} and {META} in this folder, {each.name} is missing")
     with about(str(meta)):
         session = read_session(read_json(meta))
-    name, samples = folder.resolve().name, adopt_muscles(file, cfg)
+    known = session.describe()
+    name, samples = folder.resolve().name, adopt_muscles(file, cfg, known)
     site, timing, rate = session.load_cell_site, session.timing, session.sampling_rate_hz
-    return Source(name, str(file), samples, session.describe(), str(meta), site, timing, rate, session)
+    return Source(name, str(file), samples, known, str(meta), site, timing, rate, session)
 
 
-def adopt_muscles(file: Path, cfg: Config) -> pd.DataFrame:
+def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
     """Read a file's columns of muscles and check their rows."""
-    samples = adopt_file(file, cfg, ("trial", "muscle", "time_s"))
+    samples = adopt_file(file, cfg, ("trial", "muscle", "time_s"), known)
     with about(str(file)):
         wrong = (samples["trial"] % 1.0 != 0.0) | (samples["trial"] < 0.0)
         if wrong.any():
@@ -357,17 +373,14 @@ def adopt_muscles(file: Path, cfg: Config) -> pd.DataFrame:
     return samples.astype({"trial": int})
 
 
-def adopt_file(file: Path, cfg: Config, key: Sequence[str]) -> pd.DataFrame:
+def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame) -> pd.DataFrame:
     """Read the configured columns of a file, split into records where the key asks for them, and check the key."""
     header = read_header(file)
     with about(str(file)):
-        check_headings(cfg.columns, cfg.units, header.units, set(header.names))
-        frame = read_wanted(file, cfg, header)
-        if frame.empty:
-            raise RecordingError("expected samples, got no rows")
-        known = [*dict.fromkeys([*header.names, *map(str, frame.columns)])]
+        given = cfg.map(known)
         columns = cfg.columns | ({"part": "part"} if cfg.measurement.part_endings else {})
-        samples = adopt(frame, columns, cfg.units, NAMES, cfg.map.needed, known)
+        frame = read_wanted(file, given, header)
+        samples = adopt_rows(frame, header.names, header.units, columns, cfg.units, NAMES, given.needed, known)
         if "time_s" not in samples and cfg.measurement.rate_hz is not None:
             samples = count_time(samples, [*key[:-1], "part"], cfg.measurement.rate_hz)
         if "record" in key:
@@ -376,17 +389,17 @@ def adopt_file(file: Path, cfg: Config, key: Sequence[str]) -> pd.DataFrame:
     return samples
 
 
-def read_wanted(file: Path, cfg: Config, header: Header) -> pd.DataFrame:
+def read_wanted(file: Path, given: ColumnMap, header: Header) -> pd.DataFrame:
     """Read the columns that the map names, of each part behind each other where the ends of names tell parts."""
-    if not cfg.map.endings:
+    if not given.endings:
         try:
-            return read_foreign(file, set(cfg.map.sources.values()))
+            return read_foreign(file, set(given.wanted))
         except UnequalColumns as error:
             raise InputError(
                 f"{error}; if the ends of their names tell parts, as in uEst and uVal, map u and set "
                 "measurement.part_endings=[Est,Val]; else write them as one table"
             ) from None
-    parts = cfg.map.part_columns(header.names)
+    parts = given.part_columns(header.names)
     return join_parts({end: read_foreign(file, own).rename(columns=own) for end, own in parts.items()})
 
 
@@ -424,12 +437,14 @@ def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:
 def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     """Return the tables of a recording of muscles."""
     notes: Notes = list(source.notes)
-    if cfg.measured is not None and not Path(cfg.measured).is_dir():
-        notes.extend(note_counting(Path(cfg.measured), cfg))
+    if cfg.measured is not None:
+        notes.extend(note_reading(find_samples(cfg.measured), cfg, source.muscles))
     samples, muscles = choose_muscles(source.samples, source.muscles, source.told_in, notes)
     rate = find_rate(samples, ("trial", "muscle"), source.rate_hz)
     parts = read_parts(samples, WHOLE)
+    recorded = samples.groupby("trial", sort=False).size()
     samples, starts = regularise(samples, "trial", ["muscle"], rate, cfg.measurement.largest_jitter)
+    notes.extend(note_gaps(recorded, samples))
     window = cfg.exoskeleton.velocity_filter
     samples = complete(samples, muscles, READINGS, rate, window.window_s, window.order, notes)
     trials = list_trials(samples, rate).assign(part=parts.to_numpy(), start_s=find_starts(source.session, starts))
@@ -442,11 +457,24 @@ def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     }
 
 
-def note_counting(file: Path, cfg: Config) -> Notes:
-    """Return a note where samples are counted, as the file has no column of time."""
-    if not cfg.map.counts_samples(read_header(file).names):
-        return []
-    return [("time_s", f"counted at {cfg.measurement.rate_hz:g} Hz (measurement.rate_hz)")]
+def note_reading(file: Path, cfg: Config, known: pd.DataFrame) -> Notes:
+    """Return notes where samples are counted, as the file has no column of time, and of what a bag's times are."""
+    header, notes = read_header(file), []
+    if cfg.map(known).counts_samples(header.names):
+        notes.append(("time_s", f"counted at {cfg.measurement.rate_hz:g} Hz (measurement.rate_hz)"))
+    if is_one_trial(cfg.columns, header.names):
+        notes.append(("trial", "the whole file is one, number 0"))
+    return notes + ([(file.name, each) for each in header.remarks] if is_bag(file) else [])
+
+
+def note_gaps(recorded: pd.Series, samples: pd.DataFrame) -> Notes:
+    """Return a note for each trial that lacked rows: now they are there, without values."""
+    lost = samples.groupby("trial", sort=False).size() - recorded
+    return [
+        (f"trial {trial}", f"{count} of its rows were missing: samples without values")
+        for trial, count in lost.items()
+        if count
+    ]
 
 
 def describe_session(source: Source, rate: float, trials: int, muscles: int) -> pd.DataFrame:
@@ -458,10 +486,11 @@ def describe_session(source: Source, rate: float, trials: int, muscles: int) -> 
 def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
     """Return the tables of records of any signals."""
     file = find_samples(path)
-    frame = adopt_file(file, cfg, ("record", "time_s"))
+    known = describe_muscles(cfg.exoskeleton)
+    frame = adopt_file(file, cfg, ("record", "time_s"), known)
     signals = [name for name in cfg.columns if name not in NAMES and name != "time_s"]
     given = cfg.measurement
-    notes = note_counting(file, cfg)
+    notes = note_reading(file, cfg, known)
     with about(str(file)):
         frame, rate = arrange_records(frame, signals, given.blocks, given.rate_hz, given.largest_jitter, notes)
     trials = list_blocks(frame, rate)

@@ -17,6 +17,9 @@ GROUPS = {
     if path.is_dir() and path.name not in ("hydra", "experiment")
 }
 
+NEED_A_PATH = ("rig=operator", "rig=replay", "rerun=")
+"""Parts of commands that name what is not here."""
+
 
 def validated(*overrides):
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
@@ -264,7 +267,7 @@ def test_overrides_named_in_the_readme_parse_and_validate():
     found = []
     for line in (ROOT / "README.md").read_text().splitlines():
         for part in line.split("`"):
-            if part.startswith("python -m pipeline ") and "rig=operator" not in part and "rerun=" not in part:
+            if part.startswith("python -m pipeline ") and not any(each in part for each in NEED_A_PATH):
                 found.append([each for each in shlex.split(part)[3:] if each != "-m"])
     assert found
     for overrides in found:

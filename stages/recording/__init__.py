@@ -4,11 +4,13 @@ Frames as they were read flow in, with what is known of the machine; tidy frames
 out, or a `RecordingError` that names column and rows. No path is known here.
 """
 
+from stages.recording.adoption import adopt_rows
 from stages.recording.assembly import Notes, choose_muscles, complete, read_parts
 from stages.recording.blocks import WHOLE, arrange_records, list_blocks, number_blocks, split_records
 from stages.recording.clock import count_time, find_rate, regularise
 from stages.recording.column_map import ColumnMap
 from stages.recording.columns import RecordingError, adopt, check_rows, tell_rows
+from stages.recording.completion import derive_velocity
 from stages.recording.description import describe, list_arguments, quote
 from stages.recording.endings import join_parts, name_parts
 from stages.recording.guessing import Guess, guess_map
@@ -19,6 +21,7 @@ from stages.recording.rates import equalise, find_rates
 from stages.recording.trials import find_starts, list_trials
 from stages.recording.units import convert, known_units, own_unit, read_unit
 from stages.recording.whole_sessions import SessionFrames, tabulate_session
+from stages.recording.wide import expand, is_one_trial, is_wide, list_sources
 
 __all__ = [
     "MUSCLE_COLUMNS",
@@ -30,6 +33,7 @@ __all__ = [
     "Session",
     "SessionFrames",
     "adopt",
+    "adopt_rows",
     "arrange_records",
     "check_headings",
     "check_plausible",
@@ -38,17 +42,22 @@ __all__ = [
     "complete",
     "convert",
     "count_time",
+    "derive_velocity",
     "describe",
     "describe_muscles",
     "equalise",
+    "expand",
     "find_rate",
     "find_rates",
     "find_starts",
     "guess_map",
+    "is_one_trial",
+    "is_wide",
     "join_parts",
     "known_units",
     "list_arguments",
     "list_blocks",
+    "list_sources",
     "list_trials",
     "name_parts",
     "number_blocks",

@@ -8,9 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import pandas as pd
+
 from stages.recording.columns import TIME
 from stages.recording.endings import name_parts
 from stages.recording.units import own_unit
+from stages.recording.wide import is_one_trial, is_pattern, is_wide, list_sources
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,8 @@ class ColumnMap:
         Ends of the foreign names that tell parts; empty where none do.
     rate_hz : float or None
         Samples per second, for a file without a column of time.
+    muscles : DataFrame
+        With ``muscle`` and ``joint``, for which patterns stand.
     """
 
     columns: Mapping[str, str | None]
@@ -34,11 +39,17 @@ class ColumnMap:
     needed: Sequence[str]
     endings: Sequence[str]
     rate_hz: float | None
+    muscles: pd.DataFrame
 
     @property
     def sources(self) -> dict[str, str]:
         """The foreign column of every name."""
         return {name: column or name for name, column in self.columns.items()}
+
+    @property
+    def wanted(self) -> list[str]:
+        """The foreign columns that may be read."""
+        return list_sources(self.sources.values(), self.muscles)
 
     def part_columns(self, names: Sequence[str]) -> dict[str, dict[str, str]]:
         """Return as `name_parts`, of a file's columns."""
@@ -57,23 +68,30 @@ class ColumnMap:
     def describe(self, names: Sequence[str]) -> list[str]:
         """Return a line for each column: where it comes from, and in which unit; then what is not used."""
         given = self.list_columns(names)
-        wanted = [name for name in self.columns if self.columns[name] or name in given or name in self.needed]
+        spared = {"muscle"} if is_wide(self.columns) else set()
+        spared |= {"trial"} if is_one_trial(self.columns, given) else set()
+        needed = [name for name in self.needed if name not in spared]
+        wanted = [name for name in self.columns if self.columns[name] or name in given or name in needed]
         absent = [name for name in self.columns if name not in wanted]
         lines = [f"{name:<26} <- {self._tell_origin(name, given)}" for name in wanted]
         if self.endings:
             lines.append(f"{'part':<26} <- ends of names: {', '.join(self.endings)}")
         if self.counts_samples(names):
             lines.append(f"{TIME:<26} <- counted, {self.rate_hz:g} Hz")
+        if "trial" in spared:
+            lines.append(f"{'trial':<26} <- the whole file is one, number 0")
         if absent:
             lines.append(f"not there, not needed: {', '.join(absent)}")
-        taken = [self.sources[name] for name in wanted]
+        taken = list_sources([self.sources[name] for name in wanted], self.muscles)
         taken += [f"{name}{end}" for name in taken for end in self.endings]
         unused = [name for name in names if name not in taken]
         return [*lines, f"left alone: {', '.join(unused)}"] if unused else lines
 
     def _tell_origin(self, name: str, given: Sequence[str]) -> str:
         source = self.sources[name]
-        if source not in given:
+        absent = [each for each in list_sources([source], self.muscles) if each not in given]
+        if absent and (not is_pattern(source) or set(absent) == set(list_sources([source], self.muscles))):
             return f"MISSING ({source}); say which with columns.{name}=NAME"
+        source += f", without {', '.join(absent)}" if absent else ""
         unit, own = self.units.get(name), own_unit(name)
         return f"{source}, {unit} -> {own}" if unit and unit != own else source

@@ -27,7 +27,7 @@ class RecordingError(ValueError):
 
 def tell_rows(wrong: pd.Series) -> str:
     """Return the first rows at which a mask is true, and how many more there are."""
-    rows = [str(index) for index in wrong.index[wrong.to_numpy(dtype=bool)]]
+    rows = list(dict.fromkeys(str(index) for index in wrong.index[wrong.to_numpy(dtype=bool)]))
     more = f" and {len(rows) - SHOWN_ROWS} more" if len(rows) > SHOWN_ROWS else ""
     return f"row{'s' * (len(rows) > 1)} {', '.join(rows[:SHOWN_ROWS])}{more}"
 
@@ -101,15 +101,24 @@ def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
             raise RecordingError(f"column {name}: expected a value in every row, got none in {_rows(frame[name])}")
     repeated = frame.duplicated(list(key))
     if repeated.any():
-        told = ", ".join(f"{name} {frame.loc[repeated, name].iloc[0]}" for name in key)
+        told = _tell_first(frame, repeated, key)
         raise RecordingError(
             f"column {time}: {tell_rows(repeated)} repeat an earlier one ({told}); remove them" + _begin_anew(stream)
         )
     steps = frame.groupby(stream, sort=False)[time].diff() if stream else frame[time].diff()
     if (steps < 0.0).any():
+        back = steps < 0.0
+        where = f" ({_tell_first(frame, back, stream)})" if stream else ""
         raise RecordingError(
-            f"column {time}: time goes back in {tell_rows(steps < 0.0)}; sort the rows" + _begin_anew(stream)
+            f"column {time}: time goes back in {tell_rows(back)}{where}; sort the rows" + _begin_anew(stream)
         )
+
+
+def _tell_first(frame: pd.DataFrame, wrong: pd.Series, names: Sequence[str]) -> str:
+    first = frame[wrong].iloc[0]
+    return ", ".join(
+        f"{name} {first[name] if isinstance(first[name], str) else f'{first[name]:.9g}'}" for name in names
+    )
 
 
 def _begin_anew(stream: Sequence[str]) -> str:

@@ -20,6 +20,8 @@ from stages.recording.units import own_unit
 TABLE = ("column", "values", "from", "to", "missing", "unit", "taken for")
 FEW = 12
 """Records or parts that are told one by one."""
+OF_ONE = re.compile(r"^(.+)\[[A-Za-z_]\w*\]$")
+"""A column of one muscle or joint among others."""
 
 
 def describe(
@@ -162,6 +164,10 @@ def tell_unknown(guess: Guess) -> list[str]:
     if guess.left:
         some = f"{', '.join(guess.left[:FEW])}{', ...' * (len(guess.left) > FEW)}"
         lines.append(f"the unit of {some}, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F")
+    stems = [found.group(1) for each in reversed(guess.left) if (found := OF_ONE.match(each))]
+    if stems:
+        pattern = quote(f"{max(stems, key=stems.count)}[{{muscle}}]")
+        lines.append(f"which columns are of muscles: columns.force_n={pattern} takes one of each, as muscles")
     for name in guess.assumed:
         lines.append(f"the unit of {guess.columns[name]}: {own_unit(name)} is assumed; end {name} in the right one")
     roles = [("drives the machine", "input", guess.input), ("answers", "output", guess.output)]

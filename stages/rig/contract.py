@@ -85,6 +85,8 @@ class Trial:
         Joint angles to follow, rad; only in a tracked trial.
     label : str
         Names the trial for an operator.
+    number : int or None
+        Which of its study's trials of this kind it is, from 0; None where nothing counts them.
     """
 
     kind: Literal["free", "tracked", "passive"]
@@ -92,6 +94,7 @@ class Trial:
     pressure_command_kpa: Array
     reference_rad: Array | None = None
     label: str = ""
+    number: int | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("free", "tracked", "passive"):

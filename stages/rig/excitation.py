@@ -107,7 +107,13 @@ class FreeMovements(Declared):
             )
 
     def record(
-        self, trajectory: int, rig: Rig, generator: np.random.Generator, label: str, watch: Watch | None = None
+        self,
+        trajectory: int,
+        rig: Rig,
+        generator: np.random.Generator,
+        label: str,
+        watch: Watch | None = None,
+        number: int | None = None,
     ) -> dict[str, NDArray[Any]]:
         """Record one movement of the experimenter under pressures drawn for it.
 
@@ -123,13 +129,15 @@ class FreeMovements(Declared):
             Names the trial for an operator.
         watch : callable or None
             As of `Rig.execute`.
+        number : int or None
+            As of `Trial`.
 
         Returns
         -------
         dict of str to (M T,) ndarray
             The number, as ``trajectory``, and the columns of `RECORDING_COLUMNS`.
         """
-        trial = Trial("free", "experimenter", self.pressure.draw(rig, generator), label=label)
+        trial = Trial("free", "experimenter", self.pressure.draw(rig, generator), label=label, number=number)
         columns = tidy(rig.execute(trial, generator, watch), rig)
         return {"trajectory": np.full(len(columns["time_s"]), trajectory), **columns}
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import tempfile
 import time
 from typing import Any, ClassVar, Self
@@ -285,7 +284,7 @@ def tabulate(trial: Trial, exoskeleton: Exoskeleton) -> pd.DataFrame:
 def _take(device: Device) -> FileLock:
     """Take a device for this process alone."""
     name = f"pamid-{device.host}-{device.port}".replace(":", "_").replace("/", "_")
-    path = os.path.join(tempfile.gettempdir(), f"{name}.lock")
+    path = f"{tempfile.gettempdir()}/{name}.lock"
     lock = FileLock(path)
     try:
         lock.acquire(timeout=0.0)

@@ -14,16 +14,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-import pandera.pandas as pa
 from pydantic import field_validator
 
 from stages.rig.configured import ConfiguredRig
-from stages.rig.contract import MEASUREMENT_COLUMNS, RECORDING_COLUMNS, Recording, RigError, Trial, Watch
+from stages.rig.contract import MEASUREMENT_COLUMNS, Recording, RigError, Trial, Watch
+from stages.rig.rows import assume_conduct, check_values, gather
 
 SUFFIXES = (".csv", ".parquet")
-
-PUNCTUAL: dict[str, Any] = {"status": "ok", "clipped_by": "", "late_s": 0.0}
-"""How samples were taken, of which a file need not tell."""
 
 
 class TrialRequested(Exception):
@@ -110,13 +107,9 @@ class OperatorRig(ConfiguredRig):
                 f"{path}: expected the columns {', '.join(MEASUREMENT_COLUMNS)}; it lacks {', '.join(missing)}"
             )
         try:
-            schema = pa.DataFrameSchema(dict(RECORDING_COLUMNS), strict="filter", coerce=True)
-            frame = schema.validate(_assume_conduct(frame), lazy=True)
-        except pa.errors.SchemaErrors as errors:
-            case = errors.failure_cases.iloc[0]
-            raise RigError(
-                f"{path}: column {case['column']}: expected {case['check']}, got {case['failure_case']}"
-            ) from None
+            frame = check_values(assume_conduct(frame))
+        except ValueError as error:
+            raise RigError(f"{path}: {error}") from None
         counts = frame["muscle"].value_counts()
         wrong = [name for name in self.muscles if counts.get(name, 0) != self.samples]
         if wrong:
@@ -125,22 +118,7 @@ class OperatorRig(ConfiguredRig):
         times = frame.groupby("time_s")["muscle"].nunique()
         if len(times) != self.samples or times.min() < len(self.muscles):
             raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(times)} times")
-        wide = {
-            name: frame.pivot(index="time_s", columns="muscle", values=name) for name in list(RECORDING_COLUMNS)[2:]
-        }
-        first_muscle = [self.muscles[list(self.muscle_joints).index(joint)] for joint in self.joints]
-        arrays = {
-            name: values[first_muscle if name.startswith("joint") else list(self.muscles)].to_numpy()
-            for name, values in wide.items()
-        }
-        late_s = arrays.pop("late_s")[:, 0]
-        return Recording(time_s=wide["force_n"].index.to_numpy(), late_s=late_s, **arrays)
-
-
-def _assume_conduct(frame: pd.DataFrame) -> pd.DataFrame:
-    """Take samples for punctual, as measured and applied as asked, where the file does not tell."""
-    told = frame.assign(**{name: value for name, value in PUNCTUAL.items() if name not in frame})
-    return told.assign(clipped_by=told["clipped_by"].astype(object).where(told["clipped_by"].notna(), ""))
+        return gather(frame, self)
 
 
 def name_trial(trial: Trial) -> str:

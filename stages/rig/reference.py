@@ -12,7 +12,7 @@ import pandas as pd
 from stages.rig.contract import Rig, Trial, Watch, tidy
 
 
-def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str) -> Trial:
+def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str, number: int | None = None) -> Trial:
     """Return the trial in which a participant tracks a recorded movement under its recorded pressures.
 
     Parameters
@@ -26,6 +26,8 @@ def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str)
         Who tracks.
     label : str
         Names the trial for an operator.
+    number : int or None
+        As of `Trial`.
 
     Raises
     ------
@@ -41,9 +43,8 @@ def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str)
     command = samples.pivot(index="time_s", columns="muscle", values="pressure_command_kpa")[list(rig.muscles)]
     angle = samples.pivot(index="time_s", columns="muscle", values="joint_angle_rad")[list(rig.muscles)]
     first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
-    return Trial(
-        "tracked", participant, command.to_numpy(), np.ascontiguousarray(angle.to_numpy()[:, first_muscle]), label
-    )
+    reference = np.ascontiguousarray(angle.to_numpy()[:, first_muscle])
+    return Trial("tracked", participant, command.to_numpy(), reference, label, number)
 
 
 def track(
@@ -54,6 +55,7 @@ def track(
     label: str,
     generator: np.random.Generator,
     watch: Watch | None = None,
+    number: int | None = None,
 ) -> pd.DataFrame:
     """Let a participant track a movement, and return what was measured.
 
@@ -73,6 +75,8 @@ def track(
         The only source of randomness.
     watch : callable or None
         As of `Rig.execute`.
+    number : int or None
+        As of `Trial`.
 
     Returns
     -------
@@ -85,5 +89,5 @@ def track(
         As `Rig.execute` and `tracked_trial`.
     """
     samples = references[references["trajectory"] == trajectory]
-    recording = rig.execute(tracked_trial(samples, rig, participant, label), generator, watch)
+    recording = rig.execute(tracked_trial(samples, rig, participant, label, number), generator, watch)
     return pd.DataFrame(tidy(recording, rig))

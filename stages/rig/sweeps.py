@@ -145,7 +145,7 @@ def _stratify(count: int, generator: np.random.Generator) -> Array:
     return drawn
 
 
-def passive_trial(samples: pd.DataFrame, rig: Rig, label: str) -> Trial:
+def passive_trial(samples: pd.DataFrame, rig: Rig, label: str, number: int | None = None) -> Trial:
     """Return the trial in which nobody moves and the robot plays the given commands.
 
     Parameters
@@ -156,6 +156,8 @@ def passive_trial(samples: pd.DataFrame, rig: Rig, label: str) -> Trial:
         Gives the order of muscles.
     label : str
         Names the trial for an operator.
+    number : int or None
+        As of `Trial`.
 
     Raises
     ------
@@ -170,4 +172,4 @@ def passive_trial(samples: pd.DataFrame, rig: Rig, label: str) -> Trial:
         )
     ordered = samples.sort_values("time_s", kind="stable")
     command = [ordered.loc[ordered["muscle"] == name, "pressure_command_kpa"].to_numpy() for name in rig.muscles]
-    return Trial("passive", "nobody", np.stack(command, axis=1), label=label)
+    return Trial("passive", "nobody", np.stack(command, axis=1), label=label, number=number)

@@ -183,7 +183,7 @@ def test_muscles_under_names_of_others_are_found(look, tmp_path):
         (
             "x.xlsx",
             b"PK",
-            "expected a .parquet, .mat, .csv, .tsv, .txt or .dat file, got 'x.xlsx'; save the sheet as CSV",
+            "expected a .parquet, .mat, .mcap, .csv, .tsv, .txt or .dat file, got 'x.xlsx'; save the sheet as CSV",
         ),
         ("x.mat", b"MATLAB 7.3 MAT-file" + b" " * 600, "save('new.mat', '-v7')"),
         ("x.csv", b"t,u\n", "x.csv: expected columns with values, got none"),

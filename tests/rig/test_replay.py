@@ -1,0 +1,340 @@
+"""Recordings as a rig: what a simulated machine recorded comes back exactly, and what is not there is refused."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from stages.rig.contract import RigError, Trial, tidy
+from stages.rig.replay import ReplayRig
+from tests.bags import write_bag, write_mcap
+from tests.plant.machines import CONF, configured, other_machine, other_rig
+
+DEFAULTS = {
+    name: value
+    for name, value in yaml.safe_load((CONF / "rig" / "replay.yaml").read_text()).items()
+    if name not in ("_target_", "exoskeleton", "participants", "recordings")
+}
+
+
+def make_trial(rig, kind="tracked", offset=0.0, number=None):
+    """Return a trial whose commands vary with the muscle, time and offset."""
+    ramp = 80.0 + offset + np.linspace(0.0, 20.0, rig.samples)[:, None] + 5.0 * np.arange(len(rig.muscles))
+    who = {"tracked": next(iter(rig.participants)), "free": "experimenter", "passive": "nobody"}[kind]
+    reference = np.full((rig.samples, len(rig.joints)), 0.5) if kind == "tracked" else None
+    return Trial(kind, who, ramp, reference, number=number)
+
+
+def record(rig, *trials):
+    """Return the recordings of these trials, and their long rows."""
+    with rig:
+        told = [rig.execute(each, np.random.default_rng(k)) for k, each in enumerate(trials)]
+    frames = [pd.DataFrame(tidy(each, rig)).assign(trial=k + 1) for k, each in enumerate(told)]
+    return told, pd.concat(frames, ignore_index=True)
+
+
+def replay(rig, path, kind="tracked", **changed):
+    paths = {"free": None, "tracked": None, "passive": None} | {kind: str(path)}
+    columns = DEFAULTS["columns"] | changed.pop("columns", {})
+    units = DEFAULTS["units"] | changed.pop("units", {})
+    given = {"exoskeleton": rig.exoskeleton, "participants": rig.participants, "recordings": paths}
+    return ReplayRig.model_validate({**DEFAULTS, **given, "columns": columns, "units": units, **changed})
+
+
+def execute(rig, trial):
+    with rig:
+        return rig.execute(trial, np.random.default_rng(0))
+
+
+def same(found, told, but=()):
+    for name in vars(told):
+        if name not in but:
+            np.testing.assert_array_equal(getattr(found, name), getattr(told, name), err_msg=name)
+
+
+def refusal(rig, trial):
+    with pytest.raises(RigError) as refused:
+        execute(rig, trial)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+MACHINES = {
+    "configured": lambda: configured(),
+    "one joint": lambda: other_rig(other_machine([2], 100.0, 2.0)),
+    "four joints": lambda: other_rig(other_machine([2, 2, 2, 2], 200.0, 1.0)),
+}
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize("kind", ["free", "tracked", "passive"])
+def test_what_was_recorded_comes_back_exactly(tmp_path, machine, kind):
+    rig = MACHINES[machine]()
+    trials = [make_trial(rig, kind, offset) for offset in (0.0, 7.0)]
+    told, rows = record(rig, *trials)
+    rows.to_parquet(tmp_path / "a.parquet")
+    player = replay(rig, tmp_path / "a.parquet", kind)
+    for trial, recording in zip(trials, told, strict=True):
+        same(execute(player, trial), recording)
+
+
+@pytest.fixture(scope="module")
+def told():
+    machine = configured().exoskeleton.model_copy(update={"trial_s": 1.0})
+    rig = other_rig(machine)
+    recordings, rows = record(rig, make_trial(rig), make_trial(rig, offset=7.0), make_trial(rig, offset=7.0))
+    return rig, recordings, rows
+
+
+def test_a_text_file_serves_too_however_its_rows_lie(tmp_path, told):
+    rig, recordings, rows = told
+    rows.sort_values(["trial", "time_s", "muscle"]).to_csv(tmp_path / "a.csv", index=False)
+    same(execute(replay(rig, tmp_path / "a.csv"), make_trial(rig)), recordings[0])
+
+
+def test_how_samples_were_taken_is_carried(tmp_path, told):
+    rig, _, rows = told
+    late = rows.assign(late_s=0.002)
+    late.loc[late["time_s"] == 0.4, "status"] = "frozen"
+    late.loc[late["time_s"] == 0.4, "clipped_by"] = "rate"
+    late.to_csv(tmp_path / "a.csv", index=False)
+    found = execute(replay(rig, tmp_path / "a.csv"), make_trial(rig))
+    assert set(found.status[100]) == {"frozen"}
+    assert set(found.clipped_by[100]) == {"rate"}
+    assert (found.status == "frozen").sum() == 4
+    assert set(found.late_s) == {0.002}
+
+
+def test_a_command_that_was_not_recorded_is_refused_with_the_nearest(tmp_path, told):
+    rig, _, rows = told
+    rows.to_parquet(tmp_path / "a.parquet")
+    message = refusal(replay(rig, tmp_path / "a.parquet"), make_trial(rig, offset=4.0))
+    assert "within 1 kPa RMS, got a.parquet, trial 2 at 3 kPa as the nearest; add a recording of it, raise " in message
+    found = execute(replay(rig, tmp_path / "a.parquet", tolerance_kpa=3.5), make_trial(rig, offset=4.0))
+    assert found.pressure_command_kpa[0, 0] == 87.0
+
+
+def test_what_was_clipped_is_no_difference(tmp_path, told):
+    rig, _, rows = told
+    rows = rows.copy()
+    rows.loc[rows["muscle"] == "pam1", ["pressure_command_kpa", "clipped_by"]] = [50.0, "pressure"]
+    rows.to_parquet(tmp_path / "a.parquet")
+    assert set(execute(replay(rig, tmp_path / "a.parquet"), make_trial(rig)).pressure_command_kpa[:, 0]) == {50.0}
+
+
+def test_of_equal_commands_that_of_the_trials_number_is_taken(tmp_path, told):
+    rig, recordings, rows = told
+    rows = record(rig, make_trial(rig), make_trial(rig, offset=7.0), make_trial(rig, offset=7.0))[1]
+    rows.to_parquet(tmp_path / "a.parquet")
+    player = replay(rig, tmp_path / "a.parquet")
+    for number in (1, 2):
+        same(execute(player, make_trial(rig, offset=7.0, number=number)), recordings[number])
+
+
+def test_another_reference_is_refused(tmp_path, told):
+    rig, _, rows = told
+    rows.assign(shown=1.8).to_parquet(tmp_path / "a.parquet")
+    message = refusal(replay(rig, tmp_path / "a.parquet", columns={"reference_rad": "shown"}), make_trial(rig))
+    assert "whose reference is within 0.5 rad RMS, got a.parquet, trial 1 at 1.3 rad as the nearest" in message
+
+
+def test_another_person_is_refused(tmp_path, told):
+    rig, _, rows = told
+    rows.assign(participant="somebody").to_parquet(tmp_path / "a.parquet")
+    message = refusal(replay(rig, tmp_path / "a.parquet"), make_trial(rig))
+    assert "expected a recording of p1, got some of somebody" in message
+
+
+def test_by_order_the_number_counts_and_a_broken_off_loop_goes_on(tmp_path, told):
+    rig, recordings, rows = told
+    rows.to_parquet(tmp_path / "a.parquet")
+    for number in (2, 0):
+        player = replay(rig, tmp_path / "a.parquet", match="order")
+        same(execute(player, make_trial(rig, offset=99.0, number=number)), recordings[number])
+    assert "expected recording 4 in order, got 3 of tracked trials" in refusal(player, make_trial(rig, number=3))
+    assert "nothing numbers it" in refusal(player, make_trial(rig))
+    by_kind = replay(rig, tmp_path / "a.parquet", match={"tracked": "order"})
+    same(execute(by_kind, make_trial(rig, offset=99.0, number=1)), recordings[1])
+
+
+def test_kinds_without_recordings_are_refused(tmp_path, told):
+    rig, _, rows = told
+    rows.to_parquet(tmp_path / "a.parquet")
+    message = refusal(replay(rig, tmp_path / "a.parquet"), make_trial(rig, "free"))
+    assert message.endswith("got none; set rig.recordings.free=PATH")
+
+
+def test_a_folder_holds_a_trial_in_each_file_by_name(tmp_path, told):
+    rig, recordings, rows = told
+    for number, own in rows.groupby("trial"):
+        own.drop(columns="trial").to_csv(tmp_path / f"run_{number}.csv", index=False)
+    player = replay(rig, tmp_path, match="order")
+    same(execute(player, make_trial(rig, number=1)), recordings[1])
+
+
+def test_a_column_tells_kinds_apart(tmp_path, told):
+    rig, recordings, rows = told
+    kinds = rows["trial"].map({1: "free", 2: "tracked", 3: "passive"})
+    rows.assign(kind=kinds).to_parquet(tmp_path / "a.parquet")
+    player = replay(rig, tmp_path / "a.parquet", "passive", match="order")
+    same(execute(player, make_trial(rig, "passive", number=0)), recordings[2])
+
+
+def test_what_follows_from_the_encoder_may_be_missing(tmp_path, told):
+    rig, recordings, rows = told
+    derived = ["contraction", "contraction_velocity_per_s", "joint_velocity_rad_per_s"]
+    rows.drop(columns=[*derived, "status", "clipped_by", "late_s"]).to_parquet(tmp_path / "a.parquet")
+    found = execute(replay(rig, tmp_path / "a.parquet"), make_trial(rig))
+    same(found, recordings[0], derived)
+    for name in derived:
+        np.testing.assert_allclose(getattr(found, name), getattr(recordings[0], name), atol=1e-9, err_msg=name)
+
+
+def test_units_and_names_are_those_of_the_file(tmp_path, told):
+    rig, recordings, rows = told
+    foreign = rows.assign(t_ms=1000.0 * rows["time_s"], F=rows["force_n"] / 1000.0).drop(columns=["time_s", "force_n"])
+    foreign.to_csv(tmp_path / "a.csv", index=False)
+    given = {"columns": {"time_s": "t_ms", "force_n": "F"}, "units": {"time_s": "ms", "force_n": "kN"}}
+    found = execute(replay(rig, tmp_path / "a.csv", **given), make_trial(rig))
+    np.testing.assert_allclose(found.force_n, recordings[0].force_n)
+    message = refusal(replay(rig, tmp_path / "a.csv", columns={"force_n": "F"}), make_trial(rig))
+    assert message.startswith(f"{tmp_path / 'a.csv'}: no column time_s; ")
+    assert "say which with rig.columns.time_s=NAME, or set rig.rate_hz" in message
+
+
+def at(rows, trial, *samples):
+    count = (rows["time_s"] * 250.0).round()
+    return rows.index[(rows["trial"] == trial) & count.isin(samples)]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (
+            lambda rows: rows.drop(index=at(rows, 2, 100, 101)),
+            "trial 2: column time_s: nothing for 2 samples before rows 1100, 1348, 1596 and 1 more; record it anew, or "
+            "set rig.resample=true, which marks what is missing",
+        ),
+        (
+            lambda rows: pd.concat([rows, rows.loc[at(rows, 2, 100)]]),
+            "trial 2: column time_s: rows 3000, 3001, 3002 and 1 more repeat an earlier one (trial 2, muscle pam1, ",
+        ),
+        (
+            lambda rows: rows.iloc[[1, 0, *range(2, len(rows))]],
+            "trial 1: column time_s: time goes back in row 1 (trial 1, muscle pam1); sort the rows",
+        ),
+        (
+            lambda rows: rows.assign(force_n=rows["force_n"].mask(rows.index == 5)),
+            "trial 1: column force_n: expected a value in every row, got none in row 5; set rig.resample=true",
+        ),
+        (
+            lambda rows: rows.assign(time_s=2.0 * rows["time_s"]),
+            "trial 1: column time_s: expected the exoskeleton's 250 Hz, got 125 Hz; set rig.resample=true, or",
+        ),
+        (
+            lambda rows: rows[rows["time_s"] < 0.6],
+            "trial 1: expected the 250 samples of a trial, got 150; set exoskeleton.trial_s=0.6",
+        ),
+        (
+            lambda rows: rows[rows["muscle"] != "pam4"],
+            "trial 1: column muscle: expected rows of every muscle, got none of pam4",
+        ),
+        (
+            lambda rows: rows.assign(pressure_kpa=rows["pressure_kpa"] / 100.0),
+            "a.csv: column pressure_kpa: expected values in kPa, got none above",
+        ),
+        (
+            lambda rows: rows.assign(status="fine"),
+            "trial 1: column status: expected isin(['ok', 'missed', 'frozen', 'invalid', 'saturated', 'over', 'ramp'])",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_recording_is_one_line(tmp_path, told, spoil, message):
+    rig, _, rows = told
+    spoil(rows).to_csv(tmp_path / "a.csv", index=False)
+    found = refusal(replay(rig, tmp_path / "a.csv"), make_trial(rig))
+    assert found.startswith(str(tmp_path / "a.csv"))
+    assert message in found
+
+
+def test_resampling_marks_gaps_and_holds_what_was_before(tmp_path, told):
+    rig, recordings, rows = told
+    rows.drop(index=at(rows, 1, 100, 101)).to_csv(tmp_path / "a.csv", index=False)
+    found = execute(replay(rig, tmp_path / "a.csv", resample=True), make_trial(rig))
+    assert (found.status == "missed").all(axis=1).nonzero()[0].tolist() == [100, 101]
+    np.testing.assert_array_equal(found.force_n[101], recordings[0].force_n[99])
+    np.testing.assert_array_equal(found.force_n[102:], recordings[0].force_n[102:])
+    rows.drop(index=at(rows, 1, *range(100, 120))).to_csv(tmp_path / "b.csv", index=False)
+    message = refusal(replay(rig, tmp_path / "b.csv", resample=True), make_trial(rig))
+    assert "trial 1: column time_s: nothing for 0.08 s, first from 0.4 s of the trial on" in message
+
+
+def test_resampling_changes_rate_and_length(tmp_path):
+    quick = other_rig(other_machine([2], 200.0, 2.0))
+    slow = other_rig(other_machine([2], 100.0, 1.5))
+    (recording,), rows = record(quick, make_trial(quick))
+    rows.to_parquet(tmp_path / "a.parquet")
+    command = recording.pressure_command_kpa[:300:2]
+    trial = Trial("tracked", "p1", command, np.full((150, 1), 0.5))
+    found = execute(replay(slow, tmp_path / "a.parquet", resample=True), trial)
+    np.testing.assert_array_equal(found.force_n, recording.force_n[:300:2])
+    np.testing.assert_array_equal(found.time_s, np.arange(150) / 100.0)
+    short = other_rig(other_machine([2], 100.0, 2.5))
+    message = refusal(replay(short, tmp_path / "a.parquet", resample=True), make_trial(short))
+    assert "nothing for 0.5 s, first from 2 s" in message
+
+
+def make_topics(rig, recording):
+    """Return a recording as messages of muscles and of joints."""
+    times = np.round(recording.time_s * 1e9).astype(int)
+    muscles = {
+        "position": recording.pressure_kpa,
+        "velocity": recording.pressure_command_kpa,
+        "effort": recording.force_n,
+    }
+    joints = {"position": recording.joint_angle_rad}
+    return {"/muscles": (list(rig.muscles), times, muscles), "/joints": (list(rig.joints), times, joints)}
+
+
+BAG_COLUMNS = {
+    "pressure_kpa": "/muscles.position[{muscle}]",
+    "pressure_command_kpa": "/muscles.velocity[{muscle}]",
+    "force_n": "/muscles.effort[{muscle}]",
+    "joint_angle_rad": "/joints.position[{joint}]",
+}
+
+
+@pytest.mark.parametrize("machine", ["one joint", "four joints"])
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap", "json"])
+def test_bags_are_replayed(tmp_path, machine, storage):
+    rig = MACHINES[machine]()
+    (recording,), _ = record(rig, make_trial(rig))
+    topics = make_topics(rig, recording)
+    if storage == "json":
+        messages = {
+            topic: [
+                (int(time), {"name": names} | {each: values[k].tolist() for each, values in fields.items()})
+                for k, time in enumerate(times)
+            ]
+            for topic, (names, times, fields) in topics.items()
+        }
+        path = write_mcap(tmp_path / "one.mcap", messages)
+    else:
+        path = write_bag(tmp_path / "one", topics, storage)
+    found = execute(replay(rig, path, columns=BAG_COLUMNS), make_trial(rig))
+    derived = ["contraction", "contraction_velocity_per_s", "joint_velocity_rad_per_s"]
+    same(found, recording, derived)
+    for name in derived:
+        np.testing.assert_allclose(getattr(found, name), getattr(recording, name), atol=1e-9, err_msg=name)
+
+
+def test_some_recordings_are_needed_and_names_are_known(tmp_path, told):
+    rig, _, rows = told
+    rows.to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(ValidationError, match="expected the path of recorded trials, got none"):
+        replay(rig, tmp_path / "a.parquet", recordings={"free": None, "tracked": None, "passive": None})
+    with pytest.raises(ValidationError, match="expected the path of a file or folder"):
+        replay(rig, tmp_path / "gone.parquet")
+    with pytest.raises(ValidationError, match="columns: no column 'force'; "):
+        replay(rig, tmp_path / "a.parquet", columns={"force": "F"})
