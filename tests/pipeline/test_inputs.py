@@ -103,7 +103,7 @@ def test_reads_a_parquet_file_whatever_its_index(tmp_path):
         (
             "x.xlsx",
             b"",
-            "x.xlsx: expected a .parquet, .mat, .csv, .tsv, .txt or .dat file, got 'x.xlsx'; save the sheet as CSV",
+            "expected a .parquet, .mat, .mcap, .csv, .tsv, .txt or .dat file, got 'x.xlsx'; save the sheet as CSV",
         ),
     ],
 )
