@@ -1,9 +1,9 @@
 """What the counts of a real rig's channels mean: known values flow in, one at a time, and lines flow out.
 
 At each point the run stops and asks a person to set a known value; typed again, it records the counts of all inputs.
-In: a rig that counts, and the points. Out, in parts: `calibration_samples`, `calibration_turns` and
-`calibration_readings` of the gauge; in the end `calibration_points`, `calibration_lines`, figures, and the document
-``calibrated.yaml``, a rig that ``rig=PATH`` loads as it is.
+In: a rig that counts, and the points. Out, in parts: `calibration_samples`, `calibration_turns`, and of the gauge
+`calibration_readings`; in the end `calibration_points`, `calibration_lines`, `calibration_changes`, figures, and the
+document ``calibrated.yaml``, a rig that ``rig=PATH`` loads as it is.
 """
 
 from __future__ import annotations
@@ -111,21 +111,37 @@ CALIBRATION_LINES = Table(
         "unit": column(str, "of values"),
         "zero_count": column(float, "counts at zero", nullable=True),
         "sign": column(int, "-1 where counts fall as the value rises, 0 where it is not known", among=(-1, 0, 1)),
+        "points": column(int, "of use", low=0),
         "residual_rms": column(float, "of the points", unit="as told", nullable=True),
         "residual_largest": column(float, "of the points", unit="as told", nullable=True),
-        "repeatability": column(
-            float, "largest difference between points of one known value; none repeated = missing", unit="as told",
-            nullable=True,
-        ),
-        "points": column(int, "of use", low=0),
-        "plausible": column(bool, "whether it is near what was configured"),
+        "repeatability": column(float, "largest difference at one known value", unit="as told", nullable=True),
         "told": column(str, "why it was refused, or what is strange"),
-        "configured_per_count": column(float, "before", unit="as told"),
-        "configured_zero_count": column(float, "before"),
-        "configured_sign": column(int, "before", among=(-1, 1)),
     },
     key=("channel",),
-)  # fmt: skip
+)
+CALIBRATION_CHANGES = Table(
+    "calibration_changes",
+    "How far the line of one channel is from what was configured",
+    {
+        "channel": column(str, "input, or regulator"),
+        "unit": column(str, "of values"),
+        "plausible": column(bool, "whether it is near"),
+        "ratio": column(float, "value of a count, to the configured one", nullable=True),
+        "at_zero": column(float, "what was read at zero until now", unit="as told", nullable=True),
+        "configured_per_count": column(float, "value of a count until now", unit="as told"),
+        "configured_zero_count": column(float, "counts at zero until now"),
+        "configured_sign": column(int, "until now", among=(-1, 1)),
+    },
+    key=("channel",),
+)
+TABLES = (
+    CALIBRATION_SAMPLES,
+    CALIBRATION_TURNS,
+    CALIBRATION_READINGS,
+    CALIBRATION_POINTS,
+    CALIBRATION_LINES,
+    CALIBRATION_CHANGES,
+)
 
 
 class PointsFit(View):
@@ -166,14 +182,15 @@ class Config(Section):
     rig: Target
 
 
-@stage(CALIBRATION_SAMPLES, CALIBRATION_TURNS, CALIBRATION_READINGS, CALIBRATION_POINTS, CALIBRATION_LINES)
+@stage(*TABLES)
 def calibration(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record every point, asking for one at a time, then fit a line to each channel."""
     loop = Loop(cfg.calibration, ctx)
     for turn in loop.turns:
         loop.take(turn)
     told = ctx.record.collect()
-    points, lines = fit_lines(told, loop.turns, ctx.rig, cfg.calibration)
+    fitted = fit_lines(told, loop.turns, ctx.rig, cfg.calibration)
+    points, lines = fitted[CALIBRATION_POINTS.name], fitted[CALIBRATION_LINES.name]
     for kind in dict.fromkeys(split_name(each)[1] for each in lines["channel"]):
         chosen = lines[[split_name(each)[1] == kind for each in lines["channel"]]]
         caption = "Mean counts at known values (o; x = of no use), the line through them, and their distance from it."
@@ -185,7 +202,7 @@ def calibration(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
         ctx.document("calibrated", write_rig(cfg.rig, lines), "yaml", comments)
     for row in lines[lines["told"] != ""].to_dict("records"):
         log.warning("%s %s: %s", row["channel"], row["status"], row["told"])
-    return {**told, CALIBRATION_POINTS.name: points, CALIBRATION_LINES.name: lines}
+    return told | fitted
 
 
 class Loop:
@@ -204,8 +221,11 @@ class Loop:
             part = self.ctx.record.part((turn.point, attempt), partial(self.record, turn, attempt))
             judged = judge_turn(part, turn, attempt, self.rig, self.settings)
             problem = next((each.problem for each in judged.values() if each.problem), "")
-            if self.news and problem:
-                self.news = f"{self.news[:-2]}, which is of no use: {problem}); "
+            if self.news:
+                counted = ", ".join(
+                    f"{each.count:.1f} counts, spread {each.spread_count:.1f}" for each in judged.values()
+                )
+                self.news = f"recorded {turn.title} ({counted})" + (f", of no use: {problem}; " if problem else "; ")
             if not problem:
                 if turn.held:
                     key = ("gauge", turn.point, attempt)
@@ -224,7 +244,7 @@ class Loop:
                 )
             else:
                 recording = rig.read_counts(settings.record_s)
-        self.news = f"recorded point {turn.point} ({turn.title}); "
+        self.news = "recorded"
         return make_part(turn, attempt, recording)
 
     def read_gauge(self, turn: Turn, attempt: int) -> dict[str, pd.DataFrame]:
@@ -279,7 +299,7 @@ def make_part(turn: Turn, attempt: int, recording: CountRecording) -> dict[str, 
 
 def fill_part(frames: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
     """Return a part with no rows for the tables that it tells nothing about."""
-    return {each.name: pd.DataFrame(columns=list(each.columns)) for each in calibration.writes} | frames
+    return {each.name: pd.DataFrame(columns=list(each.columns)) for each in TABLES} | frames
 
 
 def judge_turn(
@@ -312,11 +332,11 @@ def find_place(rig: FestoCpx, channel: str) -> AnyPlace:
 
 def fit_lines(
     told: dict[str, pd.DataFrame], turns: list[Turn], rig: FestoCpx, settings: CalibrationSettings
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return `calibration_points` and `calibration_lines` of what was recorded."""
+) -> dict[str, pd.DataFrame]:
+    """Return the points, lines and changes of what was recorded."""
     points = list_points(told, turns, rig, settings)
     means = average_inputs(told[CALIBRATION_SAMPLES.name], rig.map_channels())
-    rows, residual = [], pd.Series(np.nan, index=points.index)
+    rows, changes, residual = [], [], pd.Series(np.nan, index=points.index)
     for channel in settings.chosen:
         its, place = points[points["channel"] == channel], find_place(rig, channel)
         at = pd.MultiIndex.from_frame(its[["point", "attempt"]])
@@ -334,10 +354,15 @@ def fit_lines(
             settings,
             find_followers(channel, its["asked"].to_numpy(), mean, spread, settings),
         )
-        rows.append(tell_line(channel, line, place))
+        rows.append({"channel": channel, "unit": UNITS[split_name(channel)[1]], **line.as_row()})
+        changes.append(tell_change(channel, line, place))
         if line.status == "calibrated":
             residual[its.index] = line.sign * line.per_count * (its["count"] - line.zero_count) - its["known"]
-    return points.assign(residual=residual)[list(CALIBRATION_POINTS.columns)], pd.DataFrame(rows)
+    return {
+        CALIBRATION_POINTS.name: points.assign(residual=residual)[list(CALIBRATION_POINTS.columns)],
+        CALIBRATION_LINES.name: pd.DataFrame(rows)[list(CALIBRATION_LINES.columns)],
+        CALIBRATION_CHANGES.name: pd.DataFrame(changes),
+    }
 
 
 def list_points(
@@ -380,17 +405,18 @@ def average_inputs(samples: pd.DataFrame, channels: ChannelMap) -> pd.DataFrame:
     return pd.concat(wide, axis=1)
 
 
-def tell_line(channel: str, line: Line, place: AnyPlace) -> dict[str, Any]:
-    """Return a row of `calibration_lines`."""
-    row = {
+def tell_change(channel: str, line: Line, place: AnyPlace) -> dict[str, Any]:
+    """Return a row of `calibration_changes`."""
+    return {
         "channel": channel,
         "unit": UNITS[split_name(channel)[1]],
-        **line.as_row(),
+        "plausible": line.plausible,
+        "ratio": line.per_count / abs(place.per_count),
+        "at_zero": place.per_count * (line.zero_count - place.zero_count),
         "configured_per_count": abs(place.per_count),
         "configured_zero_count": place.zero_count,
         "configured_sign": place.sign,
     }
-    return {name: row[name] for name in CALIBRATION_LINES.columns}
 
 
 def write_rig(rig: Target, lines: pd.DataFrame) -> dict[str, Any]:

@@ -155,7 +155,7 @@ def say_what_to_do(turn: Turn, settings: CalibrationSettings) -> str:
             f"{turn.value:g} kPa for {lasts_s:.3g} s as soon as the command is typed; read the gauge meanwhile"
         )
     if kind == "pressure":
-        return f"see that {owner} is without air"
+        return f"take the hose off {owner}, so that its sensor is at the air's pressure"
     if kind == "force":
         load = f"hang {turn.value:g} N on" if turn.value else "take every load off"
         return f"{load} the load cell of {owner} and let it come to rest"
@@ -163,11 +163,8 @@ def say_what_to_do(turn: Turn, settings: CalibrationSettings) -> str:
 
 
 def say_where_to_write(turn: Turn, attempt: int, path: str) -> str:
-    """Return how a person tells what the gauge showed."""
-    return (
-        f"write what the gauge showed at {turn.title} (kPa) as {label(turn.point, attempt)},KPA "
-        f"into {path} (echo {label(turn.point, attempt)},KPA >> {path})"
-    )
+    """Return how a person tells what the gauge showed while a point was recorded."""
+    return f"tell what the gauge showed, with its kPa in place of KPA: echo {label(turn.point, attempt)},KPA >> {path}"
 
 
 def label(point: int, attempt: int) -> str:
