@@ -299,7 +299,11 @@ def make_part(turn: Turn, attempt: int, recording: CountRecording) -> dict[str, 
 
 def fill_part(frames: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
     """Return a part with no rows for the tables that it tells nothing about."""
-    return {each.name: pd.DataFrame(columns=list(each.columns)) for each in TABLES} | frames
+    empty = {
+        each.name: pd.DataFrame({name: pd.Series(dtype=its.dtype.type) for name, its in each.columns.items()})
+        for each in TABLES
+    }
+    return empty | frames
 
 
 def judge_turn(

@@ -61,6 +61,12 @@ def emulator(running):
     running.mend()
 
 
+@pytest.fixture(autouse=True)
+def no_reports(monkeypatch):
+    """Pages of runs that pause are not what is tested here."""
+    monkeypatch.setattr("pipeline.runner.try_report", lambda *_: None)
+
+
 class Person:
     """Does what a run asks for and types its command again, until it no longer asks."""
 
@@ -70,7 +76,7 @@ class Person:
         with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
             self.composed = compose("config", overrides=self.arguments)
         self.asked = []
-        self.hands, self.slips = {}, {}
+        self.hands = {}
         self.shown_kpa = 0.0
 
     @property
@@ -100,7 +106,7 @@ class Person:
             owner, _, kind = channel.rpartition(".")
             if kind in ("force", "encoder"):
                 other, count = self.hands.get(channel, (channel, None))
-                self.load(other, self.slips.get((channel, asks["value"]), asks["value"]), count)
+                self.load(other, asks["value"], count)
             elif asks["value"] == 0.0:
                 self.emulator.fault("overpressure", muscle=owner, kpa=0.0)
 
@@ -194,10 +200,11 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated(emulator, tmp_path, capfd):
     person.load("pam1.force", 80.0)
     person.load("SFE.encoder", 0.6)
     with rig:
+        begun_s = emulator.state()["now_s"]
         recording = rig.hold("pam1", 150.0, 0.3, ramp_s=0.2, settle_s=0.4)
-        held = emulator.state(log=2000)["log"]
+        held = [kpa[0] for at, kpa in emulator.state(log=2000)["log"] if at > begun_s]
     pressure, force, angle = rig.map_channels().to_values(recording.counts.mean(axis=0))
-    assert max(kpa[0] for _, kpa in held[-60:]) == pytest.approx(150.0, abs=0.1)
+    assert max(held) == pytest.approx(150.0, abs=0.1)
     assert pressure[0] == pytest.approx(150.0, abs=0.5)
     assert force[0] == pytest.approx(80.0, abs=0.2)
     assert angle[0] == pytest.approx(0.6, abs=0.002)
@@ -250,15 +257,13 @@ def test_what_determines_no_line_is_refused_and_stays_as_configured(emulator, tm
         "pam1.force": [0.0, 100.0],
         "pam2.force": [0.0, 50.0],
         "pam3.force": [0.0, 100.0],
-        "EFE.encoder": [0.0, 0.5, 1.0],
     }
-    person = Person(emulator, tmp_path, *choose(points), "calibration.attempts=1", "calibration.residual.angle_rad=0.1")
+    person = Person(emulator, tmp_path, *choose(points), "calibration.attempts=1")
     person.hands = {
         "pam1.force": ("pam1.force", 32100),
         "pam2.force": ("pam4.force", None),
         "pam3.force": ("pam3.force", 512),
     }
-    person.slips = {("EFE.encoder", 0.5): 0.8}
     assert person.carry_out() == 0
     lines = person.read("lines").set_index("channel")
     assert set(lines["status"]) == {"refused"}
@@ -267,7 +272,6 @@ def test_what_determines_no_line_is_refused_and_stays_as_configured(emulator, tm
         "(count 32100, range -500 to 32000)",
         "pam2.force": lines.loc["pam2.force", "told"],
         "pam3.force": "the counts are the same at all points (512.0 to 512.0); is the channel dead?",
-        "EFE.encoder": "the point at 0.5 rad lies 0.2 rad from the line, 0.1 are permitted",
     }
     assert re.search("are the same at all points .* pam4.force follows them: are", lines.loc["pam2.force", "told"])
     assert not (person.run / "documents" / "calibrated.yaml").exists()
@@ -317,9 +321,7 @@ def test_a_run_that_is_killed_goes_on_at_the_point_it_was_recording(emulator, tm
 @pytest.mark.parametrize(
     ("override", "told"),
     [
-        ("rig=sim", "rig: expected one whose channels count, got stages.rig.sim.SimulatedRig; type rig=festo_cpx"),
-        ("+calibration.points.pam5={force: [0.0]}", "calibration.points.pam5"),
-        ("calibration.points={pam7.force: [0.0]}", "calibration.points: no channel 'pam7.force'; did you mean 'pam"),
+        ("+calibration.points={pam7.force: [0.0]}", "calibration.points: no channel 'pam7.force'; did you mean 'pam"),
         ("calibration.points={pam1.command: [0.0]}", "expected pressures above 0, as a vented regulator is at its end"),
         ("calibration.points={pam1.pressure: [260.0]}", r"pam1.pressure: expected 0.0 to 250.0 kPa, which pam1 may be"),
         ("calibration.only=[pam1.forc]", "calibration.only: no points of 'pam1.forc'; did you mean 'pam1.force'?"),

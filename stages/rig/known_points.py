@@ -45,7 +45,7 @@ class CalibrationSettings(Declared):
     """Which values are set on which channels, how they are recorded, and what makes a line."""
 
     points: dict[str, Annotated[list[float], Field(min_length=1)]] = Field(description="known values, by channel")
-    only: list[str] | None = Field(description="channels whose points are asked for; None for all")
+    only: list[str] | None = Field(description="channels whose points are asked for, in this order; None for all")
     record_s: Annotated[float, Field(gt=0.0, le=600.0)] = Field(description="length of the record of a point, s")
     settle_s: Annotated[float, Field(ge=0.0, le=60.0)] = Field(description="time at a command before the record, s")
     ramp_s: Annotated[float, Field(gt=0.0, le=60.0)] = Field(description="time to fill or to let down a muscle, s")
@@ -73,8 +73,8 @@ class CalibrationSettings(Declared):
 
     @property
     def chosen(self) -> dict[str, list[float]]:
-        """The points that are asked for."""
-        return {name: values for name, values in self.points.items() if self.only is None or name in self.only}
+        """The points that are asked for, channel after channel."""
+        return {name: self.points[name] for name in (self.points if self.only is None else self.only)}
 
     def check_channels(self, muscles: Iterable[str], joints: Iterable[str]) -> None:
         """Check that every channel is one of the machine.
