@@ -25,7 +25,7 @@ from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
 
 TRUE = {
-    "pam1.force": {"n_per_count": 0.11, "zero_count": 4000.0, "sign": -1},
+    "pam1.force": {"n_per_count": 0.11, "zero_count": 24000.0, "sign": -1},
     "pam1.pressure": {"kpa_per_count": 0.0335, "zero_count": 310.0},
     "pam1.command": {"kpa_per_count": 0.0295, "zero_count": -150.0},
     "SFE.encoder": {"rad_per_count": 6.4e-4, "zero_count": 1234.0, "sign": -1},
@@ -177,7 +177,7 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated(emulator, tmp_path, capfd):
     told = capfd.readouterr().err
     assert len(told.strip().splitlines()) == 8
     assert re.search(
-        r"calibration paused: recorded pam1.force at 0 N \(4000.0 counts, spread 0.0\); point 2 of 8, pam1.force at "
+        r"calibration paused: recorded pam1.force at 0 N \(24000.0 counts, spread 0.0\); point 2 of 8, pam1.force at "
         r"100 N: hang 100 N on the load cell of pam1 and let it come to rest .* when that is done, type: ",
         told,
     )
