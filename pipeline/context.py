@@ -274,8 +274,17 @@ class Context:
             self._note(path, kind="figure", caption=caption)
         figure.clear()
 
-    def document(self, name: str, mapping: Mapping[str, Any], form: Literal["json", "yaml"] = "json") -> None:
-        """Keep a mapping as ``documents/NAME.json``, or as YAML, which a configuration can be read from."""
+    def document(
+        self,
+        name: str,
+        mapping: Mapping[str, Any],
+        form: Literal["json", "yaml"] = "json",
+        comments: Sequence[str] = (),
+    ) -> None:
+        """Keep a mapping as ``documents/NAME.json``, or as YAML, which a configuration can be read from.
+
+        YAML begins with the comments, such as the package that its keys belong to.
+        """
         path = self.folder / "documents" / f"{name}.{form}"
         if form == "json":
             write_json(path, mapping, final=True)
@@ -283,7 +292,7 @@ class Context:
             from omegaconf import OmegaConf
 
             text = OmegaConf.to_yaml(OmegaConf.create(dict(mapping)))
-            write_text(path, text, final=True)
+            write_text(path, "".join(f"# {line}\n" for line in comments) + text, final=True)
         self._note(path, kind="document")
 
     def verdict(self, mapping: Mapping[str, Any]) -> None:

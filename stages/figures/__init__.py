@@ -3,6 +3,7 @@
 from stages.figures.agreement import draw_agreement
 from stages.figures.calibration import draw_calibration
 from stages.figures.candidate_ranking import draw_candidate_ranking
+from stages.figures.channel_lines import draw_channel_lines
 from stages.figures.chosen_trials import draw_chosen_trials
 from stages.figures.effect_signature import draw_effect_signature
 from stages.figures.error_bars import draw_error_bars
@@ -26,6 +27,7 @@ __all__ = [
     "draw_agreement",
     "draw_calibration",
     "draw_candidate_ranking",
+    "draw_channel_lines",
     "draw_chosen_trials",
     "draw_confusion",
     "draw_effect_signature",

@@ -18,10 +18,12 @@ import pandas as pd
 from filelock import FileLock, Timeout
 from pydantic import Field, PrivateAttr, model_validator
 
+from stages.plant.declaration import nearest
 from stages.plant.exoskeleton import Exoskeleton
 from stages.rig.channels import ChannelMap, EncoderPlace, MuscleChannels
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import Recording, RigError, Trial, TrialStopped, Watch
+from stages.rig.counting import CountJudge, CountRecording, Hold, record_counts, record_held
 from stages.rig.cpx_link import CpxLink, Device, LinkLost
 from stages.rig.held_signals import Held, hold_signals
 from stages.rig.limits import Guard, Limits, apply_limits, check_limits, find_forbidden
@@ -166,6 +168,82 @@ class FestoCpx(ConfiguredRig):
             raise TrialStopped(self._tell(reason, book), book.noticed_at_s)
         log.info("%s: %s", trial.label or trial.kind, book.measure_pace())
         return self._record(book)
+
+    def read_counts(self, record_s: float) -> CountRecording:
+        """Record the raw counts of all inputs while nothing is commanded.
+
+        Parameters
+        ----------
+        record_s : float
+            How long, s, at the sampling rate.
+
+        Raises
+        ------
+        RigError
+            When the rig is not connected or the device does not answer.
+        """
+        return record_counts(self._linked(), self.sampling_rate_hz, record_s)
+
+    def hold(
+        self, muscle: str, command_kpa: float, record_s: float, *, ramp_s: float, settle_s: float
+    ) -> CountRecording:
+        """Hold one muscle at a command, all others vented, and record the raw counts of all inputs.
+
+        Parameters
+        ----------
+        muscle : str
+            Its name.
+        command_kpa : float
+            Within its limits, kPa gauge.
+        record_s : float
+            How long, s, at the sampling rate.
+        ramp_s : float
+            Time to fill it and to let it down, s; longer where its limit on the rate asks for it.
+        settle_s : float
+            Time at the command before the record begins, s.
+
+        Returns
+        -------
+        CountRecording
+            Which says so where a ceiling, a sensor at its end or a late loop had the muscle let down early.
+
+        Raises
+        ------
+        ValueError
+            When the command is beyond the muscle's limits; nothing was commanded then.
+        RigError
+            When the rig is not connected or the device does not answer.
+        """
+        link, number = self._linked(), self.check_hold(muscle, command_kpa)
+        slew = self.limits[self.exoskeleton.muscles[number].type].slew_kpa_per_s
+        hold = Hold(number, command_kpa, max(ramp_s, command_kpa / slew), settle_s)
+        ceilings = [self.guard.ceilings[each.type] for each in self.exoskeleton.muscles]
+        judge = CountJudge(link.channels, self.device.counts, ceilings, number)
+        return record_held(link, self.sampling_rate_hz, record_s, hold, judge)
+
+    def check_hold(self, muscle: str, command_kpa: float) -> int:
+        """Return a muscle's position if it may be held at a command, kPa gauge.
+
+        Raises
+        ------
+        ValueError
+            When there is no such muscle, or the command is beyond its limits.
+        """
+        if muscle not in self.muscles:
+            raise ValueError(f"no muscle '{muscle}'; {nearest(muscle, self.muscles)}")
+        number = list(self.muscles).index(muscle)
+        kind = self.exoskeleton.muscles[number].type
+        limit = self.limits[kind]
+        if not limit.low_kpa <= command_kpa <= limit.high_kpa:
+            raise ValueError(
+                f"{muscle}: expected {limit.low_kpa} to {limit.high_kpa} kPa (rig.limits.{kind}), got {command_kpa}"
+            )
+        return number
+
+    def _linked(self) -> CpxLink:
+        if self._link is None:
+            raise RigError("FestoCpx is not connected; write: with rig: rig.read_counts(2.0)")
+        return self._link
 
     @property
     def _lead_samples(self) -> int:

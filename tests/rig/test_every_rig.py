@@ -1,23 +1,39 @@
 """What every rig keeps to, on the configured arm and on others."""
 
 from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import pandas as pd
 import pytest
+import yaml
 
 from stages.plant.exoskeleton import Exoskeleton
 from stages.rig.contract import CLIPPED_BY, RECORDING_COLUMNS, STATUS, RigError, Trial, tidy
+from stages.rig.replay import ReplayRig
 from tests.cpx_e.emulator import Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
-from tests.plant.machines import other_rig
+from tests.plant.machines import CONF, other_rig
 
 ARMS = {"elbow": "festo_cpx", "upper_limb": "festo_cpx", "arm": "festo_cpx_arm"}
 """Option of exoskeleton, and of rig that goes with it: one joint, two and four."""
 RATE_HZ, TRIAL_S = 100.0, 1.0
+REPLAY = {
+    name: value
+    for name, value in yaml.safe_load((CONF / "rig" / "replay.yaml").read_text()).items()
+    if name not in ("_target_", "exoskeleton", "participants", "recordings")
+}
 
 
 def describe_arm(arm):
-    chosen = f"exoskeleton={arm}", f"rig={ARMS[arm]}", f"exoskeleton.trial_s={TRIAL_S}", "rig.lead_in_s=0.6"
+    chosen = (
+        f"exoskeleton={arm}",
+        f"rig={ARMS[arm]}",
+        f"exoskeleton.trial_s={TRIAL_S}",
+        "rig.lead_in_s=0.6",
+        "rig.device.watchdog_s=0.8",
+    )
     return describe_rig(*chosen)
 
 
@@ -34,7 +50,21 @@ def run_emulated(arm):
         yield build_rig(section, emulator.port, emulator.control_port)
 
 
-RIGS = {"sim": run_simulated, "festo_cpx": run_emulated}
+@contextmanager
+def run_replayed(arm):
+    """A rig on what the simulated one recorded of the trials below."""
+    rig = other_rig(Exoskeleton.model_validate(describe_arm(arm)["exoskeleton"]))
+    with TemporaryDirectory() as folder, rig:
+        paths = {"free": [], "tracked": [], "passive": []}
+        for number, trial in enumerate([*trials(rig), clipped(rig)]):
+            path = Path(folder) / f"{number}.parquet"
+            pd.DataFrame(tidy(rig.execute(trial, np.random.default_rng(number)), rig)).to_parquet(path)
+            paths[trial.kind].append(str(path))
+        given = {"exoskeleton": rig.exoskeleton, "participants": rig.participants, "recordings": paths}
+        yield ReplayRig.model_validate({**REPLAY, **given, "tolerance_kpa": 900.0})
+
+
+RIGS = {"sim": run_simulated, "replay": run_replayed, "festo_cpx": run_emulated}
 
 
 @pytest.fixture(scope="module", params=[(rig, arm) for rig in RIGS for arm in ARMS], ids=lambda each: ", ".join(each))
@@ -119,11 +149,16 @@ def test_an_exception_in_the_block_releases(rig, error):
         assert rig.connected
 
 
-def test_what_clipped_the_command_is_recorded(rig, generator):
+def clipped(rig):
     asked = command(rig)
-    asked[50:] = 2000.0
+    asked[50:] = 900.0
+    return Trial("passive", "nobody", asked)
+
+
+def test_what_clipped_the_command_is_recorded(rig, generator):
+    asked = clipped(rig).pressure_command_kpa
     with rig:
-        found = rig.execute(Trial("passive", "nobody", asked), generator)
+        found = rig.execute(clipped(rig), generator)
     assert {"pressure", "rate"} <= set(found.clipped_by[50:].ravel())
     assert (found.pressure_command_kpa < asked)[60:].all()
     assert set(found.clipped_by[:50].ravel()) == {""}

@@ -1,0 +1,336 @@
+"""A calibration whose points a person sets, against a device whose channels mean other than is configured."""
+
+import copy
+import json
+import re
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+from hydra import compose, initialize_config_dir
+
+from pipeline.choices import read_choices
+from pipeline.config import read_study
+from pipeline.errors import ConfigError
+from pipeline.runner import run_study
+from stages.rig.contract import RigError
+from tests.conftest import ROOT
+from tests.cpx_e.emulator import Emulator
+from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
+
+pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
+
+TRUE = {
+    "pam1.force": {"n_per_count": 0.11, "zero_count": 24000.0, "sign": -1},
+    "pam1.pressure": {"kpa_per_count": 0.0335, "zero_count": 310.0},
+    "pam1.command": {"kpa_per_count": 0.0295, "zero_count": -150.0},
+    "SFE.encoder": {"rad_per_count": 6.4e-4, "zero_count": 1234.0, "sign": -1},
+}
+
+
+@pytest.fixture(scope="module")
+def section():
+    return describe_rig()
+
+
+@pytest.fixture(scope="module")
+def machine(section):
+    """A machine whose channels differ from what the configuration says."""
+    told = copy.deepcopy(describe_machine(section))
+    for name, values in TRUE.items():
+        owner, _, kind = name.rpartition(".")
+        place = told["encoders"][owner] if kind == "encoder" else told["channels"][owner][kind]
+        place |= values
+    return told
+
+
+@pytest.fixture(scope="module")
+def running(machine):
+    with Emulator(machine) as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def emulator(running):
+    running.mend()
+    yield running
+    running.mend()
+
+
+@pytest.fixture(autouse=True)
+def no_reports(monkeypatch):
+    """Pages of runs that pause are not what is tested here."""
+    monkeypatch.setattr("pipeline.runner.try_report", lambda *_: None)
+
+
+class Person:
+    """Does what a run asks for and types its command again, until it no longer asks."""
+
+    def __init__(self, emulator, outputs, *overrides):
+        self.emulator, self.outputs = emulator, outputs
+        self.arguments = ["workflow=calibration", *list_overrides(emulator, outputs), *overrides]
+        with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+            self.composed = compose("config", overrides=self.arguments)
+        self.asked = []
+        self.hands = {}
+        self.shown_kpa = 0.0
+
+    @property
+    def run(self):
+        """The run's folder."""
+        (run,) = (self.outputs / "runs").iterdir()
+        return run
+
+    def type(self):
+        """Type the command; return its exit code."""
+        begun_s = self.emulator.state()["now_s"]
+        code = run_study(self.composed, self.arguments)
+        state = self.emulator.state(log=2000)
+        self.shown_kpa = max((kpa[0] for at, kpa in state["log"] if at > begun_s), default=0.0)
+        return code
+
+    def obey(self):
+        """Do what is asked for now."""
+        asks = json.loads((self.run / "documents" / "asks.json").read_text())
+        self.asked.append(asks)
+        told = re.search(r"echo (\S+),KPA >> ([^\s;]+)", asks["do"])
+        if told:
+            with open(told[2], "a") as file:
+                file.write(f"{told[1]},{self.shown_kpa:.3f}\n")
+        self.emulator.mend()
+        for channel in asks.get("channels", []):
+            owner, _, kind = channel.rpartition(".")
+            if kind in ("force", "encoder"):
+                other, count = self.hands.get(channel, (channel, None))
+                self.load(other, asks["value"], count)
+            elif asks["value"] == 0.0:
+                self.emulator.fault("overpressure", muscle=owner, kpa=0.0)
+
+    def load(self, channel, value, count=None):
+        """Bring a true value about on a channel of the emulated machine, or a count whatever the value."""
+        count = find_count(self.emulator.machine, channel, value) if count is None else count
+        self.emulator.fault("sensor", channel=channel, mode="counts", counts=count)
+
+    def carry_out(self):
+        """Go on until the run no longer asks; return its exit code."""
+        while (code := self.type()) == 3:
+            self.obey()
+        return code
+
+    def read(self, table):
+        """Read one of the run's tables."""
+        return pd.read_parquet(self.run / "tables" / f"calibration_{table}.parquet")
+
+
+def list_overrides(emulator, outputs):
+    return (
+        "rig=festo_cpx",
+        "rig.device.host=127.0.0.1",
+        f"rig.device.port={emulator.port}",
+        f"outputs={outputs}",
+        "figures=[png]",
+        "calibration.record_s=0.3",
+        "calibration.settle_s=0.5",
+        "calibration.ramp_s=0.2",
+    )
+
+
+def choose(points):
+    listed = ", ".join(f"{name}: {values}" for name, values in points.items())
+    return f"calibration.points={{{listed}}}", f"calibration.only=[{','.join(points)}]"
+
+
+def find_place(machine, channel):
+    owner, _, kind = channel.rpartition(".")
+    return machine["encoders"][owner] if kind == "encoder" else machine["channels"][owner][kind]
+
+
+def find_count(machine, channel, value):
+    place = find_place(machine, channel)
+    (per_count,) = (each for key, each in place.items() if key.endswith("_per_count"))
+    return round(place["sign"] * value / per_count + place["zero_count"])
+
+
+def build(person, *overrides):
+    """Return the rig that a calibration left, as another study loads it."""
+    file = person.run / "documents" / "calibrated.yaml"
+    overrides, _ = read_choices([f"rig={file}", *overrides], ["rig"])
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        study, _ = read_study(compose("config", overrides=overrides))
+    return study.build("rig")
+
+
+def test_a_rig_reads_the_truth_once_it_is_calibrated(emulator, tmp_path, capfd):
+    points = {
+        "pam1.force": [0.0, 100.0, 0.0],
+        "pam1.pressure": [0.0, 100.0, 200.0],
+        "pam1.command": [100.0, 200.0],
+        "SFE.encoder": [0.0, 1.0],
+    }
+    person = Person(emulator, tmp_path, *choose(points), "calibration.plausible_ratio=1.2")
+    assert person.carry_out() == 0
+    assert [each["point"] for each in person.asked] == [1, 2, 3, 4, 5, 6, 7, 8]
+    told = capfd.readouterr().err
+    assert len(told.strip().splitlines()) == 8
+    assert re.search(
+        r"calibration paused: recorded pam1.force at 0 N \(24000.0 counts, spread 0.0\); point 2 of 8, pam1.force at "
+        r"100 N: hang 100 N on the load cell of pam1 and let it come to rest .* when that is done, type: ",
+        told,
+    )
+    lines, changes = (person.read(each).set_index("channel") for each in ("lines", "changes"))
+    assert set(lines["status"]) == {"calibrated"}
+    for name, true in TRUE.items():
+        (per_count,) = (value for key, value in true.items() if key.endswith("_per_count"))
+        assert lines.loc[name, "per_count"] == pytest.approx(per_count, rel=0.005)
+        assert lines.loc[name, "zero_count"] == pytest.approx(true["zero_count"], abs=10.0)
+        assert lines.loc[name, "sign"] == true.get("sign", 1)
+    assert "the sign is -1, configured 1" in lines.loc["pam1.force", "told"]
+    assert list(changes.index[changes["plausible"]]) == ["pam1.pressure", "pam1.command"]
+    assert sorted(each.stem for each in (person.run / "figures").glob("*.png")) == [
+        f"lines_{kind}" for kind in ("command", "encoder", "force", "pressure")
+    ]
+
+    rig = build(person)
+    assert rig.exoskeleton.sampling_rate_hz == 100.0
+    assert rig.channels["pam2"].force.n_per_count == 0.025
+    person.load("pam1.force", 80.0)
+    person.load("SFE.encoder", 0.6)
+    with rig:
+        begun_s = emulator.state()["now_s"]
+        recording = rig.hold("pam1", 150.0, 0.3, ramp_s=0.2, settle_s=0.4)
+        held = [kpa[0] for at, kpa in emulator.state(log=2000)["log"] if at > begun_s]
+    pressure, force, angle = rig.map_channels().to_values(recording.counts.mean(axis=0))
+    assert max(held) == pytest.approx(150.0, abs=0.1)
+    assert pressure[0] == pytest.approx(150.0, abs=0.5)
+    assert force[0] == pytest.approx(80.0, abs=0.2)
+    assert angle[0] == pytest.approx(0.6, abs=0.002)
+    assert emulator.state()["outputs_kpa"] == [0.0] * 4
+
+
+def test_pressure_is_there_only_while_its_point_is_recorded(emulator, section):
+    rig = build_rig(section, emulator.port)
+    with rig:
+        begun_s = emulator.state()["now_s"]
+        threading.Timer(0.5, lambda: states.append(emulator.state())).start()
+        states = []
+        recording = rig.hold("pam2", 300.0, 0.3, ramp_s=0.3, settle_s=0.2)
+        ended = emulator.state(log=2000)
+        with pytest.raises(ValueError, match=r"pam1: expected 0.0 to 250.0 kPa \(rig.limits.MAS-40\), got 260.0"):
+            rig.hold("pam1", 260.0, 0.3, ramp_s=0.3, settle_s=0.2)
+        with pytest.raises(ValueError, match="no muscle 'pam9'"):
+            rig.hold("pam9", 100.0, 0.3, ramp_s=0.3, settle_s=0.2)
+    assert recording.command_count == 9600
+    assert recording.stopped == ""
+    assert states[0]["watchdog_ms"] == 250
+    assert ended["watchdog_ms"] == 0
+    assert ended["outputs_kpa"][1:] == [0.0] * 3
+    way = np.array([kpa for at, kpa in ended["log"] if at > begun_s])
+    assert way[:, 1].max() == pytest.approx(300.0)
+    assert np.abs(np.diff(way[:, 1])).max() < 60.0
+    assert (way[:, 2:] == 0.0).all()
+    assert emulator.state(log=0)["watchdog_count"] == 0
+    with pytest.raises(RigError, match="is not connected"):
+        rig.read_counts(0.1)
+
+
+def test_a_ceiling_or_a_sensor_at_its_end_lets_the_muscle_down(emulator, section):
+    rig = build_rig(section, emulator.port)
+    with rig:
+        emulator.fault("sensor", channel="pam2.pressure", mode="counts", counts=25000, after_s=0.3)
+        assert rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4).stopped == (
+            "pam2.pressure at 781 kPa, ceiling 780.0 kPa"
+        )
+        emulator.mend()
+        emulator.fault("sensor", channel="pam2.pressure", mode="counts", counts=32767)
+        recording = rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4)
+        assert emulator.state()["outputs_kpa"][1] == 0.0
+    assert recording.stopped == "pam2.pressure cannot tell the pressure (count 32767)"
+    assert len(recording.time_s) == 0
+
+
+def test_what_determines_no_line_is_refused_and_stays_as_configured(emulator, tmp_path):
+    points = {
+        "pam1.force": [0.0, 100.0],
+        "pam2.force": [0.0, 50.0],
+        "pam3.force": [0.0, 100.0],
+    }
+    person = Person(emulator, tmp_path, *choose(points), "calibration.attempts=1")
+    person.hands = {
+        "pam1.force": ("pam1.force", 32100),
+        "pam2.force": ("pam4.force", None),
+        "pam3.force": ("pam3.force", 512),
+    }
+    assert person.carry_out() == 0
+    lines = person.read("lines").set_index("channel")
+    assert set(lines["status"]) == {"refused"}
+    assert lines["told"].to_dict() == {
+        "pam1.force": "expected points of use at two known values at least, got 0 of 2, as the channel was at its end "
+        "(count 32100, range -500 to 32000)",
+        "pam2.force": lines.loc["pam2.force", "told"],
+        "pam3.force": "the counts are the same at all points (512.0 to 512.0); is the channel dead?",
+    }
+    assert re.search("are the same at all points .* pam4.force follows them: are", lines.loc["pam2.force", "told"])
+    assert not (person.run / "documents" / "calibrated.yaml").exists()
+
+
+def test_a_point_of_no_use_is_asked_for_again(emulator, tmp_path, capfd):
+    person = Person(emulator, tmp_path, *choose({"pam1.force": [0.0, 100.0]}))
+    person.type()
+    person.obey()
+    emulator.fault("sensor", channel="pam1.force", mode="counts", counts=32767)
+    assert person.type() == 3
+    told = capfd.readouterr().err.splitlines()[-1]
+    assert "of no use: the channel told no value (count 32767); point 1 of 2, pam1.force at 0 N: take every" in told
+    person.obey()
+    assert person.carry_out() == 0
+    points = person.read("points")
+    assert list(points["attempt"]) == [1, 2, 1]
+    assert list(points["problem"].eq("")) == [False, True, True]
+    assert list(person.read("lines")["status"]) == ["calibrated"]
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_goes_on_at_the_point_it_was_recording(emulator, tmp_path):
+    chosen = choose({"SFE.encoder": [0.0, 1.0], "pam2.pressure": [0.0, 300.0]})
+    person = Person(emulator, tmp_path, *chosen, "calibration.settle_s=2.0")
+    for _ in range(4):
+        assert person.type() == 3
+        person.obey()
+    command = [sys.executable, "-m", "pipeline", *person.arguments]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while emulator.state(log=0)["outputs_kpa"][1] < 250.0:
+        assert process.poll() is None
+        time.sleep(0.02)
+    fired = emulator.state(log=0)["watchdog_count"]
+    process.kill()
+    process.wait()
+    time.sleep(0.5)
+    state = emulator.state(log=0)
+    assert state["watchdog_count"] == fired + 1
+    assert state["outputs_kpa"][1:] == [0.0] * 3
+    assert person.carry_out() == 0
+    points = person.read("points")
+    assert list(points["channel"]) == ["SFE.encoder"] * 2 + ["pam2.pressure"] * 2
+    assert points["problem"].eq("").all()
+
+
+@pytest.mark.parametrize(
+    ("override", "told"),
+    [
+        ("+calibration.points={pam7.force: [0.0]}", "calibration.points: no channel 'pam7.force'; did you mean 'pam"),
+        ("calibration.points={pam1.command: [0.0]}", "expected pressures above 0, as a vented regulator is at its end"),
+        ("calibration.points={pam1.pressure: [260.0]}", r"pam1.pressure: expected 0.0 to 250.0 kPa, which pam1 may be"),
+        ("calibration.only=[pam1.forc]", "calibration.only: no points of 'pam1.forc'; did you mean 'pam1.force'?"),
+        ("calibration.attempts=0", "calibration.attempts: input should be greater than 0"),
+    ],
+)
+def test_what_does_not_fit_the_rig_is_refused_before_anything_is_asked(override, told):
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composed = compose("config", overrides=["workflow=calibration", override])
+    with pytest.raises(ConfigError) as caught:
+        read_study(composed)
+    assert told in str(caught.value)
