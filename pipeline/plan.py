@@ -18,8 +18,12 @@ from pipeline.errors import ConfigError
 from pipeline.files import hash_json
 from pipeline.inputs import hash_inputs
 from pipeline.ledger import Ledger
+from pipeline.printing import shorten
 from pipeline.sources import hash_sources, library_versions
 from pipeline.stage import Stage
+
+LONGEST_VALUE = 60
+"""Characters of a value in a reason."""
 
 
 @dataclass(frozen=True)
@@ -295,8 +299,7 @@ def _config_differences(old: Any, new: Any, path: str = "") -> list[str]:
 
 
 def _short(value: Any) -> str:
-    text = "absent" if value is None else str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return shorten("absent" if value is None else str(value), LONGEST_VALUE)
 
 
 def _some(items: Sequence[str]) -> str:

@@ -42,6 +42,11 @@ def is_prose(frame: pd.DataFrame) -> bool:
     return len(frame.columns) == 1 and not pd.api.types.is_numeric_dtype(frame.iloc[:, 0])
 
 
+def shorten(text: str, most: int) -> str:
+    """Return a text that is not longer than so many characters, dots in place of its end."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
 def format_value(value: Any) -> str:
     """Return a table cell's text: four significant digits for a float, a dash for a missing value."""
     if value is None or value is pd.NA or (isinstance(value, float) and value != value):

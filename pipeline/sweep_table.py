@@ -6,6 +6,7 @@ anew from them at any time, on any machine.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -54,7 +55,7 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
     rows: list[dict[str, Any]] = []
     axes: dict[str, None] = {}
     metrics: dict[str, str] = {}
-    for job in sorted({*overrides, *found}):
+    for job in sorted({*overrides, *found}, key=_in_order):
         ledger = found.get(job)
         values = split_overrides(overrides.get(job) or job.split(","))
         axes.update(dict.fromkeys(values))
@@ -116,3 +117,8 @@ def _tell_commit(git: dict[str, Any] | None) -> str | None:
 
 def _has_text(values: pd.Series) -> bool:
     return any(isinstance(each, str) for each in values)
+
+
+def _in_order(job: str) -> list[tuple[bool, float, str]]:
+    """Return a sort key by which numbers in a name come in the order of their size."""
+    return [(each.isdigit(), float(each) if each.isdigit() else 0.0, each) for each in re.split(r"(\d+)", job)]

@@ -125,6 +125,7 @@ def check_amended(pamid, run):
     assert len(pd.read_parquet(pamid.runs[-1] / "tables" / "bank.parquet"))
 
 
+@pytest.mark.slow
 def test_what_has_no_name_is_described_as_a_hint(pamid, tmp_path):
     samples, meta = record_session(["neighbour_pressure"], trials=6, seconds=2.0)
     result, verdict = judge(pamid, tmp_path / "rig", samples, meta)

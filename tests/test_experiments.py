@@ -11,7 +11,14 @@ from tests.conftest import ROOT
 EXPERIMENTS = sorted((ROOT / "conf" / "experiment").glob("*.yaml"))
 
 
-@pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.stem)
+QUICK = ("quick",)
+"""Those that are not left to the slow tests."""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, id=path.stem, marks=[] if path.stem in QUICK else pytest.mark.slow) for path in EXPERIMENTS],
+)
 def test_runs_by_the_command_that_it_begins_with(path, pamid):
     package, command = path.read_text().splitlines()[:2]
     assert package == "# @package _global_"
@@ -23,6 +30,7 @@ def test_runs_by_the_command_that_it_begins_with(path, pamid):
     assert "report: " in result.stdout
 
 
+@pytest.mark.slow
 def test_utilities_are_arms_from_the_same_initial_data(pamid):
     result = pamid("experiment=utilities", "budget=tiny", "active_loop.trials=1")
     assert result.returncode == 0, result.stderr

@@ -13,7 +13,7 @@ from pipeline.command import review_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import ABSENT, flatten, list_differences
 from pipeline.ledger import Ledger
-from pipeline.printing import add_unit, format_value, is_prose
+from pipeline.printing import add_unit, format_value, is_prose, shorten
 from pipeline.review.curves import is_incidental
 from pipeline.review.kept import (
     list_headlines,
@@ -173,13 +173,14 @@ class Comparison:
     def _across(self, head: str, rows: Sequence[tuple[str, Sequence[str]]], most: int) -> pd.DataFrame:
         """Return a column for each run, or each value with the number of runs where there are too many."""
         if len(self.ledgers) <= most:
-            return pd.DataFrame([[key, *map(_shorten, values)] for key, values in rows], columns=[head, *self.labels])
+            short = [[key, *(shorten(each, LONGEST_VALUE) for each in values)] for key, values in rows]
+            return pd.DataFrame(short, columns=[head, *self.labels])
         counted = []
         for key, values in rows:
             counts = pd.Series(values).value_counts()
             more = f" and {len(counts) - 8} more" if len(counts) > 8 else ""
-            told = ", ".join(f"{_shorten(str(value))} ({count})" for value, count in counts.head(8).items())
-            counted.append([key, told + more])
+            told = [f"{shorten(str(value), LONGEST_VALUE)} ({count})" for value, count in counts.head(8).items()]
+            counted.append([key, ", ".join(told) + more])
         return pd.DataFrame(counted, columns=[head, "value (runs)"])
 
 
@@ -293,7 +294,3 @@ def _tell_change(before: Any, after: Any) -> str:
         return ""
     share = f" ({(after - before) / abs(before):+.1%})" if before else ""
     return f"{after - before:+.3g}{share}"
-
-
-def _shorten(value: str) -> str:
-    return value if len(value) <= LONGEST_VALUE else f"{value[: LONGEST_VALUE - 3]}..."

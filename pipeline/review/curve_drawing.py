@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pipeline.review.curves import Curves
-from pipeline.review.pictures import Picture, make_picture, new_figure, shorten
+from pipeline.review.pictures import Picture, make_picture, new_figure, shorten_label
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#1d2530", "#e69f00", "#56b4e9", "#8c6d31")
 STYLES = ("-", "--", ":", "-.")
@@ -24,7 +24,7 @@ def draw_curves(curves: Curves) -> Picture:
         axes.fill_between(x, mean - half, mean + half, color=colour, alpha=0.16, lw=0)
         style = STYLES[(index // len(COLOURS)) % len(STYLES)]
         marker = MARKERS[index % len(MARKERS)]
-        label = shorten(line.label, LONGEST_LINE_LABEL)
+        label = shorten_label(line.label, LONGEST_LINE_LABEL)
         every = max(1, len(x) // 15)
         axes.plot(x, mean, style, color=colour, marker=marker, ms=4.5, markevery=every, lw=1.6, label=label)
     axes.set(xlabel=curves.x, ylabel=curves.y)

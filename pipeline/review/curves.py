@@ -17,7 +17,7 @@ import pandas as pd
 from pipeline.flat import is_seed, list_differences
 from pipeline.launch import INCIDENTAL_KEYS
 from pipeline.ledger import Ledger
-from pipeline.printing import add_unit
+from pipeline.printing import add_unit, shorten
 from pipeline.review.intervals import half_width
 from pipeline.review.kept import list_tables, read_whole_table
 from pipeline.sweep_table import split_overrides
@@ -118,7 +118,7 @@ def _name_groups(configs: Sequence[Mapping[str, str]], groups: Sequence[int]) ->
     short = {key: end if ends.count(end) == 1 else key for key, end in zip(keys, ends, strict=True)}
     named = {}
     for group, config in firsts.items():
-        parts = [f"{short[key]}={_shorten(config.get(key, NOT_SET))}" for key in keys]
+        parts = [f"{short[key]}={shorten(config.get(key, NOT_SET), LONGEST_VALUE)}" for key in keys]
         named[group] = ", ".join(parts[:3]) + (f" and {len(parts) - 3} more" if len(parts) > 3 else "")
     return dict(sorted(named.items()))
 
@@ -259,7 +259,3 @@ def _read_overrides(ledger: Ledger) -> dict[str, str]:
 
 def _telling(config: Mapping[str, str]) -> dict[str, str]:
     return {key: value for key, value in config.items() if not is_seed(key) and not is_incidental(key)}
-
-
-def _shorten(value: str) -> str:
-    return value if len(value) <= LONGEST_VALUE else f"{value[: LONGEST_VALUE - 3]}..."

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.review.intervals import half_width
-from pipeline.review.pictures import Margins, Picture, make_picture, new_figure, shorten
+from pipeline.review.pictures import Margins, Picture, make_picture, new_figure, shorten_label
 from pipeline.review.selection import order_of, read_number
 from pipeline.review.sweep_view import Sweep, summarise
 
@@ -61,7 +61,7 @@ def _draw_repeats(values: np.ndarray[Any, Any], head: str, seeds: Sequence[str])
     axes.axhspan(mean - half, mean + half, color=BLUE, alpha=0.15, lw=0)
     axes.axhline(mean, color=BLUE, lw=1.8)
     axes.plot(range(1, len(values) + 1), values, "o", mfc="none", mec=GREY, ms=4.5)
-    axes.set(xlabel="job", ylabel=shorten(head, 40))
+    axes.set(xlabel="job", ylabel=shorten_label(head, 40))
     axes.xaxis.get_major_locator().set_params(integer=True)
     caption = (
         f"{head}: line is the mean of {len(values)} jobs, {mean:.4g}; band its 95 % interval (t), "
@@ -100,7 +100,7 @@ def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str]
     else:
         _name_ticks(axes.xaxis, labels)
         axes.margins(x=0.5 / len(labels) + 0.05)
-    axes.set(xlabel=shorten(axis, 60), ylabel=shorten(head, 40))
+    axes.set(xlabel=shorten_label(axis, 60), ylabel=shorten_label(head, 40))
     least, most = int(summary["count"].min()), int(summary["count"].max())
     number = f"{least}" if least == most else f"{least} to {most}"
     bars = f"bars reach from least to most over {_join([*others, *seeds])}"
@@ -121,7 +121,7 @@ def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Se
     axes.set_facecolor("white")
     _name_ticks(axes.xaxis, across)
     _name_ticks(axes.yaxis, along, below=False)
-    axes.set(xlabel=shorten(one, 60), ylabel=shorten(other, 40))
+    axes.set(xlabel=shorten_label(one, 60), ylabel=shorten_label(other, 40))
     axes.grid(visible=False)
     if max(len(across), len(along)) <= MOST_LABELLED_CELLS:
         size = 8.5 if len(across) <= 6 else 6.5
@@ -129,7 +129,7 @@ def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Se
             text = "none" if np.isnan(mean) else f"{mean:.3g}"
             dark = np.isnan(mean) or image.norm(mean) > 0.6
             axes.text(column, row, text, ha="center", va="center", size=size, color=DARK if dark else "white")
-    figure.colorbar(image, ax=axes, label=shorten(head, 40))
+    figure.colorbar(image, ax=axes, label=shorten_label(head, 40))
     least, most = int(counts.to_numpy().min()), int(counts.to_numpy().max())
     number = f"{least}" if least == most else f"{least} to {most}"
     over = f", over all of {_join(others)}" if others else ""
@@ -148,7 +148,7 @@ def _are_slanted(labels: Sequence[str]) -> bool:
 
 def _shown(labels: Sequence[str]) -> list[str]:
     step = -(-len(labels) // 16)
-    return [shorten(each, LONGEST_LABEL) if index % step == 0 else "" for index, each in enumerate(labels)]
+    return [shorten_label(each, LONGEST_LABEL) if index % step == 0 else "" for index, each in enumerate(labels)]
 
 
 def _name_ticks(axis: Any, labels: Sequence[str], below: bool = True) -> None:

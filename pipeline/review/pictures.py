@@ -7,6 +7,8 @@ import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from pipeline.printing import shorten
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -68,7 +70,6 @@ def make_picture(figure: Figure, caption: str) -> Picture:
     return Picture(base64.b64encode(stream.getvalue()).decode(), caption)
 
 
-def shorten(text: str, most: int) -> str:
+def shorten_label(text: str, most: int) -> str:
     """Return a label that is not longer than so many characters, and no formula."""
-    text = text.replace("$", r"\$")
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+    return shorten(text.replace("$", r"\$"), most)

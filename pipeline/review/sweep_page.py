@@ -12,12 +12,13 @@ from pipeline.flat import count_values
 from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
 from pipeline.page import link_to, make_grid, make_rows, render
-from pipeline.printing import is_prose
+from pipeline.printing import is_prose, shorten
 from pipeline.review.kept import list_headlines, read_config, read_short_tables, read_slices, read_surroundings
 from pipeline.review.sweep_view import AS_CONFIGURED, Sweep
 
 FILE_NAME = "sweep.html"
 MOST_VALUES = 12
+LONGEST_VALUE = 60
 MOST_DIFFERENCES = 200
 MOST_JOBS_WITH_RESULTS = 12
 MOST_ROWS_OF_RESULTS = 12
@@ -141,11 +142,10 @@ def _list_differences(sweep: Sweep, ledgers: Sequence[Ledger]) -> dict[str, Any]
     }
     found |= count_values([read_surroundings(each) for each in ledgers])
     rows = [
-        [key, ", ".join(f"{_short(value)} ({count})" for value, count in islice(counts.items(), MOST_VALUES))]
-        for key, counts in islice(found.items(), MOST_DIFFERENCES)
+        [
+            key,
+            ", ".join(f"{shorten(each, LONGEST_VALUE)} ({count})" for each, count in islice(its.items(), MOST_VALUES)),
+        ]
+        for key, its in islice(found.items(), MOST_DIFFERENCES)
     ]
     return make_rows(["key", "value (jobs)"], rows)
-
-
-def _short(value: str) -> str:
-    return value if len(value) <= 60 else f"{value[:57]}..."

@@ -155,6 +155,7 @@ def test_a_missing_signal_is_told():
         build_whole_records(*tabulate({"position_m": move(1)}), read_plant())
 
 
+@pytest.mark.slow
 def test_a_hidden_overflow_is_named(settings):
     found = look(build_tanks(seed=1, rim=6.0), settings)
     assert [each.name for each in found.named] == ["overflow"]
