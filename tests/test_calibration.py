@@ -23,6 +23,7 @@ from tests.cpx_e.emulator import Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
+pytestmark = pytest.mark.realtime
 
 TRUE = {
     "pam1.force": {"n_per_count": 0.11, "zero_count": 24000.0, "sign": -1},
@@ -293,7 +294,6 @@ def test_a_point_of_no_use_is_asked_for_again(emulator, tmp_path, capfd):
     assert list(person.read("lines")["status"]) == ["calibrated"]
 
 
-@pytest.mark.slow
 def test_a_run_that_is_killed_goes_on_at_the_point_it_was_recording(emulator, tmp_path):
     chosen = choose({"SFE.encoder": [0.0, 1.0], "pam2.pressure": [0.0, 300.0]})
     person = Person(emulator, tmp_path, *chosen, "calibration.settle_s=2.0")

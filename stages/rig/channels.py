@@ -164,6 +164,43 @@ class ChannelMap:
         for encoder in self.encoders:
             yield encoder.module, 0
 
+    def check_reach(self, highest_kpa: list[float], ceilings: list[tuple[float, float]], counts: CountRange) -> None:
+        """Check that outputs can tell what may be commanded, and inputs what ends a trial.
+
+        Parameters
+        ----------
+        highest_kpa : list of float
+            Highest command of each muscle, kPa gauge.
+        ceilings : list of tuple of float
+            Largest measured pressure, kPa gauge, and tension, N, of each muscle.
+        counts : CountRange
+            Of inputs.
+
+        Raises
+        ------
+        ValueError
+            Naming the channel.
+        """
+        muscles = [each.removesuffix(".pressure") for each in self.names[: len(self.commands)]]
+        for m, name in enumerate(muscles):
+            for value in (0.0, highest_kpa[m]):
+                count = self.commands[m].zero_count + value / self.commands[m].per_count
+                if not WORD_LOW <= count <= WORD_HIGH:
+                    raise ValueError(
+                        f"channels.{name}.command: expected counts from {WORD_LOW} to {WORD_HIGH} for all that may be "
+                        f"commanded, got {count:.0f} for {value} kPa; correct kpa_per_count or zero_count"
+                    )
+            for kind, place, value in (
+                ("pressure", self.pressures[m], ceilings[m][0]),
+                ("force", self.forces[m], ceilings[m][1]),
+            ):
+                count = place.zero_count + value / place.per_count
+                if not counts.low <= count < counts.high:
+                    raise ValueError(
+                        f"channels.{name}.{kind}: expected counts from {counts.low} to {counts.high} (device.counts) "
+                        f"up to the ceiling of {value} (guard.ceilings), got {count:.0f}; it would not be noticed"
+                    )
+
     def to_values(self, counts: Array) -> tuple[Array, Array, Array]:
         """Return pressures (M,), kPa, tensions (M,), N, and angles (J,), rad, of the counts of all inputs."""
         muscles = len(self.pressures)

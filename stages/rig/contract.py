@@ -27,10 +27,11 @@ MOST_ROWS = 50_000_000
 STATUS = {
     "ok": "as measured",
     "missed": "the loop came too late: values of the sample before",
+    "late": "taken more than a period late",
     "frozen": "the sensor's value had not changed for too long",
     "invalid": "the device told no value: the last one that it told",
     "saturated": "at the end of the sensor's range",
-    "over": "beyond a limit",
+    "over": "beyond a limit, or a pressure that does not follow its command",
     "ramp": "measured while the muscles were let down after a stop",
 }
 """What a sample may be, and what that means."""

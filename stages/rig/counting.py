@@ -6,7 +6,6 @@ watchdog is armed; the muscle is filled and let down along ramps, and let down w
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,12 +16,10 @@ from stages.rig.channels import ChannelMap, CountRange
 from stages.rig.contract import RigError
 from stages.rig.cpx_link import CpxLink, LinkLost
 from stages.rig.held_signals import hold_signals
+from stages.rig.let_down import let_down
 from stages.rig.limits import Ceiling
 from stages.rig.pacing import pace
 from stages.signals.trajectories import Array
-
-RETRY_S = 0.6
-"""Time beyond the ramp for which a lost device is tried to be reached, s."""
 
 Judge = Callable[[Array], str]
 """Takes the counts of all inputs and returns why the muscle is let down at once; empty where it is held on."""
@@ -165,7 +162,7 @@ def record_held(link: CpxLink, rate_hz: float, record_s: float, hold: Hold, judg
         except LinkLost as error:
             lost = str(error)
         finally:
-            unreached = _let_down(link, share * target, max(hold.ramp_s * share, period_s), period_s)
+            unreached = let_down(link, share * target, max(hold.ramp_s * share, period_s), period_s, _pass_over, lost)
     if lost or unreached:
         how = (
             f"its watchdog lets the muscle down, {watchdog_s} s after the last request"
@@ -179,27 +176,13 @@ def record_held(link: CpxLink, rate_hz: float, record_s: float, hold: Hold, judg
     return _collect(link, taken, link.channels.to_counts(target)[hold.muscle], reason)
 
 
-def _let_down(link: CpxLink, held_kpa: Array, ramp_s: float, period_s: float) -> str:
-    """Let the muscle down along a ramp and disarm the watchdog; say why where the device could not be reached."""
-    begun, problem = time.monotonic(), ""
-    while (passed_s := time.monotonic() - begun) < ramp_s + RETRY_S:
-        share = min((passed_s + period_s) / ramp_s, 1.0)
-        try:
-            link.write((1.0 - share) * held_kpa)
-            if share == 1.0:
-                link.disarm()
-                return ""
-        except LinkLost as error:
-            problem = str(error)
-            with contextlib.suppress(LinkLost):
-                link.reopen()
-        time.sleep(period_s)
-    return problem
-
-
 def _collect(
     link: CpxLink, taken: list[tuple[float, Array]], command_count: int | None = None, stopped: str = ""
 ) -> CountRecording:
     names = list(link.channels.names)
     counts = np.array([each for _, each in taken]).reshape(len(taken), len(names))
     return CountRecording(names, np.array([each for each, _ in taken]), counts, command_count, stopped)
+
+
+def _pass_over(counts: Array, command_kpa: Array) -> None:
+    """Take no notice of what is read on the way down."""

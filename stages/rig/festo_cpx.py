@@ -7,8 +7,8 @@ longer be reached, leaves that to the watchdog.
 
 from __future__ import annotations
 
-import contextlib
 import logging
+import socket
 import tempfile
 import time
 from typing import Any, ClassVar, Self
@@ -26,6 +26,7 @@ from stages.rig.contract import Recording, RigError, Trial, TrialStopped, Watch
 from stages.rig.counting import CountJudge, CountRecording, Hold, record_counts, record_held
 from stages.rig.cpx_link import CpxLink, Device, LinkLost
 from stages.rig.held_signals import Held, hold_signals
+from stages.rig.let_down import let_down
 from stages.rig.limits import Guard, Limits, apply_limits, check_limits, find_forbidden
 from stages.rig.logbook import Logbook
 from stages.rig.pacing import Tick, pace, undisturbed
@@ -82,7 +83,14 @@ class FestoCpx(ConfiguredRig):
     def _check_fit(self) -> Self:
         check_limits(self.limits, self.exoskeleton.muscles)
         self.guard.check_against(self.exoskeleton, self.limits)
-        self.map_channels()
+        self.map_channels().check_reach(
+            [self.limits[each.type].high_kpa for each in self.exoskeleton.muscles],
+            [
+                (its.pressure_kpa, its.force_n)
+                for its in (self.guard.ceilings[m.type] for m in self.exoskeleton.muscles)
+            ],
+            self.device.counts,
+        )
         for joint in self.exoskeleton.joint_names:
             if joint not in self.co_contraction_kpa:
                 raise ValueError(f"co_contraction_kpa: none for joint {joint}; add co_contraction_kpa.{joint}")
@@ -259,60 +267,85 @@ class FestoCpx(ConfiguredRig):
         supervisor = Supervisor(
             self.exoskeleton, link.channels, self.device.counts, self.guard, moved=trial.kind != "passive"
         )
-        reason = ""
+        step = np.array([self.limits[each.type].slew_kpa_per_s for each in self.exoskeleton.muscles])
+        step = step / self.sampling_rate_hz
+        reason = broken = ""
         try:
             self.announce(trial)
             link.arm()
             for tick in pace(len(command), 1.0 / self.sampling_rate_hz):
-                late_s = tick.late_s
                 counts = link.read()
-                reason = signals.name or self._judge_pace(book, tick)
+                late_s = tick.late_s
+                reason = signals.name or self._judge_pace(book, tick, late_s)
                 if reason:
                     break
                 sample = supervisor.look(counts, book.last_command, tick.due_s + late_s)
                 reason = sample.breach
-                if not reason:
-                    link.write(command[tick.index])
-                book.note(tick.index, late_s, sample, applied=not reason)
+                given = None if reason else book.next_command(tick.index, step)
+                if given:
+                    link.write(given[0])
+                book.note(tick, late_s, sample, given)
                 if reason:
                     break
         except LinkLost as error:
-            reason = f"the device at {link.place} does not answer ({error})"
+            broken = str(error)
+            reason = f"the device at {link.place} does not answer as it should ({broken})"
         finally:
             book.noticed_at_s = time.monotonic()
-            lost = self._let_down(link, supervisor, book)
+            lost = self._let_down(link, supervisor, book, broken)
         book.close()
         if lost:
-            return f"{reason or 'the trial was over'}; the muscles could not be let down: the watchdog does, {lost}"
+            return f"{reason or 'the trial was over'}; {lost}"
         return f"{reason}; the muscles were let down" if reason else ""
 
-    def _judge_pace(self, book: Logbook, tick: Tick) -> str:
-        """Say that the loop slept for so long that the device may have vented meanwhile."""
-        slept_s = (tick.index - book.count) / self.sampling_rate_hz + tick.late_s
+    def _judge_pace(self, book: Logbook, tick: Tick, late_s: float) -> str:
+        """Say that the loop slept for so long that the device may have vented meanwhile, or missed too much."""
+        slept_s = (tick.index - book.count) / self.sampling_rate_hz + late_s
         if book.count and slept_s > 0.5 * self.device.watchdog_s:
             return f"the loop came {1e3 * slept_s:.0f} ms late (half the watchdog's time is borne)"
+        if book.missed > self.guard.missed_share * len(book.command_kpa):
+            return (
+                f"the loop missed {book.missed} samples of {len(book.command_kpa)}, more than rig.guard.missed_share "
+                f"({self.guard.missed_share}): the device or this computer is too slow for {self.sampling_rate_hz} Hz"
+            )
         return ""
 
-    def _let_down(self, link: CpxLink, supervisor: Supervisor, book: Logbook) -> str:
-        """Let all muscles down within the guard's time; say so if the device could not be reached for it."""
-        begun, period_s = time.monotonic(), 1.0 / self.sampling_rate_hz
-        steps = max(round(self.guard.ramp_down_s * self.sampling_rate_hz), 1)
-        vented = link.longest_silence_s > self.device.watchdog_s  # by the watchdog, which a ramp would undo
-        first, deadline_s = (0.0 if vented else 1.0) * book.last_command, self.guard.ramp_down_s + RETRY_S
-        problem = ""
-        while (passed_s := time.monotonic() - begun) < deadline_s:
-            share = min((np.floor(passed_s / period_s) + 1) / steps, 1.0)
+    def _let_down(self, link: CpxLink, supervisor: Supervisor, book: Logbook, broken: str) -> str:
+        """Let all muscles down within the guard's time and see them down; say so where that failed."""
+        begun = time.monotonic()
+
+        def look(counts: Array, command_kpa: Array) -> None:
+            book.note_ramp(supervisor.look(counts, command_kpa, time.monotonic()), command_kpa)
+
+        period_s = 1.0 / self.sampling_rate_hz
+        problem = let_down(link, book.last_command, self.guard.ramp_down_s, period_s, look, broken)
+        if problem:
+            return (
+                f"the muscles could not be let down ({problem}): the watchdog does, {self.device.watchdog_s} s after "
+                "the last request"
+            )
+        return self._see_down(link, begun + self.guard.ramp_down_s)
+
+    def _see_down(self, link: CpxLink, commanded_at_s: float) -> str:
+        """Wait until the measured pressures are low; say which is not."""
+        while True:
             try:
-                link.write((1.0 - share) * first)
-                if share == 1.0:
-                    link.disarm()
-                    return ""
-                book.note_ramp(supervisor.look(link.read(), first, time.monotonic()), (1.0 - share) * first)
+                pressure, _, _ = link.channels.to_values(link.read())
             except LinkLost as error:
-                problem = str(error)
-                _try_again(link)
-            time.sleep(max(begun + (np.floor(passed_s / period_s) + 1) * period_s - time.monotonic(), 0.0))
-        return f"{self.device.watchdog_s} s after the last request ({problem})"
+                return f"the muscles were let down, but the device does not answer any more ({error})"
+            up = [
+                f"{name} at {value:.0f} kPa"
+                for name, value in zip(self.muscles, pressure, strict=True)
+                if value > self.guard.vented_kpa
+            ]
+            if not up:
+                return ""
+            if time.monotonic() - commanded_at_s > self.guard.vented_within_s:
+                return (
+                    f"{' and '.join(up)} {self.guard.vented_within_s} s after all were commanded 0: close the air "
+                    "(rig.guard.vented_kpa)"
+                )
+            time.sleep(1.0 / self.sampling_rate_hz)
 
     def _tell(self, reason: str, book: Logbook) -> str:
         when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"
@@ -341,10 +374,6 @@ class FestoCpx(ConfiguredRig):
         )
 
 
-RETRY_S = 0.6
-"""Time beyond the ramp for which a lost device is tried to be reached, s."""
-
-
 def tabulate(trial: Trial, exoskeleton: Exoskeleton) -> pd.DataFrame:
     """Return a tracked trial as long rows, one per muscle and time."""
     assert trial.reference_rad is not None
@@ -361,7 +390,13 @@ def tabulate(trial: Trial, exoskeleton: Exoskeleton) -> pd.DataFrame:
 
 def _take(device: Device) -> FileLock:
     """Take a device for this process alone."""
-    name = f"pamid-{device.host}-{device.port}".replace(":", "_").replace("/", "_")
+    try:
+        address = socket.gethostbyname(device.host)
+    except OSError as error:
+        raise RigError(
+            f"rig.device.host: expected an address or a name that can be found, got {device.host} ({error})"
+        ) from None
+    name = f"pamid-{address}-{device.port}"
     path = f"{tempfile.gettempdir()}/{name}.lock"
     lock = FileLock(path)
     try:
@@ -375,18 +410,15 @@ def _take(device: Device) -> FileLock:
 
 
 def _let_go(link: CpxLink) -> None:
-    """Vent, let the watchdog rest, disconnect; raise the first problem once all was tried."""
-    problems: list[str] = []
-    for attempt in (link.vent, link.disarm):
-        try:
-            attempt()
-        except LinkLost as error:
-            problems.append(str(error))
-    link.close()
-    if problems:
-        raise RigError(f"{link.place} could not be told to vent ({problems[0]}); see that its muscles are without air")
-
-
-def _try_again(link: CpxLink) -> None:
-    with contextlib.suppress(LinkLost):
-        link.reopen()
+    """Vent, let the watchdog rest once that is confirmed, and disconnect."""
+    if not link.open_now:
+        return  # given up already, so that the watchdog acts
+    try:
+        link.vent()
+        link.disarm()
+    except LinkLost as error:
+        raise RigError(
+            f"{link.place} could not be told to vent ({error}); see that its muscles are without air"
+        ) from None
+    finally:
+        link.close()

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM while muscles are under pressure: noted at once, acted upon once the muscles are let down.
+"""Ctrl-C, SIGTERM and a closed terminal while muscles are under pressure: acted upon once the muscles are let down.
 
 A signal flows in; its name flows out to whoever asks, and at the end the signal itself, to whom it was for.
 """
@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from types import FrameType
 
 NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
+if hasattr(signal, "SIGHUP"):
+    NAMES[signal.SIGHUP] = "SIGHUP (the terminal was closed)"
 
 
 @dataclass
@@ -33,12 +35,13 @@ class Held:
 
 @contextmanager
 def hold_signals() -> Iterator[Held]:
-    """Hold both signals back; in another thread than the main one, where none arrives, nothing is done."""
+    """Hold these signals back, but those that are ignored; outside the main thread, where none arrives, do nothing."""
     held = Held()
     if threading.current_thread() is not threading.main_thread():
         yield held
         return
-    before = {number: signal.signal(number, held.note) for number in NAMES}
+    heard = [number for number in NAMES if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, held.note) for number in heard}
     try:
         yield held
     finally:

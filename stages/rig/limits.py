@@ -73,7 +73,12 @@ class Guard(Declared):
 
     ceilings: dict[str, Ceiling] = Field(description="by type of muscle")
     joints: dict[str, JointLimit] = Field(description="by name of joint")
-    ramp_down_s: float = Field(ge=0.0, le=10.0, description="time in which the muscles are let down, s")
+    ramp_down_s: float = Field(ge=0.02, le=10.0, description="time in which the muscles are let down, s")
+    vented_kpa: PositiveFloat = Field(description="measured pressure below which a muscle is down, kPa gauge")
+    vented_within_s: PositiveFloat = Field(description="time after which a muscle that is not down is told, s")
+    follow_kpa: PositiveFloat | None = Field(description="how far pressure may be from commands, kPa; null = any")
+    follow_s: PositiveFloat = Field(description="time for which commands count, and for which it may be off, s")
+    missed_share: float = Field(ge=0.0, le=1.0, description="share of a trial's samples that may be missed, 1")
     borne_samples: int = Field(ge=0, description="samples in a row that a sensor may fail before the trial ends")
     frozen_s: PositiveFloat = Field(description="time without any change that ends it: pressure and force, s")
     frozen_encoder_s: PositiveFloat = Field(description="the same of an encoder, in a trial with a person, s")

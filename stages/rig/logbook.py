@@ -5,6 +5,7 @@ Samples flow in as they are taken; rows flow out to whoever watches, and in the 
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 
 from stages.plant.exoskeleton import Exoskeleton
 from stages.rig.contract import Watch
-from stages.rig.pacing import Pace, measure_pace
+from stages.rig.limits import ROUNDING_KPA
+from stages.rig.pacing import Pace, Tick, measure_pace
 from stages.rig.supervision import Sample
 from stages.signals.trajectories import Array
 
@@ -68,29 +70,54 @@ class Logbook:
         self.last_command: Array = np.zeros(command_kpa.shape[1])
         self._rows: list[dict[str, Any]] = []
         self._handed_over = 0
+        self._begun_s = time.monotonic()
         self.noticed_at_s = 0.0
+        self.missed = 0
 
     @property
     def time_s(self) -> float:
         """Time of the last sample, s; below 0 in the lead-in."""
         return (self.count - 1 - self.lead) / self.exoskeleton.sampling_rate_hz
 
-    def note(self, index: int, late_s: float, sample: Sample, applied: bool) -> None:
-        """Note a sample, and before it those that were missed, with the values and the command that held meanwhile."""
-        while self.count < index:
+    def next_command(self, index: int, step_kpa: Array) -> tuple[Array, NDArray[Any]]:
+        """Return the command of a sample, no further from the last one than a step, and what made it differ."""
+        wanted, last = self.command_kpa[index], self.last_command
+        command = np.clip(wanted, last - step_kpa, last + step_kpa)
+        return command, np.where(np.abs(command - wanted) > ROUNDING_KPA, "rate", self.clipped_by[index])
+
+    def note(self, tick: Tick, late_s: float, sample: Sample, command: tuple[Array, NDArray[Any]] | None) -> None:
+        """Note a sample, and before it those that were missed, with the values and the command that held meanwhile.
+
+        Parameters
+        ----------
+        tick : Tick
+            Of the sample.
+        late_s : float
+            How late its values were there, s.
+        sample : Sample
+            What was measured.
+        command : tuple or None
+            What was commanded and what made it differ from what was asked; None where the one before holds on.
+        """
+        self._begun_s = tick.due_s - tick.index / self.exoskeleton.sampling_rate_hz
+        while self.count < tick.index:
             held = self._rows[-1] if self._rows else self._describe(sample, self.last_command, "")
             missed = np.full(len(self.last_command), "missed")
             self._append({**held, "status": missed, "late_s": 0.0})
-        if applied:
-            self.last_command = self.command_kpa[index]
-        clipped = self.clipped_by[index] if applied else "ramp"
-        self._append({**self._describe(sample, self.last_command, clipped), "late_s": late_s})
+            self.missed += 1
+        applied, clipped = command or (self.last_command, np.array("ramp"))
+        self.last_command = applied
+        status = sample.status
+        if late_s * self.exoskeleton.sampling_rate_hz > 1.0:
+            status = np.where(status == "ok", "late", status)
+        self._append({**self._describe(sample, applied, clipped), "status": status, "late_s": late_s})
 
     def note_ramp(self, sample: Sample, command_kpa: Array) -> None:
-        """Note a sample on the way down."""
+        """Note a sample on the way down, as late as it is on the trial's clock."""
         status = np.where(sample.status == "ok", "ramp", sample.status)
-        clipped = np.full(len(command_kpa), "ramp")
-        self._append({**self._describe(sample, command_kpa, clipped), "status": status, "late_s": 0.0})
+        late_s = time.monotonic() - self._begun_s - self.count / self.exoskeleton.sampling_rate_hz
+        row = self._describe(sample, command_kpa, np.array("ramp"))
+        self._append({**row, "status": status, "late_s": max(late_s, 0.0)})
 
     def close(self) -> None:
         """Hand over what is left."""

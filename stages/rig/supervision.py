@@ -72,6 +72,8 @@ class Supervisor:
         self._failing = np.zeros(2 * muscles + joints, dtype=int)
         self._before: Array | None = None
         self._told: Array | None = None
+        self._commands: deque[Array] = deque(maxlen=max(round(guard.follow_s * rate), 2))
+        self._stray = np.zeros(muscles, dtype=int)
         self._angles: deque[tuple[float, Array]] = deque(maxlen=speed_samples(rate) + 1)
         self._ceilings = [guard.ceilings[muscle.type] for muscle in exoskeleton.muscles]
         self._awake = AWAKE * np.array(
@@ -97,12 +99,13 @@ class Supervisor:
         lost = np.concatenate([none | ended, np.zeros(len(counts) - 2 * muscles, dtype=bool)])
         pressure, force, angle = self._read(counts, lost)
         self._angles.append((at_s, angle))
-        frozen = self._find_frozen(counts, np.concatenate([np.maximum(pressure, command_kpa), force]))
+        frozen = self._find_frozen(counts, np.concatenate([pressure, force]))
         self._failing = np.where(lost, self._failing + 1, 0)
         speed = self._measure_speed()
         over = self._find_over(pressure, force, angle, speed)
-        status = self._label(none, ended, frozen, set(over))
-        return Sample(pressure, force, angle, speed, status, self._find_breach(none, counts, frozen, over))
+        strays = self._find_stray(pressure, command_kpa)
+        status = self._label(none, ended, frozen, {*over, *strays})
+        return Sample(pressure, force, angle, speed, status, self._find_breach(none, counts, frozen, over or strays))
 
     def _read(self, counts: Array, lost: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
         """Return values, the last ones where nothing was told."""
@@ -123,6 +126,20 @@ class Supervisor:
     def _measure_speed(self) -> Array:
         (begun_s, first), (ended_s, last) = self._angles[0], self._angles[-1]
         return (last - first) / (ended_s - begun_s) if ended_s > begun_s else np.zeros(len(last))
+
+    def _find_stray(self, pressure: Array, command_kpa: Array) -> dict[int, str]:
+        """Return the muscles whose pressure has not followed the commands for too long."""
+        self._commands.append(command_kpa)
+        if self.guard.follow_kpa is None:
+            return {}
+        lowest, highest = np.min(self._commands, axis=0), np.max(self._commands, axis=0)
+        off = (pressure < lowest - self.guard.follow_kpa) | (pressure > highest + self.guard.follow_kpa)
+        self._stray = np.where(off, self._stray + 1, 0)
+        return {
+            int(m): f"{self.exoskeleton.muscles[m].name} at {pressure[m]:.0f} kPa while {command_kpa[m]:.0f} kPa are "
+            f"commanded, for {self.guard.follow_s} s (rig.guard.follow_kpa; null for a run without air)"
+            for m in np.flatnonzero(self._stray >= (self._commands.maxlen or 0))
+        }
 
     def _find_over(self, pressure: Array, force: Array, angle: Array, speed: Array) -> dict[int, str]:
         """Return what passes which limit, by muscle."""
@@ -175,5 +192,7 @@ class Supervisor:
         if frozen.any():
             first = int(np.argmax(frozen))
             lasted_s = self._still[first] / self.exoskeleton.sampling_rate_hz
-            return f"{self.channels.names[first]} has not changed for {lasted_s:.2f} s (count {counts[first]:.0f})"
+            key = "frozen_s" if first < 2 * len(self._ceilings) else "frozen_encoder_s"
+            name, count = self.channels.names[first], counts[first]
+            return f"{name} has not changed for {lasted_s:.2f} s (count {count:.0f}; rig.guard.{key})"
         return ""

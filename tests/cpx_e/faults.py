@@ -16,6 +16,8 @@ FIELDS = {
     "cut": set(),
     "garbage": {"variant"},
     "silent": set(),
+    "refuse": set(),
+    "deaf": set(),
     "slow": {"delay_s"},
     "sensor": {"channel", "mode", "counts"},
     "overpressure": {"muscle", "kpa"},

@@ -148,6 +148,10 @@ class ModbusServer:
         address, count, size = struct.unpack(">HHB", body[:5])
         if not 1 <= count <= 123 or size != 2 * count or len(body) != 5 + size:
             raise Refused(3)
+        if self.faults.now("refuse"):
+            raise Refused(4)
+        if self.faults.now("deaf"):
+            return
         self.device.write(address, list(struct.unpack(f">{count}H", body[5:])))
 
 

@@ -33,6 +33,7 @@ def describe_arm(arm):
         f"exoskeleton.trial_s={TRIAL_S}",
         "rig.lead_in_s=0.6",
         "rig.device.watchdog_s=0.8",
+        "rig.guard.missed_share=1.0",
     )
     return describe_rig(*chosen)
 
@@ -67,7 +68,14 @@ def run_replayed(arm):
 RIGS = {"sim": run_simulated, "replay": run_replayed, "festo_cpx": run_emulated}
 
 
-@pytest.fixture(scope="module", params=[(rig, arm) for rig in RIGS for arm in ARMS], ids=lambda each: ", ".join(each))
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param((rig, arm), id=f"{rig}, {arm}", marks=[pytest.mark.realtime] if rig == "festo_cpx" else [])
+        for rig in RIGS
+        for arm in ARMS
+    ],
+)
 def rig(request):
     kind, arm = request.param
     with RIGS[kind](arm) as made:

@@ -13,11 +13,13 @@ import pandas as pd
 import pytest
 
 from pipeline.context import Record
+from stages.rig import festo_cpx
 from stages.rig.contract import RECORDING_COLUMNS, RigError, Trial, TrialStopped, tidy
 from tests.cpx_e.emulator import ROOT, Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
+pytestmark = pytest.mark.realtime
 
 WATCHDOG_S = 0.4
 """Longer than by default, as tests run beside each other; a stall of half of it ends a trial."""
@@ -25,6 +27,7 @@ SHORT = (
     "exoskeleton.trial_s=1.6",
     "rig.lead_in_s=1.0",
     f"rig.device.watchdog_s={WATCHDOG_S}",
+    "rig.guard.missed_share=1.0",
     "rig.device.reply_s=0.15",
 )
 LET_DOWN_S = 0.2
@@ -105,7 +108,7 @@ def test_a_trial_is_recorded_as_commanded(rig, emulator):
     assert set(recording.clipped_by.ravel()) == {""}
     np.testing.assert_array_equal(recording.pressure_command_kpa[taken], given.pressure_command_kpa[taken])
     assert np.abs(recording.pressure_kpa[40:] - given.pressure_command_kpa[36:-4]).max() < 40.0
-    assert set(recording.status.ravel()) <= {"ok", "missed"}
+    assert set(recording.status.ravel()) <= {"ok", "missed", "late"}
     assert (recording.late_s >= 0.0).all()
     assert np.ptp(recording.joint_angle_rad, axis=0).min() > 0.05
     assert set(tidy(recording, rig)) == set(RECORDING_COLUMNS)
@@ -131,16 +134,19 @@ def test_a_reference_beyond_the_limits_is_refused_before_anything_moves(rig, emu
     reference[70:, 1] = 1.5
     given = Trial("tracked", "p1", np.full((rig.samples, 4), 50.0), reference, label="p1 trial 3")
     before = emulator.state()["log"][-1:]
-    told = r"p1 trial 3 asks for joint EFE at 1.5 rad, permitted -0.15 to 1.35, at 0.70 s"
+    told = r"p1 trial 3 asks for joint EFE at 1.5 rad, permitted -0.25 to 1.45, at 0.70 s"
     with rig, pytest.raises(ValueError, match=told):
         rig.execute(given, np.random.default_rng(0))
     assert emulator.state()["log"][-1:] == before
 
 
 def test_a_cut_link_is_told_and_the_watchdog_vents(rig, emulator, tmp_path):
-    error, _, state = stop(rig, emulator, tmp_path, lambda: emulator.fault("cut"))
+    error, _, _ = stop(rig, emulator, tmp_path, lambda: emulator.fault("cut"))
+    time.sleep(WATCHDOG_S + LATE_S)
+    state = emulator.state()
     assert "does not answer" in str(error)
-    assert "the muscles could not be let down: the watchdog does, 0.4 s after the last request" in str(error)
+    assert "the muscles could not be let down (" in str(error)
+    assert "): the watchdog does, 0.4 s after the last request" in str(error)
     assert state["watchdog_fired_at_s"] - state["last_request_at_s"] <= WATCHDOG_S + LATE_S
     assert state["outputs_kpa"] == [0.0] * 4
 
@@ -218,6 +224,39 @@ def test_a_frozen_encoder_ends_a_trial_with_a_person(emulator, section, tmp_path
     assert_commanded_down(error, state)
 
 
+def test_a_device_that_refuses_outputs_is_left_to_its_watchdog(rig, emulator, tmp_path):
+    """It answers, so whatever it is asked keeps its watchdog from acting: it is asked for nothing more."""
+    before = emulator.state(log=0)["watchdog_count"]
+    error, _, _ = stop(rig, emulator, tmp_path, lambda: emulator.fault("refuse", after_s=0.0))
+    assert "could not be let down" in str(error)
+    time.sleep(WATCHDOG_S + LATE_S)
+    state = emulator.state()
+    assert state["watchdog_count"] == before + 1
+    assert state["outputs_kpa"] == [0.0] * 4
+    assert state["watchdog_fired_at_s"] - error.noticed_at_s <= LET_DOWN_S + 0.15 + WATCHDOG_S + LATE_S
+
+
+def test_muscles_that_stay_up_are_told(emulator, section, tmp_path):
+    """The device confirms commands that it does not carry out."""
+    hasty = section | {"guard": section["guard"] | {"vented_within_s": 0.4}}
+    rig = build_rig(hasty, emulator.port, emulator.control_port)
+    error, _, _ = stop(rig, emulator, tmp_path, lambda: emulator.fault("deaf"))
+    assert re.search(r"pam\d at \d+ kPa 0.4 s after all were commanded 0: close the air", str(error))
+
+
+def test_a_pressure_that_does_not_follow_ends_the_trial(rig, emulator, tmp_path):
+    error, _, state = stop(rig, emulator, tmp_path, lambda: emulator.fault("overpressure", muscle="pam2", kpa=0.0))
+    assert re.search(r"pam2 at -?\d+ kPa while \d+ kPa are commanded, for 0.5 s \(rig.guard.follow_kpa", str(error))
+    assert_commanded_down(error, state)
+
+
+def test_answers_that_take_too_long_together_end_the_trial(rig, emulator, tmp_path):
+    error, _, state = stop(rig, emulator, tmp_path, lambda: emulator.fault("slow", delay_s=0.09))
+    assert "it answers slowly" in str(error)
+    assert state["outputs_kpa"] == [0.0] * 4
+    assert state["vented_at_s"] - error.noticed_at_s <= LET_DOWN_S + 0.1  # a connection and an answer of 90 ms
+
+
 def test_overpressure_ends_the_trial(rig, emulator, tmp_path):
     error, rows, state = stop(rig, emulator, tmp_path, lambda: emulator.fault("overpressure", muscle="pam1", kpa=400.0))
     assert "ceiling 300.0 kPa" in str(error)
@@ -271,7 +310,6 @@ def wait_for_pressure(emulator, process, after_s):
         time.sleep(0.01)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("number", "word", "code"), [(signal.SIGINT, "Ctrl-C", 130), (signal.SIGTERM, "SIGTERM", 143)])
 def test_a_signal_lets_the_muscles_down_and_keeps_what_was_measured(emulator, tmp_path, number, word, code):
     process = run(emulator, tmp_path)
@@ -289,7 +327,6 @@ def test_a_signal_lets_the_muscles_down_and_keeps_what_was_measured(emulator, tm
     assert len(pd.read_parquet(kept)) > 200
 
 
-@pytest.mark.slow
 def test_kill_9_has_the_watchdog_vent_and_leaves_what_was_measured(emulator, tmp_path):
     process = run(emulator, tmp_path)
     wait_for_pressure(emulator, process, 1.0)
@@ -327,20 +364,38 @@ def test_other_modules_and_nobody_there_are_told(emulator, section):
         build_rig(section, 1).connect()
 
 
-def test_muscles_that_the_watchdog_vented_are_not_filled_anew_on_the_way_down(rig, emulator, monkeypatch):
-    """As when the computer slept for longer than the watchdog's time."""
-    from stages.rig import festo_cpx
+def sleep_once(at, for_s, pace=festo_cpx.pace):
+    """A loop that sleeps before one of its turns."""
 
-    def sleep_once(count, period_s, pace=festo_cpx.pace):
+    def pace_sleepily(count, period_s):
         for tick in pace(count, period_s):
-            if tick.index == 160:
-                time.sleep(0.7)
+            if tick.index == at:
+                time.sleep(for_s)
             yield tick
 
-    monkeypatch.setattr(festo_cpx, "pace", sleep_once)
+    return pace_sleepily
+
+
+def test_a_command_after_missed_samples_is_no_larger_a_step(emulator, section, monkeypatch):
+    limits = {name: its | {"slew_kpa_per_s": 800.0} for name, its in section["limits"].items()}
+    rig = build_rig(section | {"limits": limits}, emulator.port, emulator.control_port)
+    monkeypatch.setattr(festo_cpx, "pace", sleep_once(130, 0.055))
+    command = np.full((rig.samples, 4), 100.0)
+    command[20:, 1] = 500.0
+    with rig:
+        recording = rig.execute(Trial("passive", "nobody", command), np.random.default_rng(0))
+    assert (recording.status[30:40, 1] == "missed").any()
+    steps = np.abs(np.diff(recording.pressure_command_kpa[:, 1]))
+    assert steps.max() == pytest.approx(8.0)
+    assert set(recording.clipped_by[40:60, 1]) == {"rate"}
+
+
+def test_muscles_that_the_watchdog_vented_are_not_filled_anew_on_the_way_down(rig, emulator, monkeypatch):
+    """As when the computer slept for longer than the watchdog's time."""
+    monkeypatch.setattr(festo_cpx, "pace", sleep_once(160, 0.7))
     before = emulator.state(log=0)["watchdog_count"]
     with pytest.raises(TrialStopped, match=r"the loop came \d+ ms late"), rig:
-        rig.execute(trial(rig, "passive"), np.random.default_rng(0))
+        rig.execute(trial(rig), np.random.default_rng(0))
     state = emulator.state()
     assert state["watchdog_count"] == before + 1
     later = [outputs for at_s, outputs in state["log"] if at_s >= state["watchdog_fired_at_s"]]

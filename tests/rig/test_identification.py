@@ -12,6 +12,7 @@ from tests.cpx_e.emulator import ROOT, Emulator
 from tests.cpx_e.rig import describe_machine, describe_rig
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
+pytestmark = pytest.mark.realtime
 
 STUDY = (
     "plant=nominal",
@@ -37,7 +38,6 @@ def identify(outputs, *arguments):
     return errors["before"], errors["after"]
 
 
-@pytest.mark.slow
 def test_the_error_rate_is_that_of_the_simulated_rig_within_its_spread(tmp_path):
     section = describe_rig("exoskeleton.trial_s=2.0")
     with Emulator(describe_machine(section)) as emulator:

@@ -32,7 +32,7 @@ def counts(generator, pressure=(100.0, 300.0, 100.0, 300.0), force=(400.0, 100.0
     return np.round(np.array(values) + generator.uniform(-8.0, 8.0, 10))
 
 
-def look(supervisor, given, command=(100.0,) * 4):
+def look(supervisor, given, command=(100.0, 300.0, 100.0, 300.0)):
     """A sample a hundredth of a second after the one before."""
     supervisor.clock = getattr(supervisor, "clock", 0.0) + 0.01
     return supervisor.look(given, np.array(command), supervisor.clock)
@@ -72,9 +72,37 @@ def test_a_vented_and_slack_muscle_stands_still_without_being_frozen(generator):
     supervisor = make_supervisor(moved=False)
     still = counts(generator, (0.0,) * 4, (0.0,) * 4)
     assert not any(look(supervisor, still, (0.0,) * 4).breach for _ in range(300))
-    under_command = [look(supervisor, still, (200.0,) * 4).breach for _ in range(40)]
-    assert "pam1.pressure has not changed for 0.30 s" in under_command[29]
-    assert under_command[:29] == [""] * 29
+
+
+def test_a_pressure_that_stands_still_is_frozen(generator):
+    supervisor, told = make_supervisor(moved=False), []
+    for _ in range(40):
+        given = counts(generator)
+        given[2] = 3200.0
+        told.append(look(supervisor, given).breach)
+    assert told[:30] == [""] * 30
+    assert told[30] == "pam3.pressure has not changed for 0.30 s (count 3200; rig.guard.frozen_s)"
+
+
+@pytest.mark.parametrize(
+    ("command", "words"), [(200.0, "pam1 at 100 kPa while 200 kPa"), (5.0, "pam1 at 100 kPa while 5")]
+)
+def test_a_pressure_that_does_not_follow_its_command_ends_the_trial(generator, command, words):
+    supervisor = make_supervisor()
+    commands = (command, 300.0, 100.0, 300.0)
+    told = [look(supervisor, counts(generator), commands).breach for _ in range(60)]
+    assert told[:49] == [""] * 49
+    assert words in told[49]
+
+
+def test_a_pressure_may_take_its_time_after_a_step(generator):
+    supervisor = make_supervisor()
+    for _ in range(100):
+        assert look(supervisor, counts(generator), (100.0, 300.0, 100.0, 300.0)).breach == ""
+    for _ in range(48):
+        assert look(supervisor, counts(generator), (200.0, 100.0, 100.0, 300.0)).breach == ""
+    there = counts(generator, (200.0, 100.0, 100.0, 300.0))
+    assert look(supervisor, there, (200.0, 100.0, 100.0, 300.0)).breach == ""
 
 
 def test_encoders_stand_still_where_nobody_moves(generator):
@@ -110,8 +138,8 @@ def test_bad_samples_are_borne_only_for_so_long_and_the_last_value_is_held(gener
     [
         ({"pressure": (301.0, 300.0, 100.0, 300.0)}, "pam1 at 301 kPa, ceiling 300.0 kPa"),
         ({"force": (400.0, 100.0, 400.0, 710.0)}, "pam4 at 710 N, ceiling 700.0 N"),
-        ({"angle": (-0.2, 0.6)}, "rad, limits -0.15 and 1.45 rad"),
-        ({"angle": (0.5, 1.4)}, "EFE at 1.40"),
+        ({"angle": (-0.3, 0.6)}, "rad, limits -0.25 and 1.55 rad"),
+        ({"angle": (0.5, 1.52)}, "EFE at 1.5"),
     ],
 )
 def test_what_passes_a_limit_ends_the_trial_at_once(generator, changes, words):
@@ -156,8 +184,8 @@ def test_a_bank_within_limits_passes():
 
 
 def test_a_bank_beyond_limits_is_told_where():
-    far = forbidden(bank(lambda t, n: 0.5 + (1.0 * (t > 0.3) if n == 1 else 0.0 * t)))
-    assert far[0].startswith("trajectory 1 asks for joint SFE at 1.5 rad, permitted -0.15 to 1.45, at 0.31 s (1 of 3")
+    far = forbidden(bank(lambda t, n: 0.5 + (1.1 * (t > 0.3) if n == 1 else 0.0 * t)))
+    assert far[0].startswith("trajectory 1 asks for joint SFE at 1.6 rad, permitted -0.25 to 1.55, at 0.31 s (1 of 3")
     assert any("rad/s, permitted 8.0" in each for each in far)
     high = forbidden(bank(lambda t, n: 0.5 + 0.0 * t, command=300.0))
     assert high == [
@@ -228,8 +256,8 @@ def test_a_signal_waits_until_the_muscles_are_down():
             "pam1.force and channels.pam2.force: expected a channel",
         ),
         (lambda s: s["device"].update(watchdog_s=0.05), "greater than or equal to 0.1"),
-        (lambda s: s["device"].update(reply_s=0.3), "device.reply_s: expected less than watchdog_s"),
-        (lambda s: s["device"].update(modules=["4AO", "EP"]), "device.modules: expected EP first and only there"),
+        (lambda s: s["device"].update(reply_s=0.3), "reply_s: expected less than watchdog_s"),
+        (lambda s: s["device"].update(modules=["4AO", "EP"]), "modules: expected EP first and only there"),
         (lambda s: s["guard"]["ceilings"].pop("MAS-10"), "guard.ceilings: none for MAS-10"),
         (
             lambda s: s["guard"]["ceilings"]["MAS-40"].update(pressure_kpa=250.0),
@@ -237,6 +265,14 @@ def test_a_signal_waits_until_the_muscles_are_down():
         ),
         (lambda s: s["guard"]["joints"].pop("SFE"), "guard.joints: none for SFE"),
         (lambda s: s["co_contraction_kpa"].pop("SFE"), "co_contraction_kpa: none for joint SFE"),
+        (
+            lambda s: s["channels"]["pam1"]["command"].update(kpa_per_count=0.001),
+            "expected counts from -32768 to 32767 for all that may be commanded, got 250000 for 250.0 kPa",
+        ),
+        (
+            lambda s: s["channels"]["pam3"]["force"].update(zero_count=4000.0, sign=-1),
+            "up to the ceiling of 2500.0 (guard.ceilings), got -21000; it would not be noticed",
+        ),
         (lambda s: s.update(lead_in_s=0.01), "lead_in_s: expected at least 0.0625 s, in which pam1 can be filled"),
     ],
 )
