@@ -11,15 +11,12 @@ from tests.conftest import ROOT
 EXPERIMENTS = sorted((ROOT / "conf" / "experiment").glob("*.yaml"))
 
 
-RUN_ELSEWHERE = ("paper", "hidden_effect", "utilities")
-"""Run by test_paper, test_hidden_effect and the test below: here they are only planned."""
-LONG = ("robustness", "sensitivity")
+RUN_ELSEWHERE = ("paper", "hidden_effect", "utilities", "robustness", "sensitivity")
+"""Run by test_paper, test_hidden_effect and the test below, their stages by test_time_shift and
+test_hyperprior_sensitivity: here they are only planned."""
 
 
-@pytest.mark.parametrize(
-    "path",
-    [pytest.param(path, id=path.stem, marks=pytest.mark.slow if path.stem in LONG else []) for path in EXPERIMENTS],
-)
+@pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.stem)
 def test_runs_by_the_command_that_it_begins_with(path, pamid):
     package, command = path.read_text().splitlines()[:2]
     assert package == "# @package _global_"
