@@ -125,7 +125,10 @@ class Supervisor:
 
     def _measure_speed(self) -> Array:
         (begun_s, first), (ended_s, last) = self._angles[0], self._angles[-1]
-        return (last - first) / (ended_s - begun_s) if ended_s > begun_s else np.zeros(len(last))
+        due_s = (len(self._angles) - 1) / self.exoskeleton.sampling_rate_hz
+        if due_s == 0.0:
+            return np.zeros(len(last))
+        return (last - first) / max(ended_s - begun_s, due_s)  # a sample may be read before its time is taken
 
     def _find_stray(self, pressure: Array, command_kpa: Array) -> dict[int, str]:
         """Return the muscles whose pressure has not followed the commands for too long."""
