@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
@@ -24,10 +24,8 @@ COUNTER_SPAN = 2**32
 """Counts after which a counter begins anew."""
 
 Kind = Literal["EP", "4AO", "4AI", "1CI"]
-CHANNELS_OF: dict[Kind, int] = {"EP": 0, "4AO": 4, "4AI": 4, "1CI": 1}
 
 Sign = Literal[-1, 1]
-Zero = Annotated[float, Field(description="counts at zero")]
 
 
 class Place(Declared):

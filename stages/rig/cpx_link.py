@@ -165,7 +165,7 @@ class CpxLink:
         return np.array(counts, dtype=float)
 
     def write(self, command_kpa: Array) -> None:
-        """Command pressures (M,), kPa gauge.
+        """Command pressures (M,), kPa gauge; a module that refuses its outputs keeps no other from having theirs.
 
         Raises
         ------
@@ -174,6 +174,7 @@ class CpxLink:
         """
         for place, count in zip(self.channels.commands, self.channels.to_counts(command_kpa), strict=True):
             self._outputs[place.module][place.channel] = count
+        refused = []
         with self._unbroken():
             for position, counts in self._outputs.items():
                 response = self._cpx.client.write_registers(
@@ -181,15 +182,17 @@ class CpxLink:
                     list(struct.unpack("<HHHH", struct.pack("<hhhh", *counts))),
                 )
                 if response.isError():
-                    raise LinkLost(f"module {position} refused its outputs")
+                    refused.append(str(position))
+            if refused:
+                raise LinkLost(f"module {' and '.join(refused)} refused its outputs")
 
     def vent(self) -> None:
-        """Command zero pressure on every muscle, each module being tried.
+        """Command zero pressure on every muscle.
 
         Raises
         ------
         LinkLost
-            The first that was met.
+            As of `write`.
         """
         self.write(np.zeros(len(self.channels.commands)))
 

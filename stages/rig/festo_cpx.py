@@ -30,6 +30,7 @@ from stages.rig.let_down import let_down
 from stages.rig.limits import Guard, Limits, apply_limits, check_limits, find_forbidden
 from stages.rig.logbook import Logbook
 from stages.rig.pacing import Tick, pace, undisturbed
+from stages.rig.sensors import contract
 from stages.rig.supervision import Supervisor
 from stages.signals.filtering import differentiate
 from stages.signals.trajectories import Array
@@ -356,15 +357,13 @@ class FestoCpx(ConfiguredRig):
         taken = book.collect()
         window = self.exoskeleton.velocity_filter
         velocity = differentiate(taken.angle_rad, self.sampling_rate_hz, window.window_s, window.order)
-        at_zero = np.array([muscle.contraction_at_angle_0 for muscle in self.exoskeleton.muscles])
-        per_rad = np.array([muscle.contraction_per_rad for muscle in self.exoskeleton.muscles])
-        joint = self.exoskeleton.joint_of_muscle
+        contraction, contraction_velocity = contract(taken.angle_rad, velocity, self.exoskeleton)
         return Recording(
             time_s=taken.time_s,
             pressure_command_kpa=taken.command_kpa,
             pressure_kpa=taken.pressure_kpa,
-            contraction=at_zero + per_rad * taken.angle_rad[:, joint],
-            contraction_velocity_per_s=per_rad * velocity[:, joint],
+            contraction=contraction,
+            contraction_velocity_per_s=contraction_velocity,
             force_n=np.maximum(taken.force_n, 0.0),
             joint_angle_rad=taken.angle_rad,
             joint_velocity_rad_per_s=velocity,

@@ -21,7 +21,7 @@ from stages.rig.contract import CLIPPED_BY
 from stages.signals.trajectories import Array
 
 CODES = list(CLIPPED_BY)
-NOTHING, PRESSURE, CO_CONTRACTION, RATE = (CODES.index(name) for name in ("", "pressure", "co_contraction", "rate"))
+PRESSURE, CO_CONTRACTION, RATE = (CODES.index(name) for name in ("pressure", "co_contraction", "rate"))
 ROUNDING_KPA = 1e-9
 """Difference of two commands that is no clipping, kPa."""
 

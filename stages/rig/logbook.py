@@ -17,6 +17,7 @@ from stages.plant.exoskeleton import Exoskeleton
 from stages.rig.contract import Watch
 from stages.rig.limits import ROUNDING_KPA
 from stages.rig.pacing import Pace, Tick, measure_pace
+from stages.rig.sensors import contract
 from stages.rig.supervision import Sample
 from stages.signals.trajectories import Array
 
@@ -159,8 +160,7 @@ class Logbook:
         muscles, joint = self.exoskeleton.muscles, self.exoskeleton.joint_of_muscle
         samples = np.arange(self._handed_over, self.count) - self.lead
         its = {name: np.array([row[name] for row in rows]) for name in FIELDS}
-        at_zero = np.array([muscle.contraction_at_angle_0 for muscle in muscles])
-        per_rad = np.array([muscle.contraction_per_rad for muscle in muscles])
+        contraction, contraction_velocity = contract(its["angle_rad"], its["speed_rad_per_s"], self.exoskeleton)
         angle, speed = its["angle_rad"][:, joint], its["speed_rad_per_s"][:, joint]
         self.watch(
             {
@@ -168,8 +168,8 @@ class Logbook:
                 "muscle": np.tile(np.array(self.exoskeleton.muscle_names), len(rows)),
                 "pressure_command_kpa": its["command_kpa"].ravel(),
                 "pressure_kpa": its["pressure_kpa"].ravel(),
-                "contraction": (at_zero + per_rad * angle).ravel(),
-                "contraction_velocity_per_s": (per_rad * speed).ravel(),
+                "contraction": contraction.ravel(),
+                "contraction_velocity_per_s": contraction_velocity.ravel(),
                 "force_n": its["force_n"].ravel(),
                 "joint_angle_rad": angle.ravel(),
                 "joint_velocity_rad_per_s": speed.ravel(),

@@ -53,19 +53,25 @@ def record(
     angle = read_encoder(motion.joint_angle_rad, plant.encoder, generator)
     rate, window = exoskeleton.sampling_rate_hz, exoskeleton.velocity_filter
     velocity = differentiate(angle, rate, window.window_s, window.order)
-    at_zero = np.array([muscle.contraction_at_angle_0 for muscle in exoskeleton.muscles])
-    per_rad = np.array([muscle.contraction_per_rad for muscle in exoskeleton.muscles])
-    joint = exoskeleton.joint_of_muscle
+    contraction, contraction_velocity = contract(angle, velocity, exoskeleton)
     return Recording(
         time_s=np.arange(len(angle)) / rate,
         pressure_command_kpa=command_kpa,
         pressure_kpa=pressure,
-        contraction=at_zero + per_rad * angle[:, joint],
-        contraction_velocity_per_s=per_rad * velocity[:, joint],
+        contraction=contraction,
+        contraction_velocity_per_s=contraction_velocity,
         force_n=np.maximum(shown, 0.0),
         joint_angle_rad=angle,
         joint_velocity_rad_per_s=velocity,
     )
+
+
+def contract(angle_rad: Array, velocity_rad_per_s: Array, exoskeleton: Exoskeleton) -> tuple[Array, Array]:
+    """Return contractions (T, M) and their velocities, 1/s, by joint angles (T, J) and the nominal geometry."""
+    at_zero = np.array([muscle.contraction_at_angle_0 for muscle in exoskeleton.muscles])
+    per_rad = np.array([muscle.contraction_per_rad for muscle in exoskeleton.muscles])
+    joint = exoskeleton.joint_of_muscle
+    return at_zero + per_rad * angle_rad[:, joint], per_rad * velocity_rad_per_s[:, joint]
 
 
 def read_encoder(angle_rad: Array, encoder: Encoder, generator: np.random.Generator) -> Array:
