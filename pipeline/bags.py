@@ -8,19 +8,24 @@ such files are imported where one is read, as most studies read none.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
+import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+
+if TYPE_CHECKING:
+    from mcap.reader import McapReader
 
 SUFFIX, METADATA = ".mcap", "metadata.yaml"
 TIME = "time_s"
@@ -159,13 +164,17 @@ def _list_bag(path: Path) -> Iterator[Message]:
 
 def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
     try:
-        from mcap.reader import make_reader
+        from mcap.reader import NonSeekingReader, make_reader
     except ModuleNotFoundError:
         raise InputError(f"{path}: expected the library mcap, which reads MCAP files; {INSTALL}") from None
     decode = _Decoder(path)
     with path.open("rb") as handle:
         try:
-            for schema, channel, message in make_reader(handle).iter_messages():
+            if _has_end(handle):
+                records = make_reader(handle).iter_messages()
+            else:
+                records = _read_to_cut(NonSeekingReader(handle), left)
+            for schema, channel, message in records:
                 if channel.message_encoding == "json":
                     yield channel.topic, message.log_time, json.loads(message.data)
                 elif channel.message_encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
@@ -175,9 +184,27 @@ def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
                     left[channel.topic] = told
         except (OSError, InputError):
             raise
-        except Exception as error:  # as above; a recorder that was killed leaves no end
-            told = str(error) or type(error).__name__
-            raise ValueError(f"{told}; if its recorder was killed, try: mcap recover {path.name} -o new.mcap") from None
+        except Exception as error:  # as above
+            raise ValueError(str(error) or type(error).__name__) from None
+
+
+def _has_end(handle: BinaryIO) -> bool:
+    """Return whether an MCAP file ends as it should, which one of a recorder that was killed does not."""
+    from mcap.stream_reader import MAGIC_SIZE
+
+    magic = handle.read(MAGIC_SIZE)
+    handle.seek(max(handle.seek(0, os.SEEK_END) - MAGIC_SIZE, 0))
+    ended = handle.read() == magic
+    handle.seek(0)
+    return ended
+
+
+def _read_to_cut(reader: McapReader, left: dict[str, str]) -> Iterator[tuple[Any, Any, Any]]:
+    from mcap.exceptions import EndOfFile
+
+    with contextlib.suppress(EndOfFile):
+        yield from reader.iter_messages(log_time_order=False)
+    left["what comes after the last whole chunk"] = "the file is cut off, as one of a recorder that was killed"
 
 
 class _Decoder:

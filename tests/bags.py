@@ -7,12 +7,12 @@ import numpy as np
 START_NS = 1_700_000_000_000_000_000
 
 
-def write_mcap(path, topics):
+def write_mcap(path, topics, chunk_bytes=1 << 20):
     """Write messages as JSON; by topic, pairs of the log's time (ns from `START_NS`) and the message."""
     from mcap.writer import Writer
 
     with path.open("wb") as handle:
-        writer = Writer(handle)
+        writer = Writer(handle, chunk_size=chunk_bytes)
         writer.start()
         schema = writer.register_schema("anything", "jsonschema", b'{"type": "object"}')
         for topic, messages in topics.items():

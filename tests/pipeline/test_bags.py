@@ -106,10 +106,22 @@ def test_a_broken_file_is_one_line(tmp_path, content, told):
     assert "\n" not in str(refused.value)
 
 
-def test_a_bag_that_ends_in_the_middle_is_one_line(tmp_path):
+def test_of_a_file_that_is_cut_off_what_was_written_is_read(tmp_path):
+    path = write_mcap(tmp_path / "x.mcap", {"/a": [(k * 10**7, {"data": k}) for k in range(500)]}, chunk_bytes=1000)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 3])
+    header = read_header(path)
+    assert any("the file is cut off" in each for each in header.remarks)
+    found = read_foreign(path)
+    assert 50 < len(found) < 450
+    assert found["/a.data"].tolist() == list(range(len(found)))
+    np.testing.assert_allclose(found["time_s"], np.arange(len(found)) / 100)
+
+
+def test_a_bag_that_ends_before_its_first_message_is_one_line(tmp_path):
     path = write_mcap(tmp_path / "x.mcap", {"/a": [(k, {"data": k}) for k in range(50)]})
     path.write_bytes(path.read_bytes()[:300])
-    with pytest.raises(InputError, match="cannot be read as MCAP"):
+    with pytest.raises(InputError, match=r"got none; what comes after .* the file is cut off"):
         read_foreign(path)
     bag = write_bag(tmp_path / "bag", STATES)
     (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}")
