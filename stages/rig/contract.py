@@ -18,6 +18,8 @@ import pandas as pd
 import pandera.pandas as pa
 from numpy.typing import NDArray
 
+from stages.rig.attendance import Attendance, Proposal, TrialDeclined
+
 Array = NDArray[np.float64]
 
 MOST_ROWS = 50_000_000
@@ -44,6 +46,9 @@ CLIPPED_BY = {
     "ramp": "the way to the first command or down after a stop",
 }
 """What may make the command that is applied differ from the one that was asked."""
+
+PER_SAMPLE = ("time_s", "late_s", "reference_shown_s", "measured_shown_s")
+"""What a recording holds once for all muscles and joints."""
 
 Watch = Callable[[Mapping[str, NDArray[Any]]], None]
 """Is handed rows of samples, as of `tidy`, while a trial runs."""
@@ -88,6 +93,8 @@ class Trial:
         Names the trial for an operator.
     number : int or None
         Which of its study's trials of this kind it is, from 0; None where nothing counts them.
+    proposal : Proposal or None
+        Why it is proposed; None where nobody is asked.
     """
 
     kind: Literal["free", "tracked", "passive"]
@@ -96,6 +103,7 @@ class Trial:
     reference_rad: Array | None = None
     label: str = ""
     number: int | None = None
+    proposal: Proposal | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("free", "tracked", "passive"):
@@ -131,6 +139,9 @@ class Recording:
         What made the command differ from the one asked, a key of `CLIPPED_BY`; empty throughout if not given.
     late_s : (T,) ndarray
         How much later than at ``time_s`` the sample was taken, s; 0 throughout if not given.
+    reference_shown_s, measured_shown_s : (T,) ndarray
+        When a screen showed the reference of this sample, and the first measured posture not older than it, s from
+        the trial's start; nan where none did, and throughout if not given.
     """
 
     time_s: Array
@@ -144,17 +155,19 @@ class Recording:
     status: NDArray[Any] = field(default_factory=lambda: np.array("ok"))
     clipped_by: NDArray[Any] = field(default_factory=lambda: np.array(""))
     late_s: Array = field(default_factory=lambda: np.array(0.0))
+    reference_shown_s: Array = field(default_factory=lambda: np.array(np.nan))
+    measured_shown_s: Array = field(default_factory=lambda: np.array(np.nan))
 
     def __post_init__(self) -> None:
-        for name in ("status", "clipped_by"):
-            if getattr(self, name).ndim == 0:
-                object.__setattr__(self, name, np.full(self.pressure_command_kpa.shape, getattr(self, name)))
-        if self.late_s.ndim == 0:
-            object.__setattr__(self, "late_s", np.zeros(self.time_s.shape))
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if value.ndim == 0:
+                like = self.time_s if each.name in PER_SAMPLE else self.pressure_command_kpa
+                object.__setattr__(self, each.name, np.full(like.shape, value))
         for each in fields(self):
             shape = getattr(self, each.name).shape
             like = self.joint_angle_rad if each.name.startswith("joint") else self.pressure_command_kpa
-            expected = self.time_s.shape if each.name in ("time_s", "late_s") else (len(self.time_s), like.shape[-1])
+            expected = self.time_s.shape if each.name in PER_SAMPLE else (len(self.time_s), like.shape[-1])
             if shape != expected:
                 raise ValueError(f"recording: expected {each.name} of shape {expected}, got {shape}")
 
@@ -163,6 +176,11 @@ class Rig(ABC):
     """Executes trials. A subclass says what it has, how it connects, runs one trial and lets go."""
 
     real: ClassVar[bool]
+
+    @property
+    def attendance(self) -> Attendance | None:
+        """Who sees its trials and decides on them, if somebody does."""
+        return None
 
     @property
     @abstractmethod
@@ -255,16 +273,40 @@ class Rig(ABC):
         RigError
             When the rig is not connected; `TrialStopped` when it stopped the trial.
         ValueError
-            As `check`. After any exception the actuators are released.
+            As `check`. After any exception but the next ones the actuators are released.
+        TrialDeclined, StudyPaused
+            When who attends does not let it become part of the study.
         """
         if not self.connected:
             raise RigError(f"{type(self).__name__} is not connected; write: with rig: rig.execute(trial, generator)")
         try:
             self.check(trial)
-            return self.run(trial, generator, watch)
+            if self.attendance is None:
+                return self.run(trial, generator, watch)
+            return self._attend(self.attendance, trial, generator, watch)
+        except TrialDeclined:
+            raise
         except BaseException as error:
             _release_after(self, error)
             raise
+
+    def _attend(
+        self, attendance: Attendance, trial: Trial, generator: np.random.Generator, watch: Watch | None
+    ) -> Recording:
+        attendance.propose(trial)
+        try:
+            recording = self.run(trial, generator, watch)
+        except TrialStopped as error:
+            if not attendance.why_stop():
+                attendance.tell(str(error))
+                raise
+            attendance.judge(trial, None, str(error))
+            raise
+        except BaseException as error:
+            attendance.tell(str(error) or type(error).__name__)
+            raise
+        attendance.judge(trial, recording, "")
+        return attendance.add_display(recording)
 
     def __enter__(self) -> Self:
         try:
@@ -337,7 +379,8 @@ def tidy(recording: Recording, rig: Rig) -> dict[str, NDArray[Any]]:
         columns[name] = getattr(recording, name)[:, joint].T.ravel()
     for name in ("status", "clipped_by"):
         columns[name] = getattr(recording, name).T.ravel().astype(object)
-    columns["late_s"] = np.tile(recording.late_s, len(joint))
+    for name in PER_SAMPLE[1:]:
+        columns[name] = np.tile(getattr(recording, name), len(joint))
     return columns
 
 
@@ -350,6 +393,13 @@ def _measurement(
 ) -> pa.Column:
     checks = [] if low is None else [pa.Check.ge(low), pa.Check.le(high)]
     return pa.Column(dtype, checks, nullable=False, description=description, metadata={"unit": unit})
+
+
+def _display(description: str) -> pa.Column:
+    told = f"{description}; missing where none did"
+    return pa.Column(
+        float, [pa.Check.ge(-60.0), pa.Check.le(3600.0)], nullable=True, description=told, metadata={"unit": "s"}
+    )
 
 
 MEASUREMENT_COLUMNS: dict[str, pa.Column] = {
@@ -372,6 +422,8 @@ RECORDING_COLUMNS: dict[str, pa.Column] = {
     "status": _word(STATUS, "what the sample is: ok, or what is wrong with it"),
     "clipped_by": _word(CLIPPED_BY, "what made the command differ from the one asked; empty = nothing did"),
     "late_s": _measurement(float, "s", "how much later than at time_s the sample was taken", -1.0, 3600.0),
+    "reference_shown_s": _display("when a screen showed the reference of this sample, from the trial's start"),
+    "measured_shown_s": _display("when a screen first showed a posture measured at time_s or later"),
 }
 """What a rig records of each sample: what was measured, and how."""
 

@@ -11,9 +11,15 @@ import numpy as np
 import pandas as pd
 import pandera.pandas as pa
 
-from stages.rig.contract import RECORDING_COLUMNS, Recording, Rig
+from stages.rig.contract import PER_SAMPLE, RECORDING_COLUMNS, Recording, Rig
 
-PUNCTUAL: dict[str, Any] = {"status": "ok", "clipped_by": "", "late_s": 0.0}
+PUNCTUAL: dict[str, Any] = {
+    "status": "ok",
+    "clipped_by": "",
+    "late_s": 0.0,
+    "reference_shown_s": np.nan,
+    "measured_shown_s": np.nan,
+}
 """How samples were taken, of which a file need not tell."""
 
 
@@ -57,5 +63,5 @@ def gather(frame: pd.DataFrame, rig: Rig) -> Recording:
     first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
     arrays = {name: frame[name].to_numpy()[order] for name in list(RECORDING_COLUMNS)[2:]}
     arrays = {name: each[:, first_muscle] if name.startswith("joint") else each for name, each in arrays.items()}
-    late_s = arrays.pop("late_s")[:, 0]
-    return Recording(time_s=times[order[:, 0]], late_s=late_s, **arrays)
+    arrays |= {name: arrays[name][:, 0] for name in PER_SAMPLE[1:]}
+    return Recording(time_s=times[order[:, 0]], **arrays)
