@@ -28,7 +28,7 @@ from pipeline.stage import Stage, load_stages, order_stages
 
 LONGEST_QUOTE = 80
 LONGEST_SWEEP = 100
-INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished")
+INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "desk")
 """Keys that change no result."""
 BEGINS_WITH_KEY = r"[\w.]+: "
 
@@ -140,6 +140,7 @@ class Settings(Section):
     sweep: Annotated[str | None, BeforeValidator(_check_name)]
     on_failure: Literal["continue", "stop"]
     on_finished: Literal["keep", "refresh"]
+    desk: Target | None
 
 
 @dataclass(frozen=True)

@@ -126,6 +126,10 @@ class Record:
         """Return the name of a turn's part."""
         return "~".join(str(each) for each in key)
 
+    def landed(self, key: tuple[object, ...]) -> bool:
+        """Return whether a turn's part is on disk."""
+        return (self.folder / self.name(key)).is_dir()
+
     def include(self, keys: Iterable[str]) -> None:
         """Count parts that other processes landed among those of this loop, in the order given."""
         self.keys.update(dict.fromkeys(keys))
@@ -250,9 +254,11 @@ class Context:
         function : callable
             Can be pickled, as can jobs (this context may be part of them) and results; computes the same anywhere.
         jobs : sequence
-            Independent of each other. On a real rig they are done one after the other, here.
+            Independent of each other. On a real rig, and where somebody attends, they are done one after the other,
+            here.
         """
-        workers = 1 if getattr(self.rig, "real", False) else self.workers
+        alone = getattr(self.rig, "real", False) or getattr(self.rig, "attendance", None) is not None
+        workers = 1 if alone else self.workers
         yield from spread(function, jobs, workers, self.record.check)
 
     def __getstate__(self) -> dict[str, Any]:

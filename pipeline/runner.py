@@ -14,7 +14,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +76,8 @@ class Runner:
     given: Sequence[dict[str, str]] = ()
     place: Path | None = None
     workers: int | None = None
+    _front: Any = field(default=None, init=False)
+    _attendance: Any = field(default=None, init=False)
 
     @property
     def outputs(self) -> str:
@@ -125,6 +127,9 @@ class Runner:
                         return self._run_claimed(held, [step.stage for step in steps], signals)
                 except OSError as error:
                     return self._refuse(held.ledger, error)
+                finally:
+                    if self._front is not None:
+                        self._front.close()
 
     def _run_claimed(self, held: Claim, stages: Sequence[Stage], signals: Watch) -> int:
         ledger, stage = held.ledger, stages[0]
@@ -172,6 +177,8 @@ class Runner:
         if isinstance(error, PipelineError):
             return self._end(ledger, stage, "failed", 1, f"{error}{notes}", "when that is mended")
         if asks is not None:
+            if not asks:
+                return self._end(ledger, stage, "paused", 3, str(error), "to continue")
             path = ledger.folder / "documents" / "asks.json"
             write_json(path, asks)
             return self._end(ledger, stage, "paused", 3, f"{error} (what to execute: {path})", "when that is done")
@@ -210,6 +217,8 @@ class Runner:
         log.info("%s: %s, %s", stage.name, step.action, step.reason)
 
     def _plan(self) -> list[Step]:
+        if self.study.settings.desk is not None:
+            self.study.build("desk")
         return make_plan(self.study, self.stages, list_ledgers(self.outputs))
 
     def _decide(self, stage: Stage, ingredients: Ingredients, ledger: Ledger) -> Step:
@@ -272,9 +281,20 @@ class Runner:
         record = Record(parts, {table.name: table for table in stage.writes}, signals.check)
         section = self.study.target(stage)
         rig = self.study.build(section) if section else None
+        if rig is not None and self.study.settings.desk is not None:
+            rig.be_attended(self._attend())
         workers = self.study.settings.workers or self.workers or count_cores()
         formats = self.study.settings.figures
         return Context(stage.name, ledger.folder, seed, record, self.console, rig, workers, formats)
+
+    def _attend(self) -> Any:
+        """Return who attends what rigs do, the same for all stages of a run."""
+        if self._front is None:
+            front = self.study.build("desk")
+            self._attendance, self._front = front.open(), front
+            for line in front.greeting:
+                self._say(line)
+        return self._attendance
 
     def _finished_run(self, steps: Sequence[Step]) -> Ledger | None:
         if not all(step.action in ("fresh", "kept") for step in steps):

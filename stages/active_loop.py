@@ -2,7 +2,8 @@
 
 In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings` and the rig.
 Out, one part per trial: `trials` (what was chosen and why), `active_recordings` (what was measured), `models` (the MAP
-after each trial; trial 0 is the initial data's) and `points` (the samples each model stands on). Every arm starts from
+after each trial; trial 0 is the initial data's), `points` (the samples each model stands on) and `decisions` (of an
+operator, where one attended). Every arm starts from
 the same initial data; controls differ from the design in how they choose trajectories and in nothing else.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -24,9 +26,10 @@ from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.figures import draw_chosen_trials
-from stages.gp import Design, Interaction
+from stages.gp import Choice, Design, Interaction
 from stages.identification import (
     DesignSettings,
+    ForceTest,
     MuscleSet,
     describe_choice,
     describe_models,
@@ -35,7 +38,7 @@ from stages.identification import (
     take,
 )
 from stages.plant import Exoskeleton
-from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig, track
+from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Proposal, Rig, TrialDeclined, track
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
 
 Array = NDArray[np.float64]
@@ -60,6 +63,11 @@ TRIALS = Table(
         ),
         "runner_up": column(float, "utility of the best trajectory that was not chosen", nullable=True),
         "available": column(int, "trajectories that could be chosen", low=1),
+        "surprise": column(
+            float,
+            "error rate of the models' prediction of the trial's forces before they learned from it, mean over muscles",
+            low=0,
+        ),
     },
     key=tuple(WHERE),
 )
@@ -93,6 +101,24 @@ POINTS = Table(
         **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", *MODEL_INPUTS, MODEL_OUTPUT)},
     },
     key=(*WHERE, "muscle", "pick"),
+)
+
+DECISIONS = Table(
+    "decisions",
+    "An operator's decision on a designed trial, where one attended",
+    {
+        **WHERE,
+        "attempt": column(int, "of this trial", low=1),
+        "trajectory": column(int, "movement of the bank that was proposed", low=0),
+        "decision": column(
+            str,
+            "keep: executed and learned from; repeat: executed, kept aside, and executed again; reject: executed, kept "
+            "aside, and not proposed again; skip: not executed, another one took its place",
+            among=["keep", "repeat", "reject", "skip"],
+        ),
+        "note": column(str, "what the operator wrote"),
+    },
+    key=(*WHERE, "attempt"),
 )
 
 
@@ -200,7 +226,7 @@ class Config(Section):
     seed: int
 
 
-@stage(TRIALS, ACTIVE_RECORDINGS, MODELS, POINTS)
+@stage(TRIALS, ACTIVE_RECORDINGS, MODELS, POINTS, DECISIONS)
 def active_loop(
     cfg: Config,
     candidates: pd.DataFrame,
@@ -222,8 +248,8 @@ def active_loop(
         executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
         start = spread_evenly(keep_usable(executed), cfg.active_loop.initial_points, muscles.names)
         used = [int(each) for each in initial["trajectory"]]
-        count = cfg.active_loop.control_experiments
-        for arm in arms if count is None or int(str(experiment)) <= count else arms[:1]:
+        most = cfg.active_loop.control_experiments
+        for arm in arms if most is None or int(str(experiment)) <= most else arms[:1]:
             number = len(initial_trials) + len(loops) * cfg.active_loop.trials
             who = str(participant), int(str(experiment))
             loops.append(Loop(cfg, ctx, muscles, references, start, used, *who, arm, number))
@@ -291,19 +317,50 @@ class Loop:
     def run(self) -> list[str]:
         """Run all trials, each from what the earlier ones left on disk; return the keys of their parts."""
         landed: list[dict[str, pd.DataFrame]] = []
-        keys = []
+        declined: list[pd.DataFrame] = []
+        keys: list[str] = []
         with self.ctx.rig as rig:
             for trial in range(1, self.cfg.active_loop.trials + 1):
-                key = self.key(trial)
-                landed.append(self.ctx.record.part(key, partial(self.run_trial, trial, landed, rig)))
-                keys.append(self.ctx.record.name(key))
+                landed.append(self.land(trial, landed, declined, keys, rig))
         return keys
 
-    def key(self, trial: int) -> tuple[object, ...]:
-        """Return what names a trial's part."""
-        return self.participant, self.experiment, self.arm, f"{trial:02d}"
+    def land(
+        self,
+        trial: int,
+        landed: Sequence[dict[str, pd.DataFrame]],
+        declined: list[pd.DataFrame],
+        keys: list[str],
+        rig: Rig,
+    ) -> dict[str, pd.DataFrame]:
+        """Return the part of a trial once the operator, if there is one, keeps it; note those that were declined."""
+        record = self.ctx.record
+        for attempt in count(1):
+            aside, told = self.key(trial, attempt), None
+            if not record.landed(aside):
+                try:
+                    part = record.part(self.key(trial), partial(self.run_trial, trial, attempt, landed, declined, rig))
+                    keys.append(record.name(self.key(trial)))
+                    return part
+                except TrialDeclined as error:
+                    told = error
+            noted = record.part(aside, partial(self.note_declined, trial, attempt, told))
+            keys.append(record.name(aside))
+            declined.append(noted[DECISIONS.name])
+        raise AssertionError("attempts are counted without end")
 
-    def run_trial(self, trial: int, landed: Sequence[dict[str, pd.DataFrame]], rig: Rig) -> dict[str, pd.DataFrame]:
+    def key(self, trial: int, declined: int | None = None) -> tuple[object, ...]:
+        """Return what names a trial's part, or that of an attempt that the operator declined."""
+        aside = () if declined is None else (f"declined{declined}",)
+        return self.participant, self.experiment, self.arm, f"{trial:02d}", *aside
+
+    def run_trial(
+        self,
+        trial: int,
+        attempt: int,
+        landed: Sequence[dict[str, pd.DataFrame]],
+        declined: Sequence[pd.DataFrame],
+        rig: Rig,
+    ) -> dict[str, pd.DataFrame]:
         """Choose a trajectory, execute it, learn from it."""
         models, points = [], []
         if landed:
@@ -312,18 +369,40 @@ class Loop:
             interaction = self.begin()
             points.append(self.label(self.start, 0))
             models.append(self.label(describe_models(interaction.models, self.muscles), 0))
-        choice = interaction.ask(self.ctx.generator("random", self.participant, self.experiment, trial))
-        samples = self.execute(choice.trajectory, trial, rig)
+        generator = self.ctx.generator("random", self.participant, self.experiment, trial)
+        choice = interaction.ask(generator, but=self.muscles.indices(list_declined(declined, trial)))
+        described = describe_choice(choice, interaction, self.muscles)
+        samples = self.execute(choice, described, trial, landed, rig)
         usable = keep_usable(samples)
+        surprise = float(np.mean(ForceTest.read("trial", usable, self.muscles).error_rates(interaction.models)))
         told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(usable), self.starts(trial))
         points.append(self.label(take(usable, picks, self.muscles.names), trial))
         models.append(self.label(describe_models(told.models, self.muscles), trial))
+        decisions = nothing()[DECISIONS.name]
+        if rig.attendance is not None:
+            decisions = self.describe_decision(trial, attempt, described["trajectory"], "keep", rig.attendance.note)
         return {
-            TRIALS.name: self.label(pd.DataFrame([describe_choice(choice, interaction, self.muscles)]), trial),
+            TRIALS.name: self.label(pd.DataFrame([{**described, "surprise": surprise}]), trial),
             ACTIVE_RECORDINGS.name: self.label(samples, trial),
             MODELS.name: pd.concat(models, ignore_index=True),
             POINTS.name: pd.concat(points, ignore_index=True)[list(POINTS.columns)],
+            DECISIONS.name: decisions,
         }
+
+    def note_declined(self, trial: int, attempt: int, declined: TrialDeclined | None) -> dict[str, pd.DataFrame]:
+        """Return the part of a trial that the operator declined: the decision, and nothing to learn from."""
+        assert declined is not None
+        assert declined.trial.proposal is not None
+        trajectory = declined.trial.proposal.trajectory
+        decision = self.describe_decision(trial, attempt, trajectory, declined.decision, declined.note)
+        return {**nothing(), DECISIONS.name: decision}
+
+    def describe_decision(
+        self, trial: int, attempt: int, trajectory: int | float | None, decision: str, note: str
+    ) -> pd.DataFrame:
+        """Return a decision's row."""
+        row = {"attempt": attempt, "trajectory": trajectory, "decision": decision, "note": note}
+        return self.label(pd.DataFrame([row]), trial)
 
     def begin(self) -> Interaction:
         """Identify the models from the initial points."""
@@ -365,14 +444,36 @@ class Loop:
             self.ctx.generator("starts", self.participant, self.experiment, trial, name) for name in self.muscles.names
         ]
 
-    def execute(self, index: int, trial: int, rig: Rig) -> pd.DataFrame:
-        """Execute a trajectory of the bank; arms share the person's and the sensors' noise at equal trial number."""
+    def execute(
+        self,
+        choice: Choice,
+        described: dict[str, int | float],
+        trial: int,
+        landed: Sequence[dict[str, pd.DataFrame]],
+        rig: Rig,
+    ) -> pd.DataFrame:
+        """Execute the chosen trajectory; arms share the person's and the sensors' noise at equal trial number."""
         label = f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}"
         generator = self.ctx.generator("rig", self.participant, self.experiment, trial)
-        trajectory = self.muscles.trajectories[index]
+        trajectory = self.muscles.trajectories[choice.trajectory]
+        proposal = Proposal(
+            position=trial,
+            total=self.cfg.active_loop.trials,
+            reason=explain(described, self.arm),
+            trajectory=trajectory,
+            utilities=self.rank(choice),
+            errors=tuple(float(part[TRIALS.name]["surprise"].iloc[0]) for part in landed),
+            optional=described["available"] > 1,
+        )
         watch = self.ctx.record.watch(self.key(trial))
         number = self.first + trial - 1
-        return track(self.references, trajectory, rig, self.participant, label, generator, watch, number)
+        return track(self.references, trajectory, rig, self.participant, label, generator, watch, number, proposal)
+
+    def rank(self, choice: Choice) -> dict[int, float]:
+        """Return the utility of each movement of the bank that could be chosen; none where it was drawn."""
+        scores = () if choice.scores is None else choice.scores
+        pairs = zip(self.muscles.trajectories, scores, strict=choice.scores is not None)
+        return {trajectory: float(score) for trajectory, score in pairs if np.isfinite(score)}
 
     def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""
@@ -381,6 +482,30 @@ class Loop:
     def where(self, trial: int) -> dict[str, Any]:
         """Return the columns that say which trial this is."""
         return {"participant": self.participant, "experiment": self.experiment, "arm": self.arm, "trial": trial}
+
+
+def nothing() -> dict[str, pd.DataFrame]:
+    """Return a part without rows."""
+    return {table.name: pd.DataFrame(columns=list(table.columns)) for table in active_loop.writes}
+
+
+def list_declined(declined: Sequence[pd.DataFrame], trial: int) -> list[int]:
+    """Return the movements that are not to be proposed in a trial: those rejected so far, and those skipped now."""
+    if not declined:
+        return []
+    rows = pd.concat(declined, ignore_index=True)
+    out = (rows["decision"] == "reject") | ((rows["decision"] == "skip") & (rows["trial"] == trial))
+    return sorted({int(each) for each in rows.loc[out, "trajectory"]})
+
+
+def explain(described: dict[str, int | float], arm: str) -> str:
+    """Say why a movement was chosen."""
+    if np.isnan(described["utility"]):
+        return f"movement {described['trajectory']} of the bank, drawn at random"
+    return (
+        f"movement {described['trajectory']} of the bank tells most: utility {arm} {described['utility']:.4g}, "
+        f"the next best's {described['runner_up']:.4g}, of {described['available']}"
+    )
 
 
 def group_muscles(rig: Rig) -> dict[str, list[str]]:

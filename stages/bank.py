@@ -16,7 +16,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton
-from stages.rig import RECORDING_COLUMNS, FreeMovements, Rig, RigWithLimits, check_levels
+from stages.rig import RECORDING_COLUMNS, FreeMovements, Proposal, Rig, RigWithLimits, check_levels, until_kept
 
 BANK = Table(
     "bank",
@@ -60,7 +60,8 @@ def bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record an experimenter's natural movements under varied pressures, with force."""
     with ctx.rig as rig, ctx.progress("movements", cfg.bank.trajectories) as advance:
         for trajectory in range(cfg.bank.trajectories):
-            ctx.record.part((trajectory,), partial(record_movement, cfg, ctx, rig, trajectory))
+            make = partial(record_movement, cfg, ctx, rig, trajectory)
+            until_kept(partial(ctx.record.part, (trajectory,), make))
             advance(f"movement {trajectory}")
     return ctx.record.collect()
 
@@ -68,5 +69,8 @@ def bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
 def record_movement(cfg: Config, ctx: Context, rig: Rig, trajectory: int) -> dict[str, pd.DataFrame]:
     """Record one free movement."""
     watch = ctx.record.watch((trajectory,))
-    columns = cfg.bank.record(trajectory, rig, ctx.generator(trajectory), f"bank {trajectory}", watch, trajectory)
+    proposal = Proposal(trajectory + 1, cfg.bank.trajectories, "a natural movement for the bank")
+    columns = cfg.bank.record(
+        trajectory, rig, ctx.generator(trajectory), f"bank {trajectory}", watch, trajectory, proposal
+    )
     return {BANK.name: pd.DataFrame(columns)}

@@ -17,7 +17,17 @@ from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.rig import RECORDING_COLUMNS, Rig, Watch, measure_pace, passive_trial, tidy, tracked_trial
+from stages.rig import (
+    RECORDING_COLUMNS,
+    Proposal,
+    Rig,
+    Watch,
+    measure_pace,
+    passive_trial,
+    tidy,
+    tracked_trial,
+    until_kept,
+)
 
 NOBODY = "nobody"
 """Who is in a passive trial; no participant has this name."""
@@ -81,12 +91,14 @@ def hardware(
         for number, row in enumerate(rows_of(initial_trials)):
             key = (row["participant"], row["experiment"], row["position"])
             drawn, watch = ctx.generator(*key), ctx.record.watch(key)
-            ctx.record.part(key, partial(execute_tracked, row, number, references, rig, drawn, watch))
+            make = partial(execute_tracked, row, number, len(initial_trials), references, rig, drawn, watch)
+            until_kept(partial(ctx.record.part, key, make))
             advance(f"{row['participant']} experiment {row['experiment']}")
         first = 0
         for turn, commands in passive.items():
             watch = ctx.record.watch((NOBODY, *turn))
-            ctx.record.part((NOBODY, *turn), partial(execute_passive, commands, first, rig, ctx, watch))
+            make = partial(execute_passive, commands, first, rig, ctx, watch)
+            until_kept(partial(ctx.record.part, (NOBODY, *turn), make))
             first += commands.groupby(["experiment", "trial"]).ngroups
             advance(f"protocol experiment {turn[0]}")
     tables = ctx.record.collect()
@@ -104,12 +116,20 @@ def hardware(
 
 
 def execute_tracked(
-    row: dict[str, Any], number: int, references: pd.DataFrame, rig: Rig, generator: np.random.Generator, watch: Watch
+    row: dict[str, Any],
+    number: int,
+    total: int,
+    references: pd.DataFrame,
+    rig: Rig,
+    generator: np.random.Generator,
+    watch: Watch,
 ) -> dict[str, pd.DataFrame]:
     """Execute one initial trial."""
     samples = references[references["trajectory"] == row["trajectory"]]
     label = f"{row['participant']} experiment {row['experiment']} initial {row['position']}"
-    recording = rig.execute(tracked_trial(samples, rig, row["participant"], label, number), generator, watch)
+    proposal = Proposal(number + 1, total, "an initial trial, drawn at random", int(row["trajectory"]))
+    trial = tracked_trial(samples, rig, row["participant"], label, number, proposal)
+    recording = rig.execute(trial, generator, watch)
     return make_part(HARDWARE_RECORDINGS, pd.DataFrame(tidy(recording, rig)).assign(**row))
 
 

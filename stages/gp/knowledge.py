@@ -7,7 +7,7 @@ The bank's inputs and the muscles' models flow in; the trajectory to execute flo
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,20 +107,22 @@ class Knowledge(ABC):
         used = [] if self.design.reuse_trajectories else sorted(self.used)
         return np.setdiff1d(np.arange(count), used)
 
-    def ask(self, generator: np.random.Generator) -> Choice:
+    def ask(self, generator: np.random.Generator, but: Collection[int] = ()) -> Choice:
         """Choose the next trajectory.
 
         Parameters
         ----------
         generator : Generator
             Drawn from by the ``random`` control alone.
+        but : collection of int
+            Trajectories that are not to be chosen now, beside those executed so far.
 
         Raises
         ------
         ValueError
             When no trajectory is left.
         """
-        available = self.available
+        available = np.setdiff1d(self.available, list(but))
         if not available.size:
             raise ValueError(
                 f"expected a trajectory that was not executed yet, but all {len(self.used)} of the bank were; "

@@ -64,7 +64,8 @@ def collect_joints(exoskeleton: Exoskeleton, plant: Plant) -> list[JointConstant
 
 
 @njit(cache=True, error_model="numpy")
-def _passive_torque(angle: float, velocity: float, joint: JointConstants) -> float:
+def sum_passive_torque(angle: float, velocity: float, joint: JointConstants) -> float:
+    """Return the torque of gravity, friction and end stops, N m."""
     torque = -joint.gravity_torque_nm * math.sin(angle - joint.gravity_zero_rad) - joint.viscous_nm_s_per_rad * velocity
     if joint.coulomb_nm > 0.0:
         torque -= joint.coulomb_nm * math.tanh(velocity / joint.coulomb_rad_per_s)
@@ -75,7 +76,8 @@ def _passive_torque(angle: float, velocity: float, joint: JointConstants) -> flo
 
 
 @njit(cache=True, error_model="numpy")
-def _muscle_torque(angle: float, velocity: float, inputs: Array, s: int, muscles: Array) -> float:
+def sum_muscle_torque(angle: float, velocity: float, inputs: Array, s: int, muscles: Array) -> float:
+    """Return the torque of a joint's muscles, N m, under row `s` of `inputs` (S, 3, m): pressure, deviation, drag."""
     torque = 0.0
     for m in range(muscles.shape[0]):
         at_zero, per_rad, arm = muscles[m, 7], muscles[m, 8], muscles[m, 9]
@@ -96,7 +98,7 @@ def _muscle_torque(angle: float, velocity: float, inputs: Array, s: int, muscles
 
 
 @njit(cache=True, error_model="numpy")
-def _rates(
+def find_rates(
     angle: float,
     velocity: float,
     held: float,
@@ -109,11 +111,12 @@ def _rates(
     muscles: Array,
     person: Person,
 ) -> tuple[float, float]:
+    """Return the rates of velocity, rad/s^2, and of the torque that the person holds, N m/s."""
     effort = person.stiffness_nm_per_rad * (target - angle)
     wanted = effort + person.damping_nm_s_per_rad * (target_velocity - velocity) + held
     given = min(max(wanted, -person.strength_nm), person.strength_nm)
     held_rate = effort * person.compensation_per_s if given == wanted else 0.0
-    torque = _muscle_torque(angle, velocity, inputs, s, muscles) + _passive_torque(angle, velocity, joint)
+    torque = sum_muscle_torque(angle, velocity, inputs, s, muscles) + sum_passive_torque(angle, velocity, joint)
     return (torque + given + push) / joint.inertia_kg_m2, held_rate
 
 
@@ -136,7 +139,7 @@ def _integrate(
     h = step_s / substeps
     q, w, held = start, 0.0, 0.0
     if person.compensation_per_s > 0.0:
-        load = _muscle_torque(q, w, drive, 0, muscles) + _passive_torque(q, w, joint)
+        load = sum_muscle_torque(q, w, drive, 0, muscles) + sum_passive_torque(q, w, joint)
         held = min(max(-load, -person.strength_nm), person.strength_nm)
     angle[0], velocity[0] = q, w
     for k in range(samples - 1):
@@ -158,7 +161,7 @@ def _integrate(
                 nudge = push[k] + share * (push[k + 1] - push[k])
                 q_now, w_now, held_now = q + reach * dq, w + reach * dw, held + reach * dh
                 dq = w_now
-                dw, dh = _rates(q_now, w_now, held_now, inputs, s, aim, aim_rate, nudge, joint, muscles, person)
+                dw, dh = find_rates(q_now, w_now, held_now, inputs, s, aim, aim_rate, nudge, joint, muscles, person)
                 sum_q += weight * dq
                 sum_w += weight * dw
                 sum_h += weight * dh

@@ -3,6 +3,7 @@
 The rigs themselves are named by configuration and imported from there.
 """
 
+from stages.rig.attendance import Proposal, TrialDeclined, until_kept
 from stages.rig.contract import (
     MEASUREMENT_COLUMNS,
     MOST_ROWS,
@@ -26,6 +27,7 @@ __all__ = [
     "MOST_ROWS",
     "RECORDING_COLUMNS",
     "FreeMovements",
+    "Proposal",
     "RecordedSession",
     "Recording",
     "Rig",
@@ -34,6 +36,7 @@ __all__ = [
     "SessionRig",
     "Sweeps",
     "Trial",
+    "TrialDeclined",
     "TrialStopped",
     "Watch",
     "check_levels",
@@ -43,4 +46,5 @@ __all__ = [
     "tidy",
     "track",
     "tracked_trial",
+    "until_kept",
 ]

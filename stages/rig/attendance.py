@@ -6,17 +6,19 @@ a trial does not become part of the study.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from stages.plant.exoskeleton import Exoskeleton
     from stages.rig.contract import Recording, Trial
 
 Array = NDArray[np.float64]
+Landed = TypeVar("Landed")
 
 DECLINED = {
     "skip": "skipped by the operator",
@@ -33,13 +35,15 @@ class TrialDeclined(Exception):
     ----------
     decision : str
         ``skip`` (never executed), ``repeat`` or ``reject``.
+    trial : Trial
+        The trial.
     note : str
         What the operator wrote.
     """
 
-    def __init__(self, decision: str, note: str = ""):
+    def __init__(self, decision: str, trial: Trial, note: str = ""):
         super().__init__(f"{DECLINED[decision]}{f': {note}' if note else ''}")
-        self.decision, self.note = decision, note
+        self.decision, self.trial, self.note = decision, trial, note
 
 
 class StudyPaused(Exception):
@@ -55,7 +59,24 @@ class StudyPaused(Exception):
 
     def __init__(self, label: str, note: str = ""):
         super().__init__(f"the operator stopped for today; next is {label}{f' ({note})' if note else ''}")
-        self.asks = {"trial": label, "note": note}
+        self.asks: dict[str, str] = {}
+        """Nothing to execute: what makes a pause of it."""
+
+
+def until_kept(land: Callable[[], Landed]) -> Landed:
+    """Return what landing a trial returns, once the operator wants it no more repeated.
+
+    Raises
+    ------
+    TrialDeclined
+        When it is declined for good.
+    """
+    while True:
+        try:
+            return land()
+        except TrialDeclined as declined:
+            if declined.decision != "repeat":
+                raise
 
 
 @dataclass(frozen=True)
@@ -109,6 +130,15 @@ class Moment(NamedTuple):
 
 class Attendance(Protocol):
     """Who sees trials and decides on them; a rig tells it what it does."""
+
+    note: str
+    """What the operator wrote with the last decisions."""
+
+    def describe(self, exoskeleton: Exoskeleton, pointed: bool) -> None:
+        """Take the machine, and whether the participant points at postures."""
+
+    def ask_pointer(self) -> Array | None:
+        """Return the posture that the participant points at, rad; None before the first. Never waits."""
 
     def propose(self, trial: Trial) -> None:
         """Return once the trial may begin.

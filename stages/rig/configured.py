@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, PrivateAttr, model_validator
 
 from stages.plant.exoskeleton import Exoskeleton
 from stages.plant.participant import Participant
+from stages.rig.attendance import Attendance
 from stages.rig.contract import Rig
 
 
@@ -28,6 +29,7 @@ class ConfiguredRig(Rig, BaseModel):
     exoskeleton: Exoskeleton
     participants: dict[str, Participant]
     _connected: bool = PrivateAttr(default=False)
+    _attendance: Attendance | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _keep_reserved_names(self) -> Self:
@@ -65,6 +67,16 @@ class ConfiguredRig(Rig, BaseModel):
     def people(self) -> Sequence[str]:
         """The participants and the experimenter."""
         return [*self.participants, "experimenter"]
+
+    @property
+    def attendance(self) -> Attendance | None:
+        """Who sees its trials and decides on them, if somebody does."""
+        return self._attendance
+
+    def be_attended(self, attendance: Attendance) -> None:
+        """Have somebody see its trials and decide on them."""
+        attendance.describe(self.exoskeleton, pointed=False)
+        self._attendance = attendance
 
     @property
     def connected(self) -> bool:

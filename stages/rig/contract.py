@@ -182,6 +182,16 @@ class Rig(ABC):
         """Who sees its trials and decides on them, if somebody does."""
         return None
 
+    def be_attended(self, attendance: Attendance) -> None:
+        """Have somebody see its trials and decide on them.
+
+        Raises
+        ------
+        RigError
+            When this rig asks nobody.
+        """
+        raise RigError(f"{type(self).__name__} asks nobody: leave desk= out, or choose another rig")
+
     @property
     @abstractmethod
     def muscles(self) -> Sequence[str]:

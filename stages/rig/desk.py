@@ -31,7 +31,8 @@ LATEST_FRAMES_S = 0.4
 """Time after a trial in which its last frames are waited for, s."""
 
 Phase = Literal["busy", "proposed", "countdown", "running", "judging", "over"]
-Word = Literal["accept", "skip", "keep", "repeat", "reject", "pause"]
+Word = str
+"""What an operator decides: accept or skip a proposal; keep, repeat or reject what was executed; pause the study."""
 
 
 class DeskSettings(Declared):
@@ -107,10 +108,11 @@ class Desk:
 
     # what the rig does
 
-    def describe(self, exoskeleton: Exoskeleton) -> None:
-        """Take the machine that is shown."""
+    def describe(self, exoskeleton: Exoskeleton, pointed: bool) -> None:
+        """Take the machine that is shown, and whether the participant points at postures."""
         self._rate_hz = exoskeleton.sampling_rate_hz
         self._machine = {
+            "pointer": pointed,
             "joints": [
                 {"name": each.name, "lower_rad": each.lower_rad, "upper_rad": each.upper_rad}
                 for each in exoskeleton.joints
@@ -257,8 +259,7 @@ class Desk:
             missing = [role for role in self.settings.needed if not self._count(role)]
             if word == "accept" and missing:
                 raise Refused(f"the {' and the '.join(missing)} page is not open, whose loss would stop the trial")
-            chosen: dict[str, Word] = {each: each for each in self._choices}
-            self._decision = chosen[word], note.strip()
+            self._decision = word, note.strip()
             self._changed.notify_all()
 
     def stop(self, why: str) -> None:
@@ -359,7 +360,7 @@ class Desk:
         self._turn("over" if word == "pause" else "busy")
         if word == "pause":
             raise StudyPaused(trial.label or trial.kind, note)
-        raise TrialDeclined(word, note)
+        raise TrialDeclined(word, trial, note)
 
     def _remember(self, trial: Trial, word: Word, note: str) -> None:
         self._history.append({"trial": trial.label or trial.kind, "decision": word, "note": note})
@@ -371,6 +372,7 @@ class Desk:
             name: getattr(recording, name)[::every].tolist()
             for name in ("time_s", "joint_angle_rad", "pressure_command_kpa", "pressure_kpa", "force_n")
         }
+        summary["samples"] = len(recording.time_s)
         summary["not_ok"] = int((recording.status != "ok").any(axis=1).sum())
         if trial.reference_rad is not None:
             off = recording.joint_angle_rad - trial.reference_rad[: len(recording.time_s)]

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegative
 
 from stages.plant.declaration import Declared, nearest
 from stages.plant.exoskeleton import Exoskeleton
+from stages.rig.attendance import Proposal
 from stages.rig.contract import MOST_ROWS, Array, Rig, Trial, Watch, tidy
 from stages.rig.limits import Limits
 from stages.signals.pressures import pressure_profiles
@@ -114,6 +115,7 @@ class FreeMovements(Declared):
         label: str,
         watch: Watch | None = None,
         number: int | None = None,
+        proposal: Proposal | None = None,
     ) -> dict[str, NDArray[Any]]:
         """Record one movement of the experimenter under pressures drawn for it.
 
@@ -129,7 +131,7 @@ class FreeMovements(Declared):
             Names the trial for an operator.
         watch : callable or None
             As of `Rig.execute`.
-        number : int or None
+        number, proposal : int or None, Proposal or None
             As of `Trial`.
 
         Returns
@@ -137,7 +139,8 @@ class FreeMovements(Declared):
         dict of str to (M T,) ndarray
             The number, as ``trajectory``, and the columns of `RECORDING_COLUMNS`.
         """
-        trial = Trial("free", "experimenter", self.pressure.draw(rig, generator), label=label, number=number)
+        command = self.pressure.draw(rig, generator)
+        trial = Trial("free", "experimenter", command, label=label, number=number, proposal=proposal)
         columns = tidy(rig.execute(trial, generator, watch), rig)
         return {"trajectory": np.full(len(columns["time_s"]), trajectory), **columns}
 

@@ -20,6 +20,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from stages.plant.declaration import nearest
 from stages.plant.exoskeleton import Exoskeleton
+from stages.rig.attendance import Moment
 from stages.rig.channels import ChannelMap, EncoderPlace, MuscleChannels
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import Recording, RigError, Trial, TrialStopped, Watch
@@ -31,7 +32,7 @@ from stages.rig.limits import Guard, Limits, apply_limits, check_limits, find_fo
 from stages.rig.logbook import Logbook
 from stages.rig.pacing import Tick, pace, undisturbed
 from stages.rig.sensors import contract
-from stages.rig.supervision import Supervisor
+from stages.rig.supervision import Sample, Supervisor
 from stages.signals.filtering import differentiate
 from stages.signals.trajectories import Array
 
@@ -275,9 +276,11 @@ class FestoCpx(ConfiguredRig):
             self.announce(trial)
             link.arm()
             for tick in pace(len(command), 1.0 / self.sampling_rate_hz):
+                if tick.index == 0 and self.attendance is not None:
+                    self.attendance.begin(trial, tick.due_s + self.lead_in_s)
                 counts = link.read()
                 late_s = tick.late_s
-                reason = signals.name or self._judge_pace(book, tick, late_s)
+                reason = signals.name or self._why_stop() or self._judge_pace(book, tick, late_s)
                 if reason:
                     break
                 sample = supervisor.look(counts, book.last_command, tick.due_s + late_s)
@@ -286,6 +289,7 @@ class FestoCpx(ConfiguredRig):
                 if given:
                     link.write(given[0])
                 book.note(tick, late_s, sample, given)
+                self._show(book.time_s, sample, book.last_command)
                 if reason:
                     break
         except LinkLost as error:
@@ -298,6 +302,14 @@ class FestoCpx(ConfiguredRig):
         if lost:
             return f"{reason or 'the trial was over'}; {lost}"
         return f"{reason}; the muscles were let down" if reason else ""
+
+    def _why_stop(self) -> str:
+        return self.attendance.why_stop() if self.attendance is not None else ""
+
+    def _show(self, time_s: float, sample: Sample, command_kpa: Array) -> None:
+        if self.attendance is not None:
+            moment = Moment(time_s, sample.angle_rad, command_kpa, sample.pressure_kpa, sample.force_n)
+            self.attendance.show(moment)
 
     def _judge_pace(self, book: Logbook, tick: Tick, late_s: float) -> str:
         """Say that the loop slept for so long that the device may have vented meanwhile, or missed too much."""
@@ -316,7 +328,9 @@ class FestoCpx(ConfiguredRig):
         begun = time.monotonic()
 
         def look(counts: Array, command_kpa: Array) -> None:
-            book.note_ramp(supervisor.look(counts, command_kpa, time.monotonic()), command_kpa)
+            sample = supervisor.look(counts, command_kpa, time.monotonic())
+            book.note_ramp(sample, command_kpa)
+            self._show(book.time_s, sample, command_kpa)
 
         period_s = 1.0 / self.sampling_rate_hz
         problem = let_down(link, book.last_command, self.guard.ramp_down_s, period_s, look, broken)
@@ -350,7 +364,8 @@ class FestoCpx(ConfiguredRig):
 
     def _tell(self, reason: str, book: Logbook) -> str:
         when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"
-        return f"stopped {when}: {reason}; find out why before anybody goes on"
+        advice = "" if self._why_stop() else "; find out why before anybody goes on"
+        return f"stopped {when}: {reason}{advice}"
 
     def _record(self, book: Logbook) -> Recording:
         """Return what the trial measured, velocities as of every rig."""

@@ -9,10 +9,18 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from stages.rig.attendance import Proposal
 from stages.rig.contract import Rig, Trial, Watch, tidy
 
 
-def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str, number: int | None = None) -> Trial:
+def tracked_trial(
+    samples: pd.DataFrame,
+    rig: Rig,
+    participant: str,
+    label: str,
+    number: int | None = None,
+    proposal: Proposal | None = None,
+) -> Trial:
     """Return the trial in which a participant tracks a recorded movement under its recorded pressures.
 
     Parameters
@@ -26,7 +34,7 @@ def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str,
         Who tracks.
     label : str
         Names the trial for an operator.
-    number : int or None
+    number, proposal : int or None, Proposal or None
         As of `Trial`.
 
     Raises
@@ -44,7 +52,7 @@ def tracked_trial(samples: pd.DataFrame, rig: Rig, participant: str, label: str,
     angle = samples.pivot(index="time_s", columns="muscle", values="joint_angle_rad")[list(rig.muscles)]
     first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
     reference = np.ascontiguousarray(angle.to_numpy()[:, first_muscle])
-    return Trial("tracked", participant, command.to_numpy(), reference, label, number)
+    return Trial("tracked", participant, command.to_numpy(), reference, label, number, proposal)
 
 
 def track(
@@ -56,6 +64,7 @@ def track(
     generator: np.random.Generator,
     watch: Watch | None = None,
     number: int | None = None,
+    proposal: Proposal | None = None,
 ) -> pd.DataFrame:
     """Let a participant track a movement, and return what was measured.
 
@@ -75,7 +84,7 @@ def track(
         The only source of randomness.
     watch : callable or None
         As of `Rig.execute`.
-    number : int or None
+    number, proposal : int or None, Proposal or None
         As of `Trial`.
 
     Returns
@@ -89,5 +98,6 @@ def track(
         As `Rig.execute` and `tracked_trial`.
     """
     samples = references[references["trajectory"] == trajectory]
-    recording = rig.execute(tracked_trial(samples, rig, participant, label, number), generator, watch)
+    trial = tracked_trial(samples, rig, participant, label, number, proposal)
+    recording = rig.execute(trial, generator, watch)
     return pd.DataFrame(tidy(recording, rig))

@@ -5,7 +5,10 @@ Configuration and trials flow in, recordings flow out. Every random number comes
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import fields, replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -13,14 +16,24 @@ from pydantic import Field, model_validator
 
 from stages.plant.interaction import Motion, interact
 from stages.plant.joint import STABLE, quickest_rate
-from stages.plant.participant import Participant, embody, intend, nobody, rest
+from stages.plant.participant import Intention, Participant, embody, intend, nobody, rest
 from stages.plant.plant import Plant
+from stages.plant.stepping import Steps
+from stages.rig.attendance import Attendance, Moment
 from stages.rig.configured import ConfiguredRig
-from stages.rig.contract import Recording, Trial, Watch
+from stages.rig.contract import Recording, RigError, Trial, TrialStopped, Watch, tidy
 from stages.rig.limits import Limits, apply_limits, check_limits
 from stages.rig.movement import Movement, move_freely
+from stages.rig.pacing import pace, undisturbed
 from stages.rig.sensors import record
 from stages.signals.trajectories import Array
+
+SHOWN_HZ = 100.0
+"""Rate at which a trial that takes its time is shown."""
+SHORTEST_S = 0.25
+"""Time below which nothing is kept of a trial that was stopped, s: no velocity can be told from it."""
+POINTER_S = 0.04
+"""Time constant that smooths what a pointer tells sixty times a second, s."""
 
 
 class SimulatedRig(ConfiguredRig):
@@ -52,6 +65,8 @@ class SimulatedRig(ConfiguredRig):
     movement: Movement
     limits: Limits
     lead_in_s: float = Field(ge=0.0, le=60.0)
+    realtime: bool
+    pointer: str | None
 
     @model_validator(mode="after")
     def _check_fit(self) -> Self:
@@ -64,6 +79,10 @@ class SimulatedRig(ConfiguredRig):
             except ValueError as error:
                 raise ValueError(f"{path}.{error}") from None
         self._check_step()
+        if self.pointer is not None and self.pointer not in self.participants:
+            raise ValueError(
+                f"pointer: expected one of the participants ({', '.join(self.participants)}), got {self.pointer}"
+            )
         return self
 
     def _check_step(self) -> None:
@@ -84,13 +103,104 @@ class SimulatedRig(ConfiguredRig):
     def _lead_samples(self) -> int:
         return round(self.lead_in_s * self.sampling_rate_hz)
 
+    def be_attended(self, attendance: Attendance) -> None:
+        """Have somebody see its trials and decide on them."""
+        super().be_attended(attendance)
+        attendance.describe(self.exoskeleton, pointed=self.pointer is not None)
+
     def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
-        """Simulate one trial."""
+        """Simulate one trial.
+
+        Raises
+        ------
+        TrialStopped
+            When who attends stopped one that takes its time.
+        RigError
+            When a person with a pointer is to move, and nobody attends.
+        """
         command, clipped = apply_limits(trial.pressure_command_kpa, self.limits, self.exoskeleton)
         lead = self._lead_samples
-        motion = self._move(trial, _hold_first(command, lead), lead, generator)
-        recording = record(_cut(motion, lead), command, self.exoskeleton, self.plant, generator)
-        return replace(recording, clipped_by=clipped)
+        follows = trial.participant == self.pointer
+        if follows:
+            motion = self._follow(trial, _hold_first(command, lead), lead)
+        else:
+            motion = _cut(self._move(trial, _hold_first(command, lead), lead, generator), lead)
+        done = len(motion.force_n)
+        if done < SHORTEST_S * self.sampling_rate_hz:
+            raise self._stopped(done)
+        recording = record(motion, command[:done], self.exoskeleton, self.plant, generator)
+        recording = replace(recording, clipped_by=clipped[:done])
+        if self.realtime and not follows:
+            done = self._play(trial, recording, lead)
+        if watch is not None and (self.attendance is not None or done < len(command)):
+            watch(tidy(_cut_recording(recording, done), self))
+        if done < len(command):
+            raise self._stopped(done)
+        return recording
+
+    def _stopped(self, done: int) -> TrialStopped:
+        why = self.attendance.why_stop() if self.attendance else ""
+        return TrialStopped(f"stopped {done / self.sampling_rate_hz:.2f} s into the trial: {why}", time.monotonic())
+
+    def _play(self, trial: Trial, recording: Recording, lead: int) -> int:
+        """Show a recording at the pace of its clock; return how many samples were over when it was stopped."""
+        for index in self._keep_time(trial, lead, self.samples):
+            at = max(index - lead, 0)
+            self._show(
+                (index - lead) / self.sampling_rate_hz,
+                recording.joint_angle_rad[at],
+                recording.pressure_command_kpa[at],
+                recording.pressure_kpa[at],
+                recording.force_n[at],
+            )
+            if self.attendance is not None and self.attendance.why_stop():
+                return max(index - lead, 0)
+        return self.samples
+
+    def _follow(self, trial: Trial, command: Array, lead: int) -> Motion:
+        """Simulate a trial while a person points at postures; it ends early where it is stopped."""
+        attendance = self.attendance
+        if attendance is None:
+            raise RigError(f"participant {self.pointer} points at postures on a page: set desk=pages")
+        lower = np.array([joint.lower_rad for joint in self.exoskeleton.joints])
+        upper = np.array([joint.upper_rad for joint in self.exoskeleton.joints])
+        pointed = attendance.ask_pointer()
+        if pointed is None:
+            pointed = 0.5 * (lower + upper) if trial.reference_rad is None else trial.reference_rad[0]
+        angle = np.clip(pointed, lower, upper)
+        person = embody(self.participants[trial.participant], self.exoskeleton)
+        held = Intention(*(np.repeat(each[None], len(command), axis=0) for each in (angle, 0 * angle, 0 * angle)))
+        steps = Steps(self.exoskeleton, self.plant, held, person, angle)
+        steps.begin(command[0])
+        share = 1.0 - math.exp(-1.0 / (self.sampling_rate_hz * POINTER_S))
+        for index in self._keep_time(trial, lead, self.samples):
+            newest = attendance.ask_pointer()
+            aim = angle if newest is None else np.clip(newest, lower, upper)
+            while steps.at < index:
+                step = share * (aim - angle)
+                angle = angle + step
+                steps.aim(angle, step * self.sampling_rate_hz)
+                steps.step(command[steps.at])
+            at = steps.at
+            time_s = (at - lead) / self.sampling_rate_hz
+            self._show(time_s, steps.angle[at], command[at], steps.pressure[at], steps.force[at])
+            if attendance.why_stop():
+                break
+        return steps.collect(lead)
+
+    def _keep_time(self, trial: Trial, lead: int, samples: int) -> Iterator[int]:
+        """Yield the sample that is due, lead-in included, at most `SHOWN_HZ` times a second, and the last one."""
+        every = max(round(self.sampling_rate_hz / SHOWN_HZ), 1)
+        last = lead + samples - 1
+        with undisturbed():
+            for tick in pace(-(-last // every) + 1, every / self.sampling_rate_hz):
+                if tick.index == 0 and self.attendance is not None:
+                    self.attendance.begin(trial, tick.due_s + lead / self.sampling_rate_hz)
+                yield min(tick.index * every, last)
+
+    def _show(self, time_s: float, angle: Array, command: Array, pressure: Array, force: Array) -> None:
+        if self.attendance is not None:
+            self.attendance.show(Moment(time_s, angle, command, pressure, force))
 
     def _move(self, trial: Trial, command: Array, lead: int, generator: np.random.Generator) -> Motion:
         if trial.kind == "passive":
@@ -104,6 +214,11 @@ class SimulatedRig(ConfiguredRig):
         intention = intend(who, self.exoskeleton, _hold_first(shown, lead), generator)
         person = embody(who, self.exoskeleton)
         return interact(self.exoskeleton, self.plant, command, intention, person, intention.angle_rad[0])
+
+
+def _cut_recording(recording: Recording, count: int) -> Recording:
+    """Return the first samples of a recording."""
+    return Recording(**{each.name: getattr(recording, each.name)[:count] for each in fields(recording)})
 
 
 def _hold_first(values: Array, lead: int) -> Array:

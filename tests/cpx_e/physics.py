@@ -15,11 +15,11 @@ import numpy as np
 
 from stages.plant.chain import Chain
 from stages.plant.participant import embody, intend, nobody, rest
+from stages.plant.stepping import Steps
 from stages.rig.movement import move_freely
 from stages.signals.trajectories import Array
 from tests.cpx_e.machine import Machine
 from tests.cpx_e.shared import Shared
-from tests.cpx_e.stepping import Steps
 
 HELD_S = 2.0
 """History of commands that an idle machine knows; valves settle within it."""
@@ -92,7 +92,7 @@ class Moving:
             intention = intend(who, exoskeleton, held, generator)
             person = embody(who, exoskeleton)
             start = intention.angle_rad[0]
-        self.steps = Steps(exoskeleton, machine.plant, intention, list(person), start)
+        self.steps = Steps(exoskeleton, machine.plant, intention, person, start)
         self.steps.begin(command_kpa)
         self.apart, self.glide = angle_rad - start, round(LEAD_SHARE * lead)
 

@@ -7,13 +7,15 @@ to the tension by passes over the trial; here each sample is passed over, beginn
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import njit
 
 from stages.plant.chain import Chain
 from stages.plant.exoskeleton import Exoskeleton
-from stages.plant.interaction import SLOWEST_PER_S
-from stages.plant.joint import _muscle_torque, _passive_torque, _rates, collect_joints
+from stages.plant.interaction import SLOWEST_PER_S, Motion
+from stages.plant.joint import JointConstants, collect_joints, find_rates, sum_muscle_torque, sum_passive_torque
 from stages.plant.muscle import MuscleConstants
 from stages.plant.participant import Intention, Person
 from stages.plant.plant import Plant
@@ -23,18 +25,27 @@ PASSES = 2
 
 
 @njit(cache=True, error_model="numpy")
-def balance(start, drive, joint, muscles, person):
+def _balance(start: float, drive: Array, joint: JointConstants, muscles: Array, person: Person) -> float:
     """Return the torque that a person holds at rest; `drive` is (3, m)."""
     inputs = np.empty((1, 3, muscles.shape[0]))
     inputs[0] = drive
     if person.compensation_per_s == 0.0:
         return 0.0
-    load = _muscle_torque(start, 0.0, inputs, 0, muscles) + _passive_torque(start, 0.0, joint)
+    load = sum_muscle_torque(start, 0.0, inputs, 0, muscles) + sum_passive_torque(start, 0.0, joint)
     return min(max(-load, -person.strength_nm), person.strength_nm)
 
 
 @njit(cache=True, error_model="numpy")
-def advance(state, drive, aims, joint, muscles, person, step_s, substeps):
+def _advance(
+    state: Array,
+    drive: Array,
+    aims: Array,
+    joint: JointConstants,
+    muscles: Array,
+    person: Person,
+    step_s: float,
+    substeps: int,
+) -> Array:
     """Return angle, velocity and held torque one sample later, by the rule of `stages.plant.joint`.
 
     `drive` is (2, 3, m), `aims` (2, 3) with angle, velocity and push, both at the sample and the next.
@@ -55,7 +66,7 @@ def advance(state, drive, aims, joint, muscles, person, step_s, substeps):
             aim = aims[0] + share * (aims[1] - aims[0])
             q_now, w_now, held_now = q + reach * dq, w + reach * dw, held + reach * dh
             dq = w_now
-            dw, dh = _rates(q_now, w_now, held_now, inputs, s, aim[0], aim[1], aim[2], joint, muscles, person)
+            dw, dh = find_rates(q_now, w_now, held_now, inputs, s, aim[0], aim[1], aim[2], joint, muscles, person)
             sum_q += weight * dq
             sum_w += weight * dw
             sum_h += weight * dh
@@ -80,12 +91,20 @@ class Steps:
 
     Parameters
     ----------
-    exoskeleton, plant, intention, person, start_rad
-        As of `interact`; the trial ends with the intention.
+    exoskeleton : Exoskeleton
+        The machine's rows.
+    plant : Plant
+        Constants and effects.
+    intention : Intention
+        What the person does; the trial ends with it.
+    person : sequence of Person
+        Constants of the person, or of nobody, at each joint.
+    start_rad : (J,) ndarray
+        Angles at the first sample, at rest.
     """
 
     def __init__(
-        self, exoskeleton: Exoskeleton, plant: Plant, intention: Intention, person: list[Person], start_rad: Array
+        self, exoskeleton: Exoskeleton, plant: Plant, intention: Intention, person: Sequence[Person], start_rad: Array
     ):
         self.chain = RepeatedChain(exoskeleton, plant)
         self.joints = collect_joints(exoskeleton, plant)
@@ -107,21 +126,42 @@ class Steps:
 
     @property
     def pressure(self) -> Array:
+        """Pressures at the valves (T, M), kPa gauge, as far as the trial is."""
         return self.drive[:, 0]
 
     @property
     def contraction(self) -> Array:
+        """Contractions by geometry (T, M)."""
         constants = self.chain.constants
         return constants.contraction_at_angle_0 + constants.contraction_per_rad * self.angle[:, self.of_muscle]
 
     @property
     def rate(self) -> Array:
+        """Their rates (T, M), 1/s."""
         return self.chain.constants.contraction_per_rad * self.velocity[:, self.of_muscle]
 
     @property
     def over(self) -> bool:
         """Whether the last sample is there."""
         return self.at + 1 >= len(self.aims)
+
+    def aim(self, angle_rad: Array, velocity_rad_per_s: Array) -> None:
+        """Have the person intend a posture (J,) and its rate from the next sample on."""
+        self.aims[self.at + 1 :, 0] = angle_rad
+        self.aims[self.at + 1 :, 1] = velocity_rad_per_s
+
+    def collect(self, first: int) -> Motion:
+        """Return the motion from a sample on, as far as the trial is."""
+        part = slice(first, self.at + 1)
+        return Motion(
+            self.pressure[part],
+            self.contraction[part],
+            self.rate[part],
+            self.force[part],
+            self.tension[part],
+            self.angle[part],
+            self.velocity[part],
+        )
 
     def begin(self, command_kpa: Array) -> None:
         """Set the first sample: muscles filled to a command, joints at rest, the person in balance."""
@@ -132,7 +172,7 @@ class Steps:
             on = self.of_muscle == j
             drive = np.ascontiguousarray(self.drive[0][:, on])
             rows = np.ascontiguousarray(self.rows[on])
-            self.states[j, 2] = balance(self.states[j, 0], drive, self.joints[j], rows, self.person[j])
+            self.states[j, 2] = _balance(self.states[j, 0], drive, self.joints[j], rows, self.person[j])
 
     def step(self, command_kpa: Array) -> None:
         """Go on by one sample, over which a command was held."""
@@ -142,16 +182,16 @@ class Steps:
         self.drive[after, 0] = self.chain.pressurise(self.command[: after + 1])[after]
         self.drive[after, 1:] = self.drive[now, 1:]
         for _ in range(PASSES if self.chain.bends_force else 1):
-            states = self._advance(now)
+            states = self._move(now)
             self._settle(after, states)
         self.states = states
         self.at = after
 
-    def _advance(self, now: int) -> Array:
+    def _move(self, now: int) -> Array:
         found = np.empty_like(self.states)
         for j in range(len(self.joints)):
             on = self.of_muscle == j
-            found[j] = advance(
+            found[j] = _advance(
                 self.states[j],
                 np.ascontiguousarray(self.drive[now : now + 2][:, :, on]),
                 np.ascontiguousarray(self.aims[now : now + 2, :, j]),
@@ -175,10 +215,11 @@ class Steps:
             return
         moving = np.copysign(np.maximum(np.abs(rate), SLOWEST_PER_S), rate)
         rates = np.stack([rate, moving, np.zeros_like(rate)], axis=1)
-        copies = [np.repeat(each[:, None], 3, axis=1) for each in (pressure, contraction)]
-        force, tension = self.chain.pull(*copies, rates)
+        pressures, contractions = (np.repeat(each[:, None], 3, axis=1) for each in (pressure, contraction))
+        force, tension = self.chain.pull(pressures, contractions, rates)
         self.force[at], self.tension[at] = force[at, 0], tension[at, 0]
-        last = [each[at : at + 1] for each in (*copies, rates)]
-        shown, moved, still = tension[at] - self.chain.pull_nominally(*last)[0]
+        last = slice(at, at + 1)
+        nominal = self.chain.pull_nominally(pressures[last], contractions[last], rates[last])
+        shown, moved, still = tension[at] - nominal[0]
         drag = np.maximum((still - moved) / moving[at], 0.0)
         self.drive[at, 1], self.drive[at, 2] = shown + drag * rate[at], drag
