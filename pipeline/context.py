@@ -91,9 +91,9 @@ class Record:
             Read back from disk in either case, so that a resumed loop sees what an unbroken one saw.
         """
         name = self.name(key)
-        self.keys[name] = None
         place = self.folder / name
         if place.is_dir():
+            self.keys[name] = None
             return self._read(name)
         self.check()
         self._keep_interrupted(name, "the process ended")
@@ -119,6 +119,7 @@ class Record:
         sync_folder(self.folder)
         if name in self.journals:
             self.journals.pop(name).discard()
+        self.keys[name] = None
         return self._read(name)
 
     @staticmethod

@@ -10,7 +10,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from pipeline.config import Section, Target
@@ -21,7 +20,6 @@ from stages.rig import (
     RECORDING_COLUMNS,
     Proposal,
     Rig,
-    Watch,
     measure_pace,
     passive_trial,
     tidy,
@@ -90,14 +88,12 @@ def hardware(
     with ctx.rig as rig, ctx.progress("trials", len(initial_trials) + len(passive)) as advance:
         for number, row in enumerate(rows_of(initial_trials)):
             key = (row["participant"], row["experiment"], row["position"])
-            drawn, watch = ctx.generator(*key), ctx.record.watch(key)
-            make = partial(execute_tracked, row, number, len(initial_trials), references, rig, drawn, watch)
+            make = partial(execute_tracked, row, number, len(initial_trials), references, rig, ctx)
             until_kept(partial(ctx.record.part, key, make))
             advance(f"{row['participant']} experiment {row['experiment']}")
         first = 0
         for turn, commands in passive.items():
-            watch = ctx.record.watch((NOBODY, *turn))
-            make = partial(execute_passive, commands, first, rig, ctx, watch)
+            make = partial(execute_passive, commands, turn, first, rig, ctx)
             until_kept(partial(ctx.record.part, (NOBODY, *turn), make))
             first += commands.groupby(["experiment", "trial"]).ngroups
             advance(f"protocol experiment {turn[0]}")
@@ -116,20 +112,15 @@ def hardware(
 
 
 def execute_tracked(
-    row: dict[str, Any],
-    number: int,
-    total: int,
-    references: pd.DataFrame,
-    rig: Rig,
-    generator: np.random.Generator,
-    watch: Watch,
+    row: dict[str, Any], number: int, total: int, references: pd.DataFrame, rig: Rig, ctx: Context
 ) -> dict[str, pd.DataFrame]:
     """Execute one initial trial."""
+    key = (row["participant"], row["experiment"], row["position"])
     samples = references[references["trajectory"] == row["trajectory"]]
     label = f"{row['participant']} experiment {row['experiment']} initial {row['position']}"
     proposal = Proposal(number + 1, total, "an initial trial, drawn at random", int(row["trajectory"]))
     trial = tracked_trial(samples, rig, row["participant"], label, number, proposal)
-    recording = rig.execute(trial, generator, watch)
+    recording = rig.execute(trial, ctx.generator(*key), ctx.record.watch(key))
     return make_part(HARDWARE_RECORDINGS, pd.DataFrame(tidy(recording, rig)).assign(**row))
 
 
@@ -146,10 +137,11 @@ def split_turns(commands: pd.DataFrame | None, real: bool) -> dict[tuple[int, ..
 
 
 def execute_passive(
-    commands: pd.DataFrame, first: int, rig: Rig, ctx: Context, watch: Watch
+    commands: pd.DataFrame, key: tuple[int, ...], first: int, rig: Rig, ctx: Context
 ) -> dict[str, pd.DataFrame]:
     """Execute trials of the protocol, numbered from the first on."""
     frames = []
+    watch = ctx.record.watch((NOBODY, *key))
     trials = commands.groupby(["experiment", "trial"], sort=False)
     for number, ((experiment, trial), samples) in enumerate(trials, first):
         turn = int(str(experiment)), int(str(trial))
