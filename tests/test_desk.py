@@ -25,6 +25,8 @@ SMALL = [
     "desk.result_s=0.0",
 ]
 
+SHORT = ["exoskeleton.trial_s=1.5", "bank.trajectories=3", "stages=[bank]"]
+
 
 class Operator:
     """Reads what the command prints and answers each question: by the trial's label, else with accept and keep."""
@@ -128,6 +130,7 @@ def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(command):
     assert len(first_proposal) == 4
 
 
+@pytest.mark.slow
 def test_a_study_that_is_stopped_and_continued_is_the_same_study(tmp_path):
     whole = Command(tmp_path / "whole", *SMALL)
     assert Operator(whole, DECISIONS).attend() == 0
@@ -143,7 +146,10 @@ def test_a_study_that_is_stopped_and_continued_is_the_same_study(tmp_path):
     last = {"p1 experiment 1 y_y trial 1": ["a in order", "k calm"]}
     operator = Operator(broken, last)
     assert operator.attend() == 0, operator.errors
-    assert [label for label, _ in operator.asked] == [*["p1 experiment 1 y_y trial 1"] * 2, *["p1 experiment 1 y_y trial 2"] * 2]
+    assert [label for label, _ in operator.asked] == [
+        *["p1 experiment 1 y_y trial 1"] * 2,
+        *["p1 experiment 1 y_y trial 2"] * 2,
+    ]
     (run,), (reference,) = broken.runs, whole.runs
     for path in sorted((reference / "tables").glob("*.parquet")):
         assert (run / "tables" / path.name).read_bytes() == path.read_bytes(), path.name
@@ -163,20 +169,22 @@ def test_ctrl_c_at_a_question_ends_the_run_with_the_command_that_continues(comma
     assert "stopped by Ctrl-C; to continue, type: " in "".join(operator.errors)
 
 
+@pytest.mark.slow
 def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(command, tmp_path):
-    still = Command(tmp_path / "still", *SMALL, "exoskeleton.trial_s=1.5", "stages=[bank]")
+    still = Command(tmp_path / "still", *SMALL, *SHORT)
     assert Operator(still).attend() == 0
-    real = Command(tmp_path / "real", *SMALL, "exoskeleton.trial_s=1.5", "stages=[bank]", "rig.realtime=true")
+    real = Command(tmp_path / "real", *SMALL, *SHORT, "rig.realtime=true")
 
     class Impatient(Operator):
         stops = 1
 
         def watch(self, line):
-            if line.startswith("running") and self.asked[-1][0] == "bank 2" and self.stops:
+            if line.startswith("running") and self.asked[-1][0] == "bank 1" and self.stops:
                 self.stops -= 1
+                time.sleep(1.6)  # the muscles are filled for a second first
                 self.type("")
 
-    operator = Impatient(real, {"bank 2": ["a", "r too early"]})
+    operator = Impatient(real, {"bank 1": ["a", "r too early"]})
     assert operator.attend() == 0, operator.errors
     (run,), (reference,) = real.runs, still.runs
     assert (run / "tables" / "bank.parquet").read_bytes() == (reference / "tables" / "bank.parquet").read_bytes()

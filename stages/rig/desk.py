@@ -6,6 +6,7 @@ operator flows back. No page makes the rig wait while a trial runs, and the newe
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import deque
@@ -21,6 +22,8 @@ from stages.plant.exoskeleton import Exoskeleton
 from stages.rig.attendance import Moment, StudyPaused, TrialDeclined
 from stages.rig.contract import Recording, Trial
 from stages.signals.trajectories import Array
+
+log = logging.getLogger("pamid")
 
 ROLES = ("participant", "operator")
 MOST_FRAMES = 100_000
@@ -363,6 +366,7 @@ class Desk:
         raise TrialDeclined(word, trial, note)
 
     def _remember(self, trial: Trial, word: Word, note: str) -> None:
+        log.info("operator: %s %s%s", word, trial.label or trial.kind, f" ({note})" if note else "")
         self._history.append({"trial": trial.label or trial.kind, "decision": word, "note": note})
 
     def _sum_up(self, trial: Trial, recording: Recording) -> dict[str, Any]:
