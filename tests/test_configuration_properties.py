@@ -107,7 +107,7 @@ LEAVES = list(find_leaves(composed()))
 
 
 @given(st.sampled_from(LEAVES), st.sampled_from(OTHERS))
-@settings(derandomize=True, deadline=None, max_examples=400)
+@settings(derandomize=True, deadline=None, max_examples=200)
 def test_any_value_is_accepted_or_refused_by_a_line_that_names_its_key(path, other):
     check(path, other)
 

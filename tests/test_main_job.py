@@ -10,7 +10,16 @@ import pytest
 
 from tests.conftest import Command
 
-STAGES = ["bank", "subsampling", "hyperprior", "hardware", "active_loop", "comparison", "participant_differences"]
+STAGES = [
+    "bank",
+    "subsampling",
+    "hyperprior",
+    "hardware",
+    "active_loop",
+    "comparison",
+    "participant_differences",
+    "tracking_delay",
+]
 TABLES = {
     "bank",
     "candidates",
@@ -25,11 +34,13 @@ TABLES = {
     "active_recordings",
     "models",
     "points",
+    "decisions",
     "learning_curve",
     "learning_summary",
     "final_errors",
     "paired_comparison",
     "participant_comparison",
+    "tracking_delays",
     "recommendation",
 }
 

@@ -60,6 +60,7 @@ def test_a_session_twice_is_refused(tmp_path):
         run_stage(study, stages["blind_tests"], tmp_path, {})
 
 
+@pytest.mark.slow
 def test_no_form_is_the_rig_s_own_unless_there_is_but_one(tmp_path):
     study, stages = study_of("disguise.effects=[sensor_drift,transport_delay,valve_asymmetry]", "rig.trials=10")
     found = run_stage(study, stages["disguise"], tmp_path, {})["disguise"]

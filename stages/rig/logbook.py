@@ -176,6 +176,8 @@ class Logbook:
                 "status": its["status"].astype(str).ravel(),
                 "clipped_by": its["clipped_by"].astype(str).ravel(),
                 "late_s": np.repeat(its["late_s"], len(muscles)),
+                "reference_shown_s": np.full(len(rows) * len(muscles), np.nan),
+                "measured_shown_s": np.full(len(rows) * len(muscles), np.nan),
             }
         )
         self._handed_over = self.count

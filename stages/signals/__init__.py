@@ -3,6 +3,7 @@
 Generators and plain numbers flow in, arrays over time come out; time is always the first axis.
 """
 
+from stages.signals.delay import find_delay
 from stages.signals.filtering import differentiate
 from stages.signals.measures import error_rate, rmse
 from stages.signals.pressures import pressure_profiles
@@ -15,6 +16,7 @@ __all__ = [
     "Scaling",
     "differentiate",
     "error_rate",
+    "find_delay",
     "pressure_profiles",
     "reach_postures",
     "rmse",

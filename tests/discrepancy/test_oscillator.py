@@ -1,9 +1,6 @@
-"""The discrepancy engine on a dynamic plant: an oscillator that hides a spring, or nothing, and a recorded one."""
-
-from pathlib import Path
+"""The discrepancy engine on a dynamic plant: an oscillator that hides a spring, or nothing."""
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
 
@@ -11,8 +8,6 @@ from stages.discrepancy.remainder import weigh_remainder
 from stages.discrepancy.search import SearchSettings, prepare, search
 from stages.discrepancy.whole_record_cell import build_whole_records
 from tests.discrepancy.oscillators import CONFIGURATION, NOISE_V, WANDER_V, configured, shake
-
-RECORDED = Path(__file__).resolve().parents[3] / "shared" / "data" / "silverbox" / "silverbox.parquet"
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +27,7 @@ def compare(cell, fitted):
     return float(np.sqrt(np.mean(deviation**2)) / cell.measured[cell.present].std())
 
 
+@pytest.mark.slow
 def test_a_hidden_hardening_spring_is_named_and_mended(settings, generator):
     cell = build_whole_records(*shake(generator, lambda x, w: 3.0 * x**3), configured("silverbox"))
     fitted, unused = cell.take(range(8)), cell.take(range(8, 12))
@@ -55,6 +51,7 @@ def test_dry_friction_is_named(settings, generator):
     assert look_for(cell, settings, generator)[1] == ["coulomb_friction"]
 
 
+@pytest.mark.slow
 def test_nothing_is_named_in_a_linear_oscillator(settings, generator):
     cell = build_whole_records(*shake(generator, lambda x, w: 0.0 * x), configured("silverbox"))
     found, names = look_for(cell, settings, generator)
@@ -102,30 +99,3 @@ def test_a_missing_signal_is_refused(generator):
     plant = configured("silverbox").model_copy(update={"output": "answer_v"})
     with pytest.raises(ValueError, match="signal answer_v: expected values, got none; known are drive_v, response_v"):
         build_whole_records(signals, blocks, plant)
-
-
-def cut_recorded(part, starts, samples):
-    """Signals and blocks of one part of the recorded file; starts and samples are counts from the part's first."""
-    frame = pd.read_parquet(RECORDED)
-    frame = frame[frame["part"] == part].reset_index(drop=True)
-    instants = (frame["t"] - frame["t"].iloc[0]).to_numpy()
-    wide = pd.DataFrame({"record": part, "time_s": instants, "drive_v": frame["u"], "response_v": frame["y"]})
-    signals = wide.melt(["record", "time_s"], var_name="signal", value_name="value").astype({"value": float})
-    return signals, pd.DataFrame({"record": part, "start_s": instants[starts], "samples": samples})
-
-
-@pytest.mark.skipif(not RECORDED.exists(), reason=f"recorded data of others are needed at {RECORDED}")
-@pytest.mark.slow
-def test_the_spring_of_a_recorded_oscillator_is_named(settings, generator):
-    plant = configured("silverbox")
-    realisations = 8602 + 8692 * np.arange(9)
-    cell = build_whole_records(*cut_recorded("multisine", realisations, 8650), plant)
-    unused = cell.take([1, 4, 7])
-    found, names = look_for(cell.take([0, 2, 3, 5, 6, 8]), settings, generator)
-    state = found.cells[0]
-    assert names == ["cubic_stiffness"]
-    assert weigh_remainder(found, settings, generator)["response_v"].unknown < 0.5
-    assert compare(unused, state.nominal) > 0.1
-    assert compare(unused, state.current) < 0.008
-    beyond = build_whole_records(*cut_recorded("arrow_test", np.array([0]), 40400), plant)
-    assert compare(beyond, state.current) < 0.012

@@ -86,6 +86,7 @@ def test_a_hidden_cubic_spring_is_named_and_the_amended_plant_lacks_nothing(pami
     assert again["gap"]["before"] == pytest.approx(verdict["gap"]["after"], rel=0.05)
 
 
+@pytest.mark.slow
 def test_nothing_is_named_in_a_linear_record(pamid, tmp_path):
     write_record(tmp_path / "run.csv", share=0.0)
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(PLANT))

@@ -161,6 +161,7 @@ def test_a_hidden_overflow_is_named(settings):
     assert [each.name for each in found.named] == ["overflow"]
 
 
+@pytest.mark.slow
 def test_a_reading_that_is_cut_is_named_with_its_level(settings):
     level = float(np.quantile(pump_tanks(seed=2)["level_v"], 0.85))
     found = look(build_tanks(seed=2, cut=level), settings)

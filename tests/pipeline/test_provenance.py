@@ -133,6 +133,7 @@ def test_a_run_that_goes_on_with_other_code_says_both(copied):
     assert "+# changed" in (run / "changes-2.patch").read_text()
 
 
+@pytest.mark.slow
 def test_jobs_of_a_sweep_have_theirs(copied):
     copied.commit()
     copied.change()
@@ -144,6 +145,7 @@ def test_jobs_of_a_sweep_have_theirs(copied):
         assert "+# changed" in (job / "changes.patch").read_text()
 
 
+@pytest.mark.slow
 def test_a_job_made_again_from_a_clean_checkout_keeps_no_changes_of_before(copied):
     copied.commit()
     copied.change()

@@ -189,6 +189,7 @@ def test_a_path_that_counts_from_within_a_run_is_understood(toy):
     assert len(toy.runs) == 2
 
 
+@pytest.mark.slow
 def test_sweeps_stay_unless_told_and_go_whole(toy):
     for name in ("old", "new"):
         assert toy("-m", f"sweep={name}", "seed=0,1", f"counting.label={name}").returncode == 0
@@ -211,6 +212,7 @@ def test_sweeps_stay_unless_told_and_go_whole(toy):
     assert f"is needed by {toy.runs[0].name}" in told_of(kept, sweeps / "new")
 
 
+@pytest.mark.slow
 def test_a_sweep_at_work_stays(toy):
     process = toy.start("-m", "sweep=s", "seed=0,1", SLOWLY)
     wait_until(process, lambda: list(toy.outputs.glob("sweeps/s/.launches/*/launch.json")))

@@ -137,6 +137,7 @@ def test_what_real_hardware_measured_is_taken_over(lab, rerun, tmp_path):
     assert len(lab.runs) == 3
 
 
+@pytest.mark.slow
 def test_a_job_of_a_sweep_and_a_run_from_elsewhere(toy, rerun, tmp_path):
     assert toy("-m", "sweep=s", "seed=0,1", "doubling.digits=3").returncode == 0
     (folder,) = (each for each in (toy.outputs / "sweeps" / "s").glob("*seed=1*"))
@@ -194,6 +195,7 @@ def test_changed_and_missing_input_files_are_told(rerun, tmp_path):
     assert f"rerun={first.name}: weighing.what: expected the path of a file or folder, got '{data}'" in line
 
 
+@pytest.mark.slow
 def test_a_killed_repetition_goes_on_by_itself_and_is_taken_for_nothing_else(toy, rerun):
     slowly = "doubling.pause_s=0.4"
     toy(slowly)

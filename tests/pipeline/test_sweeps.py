@@ -132,6 +132,7 @@ def test_the_first_failure_stops_the_rest_if_asked(sweeping):
     assert Counter(sweeping.table["status"]) == {"done": 1, "failed": 1, "not begun": 4}
 
 
+@pytest.mark.slow
 def test_a_job_that_the_system_kills_is_told_and_loses_no_other(sweeping):
     result = sweeping("seed=range(5)", "trying.die_at=[2]")
     assert result.returncode == 1
@@ -198,6 +199,7 @@ def test_two_processes_share_a_sweep(sweeping):
     assert set(sweeping.table["status"]) == {"done"}
 
 
+@pytest.mark.slow
 def test_a_full_disk_loses_nothing(sweeping):
     more = ("seed=0,1,2", "counting.count=30000")
     result = sweeping(*more, before=limit_file_size(200_000))
@@ -209,6 +211,7 @@ def test_a_full_disk_loses_nothing(sweeping):
     assert set(sweeping.table["status"]) == {"done"}
 
 
+@pytest.mark.slow
 def test_a_copied_sweep_is_whole_elsewhere(sweeping, tmp_path):
     sweeping("seed=0,1", "trying.fail_at=[1]")
     other = Sweeping(tmp_path / "other")
@@ -229,6 +232,7 @@ def test_one_job_after_the_other_without_the_parallel_launcher(sweeping):
     assert sweeping.log.read_text().splitlines() == ["begun 0", "ended 0", "begun 1", "ended 1"]
 
 
+@pytest.mark.slow
 def test_a_done_job_is_looked_at_again_if_asked(sweeping):
     sweeping("seed=0,1")
     again = sweeping("seed=0,1", "on_finished=refresh")

@@ -111,6 +111,7 @@ def test_a_killed_worker_loses_nothing(split, reference):
     assert tables_of(split.runs[0]) == reference
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="processes cannot be seen here")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_workers_end_with_the_run_that_started_them(split, reference, number):

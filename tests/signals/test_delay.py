@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+
+from stages.signals import find_delay
+
+RATE_HZ = 100.0
+
+
+def wander(generator, time_s):
+    parts = [(generator.uniform(0.2, 1.5), generator.uniform(0.0, 6.3), generator.uniform(0.2, 1.0)) for _ in range(5)]
+    return sum(size * np.sin(2 * np.pi * hz * time_s + phase) for hz, phase, size in parts)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.01, 0.163, 0.3, 0.457])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_delay_is_found_to_a_fraction_of_a_sample(seed, delay_s):
+    generator = np.random.default_rng(seed)
+    time_s = np.arange(800) / RATE_HZ
+    state = generator.bit_generator.state
+    shown = wander(generator, time_s)
+    generator.bit_generator.state = state
+    followed = 0.3 + 0.8 * wander(generator, time_s - delay_s)
+    assert find_delay(shown, followed, RATE_HZ, 1.0) == pytest.approx(delay_s, abs=0.003)
+
+
+def test_noise_moves_it_little():
+    generator = np.random.default_rng(1)
+    time_s = np.arange(800) / RATE_HZ
+    state = generator.bit_generator.state
+    shown = wander(generator, time_s)
+    generator.bit_generator.state = state
+    followed = wander(generator, time_s - 0.2)
+    noisy = followed + 0.1 * followed.std() * np.random.default_rng(2).standard_normal(800)
+    assert find_delay(shown, noisy, RATE_HZ, 1.0) == pytest.approx(0.2, abs=0.02)
+
+
+def test_what_does_not_follow_has_no_delay(generator):
+    time_s = np.arange(800) / RATE_HZ
+    shown = wander(generator, time_s)
+    assert np.isnan(find_delay(shown, np.full(800, 0.4), RATE_HZ, 1.0))
+    assert np.isnan(find_delay(shown, generator.standard_normal(800), RATE_HZ, 1.0))
+    assert np.isnan(find_delay(np.sin(time_s / 3), np.sin((time_s - 2.0) / 3), RATE_HZ, 1.0))
