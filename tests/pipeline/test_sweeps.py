@@ -349,6 +349,7 @@ def test_a_job_that_another_process_begins_meanwhile_is_no_failure(sweeping):
         (("--cfg", "job", "seed=0,1"), "Only one of"),
         (("on_failure=giveup", "seed=0,1"), "on_failure: "),
         (("hydra/sweeper=none", "seed=0,1"), "unknown"),
+        (("desk=terminal", "seed=0,1"), "desk: expected null in a sweep"),
     ],
 )
 def test_a_sweep_that_cannot_be_is_refused_in_one_line(sweeping, arguments, told):
