@@ -44,7 +44,11 @@ const line = new Line("operator", (message) => {
 });
 
 function takeScene(next) {
-  if (scene === null || next.question !== scene.question) decided = null;
+  if (decided !== null && (next.question !== scene.question || !next.choices.length)) {
+    // what was written since is for the next decision
+    if (find("note").value === decided.note) find("note").value = "";
+    decided = null;
+  }
   if (["proposed", "countdown"].includes(next.phase)) samples = [];
   const sameMachine = JSON.stringify(scene?.machine) === JSON.stringify(next.machine);
   scene = next;
@@ -60,9 +64,9 @@ function isMoving() {
 
 function decide(word) {
   if (scene === null || decided !== null || !scene.choices.includes(word)) return;
-  decided = word;
+  decided = { word, note: find("note").value };
   warn("refused", "");
-  line.send({ kind: "decide", word, note: find("note").value, question: scene.question });
+  line.send({ kind: "decide", ...decided, question: scene.question });
   showChoices();
 }
 
@@ -137,11 +141,6 @@ function showChoices() {
       return button;
     }),
   );
-  if (decided === null && area.dataset.question !== String(scene.question)) {
-    // a note belongs to one decision
-    if (area.dataset.question) find("note").value = "";
-    area.dataset.question = String(scene.question);
-  }
 }
 
 function showProgress() {

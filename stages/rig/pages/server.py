@@ -238,9 +238,7 @@ class PageServer:
         self._check_token(request, role)
         if len(self._sockets) >= MOST_SOCKETS:
             raise web.HTTPServiceUnavailable(text=f"expected at most {MOST_SOCKETS} open pages; close one\n")
-        connection = web.WebSocketResponse(
-            max_msg_size=MOST_BYTES, heartbeat=DEAD_AFTER_S, compress=False, timeout=1.0
-        )
+        connection = web.WebSocketResponse(max_msg_size=MOST_BYTES, heartbeat=DEAD_AFTER_S, compress=False, timeout=1.0)
         await connection.prepare(request)
         key, page = next(self._keys), Socket(role, connection)
         self._sockets.add(page)
@@ -444,6 +442,8 @@ def _number(value: Any) -> float:
 
 def _listen(host: str, port: int) -> socket.socket:
     """Return a socket that listens."""
+    if not 0 <= port <= 65535:
+        raise RigError(f"rig.console.port: expected 0 to 65535, got {port}; type rig.console.port=0 for any free one")
     try:
         return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
@@ -461,10 +461,6 @@ def _listen(host: str, port: int) -> socket.socket:
         raise RigError(
             f"rig.console.host: expected an address of this computer, got {host} ({told}); "
             "type rig.console.host=127.0.0.1"
-        ) from error
-    except OverflowError as error:
-        raise RigError(
-            f"rig.console.port: expected 0 to 65535, got {port}; type rig.console.port=0 for any free one"
         ) from error
 
 
