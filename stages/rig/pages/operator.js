@@ -191,7 +191,6 @@ function makePanels() {
   panels = joints.flatMap((joint, column) =>
     KINDS.map((kind) => {
       const figure = make("figure");
-      figure.style.gridColumn = "auto";
       const canvas = make("canvas");
       figure.append(make("figcaption", `${joint.name} ${kind.title}`), canvas);
       const muscles = scene.machine.muscles.flatMap((each, index) =>

@@ -223,7 +223,7 @@ const toggleTheme = followTheme((named) => {
   colours = named;
   dirty = true;
 });
-addEventListener("resize", () => (dirty = true));
+new ResizeObserver(() => (dirty = true)).observe(canvas);
 addEventListener("visibilitychange", () => document.hidden && stop("the participant's page is hidden"));
 find("stop").addEventListener("click", () => stop("the participant pressed stop"));
 addEventListener("keydown", (event) => {

@@ -139,7 +139,8 @@ class PageServer:
             target=lambda: asyncio.run(self._serve(listening, opened)), name="pages", daemon=True
         )
         self._thread.start()
-        opened.wait(10.0)
+        if not opened.wait(10.0):
+            raise RigError(f"rig.console: expected pages at {self.host}:{self.port} within 10 s, got none")
 
     def close(self) -> None:
         """Show them no longer; harmless when not open."""
@@ -264,9 +265,8 @@ class PageServer:
     async def _tell(self, page: Socket) -> None:
         """Tell a page what is to be seen; each turn tells the newest, and none waits in a queue."""
         try:
-            await self._tell_newest(page)
-        except (ConnectionError, asyncio.CancelledError):
-            raise
+            with contextlib.suppress(ConnectionError):
+                await self._tell_newest(page)
         except Exception:
             await page.connection.close(code=FAILED, message=b"the program failed to tell what is to be seen")
             raise
