@@ -90,7 +90,11 @@ export function drawBody(context, place, colour) {
   context.restore();
 }
 
-/** Draw an arm. `look`: colour, width (of the arm's length), alpha, dashed, label, side (of the tip, 1 or -1). */
+/**
+ * Draw an arm and return where its tip and its label are.
+ * `look`: colour, width (of the arm's length), alpha, dashed, label, side of the tip (1 or -1) and size of the label,
+ * and points near which the label fades, as two labels over each other cannot be read.
+ */
 export function drawArm(context, place, angle_rad, look) {
   const points = chain(angle_rad).map(([x, y]) => [place.x + place.scale * x, place.y + place.scale * y]);
   const width = look.width * place.scale;
@@ -105,15 +109,17 @@ export function drawArm(context, place, angle_rad, look) {
   points.forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
   context.stroke();
   context.setLineDash([]);
+  let marks = [];
   if (look.label) {
     for (const [x, y] of points.slice(0, -1)) {
       context.beginPath();
       context.arc(x, y, 0.75 * width, 0, 2 * Math.PI);
       context.fill();
     }
-    drawTip(context, points, width, look);
+    marks = drawTip(context, points, width, look);
   }
   context.restore();
+  return marks;
 }
 
 function drawTip(context, points, width, look) {
@@ -135,5 +141,9 @@ function drawTip(context, points, width, look) {
   context.textBaseline = "middle";
   const half = context.measureText(look.label).width / 2;
   const away = 2 * width + half * Math.abs(alongY) + (size / 2) * Math.abs(alongX) + 4;
-  context.fillText(look.label, x + look.side * alongY * away, y - look.side * alongX * away);
+  const label = [x + look.side * alongY * away, y - look.side * alongX * away];
+  const near = Math.min(...(look.keepOff ?? []).map((mark) => Math.hypot(mark[0] - label[0], mark[1] - label[1])));
+  context.globalAlpha = Math.min(Math.max((near - 2.2 * size) / size, 0), 1);
+  context.fillText(look.label, ...label);
+  return [[x, y], label];
 }

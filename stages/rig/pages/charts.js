@@ -30,7 +30,7 @@ function span(values, least) {
 }
 
 /** Clear a canvas, draw its axes, and return where a point of the chart lies on it. */
-function begin(canvas, x, y, colours, xTicks = 4) {
+function begin(canvas, x, y, colours, xTicks = null) {
   const { width, height } = fit(canvas);
   const context = canvas.getContext("2d");
   const toX = (value) => LEFT + ((value - x[0]) / (x[1] - x[0])) * (width - LEFT - RIGHT);
@@ -42,7 +42,7 @@ function begin(canvas, x, y, colours, xTicks = 4) {
   context.fillStyle = colours("soft");
   context.textBaseline = "middle";
   context.textAlign = "right";
-  for (const { value, text } of ticks(...y, Math.max(2, height / 45))) {
+  for (const { value, text } of ticks(...y, Math.max(3, height / 40))) {
     context.beginPath();
     context.moveTo(LEFT, toY(value));
     context.lineTo(width - RIGHT, toY(value));
@@ -51,8 +51,9 @@ function begin(canvas, x, y, colours, xTicks = 4) {
   }
   context.textBaseline = "bottom";
   context.textAlign = "center";
-  if (xTicks) {
-    for (const { value, text } of ticks(...x, xTicks)) {
+  const about = xTicks ?? Math.max(1, Math.min(4, (width - LEFT) / 45));
+  if (about) {
+    for (const { value, text } of ticks(...x, about)) {
       context.fillText(text, Math.min(toX(value), width - context.measureText(text).width / 2 - 1), height - 1);
     }
   }

@@ -63,7 +63,7 @@ function isMoving() {
 // what goes to the server
 
 function decide(word) {
-  if (scene === null || decided !== null || !scene.choices.includes(word)) return;
+  if (scene === null || line.lost || decided !== null || !scene.choices.includes(word)) return;
   decided = { word, note: find("note").value };
   warn("refused", "");
   line.send({ kind: "decide", ...decided, question: scene.question });
@@ -112,6 +112,7 @@ function showState() {
   else if (scene?.phase === "running") told = left > 0 ? "filling the muscles" : `running, ${Math.min(-left, scene.trial.duration_s).toFixed(1)} s`;
   write(find("phase"), told);
   find("phase").classList.toggle("bad", lost);
+  find("choices").inert = lost;
   find("stop").disabled = lost || !isMoving() || Boolean(scene.stop);
   window.pamid.phase = lost ? "lost" : scene?.phase ?? "busy";
 }
@@ -127,11 +128,11 @@ function showPages() {
 
 function showChoices() {
   const area = find("choices");
-  const shown = JSON.stringify([scene.choices, decided, scene.question]);
+  const shown = JSON.stringify([scene.phase, scene.choices, decided, scene.question]);
   if (area.dataset.shown === shown) return;
   area.dataset.shown = shown;
   area.replaceChildren(
-    ...scene.choices.map((word) => {
+    ...(["proposed", "judging"].includes(scene.phase) ? scene.choices : []).map((word) => {
       const button = make("button", NAMES[word] ?? word, word);
       button.type = "button";
       button.dataset.word = word;

@@ -102,7 +102,7 @@ function tell() {
       ]),
     );
   }
-  find("legend").hidden = !isShowing();
+  find("legend").classList.toggle("shown", isShowing());
   window.pamid.phase = line.lost ? "lost" : scene.phase;
 }
 
@@ -119,6 +119,7 @@ function count() {
     text = String(Math.ceil(Math.max(scene.trial.duration_s + left, 0)));
   }
   write(find("count"), text);
+  find("count").classList.toggle("long", text.length > 2);
   find("progress").style.strokeDasharray = `${share * RING} ${RING}`;
   document.body.classList.toggle("counting", text !== "");
 }
@@ -138,6 +139,7 @@ function draw() {
   const size = Math.min(width, height) / 26;
   drawBody(context, place, colours("body"));
   let shown_reference_s = null;
+  let keepOff = [];
   const at_s = isRunning() ? trialTime() : 0;
   if (isShowing() && !line.lost && !scene.stop) {
     const { time_s, reference_rad } = scene.trial;
@@ -147,11 +149,13 @@ function draw() {
       drawArm(context, place, ghost, { colour: colours("target"), width: 0.022, alpha });
     });
     const reference = interpolate(time_s, reference_rad, at_s);
-    drawArm(context, place, reference, { colour: colours("target"), width: 0.062, dashed: true, label: "target", side: 1, size });
+    const look = { colour: colours("target"), width: 0.062, dashed: true, label: "target", side: 1, size };
+    keepOff = drawArm(context, place, reference, look);
     shown_reference_s = at_s;
   }
   if (moment !== null) {
-    drawArm(context, place, moment.angle_rad, { colour: colours("you"), width: 0.034, label: "you", side: -1, size });
+    const look = { colour: colours("you"), width: 0.034, label: "you", side: -1, size, keepOff };
+    drawArm(context, place, moment.angle_rad, look);
   }
   drawPointer(place);
   if (isRunning() && !line.lost && line.clock.known) {
