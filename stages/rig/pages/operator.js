@@ -107,6 +107,9 @@ function showState() {
   const lost = line.lost;
   const left = scene?.starts_at_s == null ? null : scene.starts_at_s - line.clock.now();
   let told = scene === null ? "connecting" : PHASES[scene.phase];
+  if (scene?.phase === "judging" && !scene.choices.includes("keep")) {
+    told = scene.outcome.stopped ? "stopped, what next?" : "the result";
+  }
   if (lost) told = "connection lost";
   else if (scene?.phase === "countdown" && left > 0) told = `begins in ${Math.ceil(left)}`;
   else if (scene?.phase === "running") told = left > 0 ? "filling the muscles" : `running, ${Math.min(-left, scene.trial.duration_s).toFixed(1)} s`;
