@@ -21,7 +21,7 @@ import time
 from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from pathlib import Path
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
@@ -34,8 +34,7 @@ from stages.rig.desk import ROLES, Desk, Frame, Refused
 if TYPE_CHECKING:
     from aiohttp import web
 
-FOLDER = Path(__file__).parent
-TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 SENT_HZ = 60.0
 """Rate at which pages are told the newest sample."""
 BEAT_S = 0.2
@@ -131,7 +130,9 @@ class PageServer:
             import aiohttp  # noqa: F401 (told here rather than by a thread)
         except ImportError as error:
             raise RigError('pages need aiohttp, which is not installed; pip install "pamid[pages]"') from error
-        self._files = {each.name: each.read_bytes() for each in FOLDER.iterdir() if each.suffix in TYPES}
+        self._files = {
+            each.name: each.read_bytes() for each in files(__package__).iterdir() if _end(each.name) in TYPES
+        }
         listening = _listen(self.host, self.port)
         self.port = listening.getsockname()[1]
         opened = threading.Event()
@@ -225,7 +226,7 @@ class PageServer:
             name = f"{name}.html"
         elif name not in self._files or name.endswith(".html"):
             raise web.HTTPNotFound(text="nothing is here; open the address that the program printed\n")
-        return web.Response(body=self._files[name], content_type=TYPES[Path(name).suffix], charset="utf-8")
+        return web.Response(body=self._files[name], content_type=TYPES[_end(name)], charset="utf-8")
 
     # sockets
 
@@ -479,6 +480,10 @@ def _is(host: str, what: str) -> bool:
         return bool(getattr(ipaddress.ip_address(host), what))
     except ValueError:
         return False
+
+
+def _end(name: str) -> str:
+    return name.rpartition(".")[2]
 
 
 def _in_url(host: str) -> str:
