@@ -122,7 +122,7 @@ def run_sweep(
     if settings.sweep is None:
         raise ConfigError("sweep: expected a name, as in sweep=night, got null; leave it out for the time of day")
     if settings.desk is not None:
-        raise ConfigError("desk: expected null in a sweep, whose jobs nobody can attend all at once; leave desk= or -m out")
+        raise ConfigError("desk: expected null in a sweep, whose jobs nobody can attend at once; leave desk= or -m out")
     folder = sweeps_folder(settings.outputs) / settings.sweep
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
     _refuse_twins(jobs)

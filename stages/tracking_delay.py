@@ -75,7 +75,8 @@ def tracking_delay(
     designed = active_recordings.merge(trials[[*where, "trajectory"]], on=where)
     columns = [*where, "trajectory", "time_s", "muscle", "joint_angle_rad", "reference_shown_s"]
     recordings = pd.concat([initial[columns], designed[columns]], ignore_index=True)
-    rows = [row for each in find_muscles(cfg.exoskeleton).items() for row in measure(cfg, recordings, references, *each)]
+    pairs = find_muscles(cfg.exoskeleton).items()
+    rows = [row for joint, muscle in pairs for row in measure(cfg, recordings, references, joint, muscle)]
     frame = pd.DataFrame(rows, columns=list(TRACKING_DELAYS.columns))
     return frame.sort_values(where, kind="stable", ignore_index=True)
 
@@ -90,14 +91,15 @@ def measure(
 ) -> Iterator[dict[str, Any]]:
     """Yield a joint's row for each trial."""
     shown = references[references["muscle"] == muscle].groupby("trajectory")["joint_angle_rad"]
-    reference = {trajectory: its.to_numpy() for trajectory, its in shown}
+    reference = {int(str(trajectory)): its.to_numpy() for trajectory, its in shown}
     where = ["participant", "experiment", "arm", "trial", "trajectory"]
     rate_hz, longest_s = cfg.exoskeleton.sampling_rate_hz, cfg.tracking_delay.longest_s
     for key, its in recordings[recordings["muscle"] == muscle].groupby(where, sort=False):
         *trial, trajectory = key
-        count = min(len(its), len(reference[trajectory]))
+        due = reference[int(str(trajectory))]
+        count = min(len(its), len(due))
         followed = its["joint_angle_rad"].to_numpy()[:count]
-        delay_s = find_delay(reference[trajectory][:count], followed, rate_hz, longest_s)
+        delay_s = find_delay(due[:count], followed, rate_hz, longest_s)
         late_s = (its["reference_shown_s"] - its["time_s"]).dropna()
         display_s = float(np.median(late_s)) if len(late_s) else float("nan")
         yield {

@@ -34,8 +34,9 @@ LATEST_FRAMES_S = 0.4
 """Time after a trial in which its last frames are waited for, s."""
 
 Phase = Literal["busy", "proposed", "countdown", "running", "judging", "over"]
-Word = str
-"""What an operator decides: accept or skip a proposal; keep, repeat or reject what was executed; pause the study."""
+Word = Literal["accept", "skip", "keep", "repeat", "reject", "pause"]
+ACCEPTED: tuple[Word, str] = ("accept", "")
+KEPT: tuple[Word, str] = ("keep", "")
 
 
 class DeskSettings(Declared):
@@ -94,7 +95,7 @@ class Desk:
         self._number = 0
         self._question = 0
         self._machine: dict[str, Any] = {}
-        self._trial: Trial | None = None
+        self._described: dict[str, Any] | None = None
         self._rate_hz = 1.0
         self._choices: tuple[Word, ...] = ()
         self._decision: tuple[Word, str] | None = None
@@ -139,21 +140,22 @@ class Desk:
         """
         optional = trial.proposal is not None and trial.proposal.optional
         choices: tuple[Word, ...] = ("accept", "skip", "pause") if optional else ("accept", "pause")
-        self._trial, self._outcome, self._moment = trial, {}, None
+        self._described, self._outcome, self._moment = _describe(trial, self._rate_hz), {}, None
         while True:
-            word, note = ("accept", "") if self._automatic else self._ask("proposed", choices)
+            word, note = ACCEPTED if self._automatic else self._ask("proposed", choices)
             if word != "accept":
                 self._leave(trial, word, note)
-            self._frames.clear()
-            self._stop, self.note = "", note
+            self.note = note
             if self._count_down():
                 return
             self._automatic = False
 
     def begin(self, trial: Trial, starts_at_s: float) -> None:
         """Take note that the trial's first sample is due at a time of the monotonic clock, s."""
-        self._starts_at_s = self._began_s = starts_at_s
-        self._turn("running")
+        with self._changed:
+            self._starts_at_s = self._began_s = starts_at_s
+            self._frames.clear()
+            self._turn("running")
 
     def show(self, moment: Moment) -> None:
         """Take the newest sample."""
@@ -188,7 +190,7 @@ class Desk:
         if self._automatic:
             self._turn("judging")
             self._wait(self.settings.result_s)
-        word, note = ("keep", "") if self._automatic else self._ask("judging", choices)
+        word, note = KEPT if self._automatic else self._ask("judging", choices)
         self._starts_at_s = None
         self.note = "; ".join(filter(None, (self.note, note)))
         if word != "keep":
@@ -208,7 +210,9 @@ class Desk:
         if self._count("participant"):
             ended_s = self._began_s + float(recording.time_s[-1])
             time.sleep(max(ended_s + LATEST_FRAMES_S - time.monotonic(), 0.0))
-        return _add_display(recording, self._frames, self._began_s)
+        with self._changed:
+            frames = list(self._frames)
+        return _add_display(recording, frames, self._began_s)
 
     def ask_pointer(self) -> Array | None:
         """Return the posture that the participant points at, rad; None before the first."""
@@ -219,18 +223,17 @@ class Desk:
     def see(self) -> dict[str, Any]:
         """Return all that is to be seen but the newest sample."""
         with self._changed:
-            trial = self._trial
             return {
                 "number": self._number,
                 "question": self._question,
                 "phase": self._phase,
                 "machine": self._machine,
-                "trial": None if trial is None else _describe(trial, self._rate_hz),
+                "trial": self._described,
                 "choices": list(self._choices),
                 "automatic": self._automatic,
                 "starts_at_s": self._starts_at_s,
                 "outcome": self._outcome,
-                "history": self._history,
+                "history": list(self._history),
                 "stop": self._stop,
                 "pages": {role: self._count(role) for role in ROLES},
                 "needed": list(self.settings.needed),
@@ -262,15 +265,15 @@ class Desk:
             missing = [role for role in self.settings.needed if not self._count(role)]
             if word == "accept" and missing:
                 raise Refused(f"the {' and the '.join(missing)} page is not open, whose loss would stop the trial")
-            self._decision = word, note.strip()
+            chosen: dict[str, Word] = {each: each for each in self._choices}
+            self._decision = chosen[word], note.strip()
             self._changed.notify_all()
 
     def stop(self, why: str) -> None:
-        """Have the trial stopped, and nothing begin by itself any more."""
+        """Have the trial stopped, one that was just accepted too, and nothing begin by itself any more."""
         with self._changed:
             self._automatic = False
-            if self._phase in ("countdown", "running"):
-                self._stop = self._stop or why
+            self._stop = self._stop or why
             self._number += 1
             self._changed.notify_all()
 
@@ -278,12 +281,16 @@ class Desk:
         """Have trials follow each other by themselves until somebody stops one, or no longer."""
         with self._changed:
             self._automatic = automatic
+            if automatic and self._phase not in ("countdown", "running"):
+                self._stop = ""
             self._number += 1
             self._changed.notify_all()
 
-    def draw(self, frames: Sequence[Frame]) -> None:
-        """Take what a participant's page drew."""
-        self._frames.extend(frames)
+    def draw(self, frames: Sequence[Frame], starts_at_s: float) -> None:
+        """Take what a participant's page drew of the trial that begins at a time; of another one, nothing is taken."""
+        with self._changed:
+            if starts_at_s == self._began_s:
+                self._frames.extend(frames)
 
     def point(self, angle_rad: Array) -> None:
         """Take the posture that the participant points at, rad."""
@@ -315,11 +322,13 @@ class Desk:
         """Wait for a decision; a signal ends the wait."""
         with self._changed:
             self._phase, self._choices, self._decision = phase, choices, None
+            if phase == "proposed":
+                self._stop = ""
             self._question += 1
             self._number += 1
             while self._decision is None and not (self._automatic and phase == "proposed"):
                 self._changed.wait(0.1)
-            decision = self._decision or ("accept", "")
+            decision = self._decision or ACCEPTED
             self._choices = ()
             return decision
 
@@ -335,13 +344,14 @@ class Desk:
         self._starts_at_s = time.monotonic() + self.settings.countdown_s
         self._turn("countdown")
         with self._changed:
-            while time.monotonic() < self._starts_at_s:
-                self._changed.wait(min(0.05, max(self._starts_at_s - time.monotonic(), 0.0)))
-                if self.why_stop():
-                    self._starts_at_s = None
-                    self._outcome = {"stopped": f"stopped before it began: {self._stop}"}
-                    return False
-        return True
+            while not self.why_stop():
+                left_s = self._starts_at_s - time.monotonic()
+                if left_s <= 0.0:
+                    return True
+                self._changed.wait(min(0.05, left_s))
+            self._starts_at_s = None
+            self._outcome = {"stopped": f"stopped before it began: {self._stop}"}
+            return False
 
     def _find_lost(self) -> str:
         now = time.monotonic()

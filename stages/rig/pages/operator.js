@@ -1,0 +1,310 @@
+import { drawBars, drawCurves, drawLearning } from "./charts.js";
+import { degrees, find, followTheme, Line, make, pageTime, write } from "./shared.js";
+
+const DRAWN_EVERY_S = 1 / 15;
+const KEYS = { accept: "a", skip: "s", keep: "k", repeat: "r", reject: "x", pause: "q" };
+const NAMES = { pause: "stop for today" };
+const PHASES = {
+  busy: "busy",
+  proposed: "a trial is proposed",
+  countdown: "countdown",
+  running: "running",
+  judging: "keep this trial?",
+  over: "the study is over for now",
+};
+const KINDS = [
+  { title: "angle (°)", of: "angle", least: 5 },
+  { title: "pressure (kPa)", of: "pressure", least: 20 },
+  { title: "force (N)", of: "force", least: 10 },
+];
+
+let scene = null;
+let colours = () => "";
+let samples = [];
+let panels = [];
+let decided = null;
+let dirty = true;
+let drawn_s = 0;
+window.pamid = { frames: 0, fps: 0, phase: "busy" };
+const times = [];
+
+const line = new Line("operator", (message) => {
+  if (message.kind === "moment") {
+    // times start again where another trial begins
+    if (samples.length && message.time_s < samples.at(-1).time_s) samples = [];
+    samples.push(message);
+  } else if (message.kind === "scene") {
+    takeScene(message);
+  } else if (message.kind === "refused") {
+    decided = null;
+    warn("refused", message.why);
+    showChoices();
+  }
+  dirty = true;
+});
+
+function takeScene(next) {
+  if (decided !== null && (next.question !== scene.question || !next.choices.length)) {
+    // what was written since is for the next decision
+    if (find("note").value === decided.note) find("note").value = "";
+    decided = null;
+  }
+  if (["proposed", "countdown"].includes(next.phase)) samples = [];
+  const sameMachine = JSON.stringify(scene?.machine) === JSON.stringify(next.machine);
+  scene = next;
+  if (!sameMachine) makePanels();
+  show();
+}
+
+function isMoving() {
+  return scene !== null && ["countdown", "running"].includes(scene.phase);
+}
+
+// what goes to the server
+
+function decide(word) {
+  if (scene === null || line.lost || decided !== null || !scene.choices.includes(word)) return;
+  decided = { word, note: find("note").value };
+  warn("refused", "");
+  line.send({ kind: "decide", ...decided, question: scene.question });
+  showChoices();
+}
+
+function stop() {
+  if (isMoving()) line.send({ kind: "stop", why: "the operator pressed stop" });
+}
+
+// what is shown
+
+function warn(id, text) {
+  write(find(id), text);
+  find(id).hidden = !text;
+}
+
+function show() {
+  const { trial, outcome, phase } = scene;
+  write(find("label"), trial ? trial.label : "No trial yet");
+  const facts = trial ? [trial.kind, `participant: ${trial.participant}`, `${trial.duration_s.toFixed(1)} s`] : [];
+  if (trial?.trajectory !== null && trial) facts.push(`movement ${trial.trajectory}`);
+  write(find("facts"), facts.join(" · "));
+  write(find("reason"), trial?.reason ?? "");
+  const off = outcome.tracking_error_rad ?? [];
+  const told = off.map((each, index) => `${scene.machine.joints[index].name} ${degrees(each).toFixed(1)}°`);
+  write(find("result"), phase === "judging" && told.length ? `Tracking error (root mean square): ${told.join(", ")}` : "");
+  const stopping = isMoving() && scene.stop ? `stopping: ${scene.stop}` : "";
+  warn("problem", stopping || outcome.problem || outcome.stopped || "");
+  if (decided === null && !["proposed", "judging"].includes(phase)) warn("refused", "");
+  find("automatic").checked = scene.automatic;
+  showPages();
+  showChoices();
+  showProgress();
+  showHistory();
+  showFigures();
+  showState();
+}
+
+function showState() {
+  const lost = line.lost;
+  const left = scene?.starts_at_s == null ? null : scene.starts_at_s - line.clock.now();
+  let told = scene === null ? "connecting" : PHASES[scene.phase];
+  if (scene?.phase === "judging" && !scene.choices.includes("keep")) {
+    told = scene.outcome.stopped ? "stopped, what next?" : "the result";
+  }
+  if (lost) told = "connection lost";
+  else if (scene?.phase === "countdown" && left > 0) told = `begins in ${Math.ceil(left)}`;
+  else if (scene?.phase === "running") told = left > 0 ? "filling the muscles" : `running, ${Math.min(-left, scene.trial.duration_s).toFixed(1)} s`;
+  write(find("phase"), told);
+  find("phase").classList.toggle("bad", lost);
+  find("choices").inert = lost;
+  find("stop").disabled = lost || !isMoving() || Boolean(scene.stop);
+  window.pamid.phase = lost ? "lost" : scene?.phase ?? "busy";
+}
+
+function showPages() {
+  const told = Object.entries(scene.pages).map(([role, count]) => {
+    const needed = scene.needed.includes(role) ? (count ? "" : ", but needed") : "";
+    return `${role} ${count || "none"}${needed}`;
+  });
+  write(find("pages"), told.join(" · "));
+  find("address").href = scene.participant_url;
+}
+
+function showChoices() {
+  const area = find("choices");
+  const shown = JSON.stringify([scene.phase, scene.choices, decided, scene.question]);
+  if (area.dataset.shown === shown) return;
+  area.dataset.shown = shown;
+  area.replaceChildren(
+    ...(["proposed", "judging"].includes(scene.phase) ? scene.choices : []).map((word) => {
+      const button = make("button", NAMES[word] ?? word, word);
+      button.type = "button";
+      button.dataset.word = word;
+      button.disabled = decided !== null;
+      button.append(" ", make("kbd", KEYS[word] ?? ""));
+      button.addEventListener("click", () => decide(word));
+      return button;
+    }),
+  );
+}
+
+function showProgress() {
+  const { trial } = scene;
+  const known = trial !== null && trial.position !== null;
+  write(find("progress"), known ? `trial ${trial.position} of ${trial.total}` : "");
+  find("done").style.width = known ? `${(100 * (trial.position - 1)) / Math.max(trial.total, 1)}%` : "0";
+}
+
+function showHistory() {
+  find("history").hidden = scene.history.length === 0;
+  const body = find("history").querySelector("tbody");
+  if (body.rows.length === scene.history.length) return;
+  body.replaceChildren(
+    ...[...scene.history].reverse().map(({ trial, decision, note }) => {
+      const row = make("tr");
+      row.append(make("td", trial), make("td", NAMES[decision] ?? decision), make("td", note));
+      return row;
+    }),
+  );
+}
+
+function showFigures() {
+  const errors = (scene.trial?.errors ?? []).filter((each) => each !== null);
+  find("learning").hidden = errors.length === 0;
+  if (errors.length) {
+    drawLearning(find("learning").querySelector("canvas"), errors.map((each) => 100 * each), colours);
+    const told = `${errors.length} trials, now ${(100 * errors.at(-1)).toFixed(1)} %`;
+    write(find("learning").querySelector("p"), told);
+  }
+  const utilities = scene.trial?.utilities ?? [];
+  find("utilities").hidden = utilities.length === 0;
+  if (!utilities.length) return;
+  const chosen = scene.trial.trajectory;
+  const others = utilities.filter(([name, value]) => name !== chosen && value !== null);
+  const next = others.length ? others.reduce((best, each) => (each[1] > best[1] ? each : best)) : null;
+  drawBars(find("utilities").querySelector("canvas"), utilities, chosen, next?.[0], colours);
+  const own = utilities.find(([name]) => name === chosen)?.[1];
+  const told = [own == null ? "" : `proposed: movement ${chosen} (${own.toPrecision(3)})`];
+  if (next) told.push(`skipping it chooses movement ${next[0]} (${next[1].toPrecision(3)}), outlined`);
+  write(find("utilities").querySelector("p"), told.filter(Boolean).join("; "));
+}
+
+// strip charts: one column for each joint
+
+function makePanels() {
+  const joints = scene.machine.joints ?? [];
+  panels = joints.flatMap((joint, column) =>
+    KINDS.map((kind) => {
+      const figure = make("figure");
+      const canvas = make("canvas");
+      figure.append(make("figcaption", `${joint.name} ${kind.title}`), canvas);
+      const muscles = scene.machine.muscles.flatMap((each, index) =>
+        each.joint === joint.name ? [{ ...each, index }] : [],
+      );
+      return { ...kind, column, muscles, figure, canvas };
+    }),
+  );
+  const area = find("charts");
+  area.style.setProperty("--joints", Math.max(joints.length, 1));
+  area.replaceChildren(
+    ...KINDS.flatMap((kind) => panels.filter((each) => each.of === kind.of)).map((each) => each.figure),
+  );
+}
+
+function gather() {
+  const { outcome, trial } = scene;
+  if (scene.phase === "judging" && outcome.time_s) {
+    return {
+      time_s: outcome.time_s,
+      angle: outcome.joint_angle_rad,
+      pressure: outcome.pressure_kpa,
+      force: outcome.force_n,
+      command: outcome.pressure_command_kpa,
+      command_s: outcome.time_s,
+    };
+  }
+  return {
+    time_s: samples.map((each) => each.time_s),
+    angle: samples.map((each) => each.angle_rad),
+    pressure: samples.map((each) => each.pressure_kpa),
+    force: samples.map((each) => each.force_n),
+    command: trial?.pressure_command_kpa ?? [],
+    command_s: trial?.time_s ?? [],
+  };
+}
+
+function drawPanels() {
+  const data = gather();
+  const { trial } = scene;
+  const now_s = scene.phase === "running" ? data.time_s.at(-1) ?? null : null;
+  for (const { of, column, muscles, canvas, least } of panels) {
+    const curves = [];
+    if (of === "angle") {
+      if (trial?.reference_rad) {
+        const values = trial.reference_rad.map((row) => degrees(row[column]));
+        curves.push({ time_s: trial.time_s, values, colour: "target", dashed: true });
+      }
+      curves.push({ time_s: data.time_s, values: data.angle.map((row) => degrees(row[column])), colour: "you" });
+    } else {
+      for (const { index, role } of muscles) {
+        if (of === "pressure") {
+          const values = data.command.map((row) => row[index]);
+          curves.push({ time_s: data.command_s, values, colour: role, dashed: true });
+        }
+        curves.push({ time_s: data.time_s, values: data[of].map((row) => row[index]), colour: role });
+      }
+    }
+    drawCurves(canvas, trial?.duration_s ?? 1, curves, least, colours, now_s);
+  }
+}
+
+function turn() {
+  const now_s = pageTime();
+  if (scene !== null && dirty && now_s - drawn_s >= DRAWN_EVERY_S) {
+    dirty = false;
+    drawn_s = now_s;
+    drawPanels();
+    window.pamid.frames += 1;
+    times.push(now_s);
+  }
+  while (times.length && times[0] <= now_s - 1) times.shift();
+  window.pamid.fps = times.length;
+  showState();
+  requestAnimationFrame(turn);
+}
+
+const toggleTheme = followTheme((named) => {
+  colours = named;
+  dirty = true;
+  if (scene !== null) showFigures();
+});
+addEventListener("resize", () => {
+  dirty = true;
+  if (scene !== null) showFigures();
+});
+find("stop").addEventListener("click", stop);
+find("automatic").addEventListener("change", (event) => line.send({ kind: "automatic", on: event.target.checked }));
+find("copy").addEventListener("click", async () => {
+  try {
+    await navigator.clipboard.writeText(scene.participant_url);
+    write(find("copied"), "copied");
+  } catch {
+    write(find("copied"), scene.participant_url);
+  }
+});
+addEventListener("keydown", (event) => {
+  const typing = event.target === find("note");
+  if ((event.key === " " && !typing) || event.key === "Escape") {
+    // while nothing moves, the space bar presses the button that is chosen, as everywhere
+    if (!isMoving()) return;
+    event.preventDefault();
+    stop();
+  } else if (typing || event.ctrlKey || event.metaKey || event.altKey || event.repeat) {
+    return;
+  } else if (event.key === "d") {
+    toggleTheme();
+  } else {
+    const word = Object.keys(KEYS).find((each) => KEYS[each] === event.key.toLowerCase());
+    if (word) decide(word);
+  }
+});
+requestAnimationFrame(turn);

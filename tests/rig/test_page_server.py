@@ -1,0 +1,545 @@
+"""What the server of pages lets through, what it refuses, and how fast a stop and the newest sample arrive."""
+
+import asyncio
+import builtins
+import contextlib
+import json
+import socket
+import time
+
+import numpy as np
+import pytest
+
+from stages.rig.attendance import Moment
+from stages.rig.contract import RigError
+from stages.rig.pages import server as pages
+from stages.rig.pages.server import PageServer, encode
+from tests.rig.attended import Study, make_desk, make_trial, wait_until
+
+aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed")
+
+
+@contextlib.contextmanager
+def shown(host="127.0.0.1", port=0, **settings):
+    desk = make_desk(**settings)
+    server = PageServer(desk, host, port)
+    server.open()
+    try:
+        yield desk, server
+    finally:
+        server.close()
+
+
+@pytest.fixture
+def opened():
+    with shown() as pair:
+        yield pair
+
+
+def address(server, role, socket=False):
+    url = getattr(server, f"{role}_url")
+    return url.replace(f"/{role}?", f"/ws/{role}?") if socket else url
+
+
+def ask(server, path, method="GET", **headers):
+    """Status, headers and text of an answer."""
+
+    async def asked():
+        async with (
+            aiohttp.ClientSession() as session,
+            session.request(method, f"http://127.0.0.1:{server.port}{path}", headers=headers) as answer,
+        ):
+            return answer.status, answer.headers, await answer.text()
+
+    return asyncio.run(asked())
+
+
+def path_of(url):
+    return url[url.index("/", len("http://")) :]
+
+
+class Page:
+    """A page without a browser."""
+
+    def __init__(self, socket):
+        self.socket = socket
+
+    async def send(self, kind, **values):
+        await self.socket.send_str(json.dumps({"kind": kind, **values}))
+
+    async def hear(self, kind, holds=lambda _: True):
+        """The next message of a kind for which something holds."""
+        while True:
+            message = await self.socket.receive(timeout=3.0)
+            assert message.type is aiohttp.WSMsgType.TEXT, (message.type, message.data, message.extra)
+            told = json.loads(message.data)
+            if told["kind"] == "moment":
+                await self.send("seen")
+            if told["kind"] == kind and holds(told):
+                return told
+
+    async def hear_end(self):
+        while True:
+            message = await self.socket.receive(timeout=3.0)
+            if message.type is not aiohttp.WSMsgType.TEXT:
+                return message.data, message.extra
+
+
+def converse(server, talk, *roles, **headers):
+    """Open pages, hand them to a coroutine, and return what it returns."""
+
+    async def run():
+        async with contextlib.AsyncExitStack() as stack:
+            session = await stack.enter_async_context(aiohttp.ClientSession())
+            sockets = [
+                await stack.enter_async_context(session.ws_connect(address(server, role, True), headers=headers))
+                for role in roles
+            ]
+            return await asyncio.wait_for(talk(*map(Page, sockets)), 10.0)
+
+    return asyncio.run(run())
+
+
+@pytest.mark.parametrize("role", ["participant", "operator"])
+def test_a_page_opens_with_its_token_only(opened, role):
+    _, server = opened
+    path = path_of(address(server, role))
+    status, headers, text = ask(server, path)
+    assert (status, headers["Content-Type"]) == (200, "text/html; charset=utf-8")
+    assert "<script type=" in text
+    other = {"participant": "operator", "operator": "participant"}[role]
+    for wrong in (f"/{role}", f"/{role}?token=", path[:-1], path_of(address(server, other)).replace(other, role)):
+        status, _, text = ask(server, wrong)
+        assert (status, text.count("\n"), role in text) == (403, 1, True)
+        with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+            asyncio.run(connect(f"http://127.0.0.1:{server.port}{wrong.replace('/', '/ws/', 1)}"))
+
+
+async def connect(url, **headers):
+    async with aiohttp.ClientSession() as session, session.ws_connect(url, headers=headers):
+        pass
+
+
+def test_tokens_are_long_and_differ(opened):
+    _, server = opened
+    tokens = [address(server, role).split("token=")[1] for role in ("participant", "operator")]
+    assert tokens[0] != tokens[1]
+    assert min(map(len, tokens)) >= 32
+
+
+def test_every_file_that_a_page_asks_for_is_there_and_nothing_else(opened):
+    _, server = opened
+    for name, kind in (("shared.js", "text/javascript"), ("style.css", "text/css"), ("operator.js", "text/javascript")):
+        status, headers, _ = ask(server, f"/{name}")
+        assert (status, headers["Content-Type"]) == (200, f"{kind}; charset=utf-8")
+    for name in ("", "operator.html", "server.py", "..%2Fdesk.py", "%2e%2e/desk.py", "ws/other", "favicon.ico"):
+        assert ask(server, f"/{name}")[0] == 404
+
+
+def test_answers_forbid_what_pages_do_not_need(opened):
+    _, server = opened
+    for path in (path_of(server.operator_url), "/shared.js", "/nothing"):
+        headers = ask(server, path)[1]
+        rules = headers["Content-Security-Policy"]
+        assert rules.startswith("default-src 'none'")
+        assert "frame-ancestors 'none'" in rules
+        assert "unsafe" not in rules
+        assert headers["Cache-Control"] == "no-store"
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert headers["Referrer-Policy"] == "no-referrer"
+
+
+def test_only_this_computer_reaches_it_by_default(opened):
+    _, server = opened
+    assert server.operator_url.startswith(f"http://127.0.0.1:{server.port}/")
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.2", server.port), timeout=1.0).close()
+
+
+@pytest.mark.parametrize(
+    "name", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "127.0.0.1.evil:{port}", ""]
+)
+def test_another_name_of_this_computer_is_refused(opened, name):
+    _, server = opened
+    host = name.format(port=server.port)
+    for path in (path_of(server.operator_url), "/shared.js", path_of(address(server, "operator", True))):
+        status, _, text = ask(server, path, Host=host)
+        assert (status, text.count("\n")) == (403, 1)
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1"])
+def test_a_request_of_another_site_is_refused(opened, origin):
+    _, server = opened
+    origin = origin.format(port=server.port)
+    assert ask(server, path_of(server.operator_url), Origin=origin)[0] == 403
+    with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+        asyncio.run(connect(address(server, "operator", True), Origin=origin))
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])
+def test_its_own_names_are_its_own(opened, name):
+    _, server = opened
+    own = f"{name}:{server.port}"
+    assert ask(server, path_of(server.operator_url), Host=own, Origin=f"http://{own}")[0] == 200
+
+
+def test_an_address_for_the_whole_network_is_one_that_others_reach():
+    with shown(host="0.0.0.0") as (_, server):
+        assert "//0.0.0.0" not in server.participant_url
+        assert ask(server, path_of(server.operator_url))[0] == 200
+        assert ask(server, path_of(server.operator_url), Host=f"0.0.0.0:{server.port}")[0] == 403
+        assert ask(server, path_of(server.operator_url), Host=f"evil.example:{server.port}")[0] == 403
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "HEAD", "OPTIONS"])
+def test_nothing_but_get_is_answered(opened, method):
+    _, server = opened
+    assert ask(server, path_of(server.operator_url), method)[0] == 405
+
+
+def test_a_port_in_use_is_told_in_one_line(opened):
+    desk, server = opened
+    with pytest.raises(RigError, match=rf"expected a free port, got {server.port}.*rig\.console\.port=0") as caught:
+        PageServer(desk, "127.0.0.1", server.port).open()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("host", "port", "told"), [("192.0.2.1", 0, "rig.console.host=127"), ("127.0.0.1", 70000, "65535")]
+)
+def test_an_address_that_cannot_be_taken_is_told(host, port, told):
+    with pytest.raises(RigError, match=told):
+        PageServer(make_desk(), host, port).open()
+
+
+def test_what_to_install_is_told(monkeypatch):
+    real = builtins.__import__
+
+    def missing(name, *rest):
+        if name == "aiohttp":
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    with pytest.raises(RigError, match=r'pip install "pamid\[pages\]"'):
+        PageServer(make_desk(), "127.0.0.1", 0).open()
+
+
+def test_closing_ends_it_and_frees_the_port(opened):
+    desk, server = opened
+    server.close()
+    server.close()
+    again = PageServer(desk, "127.0.0.1", server.port)
+    again.open()
+    again.close()
+
+
+def test_scenes_come_whenever_something_changes(opened):
+    desk, server = opened
+    trial = make_trial(desk.machine)
+
+    async def talk(participant, operator):
+        first = await operator.hear("scene")
+        assert (first["phase"], first["trial"]) == ("busy", None)
+        Study(desk, trial).start()
+        proposed = await operator.hear("scene", lambda each: each["phase"] == "proposed")
+        await operator.send("decide", word="accept", note="calm", question=proposed["question"])
+        for phase in ("countdown", "running", "judging"):
+            for page in (participant, operator):
+                scene = await page.hear("scene", lambda each, phase=phase: each["phase"] == phase)
+        return proposed, scene
+
+    proposed, judged = converse(server, talk, "participant", "operator")
+    assert proposed["participant_url"] == server.participant_url
+    assert proposed["choices"] == ["accept", "skip", "pause"]
+    assert np.allclose(proposed["trial"]["reference_rad"], trial.reference_rad[::2], atol=1e-4)
+    assert len(judged["outcome"]["tracking_error_rad"]) == 2
+
+
+def test_the_participant_is_told_no_addresses(opened):
+    _, server = opened
+
+    async def talk(participant):
+        return await participant.hear("scene")
+
+    assert not any("token" in str(each) for each in converse(server, talk, "participant").values())
+
+
+def test_the_participant_cannot_decide(opened):
+    desk, server = opened
+
+    async def talk(participant):
+        Study(desk, make_trial(desk.machine)).start()
+        scene = await participant.hear("scene", lambda each: each["phase"] == "proposed")
+        await participant.send("decide", word="accept", note="", question=scene["question"])
+        first = await participant.hear("refused")
+        await participant.send("automatic", on=True)
+        return first, await participant.hear("refused")
+
+    for refused in converse(server, talk, "participant"):
+        assert "only the operator" in refused["why"]
+    assert desk.see()["phase"] == "proposed"
+    assert not desk.see()["automatic"]
+
+
+def test_a_decision_on_what_was_asked_before_is_refused(opened):
+    desk, server = opened
+
+    async def talk(operator):
+        Study(desk, make_trial(desk.machine)).start()
+        scene = await operator.hear("scene", lambda each: each["phase"] == "proposed")
+        await operator.send("decide", word="accept", note="", question=scene["question"] - 1)
+        old = await operator.hear("refused")
+        await operator.send("decide", word="keep", note="", question=scene["question"])
+        wrong = await operator.hear("refused")
+        await operator.send("decide", word="accept", note="x" * 2001, question=scene["question"])
+        return old, wrong, await operator.hear("refused")
+
+    old, wrong, long = converse(server, talk, "operator")
+    assert "decided already" in old["why"]
+    assert "expected one of accept, skip, pause, got 'keep'" in wrong["why"]
+    assert "2000 characters" in long["why"]
+
+
+@pytest.mark.parametrize("role", ["participant", "operator"])
+def test_a_stop_arrives_within_a_fifth_of_a_second(role):
+    with shown(trial_s=5.0) as (desk, server):
+        study = Study(desk, make_trial(desk.machine))
+
+        async def talk(page):
+            desk.go_on(True)
+            study.start()
+            await page.hear("moment", lambda each: each["time_s"] > 0.05)
+            pressed_s = time.monotonic()
+            await page.send("stop", why=f"the {role} pressed stop")
+            scene = await page.hear("scene", lambda each: each["phase"] == "judging")
+            return pressed_s, scene
+
+        pressed_s, scene = converse(server, talk, role)
+        assert study.stopped_s - pressed_s < 0.2
+        assert desk.why_stop() == f"the {role} pressed stop"
+        assert scene["outcome"]["stopped"] == f"stopped: the {role} pressed stop"
+        assert not scene["automatic"]
+
+
+def test_a_stop_without_a_reason_stops_too():
+    with shown(trial_s=5.0) as (desk, server):
+
+        async def talk(page):
+            desk.go_on(True)
+            Study(desk, make_trial(desk.machine)).start()
+            await page.hear("moment")
+            await page.send("stop", why=[1])
+            await page.hear("scene", lambda each: each["phase"] == "judging")
+
+        converse(server, talk, "participant")
+        assert desk.why_stop() == "the participant pressed stop"
+
+
+def moment_at(time_s):
+    return Moment(time_s, np.zeros(2), np.zeros(4), np.zeros(4), np.array([np.nan, 1.0, 2.0, 3.0]))
+
+
+def test_a_slow_reader_gets_the_newest_sample_and_no_queue(opened):
+    desk, server = opened
+
+    async def talk(slow, quick):
+        seen = 0
+        for index in range(60):
+            desk.show(moment_at(float(index)))
+            told = await quick.hear("moment", lambda each, index=index: each["time_s"] == index)
+            seen += 1
+        assert told["force_n"] == [None, 1.0, 2.0, 3.0]
+        for _ in range(pages.MOST_ON_THE_WAY):
+            late = await slow.hear("moment")
+        return seen, late, await slow.hear("moment")
+
+    seen, late, newest = converse(server, talk, "participant", "operator")
+    assert (seen, newest["time_s"]) == (60, 59.0)
+    assert late["time_s"] < 3 * pages.MOST_ON_THE_WAY
+
+
+def test_samples_come_no_faster_than_shown(opened):
+    desk, server = opened
+    count = 0
+
+    async def talk(page):
+        nonlocal count
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            desk.show(moment_at(time.monotonic()))
+            await asyncio.sleep(0.002)
+        await page.send("clock", page_s=1.0)
+        while True:
+            told = json.loads((await page.socket.receive()).data)
+            if told["kind"] == "clock":
+                return
+            count += told["kind"] == "moment"
+            await page.send("seen")
+
+    converse(server, talk, "participant")
+    assert 1 <= count <= 0.5 * pages.SENT_HZ + 2
+
+
+def test_the_clock_is_that_of_the_rig(opened):
+    _, server = opened
+
+    async def talk(page):
+        before = time.monotonic()
+        await page.send("clock", page_s=12.5)
+        told = await page.hear("clock")
+        assert before <= told["heard_s"] <= told["sent_s"] <= time.monotonic()
+        return told
+
+    assert converse(server, talk, "participant")["page_s"] == 12.5
+
+
+MALFORMED = [
+    "",
+    "{",
+    "[]",
+    "[" * 20000,
+    '{"kind": "other"}',
+    '{"kind": "clock"}',
+    '{"kind": "clock", "page_s": NaN}',
+    '{"kind": "clock", "page_s": 1' + "0" * 400 + "}",
+    '{"kind": "drawn", "frames": 3, "starts_at_s": 0}',
+    '{"kind": "drawn", "frames": [[1, 2]], "starts_at_s": 0}',
+    '{"kind": "drawn", "frames": [["a", 2, 3]], "starts_at_s": 0}',
+    '{"kind": "pointer", "angle_rad": [1]}',
+    '{"kind": "pointer", "angle_rad": [1, null]}',
+]
+
+
+@pytest.mark.parametrize("text", MALFORMED, ids=range(len(MALFORMED)))
+def test_a_malformed_message_closes_its_page_alone(opened, text):
+    desk, server = opened
+
+    async def talk(bad, good):
+        await bad.socket.send_str(text)
+        code, why = await bad.hear_end()
+        wait_until(lambda: desk.see()["pages"] == {"participant": 1, "operator": 0})
+        await good.send("clock", page_s=1.0)
+        await good.hear("clock")
+        return code, why
+
+    code, why = converse(server, talk, "participant", "participant")
+    assert code == pages.FORBIDDEN
+    assert "expected" in why
+
+
+@pytest.mark.parametrize(
+    "text", ['{"kind": "decide"}', '{"kind": "automatic", "on": 1}', '{"kind": "drawn"}', '{"kind": "pointer"}']
+)
+def test_what_an_operators_page_does_not_send_closes_it(opened, text):
+    _, server = opened
+
+    async def talk(operator):
+        await operator.socket.send_str(text)
+        return await operator.hear_end()
+
+    assert converse(server, talk, "operator")[0] == pages.FORBIDDEN
+
+
+def test_a_huge_message_and_bytes_close_their_page(opened):
+    desk, server = opened
+
+    async def huge(page):
+        await page.socket.send_str(" " * (pages.MOST_BYTES + 1))
+        return await page.hear_end()
+
+    async def raw(page):
+        await page.socket.send_bytes(b"{}")
+        return await page.hear_end()
+
+    assert converse(server, huge, "operator")[0] == 1009
+    assert converse(server, raw, "operator")[0] == pages.FORBIDDEN
+    wait_until(lambda: desk.see()["pages"] == {"participant": 0, "operator": 0})
+
+
+def test_the_number_of_open_pages_is_bounded(opened, monkeypatch):
+    _, server = opened
+    monkeypatch.setattr(pages, "MOST_SOCKETS", 2)
+
+    async def talk(*_):
+        with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
+            await connect(address(server, "operator", True))
+
+    converse(server, talk, "participant", "operator")
+
+
+@pytest.mark.parametrize("way", ["closed", "silent"])
+def test_a_page_that_is_lost_stops_the_trial(way):
+    with shown(trial_s=5.0, needed=["participant"], lost_after_s=0.3) as (desk, server):
+        study = Study(desk, make_trial(desk.machine))
+
+        async def talk(participant):
+            desk.go_on(True)
+            study.start()
+            until = time.monotonic() + 0.8
+            while time.monotonic() < until:
+                await participant.send("alive")
+                await asyncio.sleep(0.05)
+            assert desk.why_stop() == ""
+            if way == "closed":
+                await participant.socket.close()
+            lost_s = time.monotonic()
+            while not study.stopped_s:
+                await asyncio.sleep(0.005)
+            return study.stopped_s - lost_s
+
+        took_s = converse(server, talk, "participant")
+        assert took_s < {"closed": 0.2, "silent": 0.5}[way]
+        assert {"closed": "was closed", "silent": "was not heard for"}[way] in desk.why_stop()
+
+
+def test_a_trial_is_not_accepted_without_the_pages_it_needs():
+    with shown(needed=["participant"]) as (desk, server):
+
+        async def talk(operator):
+            Study(desk, make_trial(desk.machine)).start()
+            scene = await operator.hear("scene", lambda each: each["phase"] == "proposed")
+            await operator.send("decide", word="accept", note="", question=scene["question"])
+            return await operator.hear("refused")
+
+        assert "participant page is not open" in converse(server, talk, "operator")["why"]
+
+
+def test_what_was_drawn_becomes_part_of_the_recording(opened):
+    desk, server = opened
+    study = Study(desk, make_trial(desk.machine))
+
+    async def talk(participant):
+        desk.go_on(True)
+        study.start()
+        scene = await participant.hear("scene", lambda each: each["phase"] == "running")
+        starts_at_s = scene["starts_at_s"]
+        while (shown_s := time.monotonic()) < starts_at_s + 1.0:
+            frames = [[shown_s, shown_s - starts_at_s, None], [shown_s - 60.0, 0.9, 0.9]]
+            await participant.send("drawn", starts_at_s=starts_at_s, frames=frames)
+            await participant.send("drawn", starts_at_s=starts_at_s - 1.0, frames=[[shown_s, 0.9, 0.9]])
+            await asyncio.sleep(0.02)
+        await participant.hear("scene", lambda each: each["phase"] == "busy")
+
+    converse(server, talk, "participant")
+    recording = wait_until(lambda: study.ended)[0]
+    late_s = (recording.reference_shown_s - recording.time_s)[:-5]
+    assert np.all((late_s >= -0.001) & (late_s < 0.2))
+    assert np.isnan(recording.measured_shown_s).all()
+
+
+def test_a_pointer_is_kept_within_the_joints_limits(opened):
+    desk, server = opened
+
+    async def talk(participant):
+        await participant.send("pointer", angle_rad=[0.3, 99.0])
+        await participant.send("clock", page_s=1.0)
+        await participant.hear("clock")
+
+    converse(server, talk, "participant")
+    np.testing.assert_allclose(desk.ask_pointer(), [0.3, desk.machine.joints[1].upper_rad])
+
+
+def test_what_is_no_finite_number_becomes_null():
+    told = {"a": [1.0, float("nan")], "b": np.float64("inf"), "c": np.array([np.nan, 2.0]), "d": np.int64(3)}
+    assert json.loads(encode(told)) == {"a": [1.0, None], "b": None, "c": [None, 2.0], "d": 3}
