@@ -18,7 +18,7 @@ def make_desk(joints=2, trial_s=1.0, **settings):
     """A desk that shows a machine of that many joints with two muscles each."""
     desk = Desk(DeskSettings(**NOBODY_NEEDED | settings))
     desk.machine = other_machine([2] * joints, RATE_HZ, trial_s)
-    desk.describe(desk.machine)
+    desk.describe(desk.machine, pointed=False)
     return desk
 
 
