@@ -14,7 +14,9 @@ import pytest
 
 from pipeline.context import Record
 from stages.rig import festo_cpx
+from stages.rig.attendance import TrialDeclined
 from stages.rig.contract import RECORDING_COLUMNS, RigError, Trial, TrialStopped, tidy
+from stages.rig.desk import Desk, DeskSettings
 from tests.cpx_e.emulator import ROOT, Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 
@@ -115,6 +117,43 @@ def test_a_trial_is_recorded_as_commanded(rig, emulator):
     assert between["outputs_kpa"] == [0.0] * 4
     assert between["watchdog_ms"] == 0
     assert between["watchdog_count"] == 0
+
+
+def test_an_operators_stop_lets_the_muscles_down_and_the_trial_can_be_repeated(rig, emulator):
+    desk = Desk(DeskSettings(countdown_s=0.0, result_s=0.0, lost_after_s=1.0, needed=[]))
+    rig.be_attended(desk)
+    stops, words = [], iter(["accept", "repeat", "accept", "keep"])
+
+    def attend():
+        word = next(words)
+        while word:
+            scene = desk.see()
+            if word in scene["choices"]:
+                desk.decide(word, "", scene["question"])
+                word = next(words, None)
+            elif not stops and desk.moment is not None and desk.moment.time_s > 0.5:
+                stops.append(time.monotonic())
+                desk.stop("the operator stopped it")
+            time.sleep(0.002)
+
+    operator = threading.Thread(target=attend, daemon=True)
+    operator.start()
+    handed = []
+    with rig:
+        with pytest.raises(TrialDeclined, match="to be repeated"):
+            rig.execute(trial(rig), np.random.default_rng(0), handed.append)
+        state = emulator.state()
+        assert state["outputs_kpa"] == [0.0] * 4
+        assert state["vented_at_s"] - stops[0] <= LET_DOWN_S
+        assert state["watchdog_count"] == 0
+        assert rig.connected
+        measured = pd.concat([pd.DataFrame(rows) for rows in handed])
+        assert measured["time_s"].max() > 0.5
+        assert "ramp" in set(measured["status"])
+        recording = rig.execute(trial(rig), np.random.default_rng(0))
+    operator.join(timeout=5)
+    assert len(recording.time_s) == rig.samples
+    assert not operator.is_alive()
 
 
 def test_a_command_beyond_the_limits_is_clipped_and_recorded_as_such(rig):
