@@ -204,6 +204,11 @@ class Context:
     formats: Sequence[str] = ("png",)
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
 
+    @property
+    def is_attended(self) -> bool:
+        """Whether somebody decides on what the rig does."""
+        return getattr(self.rig, "attendance", None) is not None
+
     def generator(self, *key: int | str) -> np.random.Generator:
         """Return a generator that depends on the root seed, the stage and the key alone.
 
@@ -219,14 +224,14 @@ class Context:
 
     @contextmanager
     def progress(self, description: str, total: int) -> Iterator[Callable[[str], None]]:
-        """Show how far a loop is; quiet when the output is piped.
+        """Show how far a loop is; quiet when the output is piped, or somebody attends and types there.
 
         Yields
         ------
         callable
             Call it with a note at the end of each turn.
         """
-        if not self.console.is_terminal:
+        if not self.console.is_terminal or self.is_attended:
             yield lambda note: log.debug("%s: %s", self.stage, note)
             return
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -258,8 +263,7 @@ class Context:
             Independent of each other. On a real rig, and where somebody attends, they are done one after the other,
             here.
         """
-        alone = getattr(self.rig, "real", False) or getattr(self.rig, "attendance", None) is not None
-        workers = 1 if alone else self.workers
+        workers = 1 if getattr(self.rig, "real", False) or self.is_attended else self.workers
         yield from spread(function, jobs, workers, self.record.check)
 
     def __getstate__(self) -> dict[str, Any]:

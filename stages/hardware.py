@@ -84,7 +84,7 @@ def hardware(
 ) -> dict[str, pd.DataFrame]:
     """Execute each experiment's initial trials, then those of the protocol."""
     ctx.rig.check_bank(references, "trajectory")
-    passive = split_turns(protocol_commands, ctx.rig.real)
+    passive = split_turns(protocol_commands, ctx.rig.real or ctx.is_attended)
     with ctx.rig as rig, ctx.progress("trials", len(initial_trials) + len(passive)) as advance:
         for number, row in enumerate(rows_of(initial_trials)):
             key = (row["participant"], row["experiment"], row["position"])
@@ -124,15 +124,15 @@ def execute_tracked(
     return make_part(HARDWARE_RECORDINGS, pd.DataFrame(tidy(recording, rig)).assign(**row))
 
 
-def split_turns(commands: pd.DataFrame | None, real: bool) -> dict[tuple[int, ...], pd.DataFrame]:
-    """Return the protocol's commands by turn of the loop, named by experiment and, on a real rig, trial.
+def split_turns(commands: pd.DataFrame | None, singly: bool) -> dict[tuple[int, ...], pd.DataFrame]:
+    """Return the protocol's commands by turn of the loop, named by experiment and, where they land singly, trial.
 
-    What a machine measured lands trial by trial. A simulation's trials land by experiment, as each is made sooner than
-    a part is written.
+    What a machine measured lands trial by trial, and so does what somebody decides on. A simulation's trials land by
+    experiment else, as each is made sooner than a part is written.
     """
     if commands is None:
         return {}
-    by = ["experiment", "trial"] if real else ["experiment"]
+    by = ["experiment", "trial"] if singly else ["experiment"]
     return {tuple(int(str(each)) for each in key): rows for key, rows in commands.groupby(by, sort=False)}
 
 

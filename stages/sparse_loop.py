@@ -28,7 +28,7 @@ from pipeline.table import Table, column
 from stages.gp import MarginalModel, SparseDesign, SparseInteraction, fit, trajectory_utility
 from stages.identification import MuscleSet, describe_choice, describe_models, measure_cost, thin
 from stages.plant import Exoskeleton
-from stages.rig import MOST_ROWS, RECORDING_COLUMNS, Rig, track
+from stages.rig import MOST_ROWS, RECORDING_COLUMNS, Proposal, Rig, track, until_kept
 from stages.signals import MODEL_INPUTS
 
 MOST_NUMBERS = 25_000_000
@@ -286,7 +286,8 @@ class Experiment:
                 landed: list[dict[str, pd.DataFrame]] = []
                 for trial in range(1, self.cfg.sparse_loop.trials + 1):
                     key = self.key(arm, trial)
-                    landed.append(self.ctx.record.part(key, partial(self.run_trial, arm, trial, landed, rig)))
+                    make = partial(self.run_trial, arm, trial, landed, rig)
+                    landed.append(until_kept(partial(self.ctx.record.part, key, make)))
                     keys.append(self.ctx.record.name(key))
         return keys
 
@@ -404,7 +405,8 @@ class Experiment:
         label = f"{self.participant} experiment {self.number} sparse {arm} trial {trial}"
         generator = self.ctx.generator("rig", self.participant, self.number, trial)
         trajectory, watch = self.muscles.trajectories[index], self.ctx.record.watch(self.key(arm, trial))
-        return track(self.references, trajectory, rig, self.participant, label, generator, watch)
+        proposal = Proposal(trial, self.cfg.sparse_loop.trials, f"chosen for the sparse models by {arm}", trajectory)
+        return track(self.references, trajectory, rig, self.participant, label, generator, watch, proposal=proposal)
 
     def label(self, frame: pd.DataFrame, arm: str, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""

@@ -18,7 +18,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton
-from stages.rig import RECORDING_COLUMNS, FreeMovements, Rig, RigWithLimits, check_levels
+from stages.rig import RECORDING_COLUMNS, FreeMovements, Proposal, Rig, RigWithLimits, check_levels, until_kept
 
 UNSEEN_BANK = Table(
     "unseen_bank",
@@ -88,7 +88,8 @@ def unseen_bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record a second bank of natural movements, for the evaluation alone."""
     with ctx.rig as rig, ctx.progress("movements", cfg.unseen_bank.trajectories) as advance:
         for trajectory in range(cfg.unseen_bank.trajectories):
-            ctx.record.part((trajectory,), partial(record_movement, cfg, ctx, rig, trajectory))
+            make = partial(record_movement, cfg, ctx, rig, trajectory)
+            until_kept(partial(ctx.record.part, (trajectory,), make))
             advance(f"movement {trajectory}")
     return ctx.record.collect()
 
@@ -96,5 +97,6 @@ def unseen_bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
 def record_movement(cfg: Config, ctx: Context, rig: Rig, trajectory: int) -> dict[str, pd.DataFrame]:
     """Record one free movement."""
     watch, label = ctx.record.watch((trajectory,)), f"unseen bank {trajectory}"
-    columns = cfg.unseen_bank.record(trajectory, rig, ctx.generator(trajectory), label, watch)
+    proposal = Proposal(trajectory + 1, cfg.unseen_bank.trajectories, "a natural movement for the evaluation alone")
+    columns = cfg.unseen_bank.record(trajectory, rig, ctx.generator(trajectory), label, watch, proposal=proposal)
     return {UNSEEN_BANK.name: pd.DataFrame(columns)}
