@@ -27,6 +27,7 @@ SETTINGS = (
     "workflow.stages=[bank,subsampling,hyperprior,hardware,active_loop,comparison,sparse_loop,sparse_comparison]",
     "workflow.headline=[sparse_comparison]",
     "~participant_differences",
+    "~tracking_delay",
     "sparse_loop.trials=2",
     "sparse_loop.first_iterations=15",
     "sparse_loop.iterations=5",
