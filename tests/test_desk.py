@@ -192,3 +192,13 @@ def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(command, tmp_path):
     told = pd.read_parquet(aside)
     assert told["stopped_by"].unique() == ["to be repeated, says the operator: too early"]
     assert "stopped" in "".join(operator.printed)
+
+
+@pytest.mark.parametrize("desk", [("desk=terminal",), ()], ids=["terminal", "none"])
+def test_a_pointer_needs_a_page_before_anything_is_recorded(pamid, desk):
+    result = pamid("budget=tiny", "participant=mouse", *desk)
+    assert result.returncode == 1
+    (line,) = [each for each in result.stderr.splitlines() if "failed" in each]
+    assert "points at postures" in line
+    assert "set desk=pages" in line
+    assert not list(pamid.outputs.glob("runs/*/parts/*/*"))

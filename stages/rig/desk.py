@@ -20,7 +20,7 @@ from pydantic import Field, PositiveFloat
 from stages.plant.declaration import Declared
 from stages.plant.exoskeleton import Exoskeleton
 from stages.rig.attendance import Moment, StudyPaused, TrialDeclined
-from stages.rig.contract import Recording, Trial
+from stages.rig.contract import Recording, RigError, Trial
 from stages.signals.trajectories import Array
 
 log = logging.getLogger("pamid")
@@ -85,10 +85,12 @@ class Desk:
     ----------
     settings : DeskSettings
         How.
+    drawn : bool
+        Whether the participant sees trials, and can point at postures.
     """
 
-    def __init__(self, settings: DeskSettings):
-        self.settings = settings
+    def __init__(self, settings: DeskSettings, drawn: bool = True):
+        self.settings, self.drawn = settings, drawn
         self.note = ""
         self._changed = threading.Condition()
         self._phase: Phase = "busy"
@@ -113,7 +115,15 @@ class Desk:
     # what the rig does
 
     def describe(self, exoskeleton: Exoskeleton, pointed: bool) -> None:
-        """Take the machine that is shown, and whether the participant points at postures."""
+        """Take the machine that is shown, and whether the participant points at postures.
+
+        Raises
+        ------
+        RigError
+            When there is nothing to point at.
+        """
+        if pointed and not self.drawn:
+            raise RigError("a participant who points at postures does so on a page: set desk=pages")
         self._rate_hz = exoskeleton.sampling_rate_hz
         self._machine = {
             "pointer": pointed,

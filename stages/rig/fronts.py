@@ -88,7 +88,7 @@ class InTerminal(Front):
 
     def open(self) -> Desk:
         """Begin to ask."""
-        desk = Desk(self)
+        desk = Desk(self, drawn=False)
         self._terminal = Terminal(desk)
         self._terminal.open()
         return desk

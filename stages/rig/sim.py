@@ -103,6 +103,18 @@ class SimulatedRig(ConfiguredRig):
     def _lead_samples(self) -> int:
         return round(self.lead_in_s * self.sampling_rate_hz)
 
+    def connect(self) -> None:
+        """Begin.
+
+        Raises
+        ------
+        RigError
+            When a person is to point at postures and there is no page to do so.
+        """
+        if self.pointer is not None and self.attendance is None:
+            raise RigError(f"participant {self.pointer} points at postures on a page: set desk=pages")
+        super().connect()
+
     def be_attended(self, attendance: Attendance) -> None:
         """Have somebody see its trials and decide on them."""
         super().be_attended(attendance)
@@ -115,8 +127,6 @@ class SimulatedRig(ConfiguredRig):
         ------
         TrialStopped
             When who attends stopped one that takes its time.
-        RigError
-            When a person with a pointer is to move, and nobody attends.
         """
         command, clipped = apply_limits(trial.pressure_command_kpa, self.limits, self.exoskeleton)
         lead = self._lead_samples
@@ -160,8 +170,7 @@ class SimulatedRig(ConfiguredRig):
     def _follow(self, trial: Trial, command: Array, lead: int) -> Motion:
         """Simulate a trial while a person points at postures; it ends early where it is stopped."""
         attendance = self.attendance
-        if attendance is None:
-            raise RigError(f"participant {self.pointer} points at postures on a page: set desk=pages")
+        assert attendance is not None
         lower = np.array([joint.lower_rad for joint in self.exoskeleton.joints])
         upper = np.array([joint.upper_rad for joint in self.exoskeleton.joints])
         pointed = attendance.ask_pointer()
