@@ -7,6 +7,8 @@ import pytest
 from stages.rig.attendance import TrialDeclined
 from tests.rig.attended import Study, make_desk, make_trial, wait_until
 
+pytestmark = pytest.mark.realtime
+
 
 def reach(desk, phase):
     return wait_until(lambda: (scene := desk.see())["phase"] == phase and scene)

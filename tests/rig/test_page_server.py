@@ -17,6 +17,7 @@ from stages.rig.pages.server import PageServer, encode
 from tests.rig.attended import Study, make_desk, make_trial, wait_until
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed")
+pytestmark = pytest.mark.realtime
 
 
 @contextlib.contextmanager
@@ -204,9 +205,7 @@ def test_a_port_in_use_is_told_in_one_line(opened):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("host", "port", "told"), [("192.0.2.1", 0, "rig.console.host=127"), ("127.0.0.1", 70000, "65535")]
-)
+@pytest.mark.parametrize(("host", "port", "told"), [("192.0.2.1", 0, "desk.host=127"), ("127.0.0.1", 70000, "65535")])
 def test_an_address_that_cannot_be_taken_is_told(host, port, told):
     with pytest.raises(RigError, match=told):
         PageServer(make_desk(), host, port).open()

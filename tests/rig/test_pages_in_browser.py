@@ -17,6 +17,16 @@ playwright = pytest.importorskip("playwright.sync_api", reason="playwright is no
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")]
 SIZES = {"wide": (1280, 800), "tall": (720, 1280), "small": (720, 450), "phone": (390, 844)}
+OFFERED = """() => new Promise(resolve => {
+    const before = pamid.frames, began = performance.now();
+    let offered = 0;
+    const count = now => {
+        offered += 1;
+        if (now - began < 1000) requestAnimationFrame(count);
+        else resolve([offered, pamid.frames - before]);
+    };
+    requestAnimationFrame(count);
+})"""
 HOSTILE = "<img src=//elsewhere.invalid/x><script>document.title='taken'</script>"
 
 
@@ -134,11 +144,11 @@ def test_a_trial_from_its_proposal_to_its_result(room):
     participant.wait("document.getElementById('count').textContent === '1'")
     participant.wait_text("Follow the red arm")
     first = participant.picture()
-    participant.wait("pamid.fps > 50")
-    time.sleep(1.1)
+    offered, drawn = participant.page.evaluate(OFFERED)
+    assert drawn >= 0.9 * offered  # of the frames that the browser had time for
     running = participant.page.evaluate("({...window.pamid})")
     assert running["phase"] == "running"
-    assert running["fps"] >= 55
+    assert running["fps"] > 30
     assert participant.picture() != first
     assert operator.page.evaluate("window.pamid.frames") > 5
     participant.wait_text("Done")

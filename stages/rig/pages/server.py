@@ -141,7 +141,7 @@ class PageServer:
         )
         self._thread.start()
         if not opened.wait(10.0):
-            raise RigError(f"rig.console: expected pages at {self.host}:{self.port} within 10 s, got none")
+            raise RigError(f"desk: expected pages at {self.host}:{self.port} within 10 s, got none")
 
     def close(self) -> None:
         """Show them no longer; harmless when not open."""
@@ -444,24 +444,23 @@ def _number(value: Any) -> float:
 def _listen(host: str, port: int) -> socket.socket:
     """Return a socket that listens."""
     if not 0 <= port <= 65535:
-        raise RigError(f"rig.console.port: expected 0 to 65535, got {port}; type rig.console.port=0 for any free one")
+        raise RigError(f"desk.port: expected 0 to 65535, got {port}; type desk.port=0 for any free one")
     try:
         return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
         told = error.strerror or error
         if error.errno == errno.EADDRINUSE:
             raise RigError(
-                f"rig.console.port: expected a free port, got {port}, which another program uses; "
-                "type rig.console.port=0 for any free one"
+                f"desk.port: expected a free port, got {port}, which another program uses; "
+                "type desk.port=0 for any free one"
             ) from error
         if error.errno == errno.EACCES:
             raise RigError(
-                f"rig.console.port: expected a port that this user may take, got {port} ({told}); "
-                "type rig.console.port=0 for any free one"
+                f"desk.port: expected a port that this user may take, got {port} ({told}); "
+                "type desk.port=0 for any free one"
             ) from error
         raise RigError(
-            f"rig.console.host: expected an address of this computer, got {host} ({told}); "
-            "type rig.console.host=127.0.0.1"
+            f"desk.host: expected an address of this computer, got {host} ({told}); type desk.host=127.0.0.1"
         ) from error
 
 
