@@ -200,7 +200,7 @@ def test_nothing_but_get_is_answered(opened, method):
 
 def test_a_port_in_use_is_told_in_one_line(opened):
     desk, server = opened
-    with pytest.raises(RigError, match=rf"expected a free port, got {server.port}.*rig\.console\.port=0") as caught:
+    with pytest.raises(RigError, match=rf"expected a free port, got {server.port}.*desk\.port=0") as caught:
         PageServer(desk, "127.0.0.1", server.port).open()
     assert "\n" not in str(caught.value)
 
