@@ -199,6 +199,29 @@ class ChannelMap:
                         f"up to the ceiling of {value} (guard.ceilings), got {count:.0f}; it would not be noticed"
                     )
 
+    def check_vents(self, vented_kpa: float) -> None:
+        """Check that outputs of 0, to which the device's watchdog sets them, command no pressure.
+
+        Parameters
+        ----------
+        vented_kpa : float
+            Pressure up to which a muscle counts as vented, kPa gauge.
+
+        Raises
+        ------
+        ValueError
+            Naming the channel.
+        """
+        for name, place, told in zip(
+            self.names, self.commands, self.to_commands([0] * len(self.commands)), strict=False
+        ):
+            if told > vented_kpa:
+                raise ValueError(
+                    f"channels.{name.removesuffix('.pressure')}.command: expected at most {vented_kpa} kPa "
+                    f"(guard.vented_kpa) for an output of 0, to which the watchdog sets it, got {told:.0f} kPa; "
+                    f"correct zero_count ({place.zero_count}) or sign, or turn the regulator's signal round"
+                )
+
     def to_values(self, counts: Array) -> tuple[Array, Array, Array]:
         """Return pressures (M,), kPa, tensions (M,), N, and angles (J,), rad, of the counts of all inputs."""
         muscles = len(self.pressures)

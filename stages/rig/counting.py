@@ -6,7 +6,6 @@ watchdog is armed; the muscle is filled and let down along ramps, and let down w
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -64,12 +63,15 @@ class Hold:
         Time to fill it, and to let it down, s.
     settle_s : float
         Time at the command before the record begins, s.
+    ramp_down_s : float
+        Longest time to let it down where it is let down early, s.
     """
 
     muscle: int
     command_kpa: float
     ramp_s: float
     settle_s: float
+    ramp_down_s: float
 
 
 class CountJudge:
@@ -144,9 +146,8 @@ def record_held(link: CpxLink, rate_hz: float, record_s: float, hold: Hold, judg
     with hold_signals() as signals:
         try:
             link.arm()
-            asked_s = time.monotonic()
             for tick in pace(ticks, period_s):
-                silent_s = time.monotonic() - asked_s
+                silent_s = link.longest_silence_s
                 if silent_s > 0.5 * watchdog_s:
                     reason = f"the loop came {1e3 * silent_s:.0f} ms late (half the watchdog's time is borne)"
                     break
@@ -156,13 +157,13 @@ def record_held(link: CpxLink, rate_hz: float, record_s: float, hold: Hold, judg
                     break
                 share = min((tick.index + 1) / rise, 1.0)
                 link.write(share * target)
-                asked_s = time.monotonic()
                 if tick.index >= first:
                     taken.append(((tick.index - first) * period_s, counts))
         except LinkLost as error:
             lost = str(error)
         finally:
-            unreached = let_down(link, share * target, max(hold.ramp_s * share, period_s), period_s, _pass_over, lost)
+            ramp_s = min(hold.ramp_s * share, hold.ramp_down_s if reason else np.inf)
+            unreached = let_down(link, share * target, max(ramp_s, period_s), period_s, _pass_over, lost)
     if lost or unreached:
         how = (
             f"its watchdog lets the muscle down, {watchdog_s} s after the last request"

@@ -27,6 +27,9 @@ EXTRA = 'pip install "pamid[rig]"'
 SHORTEST_WATCHDOG_S = 0.1
 """Below which the device excludes its master; from the vendor's library."""
 
+VENTED = 0.9
+"""Share of the watchdog's time after which the device is taken to have vented, as it may count from earlier on."""
+
 
 class LinkLost(Exception):
     """The device did not answer, or not as it should."""
@@ -74,6 +77,7 @@ class CpxLink:
         }
         self._answered_at_s = time.monotonic()
         self._longest_silence_s = 0.0
+        self._armed = False
 
     @property
     def place(self) -> str:
@@ -170,8 +174,11 @@ class CpxLink:
         Raises
         ------
         LinkLost
-            When the device does not confirm.
+            When the device does not confirm, or has vented meanwhile: then nothing but zero is commanded, as any other
+            command would fill empty muscles at once.
         """
+        if self._armed and np.any(command_kpa > 0.0) and self.longest_silence_s > VENTED * self.device.watchdog_s:
+            raise LinkLost(f"it heard nothing for {1e3 * self.longest_silence_s:.0f} ms, so that its watchdog vented")
         for place, count in zip(self.channels.commands, self.channels.to_counts(command_kpa), strict=True):
             self._outputs[place.module][place.channel] = count
         refused = []
@@ -205,20 +212,38 @@ class CpxLink:
             When the device does not take the time.
         """
         self._set_watchdog(round(self.device.watchdog_s * 1000))
-        self._longest_silence_s = 0.0
+        self._longest_silence_s, self._armed = 0.0, True
 
     def disarm(self) -> None:
         """Let the device bear silence."""
         self._set_watchdog(0)
+        self._armed = False
+
+    def find_other_master(self) -> str:
+        """Return how it shows that somebody else drives the device too; empty where nothing does.
+
+        Raises
+        ------
+        LinkLost
+            When the device does not tell.
+        """
+        told, set_ms = self._read_watchdog(), round(self.device.watchdog_s * 1000)
+        if told == set_ms:
+            return ""
+        return f"somebody else drives the device too: its watchdog was set to {set_ms} ms and tells {told} ms"
 
     def _set_watchdog(self, time_ms: int) -> None:
+        with self._unbroken():
+            self._cpx.set_timeout(time_ms)
+        told = self._read_watchdog()
+        if told != time_ms:
+            raise LinkLost(f"the watchdog was set to {time_ms} ms and tells {told} ms")
+
+    def _read_watchdog(self) -> int:
         from cpx_io.cpx_system.cpx_e.cpx_e_modbus_registers import TIMEOUT
 
         with self._unbroken():
-            self._cpx.set_timeout(time_ms)
-            told = int.from_bytes(self._cpx.read_reg_data(*TIMEOUT), "little")
-        if told != time_ms:
-            raise LinkLost(f"the watchdog was set to {time_ms} ms and tells {told} ms")
+            return int.from_bytes(self._cpx.read_reg_data(*TIMEOUT), "little")
 
     def _read_module(self, position: int) -> list[int]:
         module, kind = self._cpx.modules[position], self.device.modules[position]
@@ -249,6 +274,7 @@ class CpxLink:
             yield
         if self._cpx.client.socket is not before:
             raise LinkLost("the connection was closed and made anew")
+        self._longest_silence_s = self.longest_silence_s  # this process may have slept while it waited
         self._answered_at_s = time.monotonic()
 
 

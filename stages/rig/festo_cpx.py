@@ -11,6 +11,7 @@ import logging
 import socket
 import tempfile
 import time
+from collections.abc import Iterator
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -38,6 +39,10 @@ from stages.signals.trajectories import Array
 
 log = logging.getLogger("pamid")
 
+FILLED = 0.3
+"""Share of its highest command from which on a muscle is filled, so that its load cell should tell."""
+LOCK_FOLDER = "/run/lock"
+"""Where locks lie, where there is such a folder: a folder for temporary files may be a process's own."""
 MOST_TOLD = 5
 """Lines of a refusal that are printed; the others are counted."""
 
@@ -93,6 +98,7 @@ class FestoCpx(ConfiguredRig):
             ],
             self.device.counts,
         )
+        self.map_channels().check_vents(self.guard.vented_kpa)
         for joint in self.exoskeleton.joint_names:
             if joint not in self.co_contraction_kpa:
                 raise ValueError(f"co_contraction_kpa: none for joint {joint}; add co_contraction_kpa.{joint}")
@@ -177,7 +183,20 @@ class FestoCpx(ConfiguredRig):
         if reason:
             raise TrialStopped(self._tell(reason, book), book.noticed_at_s)
         log.info("%s: %s", trial.label or trial.kind, book.measure_pace())
-        return self._record(book)
+        recording = self._record(book)
+        for told in self._find_dead(recording):
+            log.warning("%s: %s", trial.label or trial.kind, told)
+        return recording
+
+    def _find_dead(self, recording: Recording) -> Iterator[str]:
+        """Say which load cells told the same throughout though their muscle was filled; a slack muscle does so too."""
+        for m, muscle in enumerate(self.exoskeleton.muscles):
+            highest = float(recording.pressure_kpa[:, m].max())
+            if np.ptp(recording.force_n[:, m]) == 0.0 and highest > FILLED * self.limits[muscle.type].high_kpa:
+                yield (
+                    f"{muscle.name}.force was {recording.force_n[0, m]:.3g} N throughout, at up to {highest:.0f} kPa: "
+                    "the muscle was slack, or its load cell is not connected"
+                )
 
     def read_counts(self, record_s: float) -> CountRecording:
         """Record the raw counts of all inputs while nothing is commanded.
@@ -226,7 +245,7 @@ class FestoCpx(ConfiguredRig):
         """
         link, number = self._linked(), self.check_hold(muscle, command_kpa)
         slew = self.limits[self.exoskeleton.muscles[number].type].slew_kpa_per_s
-        hold = Hold(number, command_kpa, max(ramp_s, command_kpa / slew), settle_s)
+        hold = Hold(number, command_kpa, max(ramp_s, command_kpa / slew), settle_s, self.guard.ramp_down_s)
         ceilings = [self.guard.ceilings[each.type] for each in self.exoskeleton.muscles]
         judge = CountJudge(link.channels, self.device.counts, ceilings, number)
         return record_held(link, self.sampling_rate_hz, record_s, hold, judge)
@@ -292,6 +311,7 @@ class FestoCpx(ConfiguredRig):
                 self._show(book.time_s, sample, book.last_command)
                 if reason:
                     break
+            reason = reason or link.find_other_master()
         except LinkLost as error:
             broken = str(error)
             reason = f"the device at {link.place} does not answer as it should ({broken})"
@@ -410,9 +430,8 @@ def _take(device: Device) -> FileLock:
         raise RigError(
             f"rig.device.host: expected an address or a name that can be found, got {device.host} ({error})"
         ) from None
-    name = f"pamid-{address}-{device.port}"
-    path = f"{tempfile.gettempdir()}/{name}.lock"
-    lock = FileLock(path)
+    path = f"{_find_lock_folder()}/pamid-{address}-{device.port}.lock"
+    lock = FileLock(path, mode=0o666)
     try:
         lock.acquire(timeout=0.0)
     except Timeout:
@@ -420,7 +439,21 @@ def _take(device: Device) -> FileLock:
             f"{device.host}:{device.port} is driven by another process (it holds {path}); wait until that ends, "
             "and have a sweep run one job at a time: hydra.launcher.n_jobs=1"
         ) from None
+    except OSError as error:
+        raise RigError(
+            f"{path}: expected a lock file that this user may write ({error.strerror}); once nobody drives "
+            f"{device.host}:{device.port}, have its owner remove it"
+        ) from None
     return lock
+
+
+def _find_lock_folder() -> str:
+    """Return a folder that all users and processes of this computer share, if there is one."""
+    try:
+        with tempfile.TemporaryFile(dir=LOCK_FOLDER):
+            return LOCK_FOLDER
+    except OSError:
+        return tempfile.gettempdir()
 
 
 def _let_go(link: CpxLink) -> None:

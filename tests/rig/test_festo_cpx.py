@@ -1,5 +1,6 @@
 """The real rig against an emulated device in another process: trials, and every fault that ends one."""
 
+import contextlib
 import os
 import re
 import signal
@@ -17,10 +18,13 @@ from stages.rig import festo_cpx
 from stages.rig.attendance import TrialDeclined
 from stages.rig.contract import RECORDING_COLUMNS, RigError, Trial, TrialStopped, tidy
 from stages.rig.desk import Desk, DeskSettings
+from stages.rig.supervision import Supervisor
 from tests.cpx_e.emulator import ROOT, Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
+from pymodbus.client import ModbusTcpClient
+
 pytestmark = pytest.mark.realtime
 
 WATCHDOG_S = 0.4
@@ -154,6 +158,61 @@ def test_an_operators_stop_lets_the_muscles_down_and_the_trial_can_be_repeated(r
     operator.join(timeout=5)
     assert len(recording.time_s) == rig.samples
     assert not operator.is_alive()
+
+
+@pytest.mark.parametrize("where", ["in a write", "between a read and a write"])
+def test_what_the_watchdog_vented_while_we_slept_is_not_filled_again(rig, emulator, monkeypatch, where):
+    written, slept, before = [], [], emulator.state()["watchdog_count"]
+    send, look = ModbusTcpClient.write_registers, Supervisor.look
+
+    def sleep_once(calls):
+        if len(written) > calls and not slept:
+            time.sleep(1.6 * rig.device.watchdog_s)
+            slept.append(len(written))
+
+    def spy(client, address, values, **more):
+        if address in range(40003, 40040):
+            written.append(list(values))
+        answer = send(client, address, values, **more)
+        if where == "in a write":
+            sleep_once(180)
+        return answer
+
+    def look_late(supervisor, *given):
+        if where != "in a write":
+            sleep_once(180)
+        return look(supervisor, *given)
+
+    monkeypatch.setattr(ModbusTcpClient, "write_registers", spy)
+    monkeypatch.setattr(Supervisor, "look", look_late)
+    with rig, pytest.raises(TrialStopped, match="watchdog"):
+        rig.execute(trial(rig), np.random.default_rng(0))
+    assert any(any(values) for values in written[: slept[0]])
+    assert not any(any(values) for values in written[slept[0] :])
+    assert emulator.state()["watchdog_count"] == before + 1
+
+
+def test_somebody_who_drives_the_device_too_is_noticed(rig, emulator):
+    def meddle():
+        with contextlib.closing(ModbusTcpClient("127.0.0.1", port=emulator.port)) as other:
+            assert other.connect()
+            other.write_registers(46100, [0])
+
+    with rig:
+        meddling = threading.Timer(1.2, meddle)
+        meddling.start()
+        with pytest.raises(TrialStopped, match="somebody else drives the device too: its watchdog was set to"):
+            rig.execute(trial(rig), np.random.default_rng(0))
+        meddling.join()
+
+
+def test_a_load_cell_that_tells_nothing_is_told(rig, emulator, caplog):
+    emulator.fault("sensor", channel="pam1.force", mode="counts", counts=0)
+    with rig, caplog.at_level("WARNING", logger="pamid"):
+        rig.execute(trial(rig), np.random.default_rng(0))
+    (told,) = caplog.messages
+    assert "pam1.force was 0 N throughout, at up to 1" in told
+    assert "its load cell is not connected" in told
 
 
 def test_a_command_beyond_the_limits_is_clipped_and_recorded_as_such(rig):

@@ -251,6 +251,14 @@ def test_a_signal_waits_until_the_muscles_are_down():
         (lambda s: s["channels"].pop("pam2"), "channels: none for pam2, only for pam1, pam3, pam4; add channels.pam2"),
         (lambda s: s["encoders"].pop("EFE"), "encoders: none for EFE"),
         (
+            lambda s: s["channels"]["pam1"]["command"].update(sign=-1, zero_count=8000.0),
+            "channels.pam1.command: expected at most 30.0 kPa (guard.vented_kpa) for an output of 0",
+        ),
+        (
+            lambda s: s["channels"]["pam2"]["command"].update(zero_count=-8000.0),
+            "to which the watchdog sets it, got 250 kPa; correct zero_count (-8000.0) or sign",
+        ),
+        (
             lambda s: s["channels"]["pam1"]["force"].update(module=1),
             "expected the position of a 4AI, got 1, which is 4AO",
         ),
