@@ -24,9 +24,9 @@ from rich.console import Console
 
 from pipeline.checkout import keep_changes
 from pipeline.command import command_line
-from pipeline.config import Study, read_study
+from pipeline.config import Study, find_target, read_study
 from pipeline.context import Context, Record
-from pipeline.errors import PipelineError
+from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import link, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
 from pipeline.launch import name_job
@@ -219,7 +219,17 @@ class Runner:
     def _plan(self) -> list[Step]:
         if self.study.settings.desk is not None:
             self.study.build("desk")
+            self._find_attended()
         return make_plan(self.study, self.stages, list_ledgers(self.outputs))
+
+    def _find_attended(self) -> None:
+        """Refuse a desk where nothing that stages drive asks anybody."""
+        targets = [self.study.slice(each)[name] for each in self.stages if (name := self.study.target(each))]
+        if not any(hasattr(find_target(each["_target_"]), "be_attended") for each in targets):
+            raise ConfigError(
+                f"desk: expected null, as nothing that workflow {self.study.settings.workflow.name} drives asks an "
+                "operator; leave desk= out"
+            )
 
     def _decide(self, stage: Stage, ingredients: Ingredients, ledger: Ledger) -> Step:
         """Say whether a stage must run now that its inputs are there; one asked for by name runs once."""

@@ -116,7 +116,8 @@ DECISIONS = Table(
             "aside, and not proposed again; skip: not executed, another one took its place",
             among=["keep", "repeat", "reject", "skip"],
         ),
-        "note": column(str, "what the operator wrote"),
+        "note": column(str, "what the operator wrote; 'by itself' where trials followed by themselves"),
+        "stopped": column(str, "why it was stopped before, if it was"),
     },
     key=(*WHERE, "attempt"),
 )
@@ -370,9 +371,13 @@ class Loop:
             points.append(self.label(self.start, 0))
             models.append(self.label(describe_models(interaction.models, self.muscles), 0))
         generator = self.ctx.generator("random", self.participant, self.experiment, trial)
-        choice = interaction.ask(generator, but=self.muscles.indices(list_declined(declined, trial)))
+        rejected, skipped = list_declined(declined, trial)
+        available = [self.muscles.trajectories[index] for index in interaction.available]
+        left = [each for each in available if each not in rejected]
+        out = {*rejected, *skipped} if set(left) - set(skipped) else set(rejected)  # all skipped: the first again
+        choice = interaction.ask(generator, but=self.muscles.indices(sorted(out)))
         described = describe_choice(choice, interaction, self.muscles)
-        samples = self.execute(choice, described, trial, landed, rig)
+        samples = self.execute(choice, described, trial, landed, len(left), rig)
         usable = keep_usable(samples)
         surprise = float(np.mean(ForceTest.read("trial", usable, self.muscles).error_rates(interaction.models)))
         told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(usable), self.starts(trial))
@@ -380,7 +385,8 @@ class Loop:
         models.append(self.label(describe_models(told.models, self.muscles), trial))
         decisions = nothing()[DECISIONS.name]
         if rig.attendance is not None:
-            decisions = self.describe_decision(trial, attempt, described["trajectory"], "keep", rig.attendance.note)
+            note = rig.attendance.note
+            decisions = self.describe_decision(trial, attempt, described["trajectory"], "keep", note, "")
         return {
             TRIALS.name: self.label(pd.DataFrame([{**described, "surprise": surprise}]), trial),
             ACTIVE_RECORDINGS.name: self.label(samples, trial),
@@ -394,14 +400,15 @@ class Loop:
         assert declined is not None
         assert declined.trial.proposal is not None
         trajectory = declined.trial.proposal.trajectory
-        decision = self.describe_decision(trial, attempt, trajectory, declined.decision, declined.note)
+        told = declined.decision, declined.note, declined.stopped
+        decision = self.describe_decision(trial, attempt, trajectory, *told)
         return {**nothing(), DECISIONS.name: decision}
 
     def describe_decision(
-        self, trial: int, attempt: int, trajectory: int | float | None, decision: str, note: str
+        self, trial: int, attempt: int, trajectory: int | float | None, decision: str, note: str, stopped: str
     ) -> pd.DataFrame:
         """Return a decision's row."""
-        row = {"attempt": attempt, "trajectory": trajectory, "decision": decision, "note": note}
+        row = {"attempt": attempt, "trajectory": trajectory, "decision": decision, "note": note, "stopped": stopped}
         return self.label(pd.DataFrame([row]), trial)
 
     def begin(self) -> Interaction:
@@ -450,6 +457,7 @@ class Loop:
         described: dict[str, int | float],
         trial: int,
         landed: Sequence[dict[str, pd.DataFrame]],
+        left: int,
         rig: Rig,
     ) -> pd.DataFrame:
         """Execute the chosen trajectory; arms share the person's and the sensors' noise at equal trial number."""
@@ -463,11 +471,17 @@ class Loop:
             trajectory=trajectory,
             utilities=self.rank(choice),
             errors=tuple(float(part[TRIALS.name]["surprise"].iloc[0]) for part in landed),
-            optional=described["available"] > 1,
+            can_skip=left > 1,
+            can_reject=left > self.needed(trial),
         )
         watch = self.ctx.record.watch(self.key(trial))
         number = self.first + trial - 1
         return track(self.references, trajectory, rig, self.participant, label, generator, watch, number, proposal)
+
+    def needed(self, trial: int) -> int:
+        """Return how many movements the trials from this one on take."""
+        section = self.cfg.active_loop
+        return 1 if section.reuse_trajectories else section.trials - trial + 1
 
     def rank(self, choice: Choice) -> dict[int, float]:
         """Return the utility of each movement of the bank that could be chosen; none where it was drawn."""
@@ -489,23 +503,24 @@ def nothing() -> dict[str, pd.DataFrame]:
     return {table.name: pd.DataFrame(columns=list(table.columns)) for table in active_loop.writes}
 
 
-def list_declined(declined: Sequence[pd.DataFrame], trial: int) -> list[int]:
-    """Return the movements that are not to be proposed in a trial: those rejected so far, and those skipped now."""
+def list_declined(declined: Sequence[pd.DataFrame], trial: int) -> tuple[list[int], list[int]]:
+    """Return the movements that were rejected so far, and those that were skipped in a trial."""
     if not declined:
-        return []
+        return [], []
     rows = pd.concat(declined, ignore_index=True)
-    out = (rows["decision"] == "reject") | ((rows["decision"] == "skip") & (rows["trial"] == trial))
-    return sorted({int(each) for each in rows.loc[out, "trajectory"]})
+    rejected = rows.loc[rows["decision"] == "reject", "trajectory"]
+    skipped = rows.loc[(rows["decision"] == "skip") & (rows["trial"] == trial), "trajectory"]
+    return sorted(set(rejected.astype(int))), sorted(set(skipped.astype(int)))
 
 
 def explain(described: dict[str, int | float], arm: str) -> str:
     """Say why a movement was chosen."""
     if np.isnan(described["utility"]):
         return f"movement {described['trajectory']} of the bank, drawn at random"
-    return (
-        f"movement {described['trajectory']} of the bank tells most: utility {arm} {described['utility']:.4g}, "
-        f"the next best's {described['runner_up']:.4g}, of {described['available']}"
-    )
+    told = f"movement {described['trajectory']} of the bank tells most: utility {arm} {described['utility']:.4g}"
+    if np.isnan(described["runner_up"]):
+        return f"{told}; no other is left"
+    return f"{told}, the next best's {described['runner_up']:.4g}"
 
 
 def group_muscles(rig: Rig) -> dict[str, list[str]]:

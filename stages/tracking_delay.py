@@ -40,7 +40,7 @@ TRACKING_DELAYS = Table(
             float, "median from when it was due until a screen showed it; missing: no screen", unit="s", nullable=True
         ),
         "person_delay_s": column(
-            float, "what is left to the person and the machine; without a screen all of it", unit="s", nullable=True
+            float, "what is left to the person and the machine; missing: no screen", unit="s", nullable=True
         ),
     },
     key=("participant", "experiment", "arm", "trial", "joint"),
@@ -107,5 +107,5 @@ def measure(
             "joint": joint,
             "delay_s": delay_s,
             "display_delay_s": display_s,
-            "person_delay_s": delay_s - (0.0 if np.isnan(display_s) else display_s),
+            "person_delay_s": delay_s - display_s,
         }

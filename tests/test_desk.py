@@ -190,7 +190,11 @@ def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(command, tmp_path):
     assert (run / "tables" / "bank.parquet").read_bytes() == (reference / "tables" / "bank.parquet").read_bytes()
     (aside,) = (run / "interrupted").iterdir()
     told = pd.read_parquet(aside)
-    assert told["stopped_by"].unique() == ["to be repeated, says the operator: too early"]
+    (why,) = told["stopped_by"].unique()
+    assert re.fullmatch(
+        r"stopped 0\.\d+ s into the trial: the operator pressed Enter; to be repeated, says the operator: too early",
+        why,
+    )
     assert "stopped" in "".join(operator.printed)
 
 
@@ -202,3 +206,27 @@ def test_a_pointer_needs_a_page_before_anything_is_recorded(pamid, desk):
     assert "points at postures" in line
     assert "set desk=pages" in line
     assert not list(pamid.outputs.glob("runs/*/parts/*/*"))
+
+
+def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(command):
+    label = "p1 experiment 1 y_y trial 1"
+    answers = {label: [*["s"] * 4, "a", "x no", "a", "x no", "a", "k"]}
+    operator = Operator(command, answers)
+    assert operator.attend() == 0, operator.errors
+    (run,) = command.runs
+    decisions = read(run, "decisions")
+    skipped = decisions.loc[decisions["decision"] == "skip", "trajectory"]
+    assert sorted(skipped) == sorted(set(skipped))
+    assert len(skipped) == 4
+    assert decisions["decision"].tolist()[4:] == ["reject", "reject", "keep", "keep"]
+    offers = [line for line in operator.printed if "= repeat" in line]
+    assert ["= reject" in line for line in offers[-4:]] == [True, True, False, False]
+    assert len(read(run, "trials")) == 2
+
+
+def test_where_nothing_asks_an_operator_a_desk_is_refused(pamid):
+    result = pamid("workflow=hidden_effect", "desk=terminal")
+    assert result.returncode == 2
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("desk: expected null, as nothing that workflow hidden_effect drives asks an operator")
+    assert not pamid.outputs.exists()

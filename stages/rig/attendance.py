@@ -39,11 +39,14 @@ class TrialDeclined(Exception):
         The trial.
     note : str
         What the operator wrote.
+    stopped : str
+        Why it was stopped before, if it was.
     """
 
-    def __init__(self, decision: str, trial: Trial, note: str = ""):
-        super().__init__(f"{DECLINED[decision]}{f': {note}' if note else ''}")
-        self.decision, self.trial, self.note = decision, trial, note
+    def __init__(self, decision: str, trial: Trial, note: str = "", stopped: str = ""):
+        why = f"{stopped}; " if stopped else ""
+        super().__init__(f"{why}{DECLINED[decision]}{f': {note}' if note else ''}")
+        self.decision, self.trial, self.note, self.stopped = decision, trial, note, stopped
 
 
 class StudyPaused(Exception):
@@ -55,10 +58,13 @@ class StudyPaused(Exception):
         Of the trial that is next.
     note : str
         What the operator wrote.
+    stopped : str
+        Why the trial was stopped before, if it was.
     """
 
-    def __init__(self, label: str, note: str = ""):
-        super().__init__(f"the operator stopped for today; next is {label}{f' ({note})' if note else ''}")
+    def __init__(self, label: str, note: str = "", stopped: str = ""):
+        why = f"{stopped}; " if stopped else ""
+        super().__init__(f"{why}the operator stopped for today; next is {label}{f' ({note})' if note else ''}")
         self.asks: dict[str, str] = {}
         """Nothing to execute: what makes a pause of it."""
 
@@ -95,8 +101,8 @@ class Proposal:
         By movement of the bank: how much each one tells, where that was asked.
     errors : tuple of float
         Of the trials learned from so far: error rate of the models' prediction before.
-    optional : bool
-        Whether another trial can take its place.
+    can_skip, can_reject : bool
+        Whether another movement can take its place now, and whether enough are left without it.
     """
 
     position: int
@@ -105,7 +111,8 @@ class Proposal:
     trajectory: int | None = None
     utilities: Mapping[int, float] = field(default_factory=dict)
     errors: tuple[float, ...] = ()
-    optional: bool = False
+    can_skip: bool = False
+    can_reject: bool = False
 
 
 class Moment(NamedTuple):

@@ -36,7 +36,7 @@ LATEST_FRAMES_S = 0.4
 Phase = Literal["busy", "proposed", "countdown", "running", "judging", "over"]
 Word = Literal["accept", "skip", "keep", "repeat", "reject", "pause"]
 ACCEPTED: tuple[Word, str] = ("accept", "")
-KEPT: tuple[Word, str] = ("keep", "")
+KEPT: tuple[Word, str] = ("keep", "by itself")
 
 
 class DeskSettings(Declared):
@@ -148,8 +148,8 @@ class Desk:
         StudyPaused
             When the operator stops for today.
         """
-        optional = trial.proposal is not None and trial.proposal.optional
-        choices: tuple[Word, ...] = ("accept", "skip", "pause") if optional else ("accept", "pause")
+        can_skip = trial.proposal is not None and trial.proposal.can_skip
+        choices: tuple[Word, ...] = ("accept", "skip", "pause") if can_skip else ("accept", "pause")
         self._described, self._outcome, self._moment = _describe(trial, self._rate_hz), {}, None
         while True:
             word, note = ACCEPTED if self._automatic else self._ask("proposed", choices)
@@ -189,11 +189,12 @@ class Desk:
         StudyPaused
             When there is none and the operator stops for today.
         """
-        optional = trial.proposal is not None and trial.proposal.optional
-        again: tuple[Word, ...] = ("repeat", "reject") if optional else ("repeat",)
+        can_reject = trial.proposal is not None and trial.proposal.can_reject
+        again: tuple[Word, ...] = ("repeat", "reject") if can_reject else ("repeat",)
         self._outcome = {"stopped": stopped} if recording is None else self._sum_up(trial, recording)
         if recording is None:
             self._automatic = False
+            log.warning("%s: %s", trial.label or trial.kind, stopped)
             choices: tuple[Word, ...] = (*again, "pause")
         else:
             choices = ("keep", *again)
@@ -204,7 +205,7 @@ class Desk:
         self._starts_at_s = None
         self.note = "; ".join(filter(None, (self.note, note)))
         if word != "keep":
-            self._leave(trial, word, self.note)
+            self._leave(trial, word, self.note, stopped)
         self._remember(trial, word, self.note)
         self._turn("busy")
 
@@ -376,14 +377,14 @@ class Desk:
     def _count(self, role: str) -> int:
         return sum(each.role == role for each in list(self._pages.values()))
 
-    def _leave(self, trial: Trial, word: Word, note: str) -> None:
+    def _leave(self, trial: Trial, word: Word, note: str, stopped: str = "") -> None:
         """End a trial that does not become part of the study."""
         self._starts_at_s = None
         self._remember(trial, word, note)
         self._turn("over" if word == "pause" else "busy")
         if word == "pause":
-            raise StudyPaused(trial.label or trial.kind, note)
-        raise TrialDeclined(word, trial, note)
+            raise StudyPaused(trial.label or trial.kind, note, stopped)
+        raise TrialDeclined(word, trial, note, stopped)
 
     def _remember(self, trial: Trial, word: Word, note: str) -> None:
         log.info("operator: %s %s%s", word, trial.label or trial.kind, f" ({note})" if note else "")

@@ -32,6 +32,8 @@ SHOWN_HZ = 100.0
 """Rate at which a trial that takes its time is shown."""
 SHORTEST_S = 0.25
 """Time below which nothing is kept of a trial that was stopped, s: no velocity can be told from it."""
+LATE_S = 0.1
+"""From which on a sample is late for a person who points, s: they acted on what was long over."""
 POINTER_S = 0.04
 """Time constant that smooths what a pointer tells sixty times a second, s."""
 
@@ -83,6 +85,8 @@ class SimulatedRig(ConfiguredRig):
             raise ValueError(
                 f"pointer: expected one of the participants ({', '.join(self.participants)}), got {self.pointer}"
             )
+        if self.pointer is not None and not self.realtime:
+            raise ValueError("realtime: expected true, as a person points in real time; set rig.realtime=true")
         return self
 
     def _check_step(self) -> None:
@@ -113,7 +117,19 @@ class SimulatedRig(ConfiguredRig):
         """
         if self.pointer is not None and self.attendance is None:
             raise RigError(f"participant {self.pointer} points at postures on a page: set desk=pages")
+        if self.pointer is not None:
+            self._warm()
         super().connect()
+
+    def _warm(self) -> None:
+        """Compile what a step takes, before a person waits for it."""
+        angle = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in self.exoskeleton.joints])
+        still = Intention(*(np.repeat(each[None], 4, axis=0) for each in (angle, 0.0 * angle, 0.0 * angle)))
+        steps = Steps(self.exoskeleton, self.plant, still, embody(self.experimenter, self.exoskeleton), angle)
+        command = np.zeros(len(self.muscles))
+        steps.begin(command)
+        while not steps.over:
+            steps.step(command)
 
     def be_attended(self, attendance: Attendance) -> None:
         """Have somebody see its trials and decide on them."""
@@ -131,15 +147,19 @@ class SimulatedRig(ConfiguredRig):
         command, clipped = apply_limits(trial.pressure_command_kpa, self.limits, self.exoskeleton)
         lead = self._lead_samples
         follows = trial.participant == self.pointer
+        late_s = np.zeros(self.samples)
         if follows:
-            motion = self._follow(trial, _hold_first(command, lead), lead)
+            motion, late_s = self._follow(trial, _hold_first(command, lead), lead)
         else:
             motion = _cut(self._move(trial, _hold_first(command, lead), lead, generator), lead)
         done = len(motion.force_n)
         if done < SHORTEST_S * self.sampling_rate_hz:
             raise self._stopped(done)
         recording = record(motion, command[:done], self.exoskeleton, self.plant, generator)
-        recording = replace(recording, clipped_by=clipped[:done])
+        late_s = late_s[:done]
+        late = np.where(late_s > LATE_S, "late", "ok")[:, None]
+        status = np.broadcast_to(late, command[:done].shape).copy()
+        recording = replace(recording, clipped_by=clipped[:done], late_s=late_s, status=status)
         if self.realtime and not follows:
             done = self._play(trial, recording, lead)
         if watch is not None and (self.attendance is not None or done < len(command)):
@@ -167,8 +187,8 @@ class SimulatedRig(ConfiguredRig):
                 return max(index - lead, 0)
         return self.samples
 
-    def _follow(self, trial: Trial, command: Array, lead: int) -> Motion:
-        """Simulate a trial while a person points at postures; it ends early where it is stopped."""
+    def _follow(self, trial: Trial, command: Array, lead: int) -> tuple[Motion, Array]:
+        """Simulate a trial while a person points; return also how late each sample was, s. A stop ends it early."""
         attendance = self.attendance
         assert attendance is not None
         lower = np.array([joint.lower_rad for joint in self.exoskeleton.joints])
@@ -182,6 +202,7 @@ class SimulatedRig(ConfiguredRig):
         steps = Steps(self.exoskeleton, self.plant, held, person, angle)
         steps.begin(command[0])
         share = 1.0 - math.exp(-1.0 / (self.sampling_rate_hz * POINTER_S))
+        begun_s, late_s = time.monotonic(), np.zeros(len(command))
         for index in self._keep_time(trial, lead, self.samples):
             newest = attendance.ask_pointer()
             aim = angle if newest is None else np.clip(newest, lower, upper)
@@ -190,12 +211,13 @@ class SimulatedRig(ConfiguredRig):
                 angle = angle + step
                 steps.aim(angle, step * self.sampling_rate_hz)
                 steps.step(command[steps.at])
+                late_s[steps.at] = max(time.monotonic() - begun_s - steps.at / self.sampling_rate_hz, 0.0)
             at = steps.at
             time_s = (at - lead) / self.sampling_rate_hz
             self._show(time_s, steps.angle[at], command[at], steps.pressure[at], steps.force[at])
             if attendance.why_stop():
                 break
-        return steps.collect(lead)
+        return steps.collect(lead), late_s[lead:]
 
     def _keep_time(self, trial: Trial, lead: int, samples: int) -> Iterator[int]:
         """Yield the sample that is due, lead-in included, at most `SHOWN_HZ` times a second, and the last one."""

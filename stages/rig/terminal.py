@@ -97,13 +97,16 @@ class Terminal:
             self.desk.stop("the operator pressed Enter")
             return
         letter, _, note = line.strip().partition(" ")
+        letter = letter.lower()
         if letter == "g" and scene["phase"] == "proposed":
             self.desk.go_on(True)
         elif not scene["choices"]:
             self._say("nothing is asked now")
         else:
             try:
-                self.desk.decide(LETTERS.get(letter, letter), note, scene["question"])
+                if letter not in LETTERS:
+                    raise Refused(f"expected one of the letters, got {letter!r}")
+                self.desk.decide(LETTERS[letter], note, scene["question"])
             except Refused as error:
                 self._say(f"{error}", self._offer(scene))
 

@@ -35,7 +35,8 @@ def make_trial(machine, kind="tracked", position=1, label="", total=12):
         trajectory=17,
         utilities={k: 0.9 if k == 17 else 0.45 + 0.4 * np.sin(k) for k in range(40)},
         errors=tuple(0.4 * 0.9**k for k in range(position - 1)),
-        optional=True,
+        can_skip=True,
+        can_reject=True,
     )
     who = "nobody" if kind == "passive" else "p1"
     return Trial(

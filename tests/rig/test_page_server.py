@@ -464,7 +464,7 @@ def test_the_number_of_open_pages_is_bounded(opened, monkeypatch):
         with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
             await connect(address(server, "operator", True))
 
-    converse(server, talk, "participant", "operator")
+    converse(server, talk, "operator", "operator")
 
 
 @pytest.mark.parametrize("way", ["closed", "silent"])

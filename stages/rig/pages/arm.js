@@ -3,7 +3,9 @@
 
 const SHRINK = 0.86;
 const POSTURES = 1500;
-const TURNS = 24;
+const TURNS = 60;
+const STARTS = [0.5, 0.2, 0.8];
+const NEAR = 0.01; // of the arm's length
 
 export function linkLengths(count) {
   const raw = Array.from({ length: count }, (_, index) => SHRINK ** index);
@@ -58,8 +60,25 @@ export function placeBox(box, width, height) {
   };
 }
 
-/** Return a posture within the limits whose tip is near a point: each joint in turn points the tip at it. */
+/**
+ * Return a posture within the limits whose tip is near a point: from the one before, so that the arm does not jump, else,
+ * where a limit is in the way, from the best of a few others.
+ */
 export function reach(target, from_rad, joints) {
+  const miss = (posture) => {
+    const [x, y] = chain(posture).at(-1);
+    return Math.hypot(x - target[0], y - target[1]);
+  };
+  const near = approach(target, from_rad, joints);
+  if (miss(near) < NEAR) return near;
+  const others = STARTS.map((share) =>
+    approach(target, joints.map(({ lower_rad, upper_rad }) => lower_rad + share * (upper_rad - lower_rad)), joints),
+  );
+  return others.reduce((best, each) => (miss(each) < miss(best) - NEAR ? each : best), near);
+}
+
+/** Return where a posture gets when each joint in turn points the tip at a point. */
+function approach(target, from_rad, joints) {
   const posture = [...from_rad];
   const clip = (value, { lower_rad, upper_rad }) => Math.min(Math.max(value, lower_rad), upper_rad);
   for (let turn = 0; turn < TURNS; turn += 1) {

@@ -110,7 +110,8 @@ function showState() {
   if (scene?.phase === "judging" && !scene.choices.includes("keep")) {
     told = scene.outcome.stopped ? "stopped, what next?" : "the result";
   }
-  if (lost) told = "connection lost";
+  if (line.ended) told = "ended: the terminal says how";
+  else if (lost) told = "connection lost";
   else if (scene?.phase === "countdown" && left > 0) told = `begins in ${Math.ceil(left)}`;
   else if (scene?.phase === "running") told = left > 0 ? "filling the muscles" : `running, ${Math.min(-left, scene.trial.duration_s).toFixed(1)} s`;
   write(find("phase"), told);

@@ -36,6 +36,7 @@ function takeScene(next) {
   if (next.phase === "proposed" || next.starts_at_s !== scene.starts_at_s) report();
   // a posture of the trial before is none of this one
   if (["proposed", "countdown"].includes(next.phase)) moment = null;
+  if (next.phase === "proposed") posture = null;
   scene = next;
   const joints = scene.machine.joints ?? [];
   box = joints.length ? findBox(joints) : null;
@@ -64,6 +65,7 @@ function stop(why) {
 function say() {
   const { phase, trial, outcome } = scene;
   const tracked = Boolean(trial?.reference_rad);
+  if (line.ended) return ["The study has ended", "or stops for today: thank you"];
   if (line.lost) return ["Connection lost", "please wait; the robot is let down"];
   if (scene.stop && ["countdown", "running"].includes(phase)) return ["Stopped", "stay relaxed, the robot is let down"];
   if (phase === "proposed") return ["The next movement begins soon", outcome.stopped ? "the last one did not begin" : ""];

@@ -48,7 +48,7 @@ MOST_FRAMES = 1000
 MOST_CHARACTERS = 2000
 """Of what somebody writes."""
 MOST_SOCKETS = 16
-"""Open at once."""
+"""Of a role, open at once."""
 MOST_ON_THE_WAY = 4
 """Samples sent to a page before it says that it has them; beyond that it gets the newest one later."""
 MOST_OFF_S = 5.0
@@ -238,8 +238,10 @@ class PageServer:
         if role not in ROLES:
             raise web.HTTPNotFound(text="nothing is here; open the address that the program printed\n")
         self._check_token(request, role)
-        if len(self._sockets) >= MOST_SOCKETS:
-            raise web.HTTPServiceUnavailable(text=f"expected at most {MOST_SOCKETS} open pages; close one\n")
+        if sum(each.role == role for each in self._sockets) >= MOST_SOCKETS:
+            raise web.HTTPServiceUnavailable(
+                text=f"expected at most {MOST_SOCKETS} open pages of the {role}; close one\n"
+            )
         connection = web.WebSocketResponse(max_msg_size=MOST_BYTES, heartbeat=DEAD_AFTER_S, compress=False, timeout=1.0)
         await connection.prepare(request)
         key, page = next(self._keys), Socket(role, connection)

@@ -1,5 +1,6 @@
 // What both pages share: the line to the server, its clock, and light or dark.
 
+const ENDED = 1001; // the program that serves the pages went
 const ASKED_EVERY_S = 0.5;
 const REMEMBERED = 30;
 const SILENT_AFTER_S = 1.5;
@@ -48,6 +49,7 @@ export class Line {
     this.asked_s = -Infinity;
     this.again_s = 0.5;
     this.leaving = false;
+    this.ended = false;
     this.connect();
     addEventListener("pagehide", () => {
       this.leaving = true;
@@ -60,12 +62,14 @@ export class Line {
     this.socket = new WebSocket(this.address);
     this.socket.onopen = () => {
       this.again_s = 0.5;
+      this.ended = false;
       this.clock.forget();
       this.ask();
     };
     this.socket.onmessage = (event) => this.take(JSON.parse(event.data));
-    this.socket.onclose = () => {
+    this.socket.onclose = (event) => {
       this.heard_s = -Infinity;
+      this.ended = event.code === ENDED;
       if (this.leaving) return;
       setTimeout(() => this.connect(), this.again_s * 1000);
       this.again_s = Math.min(this.again_s * 2, 5);
