@@ -160,6 +160,7 @@ def test_same_seed_same_bytes(finished, tmp_path):
     assert bytes_of(second.runs[0]) == bytes_of(run)
 
 
+@pytest.mark.slow
 def test_killed_in_the_loop_continues_at_the_next_trial_with_identical_tables(finished, tmp_path):
     _, _, run = finished
     command = Command(tmp_path / "outputs", "budget=tiny")

@@ -354,6 +354,7 @@ def test_small_pressures_are_believed_when_their_unit_is_stated(tmp_path):
     assert found["pressure_kpa"].max() == pytest.approx(samples["pressure_kpa"].max())
 
 
+@pytest.mark.slow
 def test_by_the_command_bad_input_ends_in_one_line_and_overwrites_nothing(pamid, tmp_path):
     folder = write_dataset(tmp_path / "dataset")
     assert pamid("workflow=discrepancy", "stages=[measurement]", f"measured={folder}").returncode == 0

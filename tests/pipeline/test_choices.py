@@ -53,6 +53,7 @@ def test_a_file_says_in_which_package_its_keys_are(toy, tmp_path):
     assert OmegaConf.load(toy.runs[0] / "config.yaml").seed == 7
 
 
+@pytest.mark.slow
 def test_a_sweep_mixes_files_and_options(toy, more):
     result = toy("--multirun", f"counting={more},few")
     assert result.returncode == 0, result.stderr

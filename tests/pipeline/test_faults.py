@@ -138,6 +138,7 @@ def test_read_only_outputs(toy, reference):
     finish(toy, reference)
 
 
+@pytest.mark.slow
 def test_run_that_cannot_be_read_or_lacks_a_table_is_passed_over(toy, reference):
     toy()
     (run,) = toy.runs

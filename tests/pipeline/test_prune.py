@@ -92,6 +92,7 @@ def test_what_a_kept_run_shares_is_not_counted_as_freed(toy):
     check_wholeness(last)
 
 
+@pytest.mark.slow
 def test_a_run_at_work_or_paused_stays(toy):
     toy("seed=1")
     process = toy.start("doubling.pause_s=1.5")

@@ -67,6 +67,7 @@ def test_a_drift_is_told_by_table_and_column(lab, rerun):
     assert ledger_of(lab.runs[2])["comparison"]["tables"]["verdicts"] == "3 rows then, 6 now"
 
 
+@pytest.mark.slow
 def test_what_changed_since_is_told(toy, rerun, tmp_path):
     package = tmp_path / "copied_toy"
     shutil.copytree("tests/pipeline/toy", package, ignore=shutil.ignore_patterns("__pycache__"))

@@ -199,6 +199,7 @@ def test_one_job_and_no_metric(toy):
     assert "expected two runs or more" in alone.stderr
 
 
+@pytest.mark.slow
 def test_jobs_with_different_workflows(toy):
     toy.fixed = tuple(each for each in toy.fixed if not each.startswith("workflow"))
     assert toy("-m", "sweep=w", "workflow=toy,trials", "seed=0,1").returncode == 0

@@ -172,9 +172,8 @@ def test_a_killed_launcher_leaves_nothing_at_work_and_nothing_is_done_twice(swee
     assert set(sweeping.table["status"]) == {"done"}
 
 
-@pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_the_jobs_at_a_safe_point(sweeping, number, code):
     process = sweeping.start("seed=range(6)", "trying.pause_s=1.5")
     wait_until(process, lambda: sweeping.count("begun"))

@@ -109,7 +109,7 @@ def test_an_absurd_value_is_refused(value, other):
         compare_pairs(np.array([value, 0.0]), np.array([other, 1.0]))
 
 
-@settings(COMMON, max_examples=12)  # statsmodels collects garbage at every call
+@settings(COMMON, max_examples=6)  # statsmodels collects garbage at every call
 @given(
     arrays(float, st.integers(0, 12), elements=st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1.0, np.nan, 0.01])))
 )
