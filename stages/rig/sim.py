@@ -153,7 +153,7 @@ class SimulatedRig(ConfiguredRig):
         else:
             motion = _cut(self._move(trial, _hold_first(command, lead), lead, generator), lead)
         done = len(motion.force_n)
-        if done < SHORTEST_S * self.sampling_rate_hz:
+        if done < min(self.samples, SHORTEST_S * self.sampling_rate_hz):
             raise self._stopped(done)
         recording = record(motion, command[:done], self.exoskeleton, self.plant, generator)
         late_s = late_s[:done]
