@@ -18,14 +18,14 @@ STUDY = (
     "plant=nominal",
     "participant=p1",
     "exoskeleton.sampling_rate_hz=100",
-    "exoskeleton.trial_s=1.6",
-    "bank.trajectories=12",
+    "exoskeleton.trial_s=2.0",
+    "bank.trajectories=14",
     "subsampling.experiments=1",
-    "subsampling.initial_trials=1",
+    "subsampling.initial_trials=2",
     "active_loop.trials=10",
     "active_loop.controls=[]",
 )
-SEEDS = range(4)
+SEEDS = range(5)
 
 
 def identify(outputs, *arguments):
@@ -39,7 +39,7 @@ def identify(outputs, *arguments):
 
 
 def test_the_error_rate_is_that_of_the_simulated_rig_within_its_spread(tmp_path):
-    section = describe_rig("exoskeleton.trial_s=1.6")
+    section = describe_rig("exoskeleton.trial_s=2.0")
     with Emulator(describe_machine(section)) as emulator:
         before, after = identify(
             tmp_path / "emulated",
