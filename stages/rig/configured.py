@@ -73,9 +73,14 @@ class ConfiguredRig(Rig, BaseModel):
         """Who sees its trials and decides on them, if somebody does."""
         return self._attendance
 
+    @property
+    def pointed(self) -> bool:
+        """Whether a participant points at postures on a page."""
+        return False
+
     def be_attended(self, attendance: Attendance) -> None:
         """Have somebody see its trials and decide on them."""
-        attendance.describe(self.exoskeleton, pointed=False)
+        attendance.describe(self.exoskeleton, self.pointed)
         self._attendance = attendance
 
     @property

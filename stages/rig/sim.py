@@ -19,7 +19,7 @@ from stages.plant.joint import STABLE, quickest_rate
 from stages.plant.participant import Intention, Participant, embody, intend, nobody, rest
 from stages.plant.plant import Plant
 from stages.plant.stepping import Steps
-from stages.rig.attendance import Attendance, Moment
+from stages.rig.attendance import Moment
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import Recording, RigError, Trial, TrialStopped, Watch, tidy
 from stages.rig.limits import Limits, apply_limits, check_limits
@@ -131,10 +131,10 @@ class SimulatedRig(ConfiguredRig):
         while not steps.over:
             steps.step(command)
 
-    def be_attended(self, attendance: Attendance) -> None:
-        """Have somebody see its trials and decide on them."""
-        super().be_attended(attendance)
-        attendance.describe(self.exoskeleton, pointed=self.pointer is not None)
+    @property
+    def pointed(self) -> bool:
+        """Whether a participant points at postures on a page."""
+        return self.pointer is not None
 
     def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
         """Simulate one trial.

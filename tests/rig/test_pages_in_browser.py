@@ -316,14 +316,16 @@ def test_what_others_wrote_is_shown_as_it_is(room):
     assert operator.complaints == []
 
 
-def test_a_lost_connection_is_told_and_comes_back(room):
+def test_the_end_is_told_and_a_page_comes_back_with_the_next_study(room):
     room = room()
     participant, operator = room.look("participant"), room.look("operator")
     room.start("tracked")
     participant.wait_phase("proposed")
     room.server.close()
-    participant.wait_text("Connection lost")
-    operator.wait_text("connection lost")
+    participant.wait_text("The study has ended")
+    operator.wait_text("ended: the terminal says how")
+    time.sleep(1.2)  # tries to connect again fail meanwhile
+    assert participant.page.get_by_text("The study has ended").is_visible()
     room.server.open()
     participant.wait_phase("proposed")
     operator.wait_phase("proposed")

@@ -69,7 +69,7 @@ export class Line {
     this.socket.onmessage = (event) => this.take(JSON.parse(event.data));
     this.socket.onclose = (event) => {
       this.heard_s = -Infinity;
-      this.ended = event.code === ENDED;
+      this.ended ||= event.code === ENDED; // a try to connect again ends with another code
       if (this.leaving) return;
       setTimeout(() => this.connect(), this.again_s * 1000);
       this.again_s = Math.min(this.again_s * 2, 5);
