@@ -59,6 +59,7 @@ NAMED_EFFECTS = Table(
         "channel": column(str, "in which it was seen"),
         "muscle": column(str, "that carries it"),
         "probability": column(float, "when it was added", low=0, high=1),
+        "shown": column(bool, "whether exact values of what was measured show it"),
         "indistinguishable_from": column(str, "names that these data do not exclude, by comma"),
     },
     key=("order", "muscle"),
@@ -139,6 +140,7 @@ def name_effect(
             "channel": each.channel,
             "muscle": muscle,
             "probability": each.doubt(doubt),
+            "shown": each.shown,
             "indistinguishable_from": ",".join(each.alternatives),
         }
         for order, each in enumerate(found.named, start=1)

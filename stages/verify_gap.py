@@ -25,6 +25,7 @@ from stages.discrepancy import (
     Verified,
     bound_ratio,
     compare_steps,
+    confirm_effects,
     decide_status,
     describe_effects,
     find_odd_trials,
@@ -64,6 +65,7 @@ VERIFICATION = Table(
         "high": column(float, "upper end of it", low=0),
         "gap_over_std": column(float, "RMSE over the measured standard deviation", low=0, nullable=True),
         "p_value": column(float, "of no change against the nominal model, signs flipped exactly", low=0, high=1),
+        "p_step": column(float, "of no fall from the step before, signs flipped exactly", low=0, high=1),
     },
     key=("part", "simulation", "step"),
 )
@@ -144,18 +146,20 @@ def verify_gap(
     status = decide_status(named, unexplained["probability"].max(), settings.search.certain)
     last = len(labels) - 1 if status == "named" else 0
     weights = resample(len(opened), settings.bootstraps, ctx.generator("resample", "verification"))
+    driven = select_judged(verification)
+    confirmed = confirm_effects(named_effects, driven, 1.0 - settings.level)
     over_floor = bound_ratio(found, last, opened, weights, settings.level)
     if status == "no_discrepancy" and over_floor["value"] > settings.search.smallest_gap:
         status = "unexplained"
     verdict = {
         "status": status,
-        "effects": describe_effects(named_effects, amended_values) if status == "named" else [],
+        "effects": describe_effects(confirmed, amended_values) if status == "named" else [],
         "ranking": list_candidates(ranking),
         "absorbed": list_absorbed(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
         **summarise_unexplained(unexplained),
         "remainder": list_remainder(remainder),
-        "gap": {**tell_gap(verification, last, judged), "over_floor": over_floor},
+        "gap": {**tell_gap(driven, last, judged), "over_floor": over_floor},
         "verification_trials": [int(trial) for trial in trial_parts["trial"].iloc[opened]],
     }
     ctx.verdict(verdict)
@@ -173,7 +177,7 @@ def verify_gap(
         *tell_silent(judgeable, list(measured_muscles["muscle"])),
         *tell_odd(odd),
         *tell_few(int(learnt.sum()), len(opened)),
-        *tell_floor(channels, tell_gap(verification, last, judged)["noise_floor"] if last else math.inf),
+        *tell_floor(channels, verdict["gap"]["noise_floor"] if last else math.inf),
         tell_command(measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
     ]
     return {
@@ -193,10 +197,14 @@ def list_reported(
     return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
 
 
-def tell_gap(verification: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dict[str, Any]:
+def select_judged(verification: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows by which the verdict goes, a row per step and the floor: opened trials, measured upstream."""
+    driven = (verification["simulation"] == DRIVEN) & (verification["part"] == "verification")
+    return verification[driven].reset_index(drop=True)
+
+
+def tell_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dict[str, Any]:
     """Return the verdict's gap: before, after the additions that were accepted, and the floor."""
-    driven = verification[(verification["simulation"] == DRIVEN) & (verification["part"] == "verification")]
-    driven = driven.reset_index(drop=True)
     before, after, floor = driven.iloc[0], driven.iloc[last], driven.iloc[-1]
     return {
         "before": float(before["gap"]),

@@ -30,6 +30,7 @@ from stages.discrepancy.session import build_cells
 from stages.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.discrepancy.signature import trace_effects
 from stages.discrepancy.verdict import (
+    confirm_effects,
     decide_status,
     describe_effects,
     list_absorbed,
@@ -65,6 +66,7 @@ __all__ = [
     "build_cells",
     "choose_verification",
     "compare_steps",
+    "confirm_effects",
     "decide_status",
     "describe",
     "describe_above_floor",

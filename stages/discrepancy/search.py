@@ -265,7 +265,7 @@ def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.r
         found.rounds.append(looked)
         if looked.named is None:
             break
-        _add(found, looked.named, choices)
+        _add(found, looked.named, choices, generator)
         found.named.append(looked.named)
         _take_out_redundant(found, settings)
         found.steps.append([state.current.fit for state in found.cells])
@@ -274,6 +274,9 @@ def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.r
 
 FRESH_STARTS, LONG = 4, 30
 """Other starts from which a named effect is fitted once more, and steps of such a fit."""
+
+NEARBY_STARTS, NEARBY = 8, 0.1
+"""Starts about a fit of what sets in somewhere, as its cost has many small hollows; how far, in deviations of priors."""
 
 AS_MUCH, LIKE = 0.985, 0.95
 """Shares of what the best name closes: above the first, a simpler name is preferred; above the second, not excluded."""
@@ -598,16 +601,16 @@ def _carriers(
     return list(gains) if gains and max(gains.values()) > settings.smallest_gap else []
 
 
-def _add(found: Search, named: Named, choices: Sequence[Choice]) -> None:
+def _add(found: Search, named: Named, choices: Sequence[Choice], generator: np.random.Generator) -> None:
     form_of = dict(zip(named.elements, named.forms, strict=True))
     for place, state in enumerate(found.cells):
         if state.cell.channel == named.channel and state.cell.element in form_of:
             chosen = choices[place][named.name, form_of[state.cell.element]]
-            found.cells[place] = _update(state, _start_anew(chosen))
+            found.cells[place] = _update(state, _start_anew(chosen, generator.spawn(1)[0]))
             _correct_others(found, place)
 
 
-def _start_anew(chosen: Fitted) -> Fit:
+def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
     """Return the best of fits that begin at other values of the newest effect, the chosen one among them."""
     model, noise = chosen.fit.model, chosen.estimate_noise()
     newest = model.forms[-1]
@@ -619,6 +622,11 @@ def _start_anew(chosen: Fitted) -> Fit:
     for base, start in product(bases, list_starts(newest, 1 if model.cell.is_exact(newest) else FRESH_STARTS)):
         values = np.concatenate([base, [start[each.name] for each in newest.parameters]])
         found.append(fit(model, noise, values, iterations=LONG))
+    if not newest.scales:
+        noise = make_plain(chosen.spread)
+        best = min(found, key=lambda each: each.cost(noise)).values
+        for drawn in generator.standard_normal((NEARBY_STARTS, len(best))):
+            found.append(fit(model, noise, best + NEARBY * model.prior[1] * drawn, iterations=LONG))
     return min(found, key=lambda each: each.cost(noise))
 
 

@@ -8,9 +8,13 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from stages.statistics.sign_flips import least_p
+
 Status = Literal["no_discrepancy", "named", "unexplained"]
 
 MOST_PLACES = 8
+UNCONFIRMED = 0.5
+"""Factor of the probability of an effect that takes nothing away from trials not fitted."""
 PLACE = ("channel", "muscle")
 UPSTREAM = ("command", "valve")
 """Sites that show in pressure alone."""
@@ -137,6 +141,40 @@ def locate_most(
     return [{str(name): _plain(value) for name, value in row.items()} for row in best[kept].to_dict("records")]
 
 
+def confirm_effects(named: pd.DataFrame, driven: pd.DataFrame, level: float) -> pd.DataFrame:
+    """Return the added effects with the gap before and after each on the opened trials, and whether that confirms it.
+
+    What takes nothing away from trials that nothing was fitted to is as likely something else; what exact values show
+    is there all the same.
+
+    Parameters
+    ----------
+    named : DataFrame
+        Table `named_effects`.
+    driven : DataFrame
+        Rows of the table `verification`, by step.
+    level : float
+        Probability of no fall from the step before, above which an effect is not confirmed; with so few trials that
+        none could be less, the least that there can be.
+
+    Returns
+    -------
+    DataFrame
+        With columns ``gap_before``, ``gap_after``, ``p_step`` and ``confirmed`` too.
+    """
+    gap, p_step = driven["gap"].to_numpy(), driven["p_step"].to_numpy()
+    order = named["order"].to_numpy(dtype=int)
+    bearable = max(level, least_p(int(driven["trials"].iloc[0])))
+    confirmed = named["shown"].to_numpy(dtype=bool) | (p_step[order] <= bearable)
+    return named.assign(
+        gap_before=gap[order - 1],
+        gap_after=gap[order],
+        p_step=p_step[order],
+        confirmed=confirmed,
+        probability=named["probability"].where(confirmed, UNCONFIRMED * named["probability"]),
+    )
+
+
 def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str, Any]]:
     """Return each added effect with its muscles and parameters: the mean over muscles, and each muscle's own.
 
@@ -145,7 +183,7 @@ def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str
     Parameters
     ----------
     named : DataFrame
-        Table `named_effects`.
+        Table `named_effects`, from `confirm_effects`.
     values : DataFrame
         Table `amended_values`.
     """
@@ -164,6 +202,8 @@ def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str
                 "channel": str(first["channel"]),
                 "muscles": [str(each) for each in rows["muscle"]],
                 "probability": float(first["probability"]),
+                "confirmed": bool(first["confirmed"]),
+                "step": {"before": first["gap_before"], "after": first["gap_after"], "p_value": first["p_step"]},
                 "parameters": {str(name): _interval(row) for name, row in pooled.iterrows()},
                 "forms": dict(zip(rows["muscle"].astype(str), rows["form"].astype(str), strict=True)),
                 "by_muscle": {

@@ -148,16 +148,18 @@ def compare_steps(
     kinds = ("measured upstream", "free run") if any(each.free for each in found) else ("measured upstream",)
     for kind in kinds:
         first: Array | None = None
+        before: Array | None = None
         for step, label in enumerate(labels):
             chosen = [each.squares((each.steps if kind == "measured upstream" else each.free)[step]) for each in found]
             gaps = pool(found, chosen, opened)
             first = gaps if first is None else first
-            rows.append(_row(kind, step, label, gaps, first, weights, level, generator))
+            rows.append(_row(kind, step, label, gaps, (first, before), weights, level, generator))
             rows[-1]["gap_over_std"] = _pool_over_std(found, chosen, opened)
+            before = gaps
         if kind == "measured upstream":
             least = [each.floor for each in found]
             floor = pool(found, least, opened)
-            rows.append(_row(kind, len(labels), "noise floor", floor, first, weights, level, generator))
+            rows.append(_row(kind, len(labels), "noise floor", floor, (first, before), weights, level, generator))
             rows[-1]["gap_over_std"] = _pool_over_std(found, least, opened)
     return rows
 
@@ -198,9 +200,9 @@ def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: 
 
 
 def _row(
-    kind: str, step: int, label: str, gaps: Array, first: Any, weights: Array, level: float, generator: Any
+    kind: str, step: int, label: str, gaps: Array, earlier: tuple[Any, Any], weights: Array, level: float, generator: Any
 ) -> dict[str, Any]:
-    trials = len(gaps)
+    trials, (first, before) = len(gaps), earlier
     drawn = np.sqrt(weights @ gaps**2 / trials)
     tail = 0.5 * (1.0 - level)
     low, high = np.quantile(drawn, [tail, 1.0 - tail])
@@ -213,6 +215,7 @@ def _row(
         "low": float(low),
         "high": float(high),
         "p_value": float(compare_signs((first - gaps)[:, None], generator, two_sided=True)[0]) if step else 1.0,
+        "p_step": float(compare_signs((before - gaps)[:, None], generator)[0]) if step else 1.0,
     }
 
 

@@ -290,6 +290,12 @@ def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
         f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. {_tell_size(effect, known)}"
     )
+    if not effect["confirmed"]:
+        step = effect["step"]
+        text += (
+            f" Trials not fitted do not confirm it: with it the gap there goes from {_percent(step['before'])} to "
+            f"{_percent(step['after'])} of range (p = {step['p_value']:.2g}), so it may stand in for something else."
+        )
     if effect["indistinguishable_from"]:
         like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
         text += f" These data do not exclude {like}; what would tell them apart: {known.split_by}."
