@@ -45,6 +45,7 @@ from stages.recording import (
     count_time,
     describe,
     describe_muscles,
+    even_out,
     find_rate,
     find_starts,
     is_one_trial,
@@ -67,6 +68,7 @@ HELD = "command held until the next sample; sensors sample before the command ac
 """Timing of every rig."""
 
 NAMES = ("muscle", "part", "record")
+RECORD_KEY, MUSCLE_KEY = ("record", "time_s"), ("trial", "muscle", "time_s")
 """Columns of text."""
 
 NEEDED = ("trial", "muscle", "time_s", "pressure_kpa", "force_n")
@@ -362,8 +364,9 @@ def read_folder(folder: Path, cfg: Config) -> Source:
 
 def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
     """Read a file's columns of muscles and check their rows."""
-    samples = adopt_file(file, cfg, ("trial", "muscle", "time_s"), known)
+    samples = adopt_file(file, cfg, MUSCLE_KEY, known)
     with about(str(file)):
+        check_rows(samples, MUSCLE_KEY)
         wrong = (samples["trial"] % 1.0 != 0.0) | (samples["trial"] < 0.0)
         if wrong.any():
             raise RecordingError(f"column trial: expected whole numbers from 0, got others in {tell_rows(wrong)}")
@@ -374,7 +377,7 @@ def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
 
 
 def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame) -> pd.DataFrame:
-    """Read the configured columns of a file, split into records where the key asks for them, and check the key."""
+    """Read the configured columns of a file, split into records where the key asks for them."""
     header = read_header(file)
     with about(str(file)):
         given = cfg.map(known)
@@ -385,7 +388,6 @@ def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame)
             samples = count_time(samples, [*key[:-1], "part"], cfg.measurement.rate_hz)
         if "record" in key:
             samples = split_records(samples)
-        check_rows(samples, key)
     return samples
 
 
@@ -487,11 +489,13 @@ def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
     """Return the tables of records of any signals."""
     file = find_samples(path)
     known = describe_muscles(cfg.exoskeleton)
-    frame = adopt_file(file, cfg, ("record", "time_s"), known)
+    frame = adopt_file(file, cfg, RECORD_KEY, known)
     signals = [name for name in cfg.columns if name not in NAMES and name != "time_s"]
     given = cfg.measurement
     notes = note_reading(file, cfg, known)
     with about(str(file)):
+        frame = even_out(frame, signals, given.largest_jitter, notes)
+        check_rows(frame, RECORD_KEY)
         frame, rate = arrange_records(frame, signals, given.blocks, given.rate_hz, given.largest_jitter, notes)
     trials = list_blocks(frame, rate)
     row = (file.name, "records", rate, "unknown", "", len(trials), 0)

@@ -62,6 +62,29 @@ def bridge(column: pd.Series) -> Array:
     return np.interp(np.arange(len(values)), known, values[known])
 
 
+def bridge_short(rows: pd.DataFrame, longest: int) -> pd.DataFrame:
+    """Return signals with straight lines across gaps of no more than so many samples; longer ones stay, whole.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        A record's signals, a column each, evenly in time.
+    longest : int
+        Samples.
+    """
+    missing = rows.isna().to_numpy()
+    if longest < 1 or not missing.any():
+        return rows
+    filled = rows.interpolate(limit_area="inside").to_numpy(copy=True)
+    for column in range(rows.shape[1]):
+        ends = np.diff(np.concatenate([[0], missing[:, column], [0]]).astype(int))
+        firsts, lasts = np.flatnonzero(ends == 1), np.flatnonzero(ends == -1)
+        for first, last in zip(firsts, lasts, strict=True):
+            if last - first > longest:
+                filled[first:last, column] = np.nan
+    return pd.DataFrame(filled, index=rows.index, columns=rows.columns)
+
+
 def thin_out(rows: pd.DataFrame, stride: int, pushing: Sequence[str] = ()) -> pd.DataFrame:
     """Return means of each `stride` samples of a record, at the time of the first; missing where one is missing.
 

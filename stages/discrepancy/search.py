@@ -276,7 +276,7 @@ FRESH_STARTS, LONG = 4, 30
 """Other starts from which a named effect is fitted once more, and steps of such a fit."""
 
 NEARBY_STARTS, NEARBY = 8, 0.1
-"""Starts about a fit of what sets in somewhere, as its cost has many small hollows; how far, in deviations of priors."""
+"""Starts about a fit of what sets in somewhere, as its cost has small hollows; how far off, in deviations of priors."""
 
 AS_MUCH, LIKE = 0.985, 0.95
 """Shares of what the best name closes: above the first, a simpler name is preferred; above the second, not excluded."""

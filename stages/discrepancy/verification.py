@@ -200,7 +200,14 @@ def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: 
 
 
 def _row(
-    kind: str, step: int, label: str, gaps: Array, earlier: tuple[Any, Any], weights: Array, level: float, generator: Any
+    kind: str,
+    step: int,
+    label: str,
+    gaps: Array,
+    earlier: tuple[Any, Any],
+    weights: Array,
+    level: float,
+    generator: Any,
 ) -> dict[str, Any]:
     trials, (first, before) = len(gaps), earlier
     drawn = np.sqrt(weights @ gaps**2 / trials)

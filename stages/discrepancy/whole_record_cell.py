@@ -19,7 +19,7 @@ from stages.discrepancy.cell import Cell, Driver, Form, list_starts
 from stages.discrepancy.exact_values import find_level
 from stages.discrepancy.fitting import Model, begin, fit
 from stages.discrepancy.noise import make_plain
-from stages.discrepancy.records import bridge, list_blocks, spread_records, thin_out
+from stages.discrepancy.records import bridge, bridge_short, list_blocks, spread_records, thin_out
 from stages.plant.effect import Parameter, list_effects
 from stages.plant.listed import list_effects_at
 from stages.plant.record_plant import HEAD, Beginning, RecordPlant, read_beginning
@@ -251,7 +251,10 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
     settled = plant.settle([{name: bridge(rows[name]) for name in names} for rows in records.values()], step_s)
     stride = max(int(settled.finest_s / step_s), 1)
     order = {name: k for k, name in enumerate(records)}
-    thinned = [thin_out(rows[list(names)], stride, settled.pushing) for rows in records.values()]
+    thinned = [
+        thin_out(_bridge_short(rows[list(names)], plant.output, stride), stride, settled.pushing)
+        for rows in records.values()
+    ]
     first_s, step_s = step_s, step_s * stride
     filled = [{name: bridge(rows[name]) for name in names} for rows in thinned]
     known = [_find_known(rows, plant, settled.memory_s / step_s) for rows in thinned]
@@ -266,6 +269,7 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
         places.append((record, first))
         measured.append(filled[record][plant.output][at])
         present.append(inside & known[record][at])
+    _check_present(np.stack(present, axis=1), records, settled)
     return WholeRecordCell(
         settled.thin_out(stride),
         step_s,
@@ -296,6 +300,23 @@ def _check_records(records: Mapping[str, pd.DataFrame], trials: pd.DataFrame, ou
             f"expected blocks of {FEWEST} samples or more, got {samples}: the longest record has {longest} samples; "
             f"record more, or set measurement.blocks={max(longest // FEWEST, 3)} or fewer"
         )
+
+
+def _bridge_short(rows: pd.DataFrame, output: str, stride: int) -> pd.DataFrame:
+    """Return signals without gaps that no longer matter than what thinning them out loses; an input's single sample."""
+    own = {name: bridge_short(rows[[name]], stride - (name == output)) for name in rows}
+    return pd.concat(own.values(), axis=1)
+
+
+def _check_present(present: NDArray[np.bool_], records: Mapping[str, pd.DataFrame], plant: RecordPlant) -> None:
+    if present.sum() >= FEWEST:
+        return
+    lost = [name for name in plant.inputs if any(rows[name].isna().any() for rows in records.values())]
+    after = f"; {', '.join(lost)} lack values, after which none counts for {plant.memory_s:.3g} s" if lost else ""
+    raise ValueError(
+        f"signal {plant.output}: expected {FEWEST} samples or more with all that they are simulated from, got "
+        f"{int(present.sum())}{after}"
+    )
 
 
 def _find_known(rows: pd.DataFrame, plant: RecordPlant, memory: float) -> NDArray[np.bool_]:

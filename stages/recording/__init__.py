@@ -19,6 +19,7 @@ from stages.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, 
 from stages.recording.plausibility import check_plausible
 from stages.recording.rates import equalise, find_rates
 from stages.recording.trials import find_starts, list_trials
+from stages.recording.uneven import even_out
 from stages.recording.units import convert, known_units, own_unit, read_unit
 from stages.recording.whole_sessions import SessionFrames, tabulate_session
 from stages.recording.wide import expand, is_one_trial, is_wide, list_sources
@@ -46,6 +47,7 @@ __all__ = [
     "describe",
     "describe_muscles",
     "equalise",
+    "even_out",
     "expand",
     "find_rate",
     "find_rates",

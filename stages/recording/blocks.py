@@ -70,7 +70,7 @@ def arrange_records(
     Parameters
     ----------
     frame : DataFrame
-        From `split_records`.
+        From `split_records`, its clocks from `even_out`.
     signals : sequence of str
         Columns that were measured.
     blocks : int
@@ -80,7 +80,7 @@ def arrange_records(
     largest_jitter : float
         As of `regularise`.
     notes : list
-        Receives what was resampled.
+        Receives what was resampled, and how many rows were missing.
 
     Returns
     -------
@@ -103,6 +103,12 @@ def arrange_records(
         for rate, rows in frame.groupby(own, sort=False)
     ]
     together = pd.concat(placed, ignore_index=True)
+    had, has = frame["record"].value_counts(sort=False), together["record"].value_counts(sort=False)
+    notes += [
+        (f"record {name}", f"{has[name] - had[name]} of its {has[name]} rows were missing: samples without values")
+        for name in had.index
+        if has[name] > had[name]
+    ]
     order = together["record"].map({name: k for k, name in enumerate(parts.index)})
     together = together.iloc[order.argsort(kind="stable")].reset_index(drop=True)
     told, rate = equalise(together, rates, signals, largest_jitter, notes)

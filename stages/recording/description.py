@@ -9,12 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 import pandas as pd
 
 from stages.recording.clock import find_rate
 from stages.recording.columns import TIME, RecordingError, adopt, read_dates
 from stages.recording.guessing import Guess, guess_map
 from stages.recording.headings import read_heading
+from stages.recording.uneven import FEWEST, count_rounded, is_uneven
 from stages.recording.units import own_unit
 
 TABLE = ("column", "values", "from", "to", "missing", "unit", "taken for")
@@ -109,7 +111,7 @@ def describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitte
     stream = [name for name in names if name != "part"] or (["part"] if "part" in names else [])
     lines = [_tell_groups(found, "trial" if guess.muscles else "record"), _tell_groups(found, "part")]
     if TIME in found:
-        lines.insert(0, f"time: {_tell_steps(found, stream, largest_jitter)}")
+        lines.insert(0, f"time: {_tell_steps(found, stream, largest_jitter, guess.muscles)}")
     return [each for each in lines if each]
 
 
@@ -203,7 +205,7 @@ def _tell_range(values: pd.Series) -> tuple[str, str]:
     return str(distinct[0])[:20], str(distinct[-1])[:20]
 
 
-def _tell_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float) -> str:
+def _tell_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float, muscles: bool) -> str:
     time = told[TIME]
     steps = time.groupby([told[name] for name in stream], sort=False).diff() if stream else time.diff()
     steps = steps.dropna()
@@ -212,6 +214,9 @@ def _tell_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float
     if (steps < 0.0).any():
         return "goes back; if records follow each other, tell them apart: columns.record=NAME"
     usual = float(steps.median())
+    rounded = None if muscles else _find_rounded(told, stream, largest_jitter)
+    if rounded is not None:
+        return f"steps rounded to {rounded[0]:g} s; the samples will be counted, at {_digits(rounded[1])} Hz"
     if usual <= 0.0:
         return "stands still"
     if stream and (rates := _rates(told, stream)) and max(rates) > 1.01 * min(rates):
@@ -225,8 +230,18 @@ def _tell_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float
         return f"even steps, {rate} Hz{beside}"
     return (
         f"uneven steps of {steps.min():.4g} to {steps.max():.4g} s about {usual:.4g} s ({rate} Hz), "
-        f"{int(uneven.sum())} of them by more than measurement.largest_jitter; resample it, or raise that"
+        f"{int(uneven.sum())} of them by more than measurement.largest_jitter; "
+        f"{'resample it, or raise that' if muscles else 'they will be put on an even clock'}"
     )
+
+
+def _find_rounded(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float) -> tuple[float, float] | None:
+    """Return the last digit (s) and the rate (Hz) of a rounded clock, if all records that are uneven have one."""
+    each = [rows[TIME].to_numpy(dtype=float) for _, rows in told.groupby(list(stream), sort=False)] if stream else []
+    times = [its for its in each or [told[TIME].to_numpy(dtype=float)] if len(its) >= FEWEST]
+    found = [count_rounded(its) for its in times if np.isfinite(its).all() and is_uneven(its, largest_jitter)]
+    rounded = [one for one in found if one is not None]
+    return (rounded[0][0], rounded[0][2]) if rounded and len(rounded) == len(found) else None
 
 
 def _rates(told: pd.DataFrame, stream: Sequence[str]) -> list[float]:

@@ -150,6 +150,29 @@ def test_a_push_with_a_gap_has_one(generator):
     assert np.flatnonzero(means.isna()).tolist() == [2, 3, 4, 5]
 
 
+def test_a_gap_that_no_motion_sees_costs_nothing():
+    """A free mass remembers what pushed it for ever, so that one lost sample would be the end of its record."""
+    time = np.arange(4000) * STEP_S
+    force = np.sin(2.0 * np.pi * 0.2 * time)
+    position = -force / (2.0 * np.pi * 0.2) ** 2
+    for lost, judged in (([1000, 2500], 4000), (slice(1000, 1200), 1000)):
+        pushed = force.copy()
+        pushed[lost] = np.nan
+        cell = build_whole_records(*tabulate({"force_n": pushed, "position_m": position}), read_plant("servo_drive"))
+        assert cell.present.sum() * cell.averaged == pytest.approx(judged, abs=BLOCKS * cell.averaged)
+
+
+def test_a_record_of_which_nothing_can_be_judged_is_refused():
+    time = np.arange(4000) * STEP_S
+    force = np.sin(2.0 * np.pi * 0.2 * time)
+    signals = {"force_n": force.copy(), "position_m": -force}
+    signals["force_n"][:500] = np.nan
+    with pytest.raises(
+        ValueError, match=r"position_m: expected 10 samples or more .* force_n lack values, after which"
+    ):
+        build_whole_records(*tabulate(signals), read_plant("servo_drive"))
+
+
 def test_a_missing_signal_is_told():
     with pytest.raises(ValueError, match="signal force_n: expected values, got none; known are position_m"):
         build_whole_records(*tabulate({"position_m": move(1)}), read_plant())

@@ -21,6 +21,8 @@ EFFECT = {
     "channel": "force",
     "muscles": ["pam1", "pam3"],
     "probability": 0.93,
+    "confirmed": True,
+    "step": {"before": 0.081, "after": 0.021, "p_value": 0.016},
     "indistinguishable_from": [],
     "by_muscle": {},
 }
@@ -55,6 +57,13 @@ def test_a_name_is_told_with_what_it_closes_and_what_comes_next():
     ):
         assert part in text
     assert "stand in" not in text
+
+
+def test_a_name_that_opened_trials_do_not_confirm_says_so_with_its_gap():
+    later = {"confirmed": False, "step": {"before": 0.034, "after": 0.033, "p_value": 0.43}}
+    told = "Trials not fitted do not confirm it: with it the gap there goes from 3.4 % to 3.3 % of range (p = 0.43)"
+    assert told in speak("named", effects=[EFFECT, {**EFFECT, **later}])
+    assert "confirm" not in speak("named")
 
 
 @pytest.mark.parametrize(("imitated", "doubted"), [(0.4, False), (0.6, True)])

@@ -116,6 +116,7 @@ def test_parts_by_name_and_a_sampling_time_come_into_the_command(look, tmp_path)
         (np.delete(np.arange(20.0), [5, 9, 10]), "time: even steps, 1 Hz, but for 2 gaps"),
         (np.cumsum(np.linspace(1.0, 1.5, 20)), "time: uneven steps of 1.026 to 1.5 s about 1.263 s"),
         (np.tile(np.arange(10.0), 2), "time: goes back; if records follow each other, tell them apart: columns.record"),
+        ((np.arange(40) / 300.0).round(2), "time: steps rounded to 0.01 s; the samples will be counted, at 300 Hz"),
         (np.zeros(20), "time: stands still"),
     ],
 )
