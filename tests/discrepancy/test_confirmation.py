@@ -1,0 +1,65 @@
+"""An effect is confirmed by trials that were not fitted, or it is not, whatever the fitted ones say."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.discrepancy import confirm_effects
+
+STEP_S, SAMPLES = 0.02, 3200
+BENCH = ("plant=static_map", "parts.fitted=[est]", "parts.verification=[val]", "figures=[png]")
+
+
+def judge(p_step, trials=6, shown=False):
+    named = pd.DataFrame([{"order": k + 1, "name": f"e{k}", "probability": 0.9, "shown": shown} for k in range(2)])
+    driven = pd.DataFrame({"step": range(4), "gap": [0.4, 0.2, 0.1, 0.1], "trials": trials, "p_step": [1, *p_step, 1]})
+    return confirm_effects(named, driven, 0.05)
+
+
+def test_what_takes_nothing_away_is_half_as_probable():
+    told = judge([0.016, 0.3])
+    assert told["confirmed"].tolist() == [True, False]
+    assert told["probability"].tolist() == [0.9, 0.45]
+    assert told["gap_before"].tolist() == [0.4, 0.2]
+    assert told["gap_after"].tolist() == [0.2, 0.1]
+
+
+def test_what_exact_values_show_needs_no_confirmation():
+    assert judge([0.4, 0.3], shown=True)["probability"].tolist() == [0.9, 0.9]
+
+
+@pytest.mark.parametrize(("p_step", "confirmed"), [(0.125, True), (0.25, False)])
+def test_of_few_trials_the_least_p_that_there_can_be_is_asked(p_step, confirmed):
+    assert judge([0.01, p_step], trials=3)["confirmed"].tolist()[1] == confirmed
+
+
+def slide(way, width):
+    """Dahl's friction, which turns smoothly."""
+    state = np.zeros(len(way))
+    for k, step in enumerate(np.diff(way), start=1):
+        state[k] = state[k - 1] + step / width * (1.0 - state[k - 1] * np.sign(step))
+    return state
+
+
+@pytest.mark.parametrize("kept", [0.8, 0.0], ids=["there", "gone"])
+def test_a_loop_that_the_kept_record_lacks_is_named_and_not_confirmed(pamid, tmp_path, kept):
+    parts = []
+    for seed, (part, loop) in enumerate((("est", 0.8), ("val", kept))):
+        generator = np.random.default_rng(seed)
+        time = np.arange(SAMPLES) * STEP_S
+        waves = [(0.02, 0.11), (0.01, 0.27), (0.005, 0.61)]
+        way = sum(a * np.sin(2.0 * np.pi * f * time + generator.uniform(0.0, 6.0)) for a, f in waves)
+        force = 300.0 * way + 2.0 + loop * slide(way, 0.004) + 0.05 * generator.standard_normal(SAMPLES)
+        parts.append(pd.DataFrame({"t": time, "x": way, "F": force, "part": part}))
+    pd.concat(parts).to_csv(tmp_path / "bench.csv", index=False)
+    columns = ("columns.time_s=t", "+columns.position_m=x", "+columns.force_n=F")
+    told = pamid("workflow=discrepancy", "measurement=records", f"measured={tmp_path}/bench.csv", *columns, *BENCH)
+    assert told.returncode == 0, told.stderr
+    (effect,) = json.loads((pamid.runs[-1] / "verdict.json").read_text())["effects"]
+    assert effect["name"] == "hysteresis"
+    assert effect["confirmed"] == (kept > 0.0)
+    assert (effect["probability"] > 0.5) == (kept > 0.0)
+    assert (effect["step"]["after"] < effect["step"]["before"]) == (kept > 0.0)
+    assert ("Trials not fitted do not confirm it" in told.stdout.replace("\n", " ")) == (kept == 0.0)
