@@ -6,7 +6,7 @@ values, the plant's new configuration.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -52,8 +52,30 @@ def list_cells(plant: Plant | RecordPlant, measured: Measurements, settings: Dis
         hint = "plant=nominal, or measurement=records" if kind == "muscles" else f"plant={' or '.join(list_kinds())}"
         raise ValueError(f"plant: expected one that simulates {kind}, got another kind of machine; set {hint}")
     if isinstance(plant, RecordPlant):
+        _check_signals(measured.signals, plant)
         return [build_whole_records(measured.signals, measured.trials, plant)]
     return build_cells(measured.samples, measured.trials, measured.muscles, measured.session, settings)
+
+
+def _check_signals(signals: pd.DataFrame, plant: RecordPlant) -> None:
+    """Check that what a plant names was measured; else say what names it."""
+    known = list(dict.fromkeys(signals["signal"]))
+    for name in (*plant.inputs, plant.output):
+        if name not in known:
+            settings = list(dict.fromkeys(_list_settings(plant.model_dump(), name, "plant")))
+            raise ValueError(
+                f"signal {name}, which {' and '.join(settings)} names: expected it to be measured; known are "
+                f"{', '.join(known)}"
+            )
+
+
+def _list_settings(section: Any, name: str, key: str) -> Iterator[str]:
+    """Yield the keys of a configuration whose value is a name, or a list with it."""
+    if isinstance(section, Mapping):
+        for own, value in section.items():
+            yield from _list_settings(value, name, f"{key}.{own}")
+    elif section == name or (isinstance(section, list) and name in section):
+        yield key
 
 
 def settle(plant: Plant | RecordPlant, cells: Sequence[Cell]) -> Plant | RecordPlant:

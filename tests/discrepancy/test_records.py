@@ -102,8 +102,15 @@ def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, t
     write_record(tmp_path / "run.csv", share=0.0, seconds=20.0)
     line = ["workflow=discrepancy", "measurement=records", f"measured={tmp_path}/run.csv", "columns.time_s=t_ms"]
     line += ["units.time_s=ms", "+columns.force_n=F"]
-    for plant, told in (("nominal", "or second_order or"), ("second_order", "known are force_n")):
-        result = pamid(*line, f"plant={plant}")
+    for plant, told in (
+        (["plant=nominal"], "or second_order or"),
+        (
+            ["plant=second_order"],
+            "signal drive_v, which plant.input names: expected it to be measured; known are force_n",
+        ),
+        (["plant=static_map", "plant.along=force_n"], "signal position_m, which plant.constants.stiffness.of names"),
+    ):
+        result = pamid(*line, *plant)
         assert result.returncode == 1
         (message,) = result.stderr.strip().splitlines()
         assert message.startswith("locate_gap failed: run.csv: ")
