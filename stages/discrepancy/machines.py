@@ -64,7 +64,7 @@ def _check_signals(signals: pd.DataFrame, plant: RecordPlant) -> None:
         if name not in known:
             settings = list(dict.fromkeys(_list_settings(plant.model_dump(), name, "plant")))
             raise ValueError(
-                f"signal {name}, which {' and '.join(settings)} names: expected it to be measured; known are "
+                f"signal {name}, named by {' and '.join(settings)}: expected it to be measured; known are "
                 f"{', '.join(known)}"
             )
 

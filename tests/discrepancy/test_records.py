@@ -106,7 +106,7 @@ def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, t
         (["plant=nominal"], "or second_order or"),
         (
             ["plant=second_order"],
-            "signal drive_v, which plant.input names: expected it to be measured; known are force_n",
+            "signal drive_v, named by plant.input: expected it to be measured; known are force_nce_n",
         ),
         (["plant=static_map", "plant.along=force_n"], "signal position_m, which plant.constants.stiffness.of names"),
     ):
