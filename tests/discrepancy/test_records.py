@@ -103,14 +103,11 @@ def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, t
     line = ["workflow=discrepancy", "measurement=records", f"measured={tmp_path}/run.csv", "columns.time_s=t_ms"]
     line += ["units.time_s=ms", "+columns.force_n=F"]
     for plant, told in (
-        (["plant=nominal"], "or second_order or"),
-        (
-            ["plant=second_order"],
-            "signal drive_v, named by plant.input: expected it to be measured; known are force_nce_n",
-        ),
-        (["plant=static_map", "plant.along=force_n"], "signal position_m, which plant.constants.stiffness.of names"),
+        ("nominal", "or second_order or"),
+        ("second_order", "signal drive_v, named by plant.input: expected it to be measured; known are force_n"),
+        ("static_map", "signal position_m, named by plant.constants.stiffness.of and plant.along: expected"),
     ):
-        result = pamid(*line, *plant)
+        result = pamid(*line, f"plant={plant}")
         assert result.returncode == 1
         (message,) = result.stderr.strip().splitlines()
         assert message.startswith("locate_gap failed: run.csv: ")
