@@ -196,11 +196,13 @@ def draw(
         draw_residual_loops(average_loops(seen)),
         "Residual of the fitted nominal model by direction of motion, with two standard errors over trials.",
     )
-    ctx.figure(
-        "residual_plane",
-        draw_residual_plane(average_plane(seen)),
-        "Residual of the fitted nominal model over the state plane.",
-    )
+    plane = average_plane(seen)
+    if len(plane):
+        ctx.figure(
+            "residual_plane",
+            draw_residual_plane(plane),
+            "Residual of the fitted nominal model over the state plane.",
+        )
 
 
 def tell_constants(state: CellState, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:

@@ -90,6 +90,8 @@ POOLING = (
     "of each channel and muscle in each trial: mean squared error over the squared range of all its measured samples; "
     "the mean of these over channels and muscles with data, then over trials; its root"
 )
+TELLS_NOTHING = 0.9
+"""Error over the measured standard deviation, from which on a mean would have done nearly as well."""
 MOST_SHOWN = 4
 """Muscles whose trials are drawn."""
 FINDINGS = Table("findings", "What was found", {"finding": column(str, "a sentence")})
@@ -149,7 +151,10 @@ def verify_gap(
     driven = select_judged(verification)
     confirmed = confirm_effects(named_effects, driven, 1.0 - settings.level)
     over_floor = bound_ratio(found, last, opened, weights, settings.level)
-    if status == "no_discrepancy" and over_floor["value"] > settings.search.smallest_gap:
+    left_over_std = float(driven["gap_over_std"].iloc[last])
+    if status == "no_discrepancy" and (
+        over_floor["value"] > settings.search.smallest_gap or left_over_std > TELLS_NOTHING
+    ):
         status = "unexplained"
     verdict = {
         "status": status,
@@ -173,6 +178,7 @@ def verify_gap(
     relevant = list_absorbed(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
+        *tell_mapping(left_over_std),
         *tell_remainder(remainder, status),
         *tell_silent(judgeable, list(measured_muscles["muscle"])),
         *tell_odd(odd),
@@ -218,6 +224,16 @@ def tell_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dic
         "muscles": sorted({each.cell.element for each in judged}),
         "pooling": POOLING,
     }
+
+
+def tell_mapping(left_over_std: float) -> list[str]:
+    """Return that a simulation tells nothing of what was measured, if so."""
+    if not left_over_std > TELLS_NOTHING:
+        return []
+    return [
+        f"The simulation tells nothing of what was measured: not fitted, it errs by {left_over_std:.2g} of its "
+        "standard deviation. Before anything else, look whether columns, units and signs are right, and the plant."
+    ]
 
 
 def tell_command(session: dict[Hashable, Any], simulated_at: str) -> str:

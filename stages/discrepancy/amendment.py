@@ -74,7 +74,7 @@ def estimate_intervals(
         Draws the trials.
     """
     known = Noise(*(float(noise[name]) for name in Noise._fields))
-    found = fit(model, known, values, iterations=2)
+    found = fit(model, known, values, iterations=0)
     weights = resample(model.cell.trials, settings.bootstraps, generator)
     tail = 0.5 * (1.0 - settings.level)
     low, high = np.quantile(found.drawn_values(weights), [tail, 1.0 - tail], axis=0)

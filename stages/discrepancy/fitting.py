@@ -170,8 +170,12 @@ class Fit:
         return [float(each) for each in self.values]
 
     def drawn_values(self, weights: Array) -> Array:
-        """Return the values, (B, P), when trials are drawn again with weights (B, K)."""
-        drawn: Array = self.values + self.change_without(weights)
+        """Return the values, (B, P), when trials are drawn again with weights (B, K); with equal ones, these values.
+
+        Under another noise than its own a fit would end elsewhere; of that, only the spread counts.
+        """
+        equal = self.change_without(np.ones((1, weights.shape[1])))
+        drawn: Array = np.clip(self.values + self.change_without(weights) - equal, *self.model.bounds)
         return drawn
 
     def leave_each_out(self) -> Array:

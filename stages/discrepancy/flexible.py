@@ -130,6 +130,8 @@ def explain_by_trees(cell: Cell, residual: Array, learnt: Mask | None = None) ->
         trees = HistGradientBoostingRegressor(**TREES, early_stopping=False, random_state=0)
         trees.fit(inputs[::stride][rows], residual[::stride][rows])
         told = cell.present & out
+        if not told.any():
+            continue
         left[told] -= trees.predict(inputs[told])
     return left
 

@@ -16,6 +16,9 @@ CALLED = {
 }
 
 
+RATE = "rate of"
+
+
 def name_signal(name: str) -> tuple[str, str]:
     """Return a signal's name in words, and its unit; empty where the name tells none.
 
@@ -31,6 +34,8 @@ def name_signal(name: str) -> tuple[str, str]:
         end = max((each for each in ENDS if column.endswith(f"_{each}")), key=len, default="")
         words = column.removesuffix(f"_{end}").replace("_", " ") if end else column.replace("_", " ")
         unit = own_unit(column) if end else ""
+    if before == RATE:
+        unit = ""  # in scales per pace
     if before.startswith(DISTANCE):
         unit = unit.removesuffix("/s").removesuffix("1")
     return f"{before}{blank}{words}", unit

@@ -31,6 +31,8 @@ AVERAGED, ROUNDED = 3e-4, 1e-6
 """Of the range of a motion, what averaging its samples may change, and what rounding and integration may."""
 FEWEST = 10
 """Samples of a block in which a motion may show."""
+LEAST_BLOCKS = 3
+"""Blocks of which one can be kept aside while the others are left out in turn."""
 SAME, LARGEST = 1e-12, 1e100
 """Range of an output over its size, up to which it never changes; and size beyond which no square is a number."""
 LEVEL_ERROR = 0.001
@@ -247,7 +249,7 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
     """
     names = (*plant.inputs, plant.output)
     records, step_s = spread_records(signals, names)
-    _check_records(records, trials, plant.output)
+    _check_records(records, trials, plant)
     settled = plant.settle([{name: bridge(rows[name]) for name in names} for rows in records.values()], step_s)
     stride = max(int(settled.finest_s / step_s), 1)
     order = {name: k for k, name in enumerate(records)}
@@ -288,17 +290,22 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
     )
 
 
-def _check_records(records: Mapping[str, pd.DataFrame], trials: pd.DataFrame, output: str) -> None:
+def _check_records(records: Mapping[str, pd.DataFrame], trials: pd.DataFrame, plant: RecordPlant) -> None:
+    output = plant.output
+    for name in plant.inputs:
+        if all((rows[name].fillna(0.0) == 0.0).all() for rows in records.values()):
+            raise ValueError(f"signal {name}: expected an input that acts, got 0 throughout")
     values = np.concatenate([rows[output].dropna().to_numpy(dtype=float) for rows in records.values()])
     if np.ptp(values) <= SAME * np.abs(values).max(initial=0.0):
         raise ValueError(f"signal {output}: expected an output that changes, got {values[0]:g} throughout")
     if np.abs(values).max() > LARGEST:
         raise ValueError(f"signal {output}: expected values below {LARGEST:g}, got {np.abs(values).max():g}")
     longest, samples = max(len(rows) for rows in records.values()), int(trials["samples"].max())
+    most = longest // FEWEST
     if samples < FEWEST:
         raise ValueError(
             f"expected blocks of {FEWEST} samples or more, got {samples}: the longest record has {longest} samples; "
-            f"record more, or set measurement.blocks={max(longest // FEWEST, 3)} or fewer"
+            "record more" + (f", or set measurement.blocks={most} or fewer" if most >= LEAST_BLOCKS else "")
         )
 
 

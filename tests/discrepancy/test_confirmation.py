@@ -62,4 +62,17 @@ def test_a_loop_that_the_kept_record_lacks_is_named_and_not_confirmed(pamid, tmp
     assert effect["confirmed"] == (kept > 0.0)
     assert (effect["probability"] > 0.5) == (kept > 0.0)
     assert (effect["step"]["after"] < effect["step"]["before"]) == (kept > 0.0)
-    assert ("Trials not fitted do not confirm it" in told.stdout.replace("\n", " ")) == (kept == 0.0)
+    assert ("Trials not fitted do not confirm it" in " ".join(told.stdout.split())) == (kept == 0.0)
+
+
+def test_a_wrong_column_gets_no_clean_bill(pamid, tmp_path, generator):
+    way = np.convolve(generator.standard_normal(SAMPLES), np.ones(40) / 40.0, mode="same")
+    frame = pd.DataFrame({"t": np.arange(SAMPLES) * STEP_S, "x": way, "F": generator.standard_normal(SAMPLES)})
+    frame.to_csv(tmp_path / "bench.csv", index=False)
+    columns = ("columns.time_s=t", "+columns.position_m=x", "+columns.force_n=F")
+    line = ("workflow=discrepancy", "measurement=records", f"measured={tmp_path}/bench.csv", *columns)
+    told = pamid(*line, "plant=static_map", "figures=[png]")
+    assert told.returncode == 0, told.stderr
+    verdict = json.loads((pamid.runs[-1] / "verdict.json").read_text())
+    assert (verdict["status"], verdict["effects"]) == ("unexplained", [])
+    assert "look whether columns, units and signs are right" in " ".join(told.stdout.split())

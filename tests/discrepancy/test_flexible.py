@@ -1,5 +1,7 @@
 """A flexible model leaves the noise: of what sums of features explain, of what happens at one place, and of a line."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,6 +57,15 @@ def test_trials_that_are_not_learnt_teach_nothing():
     learnt = ~strange
     kept, other = (explain_by_trees(cell, each, learnt)[:, learnt] for each in (nominal.residual, spoilt))
     np.testing.assert_array_equal(kept, other)
+
+
+def test_trials_without_samples_are_passed_over():
+    cell = make_toy(1, [(lambda x: np.sin(3.0 * x), 0.6)], noise=NOISE)
+    present = cell.present.copy()
+    present[:, ::5] = False
+    emptied = replace(cell, present=present)
+    left = explain_by_trees(emptied, np.where(present, fit_line(cell).residual, 0.0))
+    assert measure(left, emptied) < 0.5 * measure(fit_line(cell).residual, cell)
 
 
 def test_the_least_is_kept_and_a_line_is_no_noise():

@@ -173,6 +173,19 @@ def test_a_record_of_which_nothing_can_be_judged_is_refused():
         build_whole_records(*tabulate(signals), read_plant("servo_drive"))
 
 
+def test_an_input_that_never_acts_is_refused():
+    signals = {"force_n": np.zeros(4000), "position_m": move(1, 4000)}
+    with pytest.raises(ValueError, match="signal force_n: expected an input that acts, got 0 throughout"):
+        build_whole_records(*tabulate(signals), read_plant("servo_drive"))
+
+
+@pytest.mark.parametrize(("samples", "told"), [(45, "or set measurement.blocks=4 or fewer"), (29, "; record more$")])
+def test_advice_on_short_records_can_be_followed(samples, told):
+    signals, trials = tabulate({"position_m": move(1, samples), "force_n": move(2, samples)})
+    with pytest.raises(ValueError, match=told):
+        build_whole_records(signals, trials, read_plant())
+
+
 def test_a_missing_signal_is_told():
     with pytest.raises(ValueError, match="signal force_n: expected values, got none; known are position_m"):
         build_whole_records(*tabulate({"position_m": move(1)}), read_plant())

@@ -140,3 +140,20 @@ def test_it_never_forgets_how_it_began():
 def test_what_cannot_be_is_refused(changes, told):
     with pytest.raises(ValidationError, match=told):
         read_drive(**changes)
+
+
+def test_the_mass_is_guessed_although_friction_takes_up_most_of_the_force(generator):
+    """A slow drive rests most of the time, whatever pulls at it; only while it moves does it show its mass."""
+    time = np.arange(6000) * STEP_S
+    force = 12.0 * np.sin(2 * np.pi * 0.2 * time) + 0.5 * generator.standard_normal(len(time))
+    place, velocity, places = 0.0, 0.0, []
+    for each in force:
+        places.append(place)
+        for _ in range(20):
+            free = velocity + STEP_S / 20 * each / 4.0
+            velocity = np.sign(free) * max(abs(free) - STEP_S / 20 * 10.0 / 4.0, 0.0)
+            place += STEP_S / 20 * velocity
+    told = yaml.safe_load((CONF / "plant" / "servo_drive.yaml").read_text())
+    record = {"force_n": force, "position_m": np.array(places) + 1e-6 * generator.standard_normal(len(force))}
+    settled = read_machine(told).settle([record], STEP_S)
+    assert settled.constants.mass.start == pytest.approx(4.0, rel=0.4)

@@ -83,8 +83,8 @@ SLIDER = DynamicEffect(
     form="slider",
     site="motion",
     parameters=(
-        Parameter("share", "1", 0.0, 2.0, 0.0, 0.1, "friction over spring force at the output's scale", (0.03,)),
-        Parameter("sliding", "1", 0.005, 0.5, 0.03, 0.03, "velocity at which it slides, scales per radian", (0.03,)),
+        Parameter("share", "1", 0.0, 2.0, 0.0, 0.1, "deceleration, scales per squared pace", (0.03,)),
+        Parameter("sliding", "1", 0.005, 0.5, 0.03, 0.03, "velocity at which it slides, scales per pace", (0.03,)),
     ),
     source=SOURCE,
     signature="small motions are damped more than large ones, and the motion sticks before it rests",

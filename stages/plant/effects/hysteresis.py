@@ -91,8 +91,8 @@ BOUC_WEN_SPRING = DynamicEffect(
     form="bouc_wen_spring",
     site="motion",
     parameters=(
-        Parameter("share", "1", 0.0, 3.0, 0.0, 0.2, "hysteretic over spring force at the output's scale", (0.1,)),
-        Parameter("turning", "1", 0.1, 2.0, 0.3, 0.2, "motion over which it turns, in scales", (0.2, 0.6)),
+        Parameter("share", "1", 0.0, 3.0, 0.0, 0.2, "deceleration, scales per squared pace", (0.1,)),
+        Parameter("turning", "1", 0.02, 2.0, 0.3, 0.2, "motion over which it turns, in scales", (0.2, 0.6)),
     ),
     source="Wen, Method for random vibration of hysteretic systems, ASCE J. Eng. Mech. Div. 102 (1976)",
     signature="force over motion makes a loop that does not shrink with speed",

@@ -82,6 +82,23 @@ DRIFTING_ELEMENT = ElementEffect(
     apply=apply_to_element,
 )
 
+
+def apply_warming_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with a drift that ends."""
+    since = bench.session_s / (100.0 * bench.pace_s)
+    return answer + parameters["share"] * (1.0 - np.exp(-since * parameters["rate_per_100_paces"]))
+
+
+WARMING_ELEMENT = replace(
+    DRIFTING_ELEMENT,
+    form="element_warming",
+    parameters=(
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "drift in the end over the answer's scale", (0.1, -0.1)),
+        Parameter("rate_per_100_paces", "1", 0.01, 20.0, 1.0, 2.0, "how quickly it ends, in 100 paces", (0.3, 2.0)),
+    ),
+    apply=apply_warming_to_element,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -109,4 +126,5 @@ FORMS = (
         apply=apply_warming_to_pressure,
     ),
     DRIFTING_ELEMENT,
+    WARMING_ELEMENT,
 )

@@ -44,7 +44,7 @@ LATE_INPUT = DynamicEffect(
     form="late_input",
     site="motion",
     parameters=(
-        Parameter("periods", "1", 0.0, 2.0, 0.0, 0.1, "how late the input acts, in natural periods", (0.02, 0.1)),
+        Parameter("periods", "1", 0.0, 2.0, 0.0, 0.1, "how late the input acts, over 2 pi paces", (0.02, 0.1)),
     ),
     source="Ljung, System identification: theory for the user, 2nd edition (1999), section 4.2: input delay",
     signature="the residual leads the response by the same time at every frequency",

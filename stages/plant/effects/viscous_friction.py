@@ -88,7 +88,9 @@ QUADRATIC = DynamicEffect(
     form="quadratic_drag",
     site="motion",
     parameters=(
-        Parameter("share", "1", 0.0, 10.0, 0.0, 0.2, "drag over spring force, moving one scale per radian", (0.05,)),
+        Parameter(
+            "share", "1", 0.0, 10.0, 0.0, 0.2, "deceleration at one scale per pace, scales per squared pace", (0.05,)
+        ),
     ),
     source="Nayfeh, Mook, Nonlinear oscillations (1979), section 3.3.2: quadratic damping",
     signature="the resonance flattens as the motion grows: damping lacks at high velocity",

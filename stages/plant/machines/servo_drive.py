@@ -19,6 +19,8 @@ from stages.signals.trajectories import Array
 
 START = 0.002
 """Least error of the place, in scales, and of the velocity, in scales per pace, in which a record begins."""
+MOVING, FEWEST_MOVING = 0.1, 100
+"""Velocity over the largest, above which a drive moves; and samples of which its mass is guessed, at least."""
 SMOOTHED = 0.1
 """Width of the window by which a measured motion is smoothed, paces."""
 
@@ -60,7 +62,7 @@ class ServoDrive(MotionPlant):
             np.stack([f[:, 0], one[:, 0], -q[:, 1], -np.sign(q[:, 1]), -q[:, 0], -(q[:, 0] ** 3)], axis=1)
             for f, one, q in zip(derivatives[self.force], derivatives[""], derivatives[self.output], strict=True)
         ]
-        per_mass = regress(rows, [q[:, 2] for q in derivatives[self.output]], skipped)[0]
+        per_mass = regress(*_leave_out_rest(rows, derivatives[self.output], skipped), 0)[0]
         largest = max(float(np.abs(f[:, 0]).max()) for f in derivatives[self.force])
         quickest = max(float(np.abs(q[skipped:, 2]).max(initial=0.0)) for q in derivatives[self.output])
         mass = 1.0 / per_mass if per_mass > 0.0 else largest / max(quickest, 1e-12)
@@ -80,6 +82,27 @@ class ServoDrive(MotionPlant):
 
         width = max(SMOOTHED * cast(float, self.pace_s) / step_s, 1.0)
         return self.list_watched(gaussian_filter1d(signals[self.output], width, axis=0), signals, step_s)
+
+
+def _leave_out_rest(rows: Sequence[Array], outputs: Sequence[Array], skipped: int) -> tuple[list[Array], list[Array]]:
+    """Return columns and accelerations of the samples in which the drive moves: at rest, friction takes up any force.
+
+    Parameters
+    ----------
+    rows : sequence of (N_r, C) ndarray
+        Columns of each record.
+    outputs : sequence of (N_r, 3) ndarray
+        Filtered place, velocity and acceleration.
+    skipped : int
+        Samples in which the filters settle.
+    """
+    fastest = max(float(np.abs(q[skipped:, 1]).max(initial=0.0)) for q in outputs)
+    moves = [(np.abs(q[:, 1]) > MOVING * fastest) & (np.arange(len(q)) >= skipped) for q in outputs]
+    if sum(each.sum() for each in moves) < FEWEST_MOVING:
+        moves = [np.arange(len(q)) >= min(skipped, len(q) // 2) for q in outputs]
+    return [each[k] for each, k in zip(rows, moves, strict=True)], [
+        q[k, 2] for q, k in zip(outputs, moves, strict=True)
+    ]
 
 
 PLANT = ServoDrive
