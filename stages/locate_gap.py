@@ -88,6 +88,7 @@ CHANNELS = Table(
         "slow": column(float, "slow part of it", unit="of the channel", low=0),
         "slow_s": column(float, "its time constant", unit="s", low=0),
         "line_hz": column(float, "frequency of an oscillation in all trials", unit="Hz", low=0, nullable=True),
+        "remembered": column(bool, "whether a linear memory of the inputs tells most of what is reproducible"),
     },
     key=("channel", "muscle"),
     brief=("channel", "muscle", "unit", "gap", "noise_floor", "gap_over_floor", "upper"),
@@ -242,4 +243,5 @@ def tell_channel(state: CellState, weights: Any, settings: DiscrepancySettings) 
         "upper": upper_ratio(state, weights, settings.level),
         **state.noise._asdict(),
         "line_hz": math.nan if state.leftover.line_hz is None else state.leftover.line_hz,
+        "remembered": state.leftover.remembered,
     }

@@ -73,6 +73,7 @@ UNEXPLAINED = Table(
         "probability": column(float, "that it is more than the limit, and matters", low=0, high=1),
         "imitated": column(float, "that what was named leaves more than one effect's forms differ by", low=0, high=1),
         "line_hz": column(float, "frequency of an oscillation in all trials", unit="Hz", low=0, nullable=True),
+        "remembered": column(bool, "whether a linear memory of the inputs tells most of it"),
     },
     key=("channel",),
 )
@@ -157,6 +158,7 @@ def name_effect(
                     "probability": each.unknown,
                     "imitated": each.imitated,
                     "line_hz": np.nan if each.line_hz is None else each.line_hz,
+                    "remembered": each.remembered,
                 }
                 for channel, each in left.items()
             ],

@@ -133,6 +133,13 @@ class Cell(ABC):
         """
         return features
 
+    def recall(self, most: int) -> Array:
+        """Return the inputs at so many instants of the past at most, (T, K, F), of which any linear memory is a sum.
+
+        None for a cell whose upstream signals are measured close by.
+        """
+        return np.empty((*self.measured.shape, 0))
+
     @abstractmethod
     def take(self, trials: Sequence[int]) -> Self:
         """Return the cell with some of its trials, by position."""

@@ -23,6 +23,8 @@ from stages.signals.trajectories import Array
 Mask = NDArray[np.bool_]
 PENALTIES = (1e4, 1e3, 1e2, 1e1, 1.0, 1e-1)
 FOLDS = 5
+REMEMBERED = 200
+"""Samples of the past that a linear memory holds, of all inputs together."""
 MOST_ROWS = 2000
 """Samples that trees are fitted to, at most; neighbours in time tell the same."""
 TREES = {"max_iter": 25, "learning_rate": 0.3, "max_leaf_nodes": 12, "min_samples_leaf": 20, "max_bins": 64}
@@ -40,14 +42,19 @@ class Leftover:
         What it leaves of each trial that it was not fitted to.
     line_hz : float or None
         Frequency of an oscillation in all trials that nothing measured explains; it is no noise, and not in the above.
+    remembered : bool
+        Whether a linear memory of the inputs leaves the least.
     """
 
     raw: Array
     residual: Array
     line_hz: float | None
+    remembered: bool = False
 
 
-def keep_least(left: Sequence[Array], cell: Cell, learnt: Mask | None = None) -> Leftover:
+def keep_least(
+    left: Sequence[Array], cell: Cell, learnt: Mask | None = None, by_memory: Array | None = None
+) -> Leftover:
     """Return the least of what several models leave, (T, K) each, without a spectral line, if it has one.
 
     Parameters
@@ -58,20 +65,25 @@ def keep_least(left: Sequence[Array], cell: Cell, learnt: Mask | None = None) ->
         Whose.
     learnt : (K,) ndarray of bool, optional
         Trials by which the least is told; all, unless told.
+    by_memory : (T, K) ndarray, optional
+        What a linear memory of the inputs leaves, from `explain_by_memory`.
     """
     known = np.ones(cell.trials, dtype=bool) if learnt is None else learnt
-    residual = min(left, key=lambda each: float((each[:, known] ** 2).sum()))
+    several = [*left, *([] if by_memory is None else [by_memory])]
+    residual = min(several, key=lambda each: float((each[:, known] ** 2).sum()))
+    remembered = residual is by_memory
     line_hz = find_line(residual, cell.present, cell.step_s)
     if line_hz is not None:
         residual = remove_line(residual, cell.present, cell.step_s, line_hz)
-    return Leftover((residual**2).sum(axis=0), residual, line_hz)
+    return Leftover((residual**2).sum(axis=0), residual, line_hz, remembered)
 
 
 def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
     """Return what flexible models leave that are fitted to some trials alone; noise, as far as one can tell."""
     cell = fit.model.cell
     by_features = explain_by_features(fit, build_features(cell), noise, learnt)
-    return keep_least([by_features, explain_by_trees(cell, fit.residual, learnt)], cell, learnt)
+    by_trees, by_memory = explain_by_trees(cell, fit.residual, learnt), explain_by_memory(cell, fit.residual, learnt)
+    return keep_least([by_features, by_trees], cell, learnt, by_memory)
 
 
 def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Array:
@@ -134,6 +146,29 @@ def explain_by_trees(cell: Cell, residual: Array, learnt: Mask | None = None) ->
             continue
         left[told] -= trees.predict(inputs[told])
     return left
+
+
+def explain_by_memory(cell: Cell, residual: Array, learnt: Mask | None = None) -> Array:
+    """Return what is left of each trial's residual, (T, K), when others' is fitted by a linear memory of the inputs.
+
+    It sees an oscillation that an input sets off, which features that forget evenly and trees without a past do not.
+
+    Parameters
+    ----------
+    cell : Cell
+        Whose inputs are remembered.
+    residual : (T, K) ndarray
+        Zero where not present.
+    learnt : (K,) ndarray of bool, optional
+        Trials that it may be fitted to; all, unless told.
+    """
+    past = cell.recall(REMEMBERED)
+    if not past.shape[2]:
+        return residual
+    known = np.ones(cell.trials, dtype=bool) if learnt is None else learnt
+    together = np.where(cell.present[:, :, None], np.concatenate([past, residual[:, :, None]], axis=2), 0.0)
+    spread = float(np.sqrt((residual**2).sum() / max(cell.present.sum(), 1))) or 1.0
+    return _leave_each_out(together / spread, together, np.empty(0), known)
 
 
 def _leave_each_out(white: Array, raw: Array, precision: Array, learnt: Mask) -> Array:

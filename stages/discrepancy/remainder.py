@@ -40,12 +40,15 @@ class Remainder(NamedTuple):
         names.
     line_hz : float or None
         Frequency of an oscillation in all trials of one of its elements, Hz.
+    remembered : bool
+        Whether in one of them a linear memory of the inputs removes most.
     """
 
     share: float
     unknown: float
     imitated: float
     line_hz: float | None
+    remembered: bool
 
 
 def weigh_remainder(found: Search, settings: SearchSettings, generator: np.random.Generator) -> dict[str, Remainder]:
@@ -69,7 +72,8 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
             imitated = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else None
-        remainders[channel] = Remainder(float(np.median(share)), sure, imitated, line_hz)
+        remembered = any(state.leftover.remembered for state in states)
+        remainders[channel] = Remainder(float(np.median(share)), sure, imitated, line_hz, remembered)
     return remainders
 
 

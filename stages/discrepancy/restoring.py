@@ -82,7 +82,7 @@ def restore_states(
                 np.array([float(values[each.name]) for each in cell.constants]),
                 Noise(*(float(known[name]) for name in Noise._fields)),
                 residual,
-                Leftover((left**2).sum(axis=0), left, line_hz),
+                Leftover((left**2).sum(axis=0), left, line_hz, bool(known["remembered"])),
             )
         )
     return states

@@ -17,7 +17,13 @@ from stages.discrepancy.cell import Cell, Form, list_starts
 from stages.discrepancy.evidence import NONE, Verdicts, weigh_names
 from stages.discrepancy.features import build_features
 from stages.discrepancy.fitting import Fit, Model, begin, fit
-from stages.discrepancy.flexible import Leftover, explain_by_features, explain_by_trees, keep_least
+from stages.discrepancy.flexible import (
+    Leftover,
+    explain_by_features,
+    explain_by_memory,
+    explain_by_trees,
+    keep_least,
+)
 from stages.discrepancy.noise import Noise, estimate_noise, log_density, make_plain
 from stages.discrepancy.screening import Screened, screen
 from stages.signals.trajectories import Array
@@ -168,10 +174,12 @@ def prepare(cell: Cell) -> CellState:
     model = Model(cell)
     rough = _fit_constants(model)
     features, by_trees = build_features(cell), explain_by_trees(cell, rough.residual)
-    least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], cell)
+    by_memory = explain_by_memory(cell, rough.residual)
+    least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], cell, by_memory=by_memory)
     noise = estimate_noise(least.residual, cell.present, cell.step_s)
     nominal = refine(model, rough.fit.values, rough.spread)
-    leftover = keep_least([by_trees, explain_by_features(nominal.fit, features, noise)], cell)
+    by_features = explain_by_features(nominal.fit, features, noise)
+    leftover = keep_least([by_trees, by_features], cell, by_memory=by_memory)
     return CellState(cell, noise, nominal, nominal, leftover)
 
 
@@ -650,8 +658,9 @@ def _update(state: CellState, found: Fit) -> CellState:
 def _go_on(state: CellState, current: Fitted) -> CellState:
     """Return a cell that stands at a fit; without an effect, that is the nominal one."""
     noise = current.estimate_noise()
-    by_trees = explain_by_trees(state.cell, current.residual)
-    leftover = keep_least([by_trees, explain_by_features(current.fit, state.features, noise)], state.cell)
+    by_features = explain_by_features(current.fit, state.features, noise)
+    by_trees, by_memory = (explain(state.cell, current.residual) for explain in (explain_by_trees, explain_by_memory))
+    leftover = keep_least([by_trees, by_features], state.cell, by_memory=by_memory)
     nominal = state.nominal if current.forms else current
     return replace(state, noise=noise, nominal=nominal, current=current, leftover=leftover)
 

@@ -56,7 +56,7 @@ def decide_status(named: Sequence[float], unknown: float, certain: float) -> Sta
 
 
 def summarise_unexplained(unexplained: pd.DataFrame) -> dict[str, Any]:
-    """Return what is left without a name, over channels, as the verdict tells it; a line, of the worst channel.
+    """Return what is left without a name, over channels, as the verdict tells it; line and memory, of the worst.
 
     Parameters
     ----------
@@ -69,6 +69,7 @@ def summarise_unexplained(unexplained: pd.DataFrame) -> dict[str, Any]:
         "unexplained_share": float(unexplained["share"].clip(lower=0.0).max()),
         "imitated": float(unexplained["imitated"].max()),
         "line_hz": None if np.isnan(line_hz) else line_hz,
+        "remembered": bool(unexplained["remembered"].to_numpy()[worst]),
     }
 
 

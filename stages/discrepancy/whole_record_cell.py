@@ -194,6 +194,18 @@ class WholeRecordCell(Cell):
         """Return the features of a flexible model as the plant's output answers to them."""
         return self.plant.respond(features, self.step_s)
 
+    def recall(self, most: int) -> Array:
+        """Return the inputs as they were now and at each sample before, as far as so many columns reach."""
+        lags = most // len(self.plant.inputs)
+        columns = []
+        for name in self.plant.inputs:
+            whole = {record: self.records[record][name] for record in self._used}
+            centred = {record: values - values.mean() for record, values in whole.items()}
+            for lag in range(lags):
+                late = {k: np.concatenate([np.zeros(lag), each])[: len(each)] for k, each in centred.items()}
+                columns.append(self._cut(late))
+        return np.stack(columns, axis=2)
+
     def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return where fits of a form begin; a clipped reading at the level that the values show, or nowhere."""
         if self.is_exact(form):

@@ -101,9 +101,9 @@ def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
     reproducible = (
         "it is far above the sensor's noise, and no measured signal tells what it depends on"
         if line_hz is None and share < LEAST_SHARE
-        else f"a flexible model would still take away {_percent(share)} of what is above the noise"
+        else f"{_tell_taker(verdict['remembered'])} would still take away {_percent(share)} of what is above the noise"
         if line_hz is None
-        else f"an oscillation at {line_hz:.3g} Hz runs through all trials, which nothing measured brings about"
+        else f"an oscillation at {line_hz:.3g} Hz runs through all trials, which the simulation lacks"
     )
     return [
         f"A gap is real and no effect of the library explains it: {reproducible}.{near} Nothing is named, and the "
@@ -111,6 +111,12 @@ def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
         f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
         f"{_percent(gap['noise_floor'])}.",
     ]
+
+
+def _tell_taker(remembered: bool) -> str:
+    if not remembered:
+        return "a flexible model"
+    return "a linear memory of the inputs (such as a resonance, a lag or a delay has that the plant lacks)"
 
 
 def _tell_places(places: Sequence[Mapping[str, Any]], status: str) -> list[str]:

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from scipy.signal import lfilter
 
 from stages.discrepancy.records import thin_out
 from stages.discrepancy.search import SearchSettings, prepare, search
@@ -189,6 +190,27 @@ def test_advice_on_short_records_can_be_followed(samples, told):
 def test_a_missing_signal_is_told():
     with pytest.raises(ValueError, match="signal force_n: expected values, got none; known are position_m"):
         build_whole_records(*tabulate({"position_m": move(1)}), read_plant())
+
+
+def ring(way, pulled):
+    """What a resonance adds that the way sets off: thirty samples a period, decaying in three."""
+    decay, turn = np.exp(-1.0 / 90.0), 2.0 * np.pi / 30.0
+    answer = lfilter([0.0, 1.0], [1.0, -2.0 * decay * np.cos(turn), decay**2], way)
+    return pulled * answer / answer.std()
+
+
+@pytest.mark.parametrize("pulled", [1.0, 0.0])
+def test_a_resonance_that_the_input_sets_off_is_no_noise(generator, pulled):
+    way = move(1) + 0.002 * generator.standard_normal(4800)
+    force = 300.0 * way + ring(way, pulled) + 0.05 * generator.standard_normal(4800)
+    state = prepare(build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(pace_s=2.0)))
+    gap = np.sqrt(state.nominal.raw.sum() / state.samples.sum())
+    assert state.leftover.remembered == (pulled > 0.0)
+    if pulled:
+        assert gap > 3.0 * 0.05
+        assert state.floor < 0.6 * gap
+    else:
+        assert 0.97 * 0.05 < state.floor < 1.05 * 0.05
 
 
 @pytest.mark.slow

@@ -42,6 +42,7 @@ def speak(status, **changes):
         "unexplained_share": 0.4,
         "imitated": 0.0,
         "line_hz": None,
+        "remembered": False,
         "verification_trials": [2, 5, 8],
     }
     return " ".join(tell({**verdict, **changes}, [], [], []))
@@ -85,6 +86,10 @@ def test_where_nothing_is_named_it_is_told_what_is_left():
     assert "The nearest is hysteresis, which is not enough" in text
 
 
+def test_a_memory_is_told_as_one():
+    assert "a linear memory of the inputs (such as a resonance" in speak("unexplained", remembered=True)
+
+
 def test_an_oscillation_is_told_instead_of_a_share():
     text = speak("unexplained", line_hz=49.94)
     assert "an oscillation at 49.9 Hz runs through all trials" in text
@@ -112,6 +117,7 @@ def test_nothing_missing_is_told_with_its_limit():
 
 def test_the_line_is_that_of_the_channel_in_which_most_is_left():
     table = pd.DataFrame({"share": [-0.2, 0.9], "probability": [0.1, 1.0], "imitated": [0.3, 0.0]})
+    table["remembered"] = [False, True]
     heard = summarise_unexplained(table.assign(line_hz=[13.0, 50.0]))
-    assert heard == {"unexplained_share": 0.9, "imitated": 0.3, "line_hz": 50.0}
+    assert heard == {"unexplained_share": 0.9, "imitated": 0.3, "line_hz": 50.0, "remembered": True}
     assert summarise_unexplained(table.assign(line_hz=[13.0, np.nan]))["line_hz"] is None
