@@ -70,7 +70,7 @@ def _pull(x: float, w: float, z: float, hold: float, damping: float, sliding: fl
     return force + terms.drag * w * abs(w)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _integrate(
     drive: Array, hold: Array, start: Array, damping: float, late: float, terms: MotionTerms, pace: float, substeps: int
 ) -> Array:
