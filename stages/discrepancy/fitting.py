@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import chain
-from os import cpu_count
+from multiprocessing import cpu_count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +86,7 @@ class Model:
             for index in range(len(values)):
                 differ(index)
         else:
-            with ThreadPoolExecutor(max_workers=min(cpu_count() or 1, len(values))) as pool:
+            with ThreadPoolExecutor(max_workers=min(cpu_count(), len(values))) as pool:
                 list(pool.map(differ, range(len(values))))
         return slopes
 
