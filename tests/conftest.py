@@ -10,9 +10,14 @@ import pytest
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+from tests.stalls import RealTime, StallWatch
 from tests.warm import run_warm
 
 ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(RealTime(StallWatch()))
 
 
 @pytest.fixture

@@ -152,13 +152,14 @@ class Device:
             elif name == "1CI":
                 words |= {into + 6: self.written[out] & 0xFF}
         for name, (register, channel) in self.sensors.items():
+            fault = bad.get(name, {"mode": None})
             count = counts[self.places[register]]
-            if name in bad:
-                count = self.held.get(name, count) if bad[name]["mode"] == "frozen" else int(bad[name]["counts"])
+            count = self.held.get(name, count) if fault["mode"] == "frozen" else count
             if isinstance(channel, Analog):
-                words[register] = count & 0xFFFF
+                words[register] = (int(fault["counts"]) if fault["mode"] == "counts" else count) & 0xFFFF
             else:
                 count, status = self._count(channel.module, count & 0xFFFFFFFF)
+                count = int(fault["counts"]) & 0xFFFFFFFF if fault["mode"] == "counts" else count
                 words |= {register: count & 0xFFFF, register + 1: count >> 16, register + 4: status}
         return words
 

@@ -1,0 +1,115 @@
+"""Real time, as far as the machine gives it: a test that fails while the machine stood still is tried again.
+
+A process on each core wakes every few milliseconds and remembers by how much it overslept. A test in real time that
+fails although neither overslept has failed. One that fails while they did, which says nothing of what it tests, runs
+again in a while; when each of its tries met a standstill it is skipped, with what it met as the reason.
+"""
+
+import ctypes
+import multiprocessing
+import os
+import time
+from multiprocessing.sharedctypes import Synchronized
+
+import pytest
+
+BEAT_S = 0.004
+STALL_S = 0.02
+"""Two samples at 100 Hz: what they are late by, commands and clocks show."""
+TRIES = 4
+RETRIES = 40
+"""Of all tests together, so that a machine that never has the time tells so within minutes."""
+CALM_S = 10.0
+
+
+class StallWatch:
+    """How long the cores stood still, from `begin` on."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._longest_s: list[Synchronized[float]] = []
+        self._processes = []
+        for core in sorted(os.sched_getaffinity(0)):
+            longest_s = context.Value(ctypes.c_double, 0.0)
+            self._longest_s.append(longest_s)
+            self._processes.append(context.Process(target=_beat, args=(core, longest_s), daemon=True))
+
+    def start(self) -> None:
+        """Begin to watch; the processes end with this one."""
+        for process in self._processes:
+            process.start()
+
+    def close(self) -> None:
+        """End the processes, if there are any."""
+        for process in self._processes:
+            if process.pid is not None:
+                process.kill()
+                process.join()
+
+    @property
+    def pids(self) -> list[int]:
+        """Of the processes, one for each core."""
+        return [process.pid for process in self._processes]
+
+    def begin(self) -> None:
+        """Forget what was."""
+        for longest_s in self._longest_s:
+            longest_s.value = 0.0
+
+    def longest_s(self) -> float:
+        """Return the longest time that a core stood still since."""
+        time.sleep(2 * BEAT_S)
+        return max(longest_s.value for longest_s in self._longest_s)
+
+
+def _beat(core: int, longest_s: "Synchronized[float]") -> None:
+    os.sched_setaffinity(0, {core})
+    while True:
+        due = time.monotonic() + BEAT_S
+        time.sleep(BEAT_S)
+        late = time.monotonic() - due
+        if late > longest_s.value:
+            longest_s.value = late
+
+
+class RealTime:
+    """Plugin of pytest's: judges tests that are marked ``realtime`` by the time that the machine gave them."""
+
+    def __init__(self, watch: StallWatch, tries: int = TRIES, retries: int = RETRIES, calm_s: float = CALM_S):
+        self.watch = watch
+        self.tries = tries
+        self.retries = retries
+        self.calm_s = calm_s
+        self._again = False
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        again = pytest.mark.flaky(reruns=self.tries - 1, reruns_delay=self.calm_s, condition=lambda: self._again)
+        for item in items:
+            if item.get_closest_marker("realtime"):
+                item.add_marker(again)
+
+    def pytest_collection_finish(self, session: pytest.Session) -> None:
+        if any(item.get_closest_marker("realtime") for item in session.items) and not session.config.option.collectonly:
+            self.watch.start()
+
+    def pytest_unconfigure(self) -> None:
+        self.watch.close()
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_setup(self, item: pytest.Item) -> None:
+        if item.get_closest_marker("realtime"):
+            self.watch.begin()
+
+    @pytest.hookimpl(wrapper=True, trylast=True)
+    def pytest_runtest_makereport(self, item: pytest.Item):
+        report = yield
+        if report.failed and item.get_closest_marker("realtime"):
+            stall_s = self.watch.longest_s()
+            stalled = stall_s >= STALL_S
+            self._again = stalled and item.execution_count < self.tries and self.retries > 0
+            self.retries -= self._again
+            if stalled and not self._again:
+                path, line, _ = item.location
+                reason = f"not judged: the machine stood still for {1000 * stall_s:.0f} ms while it failed"
+                report.outcome, report.longrepr = "skipped", (path, (line or 0) + 1, reason)
+        return report
