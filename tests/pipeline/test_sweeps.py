@@ -59,23 +59,21 @@ def retype(sweeping, line):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("killed", ["launcher", "worker"])
-def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping, killed):
-    """Although the launcher or a worker of it is killed halfway: what was done is not done again."""
+def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping):
+    """Although a worker and then the launcher are killed on the way: what was done is not done again."""
     arguments = ("seed=range(64)", "trying.fail_at=[3,17,40]", "trying.pause_s=0.1")
     process = sweeping.start(*arguments)
-    wait_until(process, lambda: len(sweeping.count("ended")) >= 32)
-    os.kill(process.pid if killed == "launcher" else find_workers(process.pid)[0], signal.SIGKILL)
+    wait_until(process, lambda: len(sweeping.count("ended")) >= 16)
+    os.kill(find_workers(process.pid)[0], signal.SIGKILL)
+    wait_until(process, lambda: len(sweeping.count("ended")) >= 36)
+    process.kill()
+    output, _ = process.communicate(timeout=60)
+    assert "a worker process was killed; its jobs begin again, and the sweep goes on" in output
+    wait_until_quiet(sweeping)
+    done = {seed for seed in sweeping.count("begun") if ledger_of(sweeping.job(seed))["status"] == "done"}
+    assert 32 <= len(done) < 61
+    process = sweeping.start(*arguments)
     output, errors = process.communicate(timeout=300)
-    done: set[int] = set()
-    if killed == "worker":
-        assert "a worker process was killed; its jobs begin again, and the sweep goes on" in output
-    if killed == "launcher":
-        wait_until_quiet(sweeping)
-        done = {seed for seed in sweeping.count("begun") if ledger_of(sweeping.job(seed))["status"] == "done"}
-        assert len(done) >= 28
-        process = sweeping.start(*arguments)
-        output, errors = process.communicate(timeout=300)
     assert process.returncode == 1
     assert "61 done, 3 failed" in output
     lines = errors.splitlines()
@@ -92,9 +90,9 @@ def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping, k
     assert ended.keys() == set(range(64))
     again_ended = {seed for seed, count in ended.items() if count > 1}  # killed before they noted that they had
     assert not again_ended & done
-    assert len(again_ended) <= 2
+    assert len(again_ended) <= 4
     broken_off = sum(count - 1 for seed, count in before.items() if seed not in (3, 17, 40))
-    assert broken_off <= 2
+    assert broken_off <= 4
 
 
 def test_a_sweep_is_planned_run_extended_and_tabled(sweeping):
