@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from stages.discrepancy.fitted_cell import CellState
 from stages.discrepancy.regimes import find_regimes, split_bands
-from stages.discrepancy.search import CellState
 from stages.signals.trajectories import Array
 from stages.statistics.sign_flips import compare_signs, least_p
 

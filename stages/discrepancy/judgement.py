@@ -12,10 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.discrepancy.cell import Cell
+from stages.discrepancy.fitted_cell import CellState, prepare
 from stages.discrepancy.fitting import Fit, fit
 from stages.discrepancy.flexible import find_floor
+from stages.discrepancy.naming import Named, SearchSettings
 from stages.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
-from stages.discrepancy.search import CellState, Named, Search, SearchSettings, prepare, search
+from stages.discrepancy.search import Search, search
 from stages.discrepancy.verdict import Status, decide_status
 from stages.signals.trajectories import Array
 

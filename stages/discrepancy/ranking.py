@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from stages.discrepancy.evidence import NONE
-from stages.discrepancy.search import Round, Search
+from stages.discrepancy.naming import Round
+from stages.discrepancy.search import Search
 
 UNKNOWN = "unknown"
 

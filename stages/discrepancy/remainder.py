@@ -11,7 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stages.discrepancy.search import CellState, Search, SearchSettings
+from stages.discrepancy.fitted_cell import CellState
+from stages.discrepancy.naming import SearchSettings
+from stages.discrepancy.search import Search
 from stages.signals.trajectories import Array
 
 DRAWS = 1000

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from stages.discrepancy.cell import Cell, Form
+from stages.discrepancy.fitted_cell import CellState, resume
 from stages.discrepancy.fitting import Model
 from stages.discrepancy.flexible import Leftover
 from stages.discrepancy.noise import Noise
-from stages.discrepancy.search import CellState, resume
 from stages.signals.trajectories import Array
 
 

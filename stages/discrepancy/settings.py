@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from stages.discrepancy.search import SearchSettings
+from stages.discrepancy.naming import SearchSettings
 from stages.plant.declaration import Declared, nearest
 from stages.plant.effect import list_effects
 

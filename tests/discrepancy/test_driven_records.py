@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import yaml
 
-from stages.discrepancy.search import SearchSettings, prepare, search
+from stages.discrepancy.fitted_cell import prepare
+from stages.discrepancy.naming import SearchSettings
+from stages.discrepancy.search import search
 from stages.discrepancy.whole_record_cell import build_whole_records
 from tests.discrepancy.simulated_records import drive, joint, lag, tabulate
 from tests.discrepancy.test_whole_records import read_plant

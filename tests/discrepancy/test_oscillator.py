@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 import yaml
 
+from stages.discrepancy.fitted_cell import prepare
+from stages.discrepancy.naming import SearchSettings
 from stages.discrepancy.remainder import weigh_remainder
-from stages.discrepancy.search import SearchSettings, prepare, search
+from stages.discrepancy.search import search
 from stages.discrepancy.whole_record_cell import build_whole_records
 from tests.discrepancy.oscillators import CONFIGURATION, NOISE_V, WANDER_V, configured, shake
 

@@ -12,7 +12,9 @@ import pandas as pd
 import pytest
 import yaml
 
-from stages.discrepancy.search import SearchSettings, prepare, search
+from stages.discrepancy.fitted_cell import prepare
+from stages.discrepancy.naming import SearchSettings
+from stages.discrepancy.search import search
 from stages.discrepancy.whole_record_cell import build_whole_records
 from tests.discrepancy.test_whole_records import read_plant, tabulate
 from tests.plant.machines import CONF

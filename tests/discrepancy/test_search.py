@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from stages.discrepancy.cell import list_starts
+from stages.discrepancy.fitted_cell import prepare, refine, resume
 from stages.discrepancy.fitting import Model
 from stages.discrepancy.flexible import Leftover
+from stages.discrepancy.naming import SearchSettings
 from stages.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.discrepancy.screening import screen
-from stages.discrepancy.search import SearchSettings, prepare, refine, resume, search
+from stages.discrepancy.search import search
 from tests.discrepancy.toys import KINK, LINE, WAVE, Toy, make_toy
 
 SETTINGS = SearchSettings(
