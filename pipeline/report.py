@@ -145,9 +145,20 @@ def _outline(text: str) -> dict[str, Any]:
     grids = {}
     for key, rows in lists.items():
         heads = list(dict.fromkeys(name for row in rows for name in row))
-        cells = [[each if _is_plain(each := row.get(name)) else show(each) for name in heads] for row in rows]
+        cells = [[each if _is_plain(each := row.get(name)) else _list_values(each) for name in heads] for row in rows]
         grids[key] = make_rows(heads, cells)
     return {"values": flatten(rest) if rest else {}, "lists": grids}
+
+
+def _list_values(value: Any, path: str = "") -> str:
+    """Return a section as lines, one for each value by its dotted key; a list of plain values is one line."""
+    if isinstance(value, Mapping):
+        return "\n".join(_list_values(each, f"{path}.{name}" if path else str(name)) for name, each in value.items())
+    if isinstance(value, list) and all(map(_is_plain, value)):
+        text = ", ".join(map(format_value, value)) or "-"
+    else:
+        text = format_value(value) if _is_plain(value) else show(value)
+    return f"{path}: {text}" if path else text
 
 
 def _is_grid(value: Any) -> bool:
