@@ -41,6 +41,7 @@ AMENDED_VALUES = Table(
         "value": column(float, "fitted", unit="as told"),
         "low": column(float, "lower end of the interval over resampled trials", unit="as told"),
         "high": column(float, "upper end of it", unit="as told"),
+        "at_bound": column(str, "bound that it stands at, low or high; empty for neither", among=["", "low", "high"]),
     },
     key=("channel", "muscle", "effect", "parameter"),
 )

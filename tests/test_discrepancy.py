@@ -104,6 +104,8 @@ def test_a_hidden_effect_is_named_explained_drawn_and_simulated(pamid, tmp_path)
     drawn = {path.stem for path in (run / "figures").iterdir()}
     assert {"gap_bars", "gap_map", "residual_plane", "residual_loops", "ranking"} <= drawn
     assert {"gap_waterfall", "verified_trials", "signature_hysteresis"} <= drawn
+    step = verdict["effects"][0]["step"]
+    assert f">before: {step['before']:.4g}\nafter: {step['after']:.4g}\n" in (run / "report.html").read_text()
     check_amended(pamid, run)
 
 

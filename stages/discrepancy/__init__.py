@@ -15,6 +15,7 @@ from stages.discrepancy.description import (
     tabulate,
 )
 from stages.discrepancy.exactness import explain_exactly
+from stages.discrepancy.fitted_cell import CellState, prepare
 from stages.discrepancy.gaps import locate, upper_ratio
 from stages.discrepancy.judgement import Judgement, judge, tell_truth
 from stages.discrepancy.machines import Measurements, list_cells, settle, write_amended
@@ -25,7 +26,7 @@ from stages.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.discrepancy.resampling import resample
 from stages.discrepancy.residuals import Seen, average_loops, average_plane
 from stages.discrepancy.restoring import list_residuals, restore, restore_states
-from stages.discrepancy.search import CellState, Search, prepare, search
+from stages.discrepancy.search import Search, search
 from stages.discrepancy.session import build_cells
 from stages.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.discrepancy.signature import trace_effects
@@ -40,7 +41,7 @@ from stages.discrepancy.verdict import (
     summarise_unexplained,
 )
 from stages.discrepancy.verification import Verified, bound_ratio, compare_steps, list_predictions, verify
-from stages.discrepancy.words import tell, tell_few, tell_floor, tell_odd, tell_remainder, tell_silent
+from stages.discrepancy.words import tell, tell_bounds, tell_few, tell_floor, tell_odd, tell_remainder, tell_silent
 
 __all__ = [
     "PURPOSES",
@@ -95,6 +96,7 @@ __all__ = [
     "summarise_unexplained",
     "tabulate",
     "tell",
+    "tell_bounds",
     "tell_few",
     "tell_floor",
     "tell_odd",

@@ -58,7 +58,7 @@ def _amend_muscle(base: MuscleModel, rows: pd.DataFrame, noise: Any, muscle: str
 def estimate_intervals(
     model: Model, values: Array, noise: Any, settings: DiscrepancySettings, generator: np.random.Generator
 ) -> list[dict[str, Any]]:
-    """Return every value of a fitted model with its interval over resampled trials.
+    """Return every value of a fitted model with its interval over resampled trials, and the bound it stands at, if any.
 
     Parameters
     ----------
@@ -78,6 +78,7 @@ def estimate_intervals(
     weights = resample(model.cell.trials, settings.bootstraps, generator)
     tail = 0.5 * (1.0 - settings.level)
     low, high = np.quantile(found.drawn_values(weights), [tail, 1.0 - tail], axis=0)
+    bounds = np.where(found.free, "", np.where(2.0 * values < sum(model.bounds), "low", "high"))
     owners: list[tuple[str, str, Parameter]] = [("", "", each) for each in model.cell.constants]
     owners += [(form.name, form.form, each) for form in model.forms for each in form.parameters]
     return [
@@ -91,6 +92,7 @@ def estimate_intervals(
             "value": float(values[index]),
             "low": float(min(low[index], values[index])),
             "high": float(max(high[index], values[index])),
+            "at_bound": str(bounds[index]),
         }
         for index, (effect, form, parameter) in enumerate(owners)
     ]

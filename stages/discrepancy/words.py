@@ -189,6 +189,25 @@ def tell_odd(odd: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
 
 
+def tell_bounds(values: pd.DataFrame) -> list[str]:
+    """Return which values stand at a bound, so that what lies beyond was not tried, if any do.
+
+    Parameters
+    ----------
+    values : DataFrame
+        Table `amended_values`.
+    """
+    stuck = values[values["at_bound"] != ""]
+    if stuck.empty:
+        return []
+    named = []
+    for (effect, name), rows in stuck.groupby(["effect", "parameter"], sort=False):
+        owner = f" of {_spell(str(effect))}" if effect else ""
+        sizes = _join([f"{each:.3g}" for each in dict.fromkeys(rows["value"])][:MOST_LISTED])
+        named.append(f"{name}{owner} ({sizes}, {_join(list(dict.fromkeys(rows['at_bound'])))})")
+    return [f"At a bound, beyond which nothing was tried, {'stands' if len(named) == 1 else 'stand'} {_join(named)}."]
+
+
 def tell_few(fitted: int, opened: int) -> list[str]:
     """Return that so few trials say little, if they are."""
     if fitted >= FEW_TRIALS:

@@ -6,8 +6,11 @@ import pytest
 import yaml
 from scipy.signal import lfilter
 
+from stages.discrepancy import DiscrepancySettings, estimate_intervals
+from stages.discrepancy.fitted_cell import prepare
+from stages.discrepancy.naming import SearchSettings
 from stages.discrepancy.records import thin_out
-from stages.discrepancy.search import SearchSettings, prepare, search
+from stages.discrepancy.search import search
 from stages.discrepancy.whole_record_cell import build_whole_records
 from stages.plant.machine import read_machine
 from tests.plant.machines import CONF
@@ -100,6 +103,18 @@ def test_a_hidden_cubic_is_named_with_its_size(settings):
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_named_where_nothing_is_missing(seed, settings):
     assert not look(build(seed=seed), settings).named
+
+
+@pytest.mark.parametrize(("high", "told"), [(280.0, "high"), (400.0, "")])
+def test_a_value_that_stands_at_a_bound_says_so(high, told):
+    way, plant = move(1), yaml.safe_load((CONF / "plant" / "static_map.yaml").read_text())
+    plant["constants"]["stiffness"] |= {"start": 250.0, "low": 200.0, "high": high, "sd": 50.0}
+    signals = {"position_m": way, "force_n": 300.0 * way + 0.05 * np.random.default_rng(1).standard_normal(len(way))}
+    state = prepare(build_whole_records(*tabulate(signals), read_machine(plant)))
+    fitted, noise = state.current.fit, pd.Series(state.noise._asdict())
+    told_settings = DiscrepancySettings(**yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text()))
+    rows = estimate_intervals(fitted.model, fitted.values, noise, told_settings, np.random.default_rng(0))
+    assert {row["parameter"]: row["at_bound"] for row in rows} == {"stiffness": told, "offset": ""}
 
 
 def test_blocks_are_cut_as_recorded_and_gaps_are_not_judged():

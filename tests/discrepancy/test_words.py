@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.discrepancy import summarise_unexplained, tell, tell_few, tell_floor
+from stages.discrepancy import summarise_unexplained, tell, tell_bounds, tell_few, tell_floor
 
 GAP = {
     "before": 0.081,
@@ -121,3 +121,17 @@ def test_the_line_is_that_of_the_channel_in_which_most_is_left():
     heard = summarise_unexplained(table.assign(line_hz=[13.0, 50.0]))
     assert heard == {"unexplained_share": 0.9, "imitated": 0.3, "line_hz": 50.0, "remembered": True}
     assert summarise_unexplained(table.assign(line_hz=[13.0, np.nan]))["line_hz"] is None
+
+
+def test_values_at_a_bound_are_told_once_for_all_muscles():
+    values = pd.DataFrame(
+        {
+            "effect": ["", "coulomb_friction", "coulomb_friction"],
+            "parameter": ["mass_kg", "level", "level"],
+            "value": [5.0, 0.0, 0.0],
+            "at_bound": ["high", "low", "low"],
+        }
+    )
+    (sentence,) = tell_bounds(values)
+    assert sentence.endswith("stand mass_kg (5, high) and level of coulomb friction (0, low).")
+    assert tell_bounds(values.assign(at_bound="")) == []
