@@ -17,9 +17,9 @@ BEAT_S = 0.004
 STALL_S = 0.02
 """Two samples at 100 Hz: what they are late by, commands and clocks show."""
 TRIES = 4
-RETRIES = 40
+RETRIES = 25
 """Of all tests together, so that a machine that never has the time tells so within minutes."""
-CALM_S = 10.0
+CALM_S = 4.0
 
 
 class StallWatch:
