@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from rich.console import Console
 from pipeline.config import Study
 from pipeline.failures import read_traceback, tell_reason
 from pipeline.files import write_text
-from pipeline.flat import flatten, show
+from pipeline.flat import show
 from pipeline.ledger import Ledger
 from pipeline.page import make_grid, make_rows, render
 from pipeline.printing import ROWS_SHOWN_WHOLE, add_unit, format_value, is_prose, print_frame
@@ -138,27 +138,30 @@ def _list_metrics(ledger: Ledger) -> list[tuple[str, str]]:
 def _outline(text: str) -> dict[str, Any]:
     """Return a JSON document as values by dotted key, and a grid for each of its lists of sections."""
     values = json.loads(text)
-    if not isinstance(values, Mapping):
-        return {"values": {"": show(values)}, "lists": {}}
-    lists = {key: each for key, each in values.items() if _is_grid(each)}
-    rest = {key: each for key, each in values.items() if key not in lists}
+    lists = {key: each for key, each in values.items() if _is_grid(each)} if isinstance(values, Mapping) else {}
     grids = {}
     for key, rows in lists.items():
         heads = list(dict.fromkeys(name for row in rows for name in row))
-        cells = [[each if _is_plain(each := row.get(name)) else _list_values(each) for name in heads] for row in rows]
+        cells = [[each if _is_plain(each := row.get(name)) else _tell(each) for name in heads] for row in rows]
         grids[key] = make_rows(heads, cells)
-    return {"values": flatten(rest) if rest else {}, "lists": grids}
+    rest = {key: each for key, each in values.items() if key not in lists} if lists else values
+    return {"values": dict(_list_values(rest)), "lists": grids}
 
 
-def _list_values(value: Any, path: str = "") -> str:
-    """Return a section as lines, one for each value by its dotted key; a list of plain values is one line."""
+def _tell(section: Any) -> str:
+    """Return the values of a section, one a line."""
+    return "\n".join(f"{key}: {text}" if key else text for key, text in _list_values(section))
+
+
+def _list_values(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the values of a section, by dotted key, as they are shown; a list of plain values is one."""
     if isinstance(value, Mapping):
-        return "\n".join(_list_values(each, f"{path}.{name}" if path else str(name)) for name, each in value.items())
-    if isinstance(value, list) and all(map(_is_plain, value)):
-        text = ", ".join(map(format_value, value)) or "-"
+        for name, each in value.items():
+            yield from _list_values(each, f"{path}.{name}" if path else str(name))
+    elif isinstance(value, list) and all(map(_is_plain, value)):
+        yield path, ", ".join(map(format_value, value)) or "-"
     else:
-        text = format_value(value) if _is_plain(value) else show(value)
-    return f"{path}: {text}" if path else text
+        yield path, format_value(value) if _is_plain(value) else show(value)
 
 
 def _is_grid(value: Any) -> bool:

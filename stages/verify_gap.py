@@ -271,7 +271,7 @@ def draw(
         ctx.figure(
             "verified_trials",
             draw_verified_trials(opened, channel, muscles, chosen),
-            "Verification trials: measured, simulated before and after, and what is left of each muscle below.",
+            "Verification trials: measured, simulated before and after, and below them what is left.",
         )
 
 
