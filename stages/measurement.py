@@ -29,6 +29,7 @@ from pipeline.inputs import InputPath, read_json
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton
+from stages.plant.machine import list_kinds
 from stages.recording import (
     MUSCLE_COLUMNS,
     WHOLE,
@@ -270,7 +271,9 @@ def describe_file(path: InputPath) -> list[str]:
         raise InputError(f"{path}: expected {SAMPLES} in this folder, got none; name a file")
     header = read_header(file)
     with about(str(file)):
-        lines, guess = describe(read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER)
+        lines, guess = describe(
+            read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER, list_kinds()
+        )
     kind = [] if guess.muscles else ["measurement=records"]
     told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles]), "plan=true"]
     last = "to see how it would be read (complete it with what is not told; plan=true writes nothing):"

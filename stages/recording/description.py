@@ -14,12 +14,14 @@ import pandas as pd
 
 from stages.recording.clock import find_rate
 from stages.recording.columns import TIME, RecordingError, adopt, read_dates
-from stages.recording.guessing import Guess, guess_map
+from stages.recording.guessing import Guess, guess_map, pair_parts
 from stages.recording.headings import read_heading
 from stages.recording.uneven import FEWEST, count_rounded, is_uneven
 from stages.recording.units import own_unit
 
 TABLE = ("column", "values", "from", "to", "missing", "unit", "taken for")
+SIMPLEST = "second_order"
+"""Plant that is put into the command, for want of a hint in the file."""
 FEW = 12
 """Records or parts that are told one by one."""
 OF_ONE = re.compile(r"^(.+)\[[A-Za-z_]\w*\]$")
@@ -32,6 +34,7 @@ def describe(
     single: Mapping[str, float],
     remarks: Sequence[str],
     largest_jitter: float,
+    machines: Sequence[str],
 ) -> tuple[list[str], Guess]:
     """Return all that can be told of a file, as lines, and the map that its headings and values make plain.
 
@@ -47,6 +50,8 @@ def describe(
         How the file is read.
     largest_jitter : float
         Deviation of a step of time from whole periods that is borne, in periods.
+    machines : sequence of str
+        Kinds that could have been recorded.
 
     Raises
     ------
@@ -60,7 +65,7 @@ def describe(
     lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in remarks)]
     lines += [f"  {name} = {value:g}, a single number" for name, value in single.items()]
     lines += ["", *describe_columns(columns, units, guess), "", *describe_clock(columns, guess, largest_jitter)]
-    unknown = tell_unknown(guess)
+    unknown = tell_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
 
 
@@ -91,7 +96,10 @@ def guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], si
     constant = {name: float(each[0]) for name, each in numeric.items() if len(each) and (each == each[0]).all()}
     single = {**single, **constant}
     numbers = [name for name, values in columns.items() if _is_number(values) or read_dates(values) is not None]
-    return guess_map(numbers, [name for name in columns if name not in numbers], units, single)
+    guess = guess_map(numbers, [name for name in columns if name not in numbers], units, single)
+    if "part" in guess.columns:
+        guess.parts = pair_parts([str(each) for each in columns[guess.columns["part"]].dropna().unique()])
+    return guess
 
 
 def describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitter: float) -> list[str]:
@@ -136,11 +144,12 @@ def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
         arguments.append(f"measurement.rate_hz={guess.rate_hz:.9g}")
     if guess.endings:
         arguments.append(f"measurement.part_endings=[{','.join(quote(each) for each in guess.endings)}]")
-        first, second = (each.lstrip("_") for each in guess.endings)
-        arguments += [f"parts.fitted=[{quote(first)}]", f"parts.verification=[{quote(second)}]"]
+    parts = guess.parts or tuple(each.lstrip("_") for each in guess.endings)
+    if parts:
+        arguments += [f"parts.fitted=[{quote(parts[0])}]", f"parts.verification=[{quote(parts[1])}]"]
     if not guess.muscles:
         roles = (("input", guess.input), ("output", guess.output))
-        arguments += ["plant=second_order", *(f"plant.{role}={name}" for role, name in roles if name)]
+        arguments += [f"plant={SIMPLEST}", *(f"plant.{role}={name}" for role, name in roles if name)]
     return arguments
 
 
@@ -151,7 +160,7 @@ def quote(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def tell_unknown(guess: Guess) -> list[str]:
+def tell_unknown(guess: Guess, machines: Sequence[str]) -> list[str]:
     """Return what the headings leave open, each with what to type."""
     lines = []
     if TIME not in guess.columns and guess.rate_hz is None:
@@ -176,7 +185,8 @@ def tell_unknown(guess: Guess) -> list[str]:
     for does, key, signal in roles:
         if signal is None and guess.signals:
             lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}")
-    return lines
+    others = ", ".join(each for each in machines if each != SIMPLEST)
+    return [*lines, f"which machine it is: plant={SIMPLEST} is put here; others are {others}"]
 
 
 def _is_number(values: pd.Series) -> bool:

@@ -51,6 +51,8 @@ class Guess:
         Names of what drives and what answers.
     endings : tuple of str
         Ends of names that tell parts.
+    parts : tuple of str
+        Parts to be fitted and to be opened at the end, where their names say so.
     assumed : list of str
         Names whose unit nothing tells.
     left : list of str
@@ -65,6 +67,7 @@ class Guess:
     input: str | None = None
     output: str | None = None
     endings: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
     assumed: list[str] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
     rate_hz: float | None = None
@@ -79,6 +82,13 @@ class Guess:
     def signals(self) -> list[str]:
         """Names of what was measured over time."""
         return [each for each in self.columns if each not in ("time_s", "record", "part")]
+
+
+def pair_parts(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the name of the part that is to be fitted and of that to be opened at the end; none where none tells."""
+    known = {name.casefold(): name for name in names}
+    pairs = (pair for pair in ENDINGS if all(each in known for each in pair))
+    return tuple(known[each] for each in next(pairs, ()))
 
 
 def find_endings(names: Sequence[str]) -> tuple[str, ...]:

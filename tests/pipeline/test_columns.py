@@ -110,6 +110,27 @@ def test_parts_by_name_and_a_sampling_time_come_into_the_command(look, tmp_path)
 
 
 @pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (("Train", "Test"), ["parts.fitted=[Train]", "parts.verification=[Test]"]),
+        (("val", "est"), ["parts.fitted=[est]", "parts.verification=[val]"]),
+        (("monday", "tuesday"), []),
+    ],
+)
+def test_a_column_of_parts_comes_into_the_command_if_its_values_say_what_they_are_for(look, tmp_path, names, told):
+    time, drive, answer = make_run()
+    part = np.repeat(names, [120, len(time) - 120])
+    pd.DataFrame({"t": time, "u": drive, "y": answer, "part": part}).to_csv(tmp_path / "x.csv", index=False)
+    assert [each for each in arguments(look(tmp_path / "x.csv")) if each.startswith("parts")] == told
+
+
+def test_the_machines_that_it_may_be_are_told(look, tmp_path):
+    pd.DataFrame({"t": [0.0, 0.1], "u": [1.0, 2.0]}).to_csv(tmp_path / "x.csv", index=False)
+    (line,) = (each for each in look(tmp_path / "x.csv") if "which machine it is" in each)
+    assert line.endswith("others are cascaded_tanks, first_order, pam_joint, servo_drive, static_map")
+
+
+@pytest.mark.parametrize(
     ("times", "told"),
     [
         (np.arange(20.0), "time: even steps, 1 Hz"),
