@@ -2,7 +2,8 @@
 
 A process on each core wakes every few milliseconds and remembers by how much it overslept. A test in real time that
 fails although neither overslept has failed. One that fails while they did, which says nothing of what it tests, runs
-again in a while; when each of its tries met a standstill it is skipped, with what it met as the reason.
+again in a while; when each of its tries met a standstill it is skipped, with what it met as the reason. Where the idle
+machine stands still all the time, as a guest that its host starves, none of these tests is run, and each says so.
 """
 
 import ctypes
@@ -20,6 +21,9 @@ TRIES = 4
 RETRIES = 25
 """Of all tests together, so that a machine that never has the time tells so within minutes."""
 CALM_S = 4.0
+REST_S = 6
+HOPELESS_S, HOPELESS = 0.1, 0.4
+"""Standstill of a machine at rest by which trials are broken off, and share of seconds with one that is too much."""
 
 
 class StallWatch:
@@ -72,15 +76,34 @@ def _beat(core: int, longest_s: "Synchronized[float]") -> None:
             longest_s.value = late
 
 
+def is_hopeless(watch: StallWatch, rest_s: int) -> bool:
+    """Return whether a core stands still again and again while nothing is to be done."""
+    stalled = 0
+    for _ in range(rest_s):
+        watch.begin()
+        time.sleep(1.0)
+        stalled += watch.longest_s() >= HOPELESS_S
+    return stalled >= HOPELESS * rest_s
+
+
 class RealTime:
     """Plugin of pytest's: judges tests that are marked ``realtime`` by the time that the machine gave them."""
 
-    def __init__(self, watch: StallWatch, tries: int = TRIES, retries: int = RETRIES, calm_s: float = CALM_S):
+    def __init__(
+        self,
+        watch: StallWatch,
+        tries: int = TRIES,
+        retries: int = RETRIES,
+        calm_s: float = CALM_S,
+        rest_s: int = REST_S,
+    ):
         self.watch = watch
+        self.rest_s = rest_s
         self.tries = tries
         self.retries = retries
         self.calm_s = calm_s
         self._again = False
+        self._hopeless = False
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         again = pytest.mark.flaky(reruns=self.tries - 1, reruns_delay=self.calm_s, condition=lambda: self._again)
@@ -91,6 +114,7 @@ class RealTime:
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         if any(item.get_closest_marker("realtime") for item in session.items) and not session.config.option.collectonly:
             self.watch.start()
+            self._hopeless = is_hopeless(self.watch, self.rest_s)
 
     def pytest_unconfigure(self) -> None:
         self.watch.close()
@@ -98,6 +122,8 @@ class RealTime:
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
         if item.get_closest_marker("realtime"):
+            if self._hopeless:
+                pytest.skip(f"not judged: this machine, at rest, stood still for {1000 * HOPELESS_S:.0f} ms and more")
             self.watch.begin()
 
     @pytest.hookimpl(wrapper=True, trylast=True)

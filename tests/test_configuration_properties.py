@@ -161,7 +161,7 @@ def is_accepted(overrides):
 @settings(
     derandomize=True,
     deadline=None,
-    max_examples=8,
+    max_examples=5,
     phases=[Phase.generate],
     suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow],
 )

@@ -19,7 +19,7 @@ class Told:
     longest = 0.0
     start = close = lambda self: None
     def begin(self):
-        self.longest = 0.0
+        self.longest = {at_rest}
     def longest_s(self):
         return self.longest
 
@@ -27,7 +27,7 @@ WATCH = Told()
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "realtime: in real time")
-    config.pluginmanager.register(RealTime(WATCH, tries=3, retries={retries}, calm_s=0.0))
+    config.pluginmanager.register(RealTime(WATCH, tries=3, retries={retries}, calm_s=0.0, rest_s=1))
 """
 TESTS = """
 import pytest
@@ -81,13 +81,26 @@ def test_counts():
 
 @pytest.mark.parametrize(("retries", "tries", "skipped"), [(40, 3, 1), (2, 1, 1)], ids=["some left", "none left"])
 def test_only_a_standstill_excuses_a_failure(pytester, retries, tries, skipped):
-    pytester.makeconftest(PLUGIN.format(retries=retries))
+    pytester.makeconftest(PLUGIN.format(retries=retries, at_rest=0.0))
     pytester.makepyfile(test_it=TESTS.replace("{tries}", str(tries)))
     result = pytester.runpytest_inprocess("-rs", "-p", "no:xdist", "-p", "no:cacheprovider")
     result.assert_outcomes(passed=3, failed=3, skipped=skipped)
     result.stdout.fnmatch_lines(["*not judged: the machine stood still for 40 ms while it failed"])
     result.stdout.fnmatch_lines(["*a test of nothing in real time*"])
     result.stdout.fnmatch_lines(["*its own fault", "*its own fault, again"])
+
+
+def test_a_machine_that_stands_still_at_rest_judges_nothing_in_real_time(pytester):
+    pytester.makeconftest(PLUGIN.format(retries=40, at_rest=0.5))
+    pytester.makepyfile(test_it=TESTS.split("def test_counts")[0])
+    result = pytester.runpytest_inprocess("-rs", "-p", "no:xdist", "-p", "no:cacheprovider")
+    result.assert_outcomes(failed=1, skipped=5)
+    result.stdout.fnmatch_lines(["*not judged: this machine, at rest, stood still for 100 ms and more"])
+
+
+def forgets(watch):
+    watch.begin()
+    return watch.longest_s() < 0.4
 
 
 def test_a_core_that_stood_still_is_seen_and_forgotten():
@@ -103,8 +116,7 @@ def test_a_core_that_stood_still_is_seen_and_forgotten():
             os.kill(pid, signal.SIGCONT)
             time.sleep(0.1)
             assert watch.longest_s() > 0.4
-        watch.begin()
-        assert watch.longest_s() < 0.4
+        assert any(forgets(watch) for _ in range(100))  # but for what this machine itself stands still
     finally:
         watch.close()
     assert STALL_S < 0.4
