@@ -114,8 +114,7 @@ def test_a_core_that_stood_still_is_seen_and_forgotten():
             os.kill(pid, signal.SIGSTOP)
             time.sleep(0.5)
             os.kill(pid, signal.SIGCONT)
-            time.sleep(0.1)
-            assert watch.longest_s() > 0.4
+            assert any(watch.longest_s() > 0.4 for _ in range(500))
         assert any(forgets(watch) for _ in range(100))  # but for what this machine itself stands still
     finally:
         watch.close()
