@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 ABSENT = "absent"
 
 
-def flatten(values: Any, path: str = "") -> dict[str, str]:
-    """Return each value as text, by its dotted key; an item of a list of sections has its number in the key."""
+def flatten(values: Any, path: str = "", tell: Callable[[Any], str] | None = None) -> dict[str, str]:
+    """Return each value as text, by its dotted key; an item of a list of sections has its number in the key.
+
+    Parameters
+    ----------
+    values : mapping, list or plain value
+        Nested.
+    path : str
+        Key that stands before theirs.
+    tell : callable, optional
+        Makes a text of what is no section; `show` by default.
+    """
     if isinstance(values, Mapping) and values:
         pairs: Iterable[tuple[Any, Any]] = values.items()
     elif isinstance(values, list) and any(isinstance(each, Mapping) for each in values):
         pairs = enumerate(values)
     else:
-        return {path: show(values)}
+        return {path: (tell or show)(values)}
     return {
         key: text
         for name, value in pairs
-        for key, text in flatten(value, f"{path}.{name}" if path else str(name)).items()
+        for key, text in flatten(value, f"{path}.{name}" if path else str(name), tell).items()
     }
 
 

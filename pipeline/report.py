@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import json
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from rich.console import Console
 from pipeline.config import Study
 from pipeline.failures import read_traceback, tell_reason
 from pipeline.files import write_text
-from pipeline.flat import show
+from pipeline.flat import flatten, show
 from pipeline.ledger import Ledger
 from pipeline.page import make_grid, make_rows, render
 from pipeline.printing import ROWS_SHOWN_WHOLE, add_unit, format_value, is_prose, print_frame
@@ -142,26 +142,22 @@ def _outline(text: str) -> dict[str, Any]:
     grids = {}
     for key, rows in lists.items():
         heads = list(dict.fromkeys(name for row in rows for name in row))
-        cells = [[each if _is_plain(each := row.get(name)) else _tell(each) for name in heads] for row in rows]
+        cells = [[each if _is_plain(each := row.get(name)) else _list_lines(each) for name in heads] for row in rows]
         grids[key] = make_rows(heads, cells)
     rest = {key: each for key, each in values.items() if key not in lists} if lists else values
-    return {"values": dict(_list_values(rest)), "lists": grids}
+    return {"values": flatten(rest, tell=_tell) if rest else {}, "lists": grids}
 
 
-def _tell(section: Any) -> str:
+def _list_lines(section: Any) -> str:
     """Return the values of a section, one a line."""
-    return "\n".join(f"{key}: {text}" if key else text for key, text in _list_values(section))
+    return "\n".join(f"{key}: {text}" if key else text for key, text in flatten(section, tell=_tell).items())
 
 
-def _list_values(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the values of a section, by dotted key, as they are shown; a list of plain values is one."""
-    if isinstance(value, Mapping):
-        for name, each in value.items():
-            yield from _list_values(each, f"{path}.{name}" if path else str(name))
-    elif isinstance(value, list) and all(map(_is_plain, value)):
-        yield path, ", ".join(map(format_value, value)) or "-"
-    else:
-        yield path, format_value(value) if _is_plain(value) else show(value)
+def _tell(value: Any) -> str:
+    """Return a value as a page shows it; a list of plain values is one."""
+    if isinstance(value, list) and all(map(_is_plain, value)):
+        return ", ".join(map(format_value, value)) or "-"
+    return format_value(value) if _is_plain(value) else show(value)
 
 
 def _is_grid(value: Any) -> bool:

@@ -10,6 +10,7 @@ import ctypes
 import multiprocessing
 import os
 import time
+from multiprocessing.process import BaseProcess
 from multiprocessing.sharedctypes import Synchronized
 
 import pytest
@@ -30,25 +31,23 @@ class StallWatch:
     """How long the cores stood still, from `begin` on."""
 
     def __init__(self) -> None:
-        context = multiprocessing.get_context("spawn")
         self._longest_s: list[Synchronized[float]] = []
-        self._processes = []
+        self._processes: list[BaseProcess] = []
+
+    def start(self) -> None:
+        """Begin to watch; the processes end with this one."""
+        context = multiprocessing.get_context("spawn")
         for core in sorted(os.sched_getaffinity(0)):
             longest_s = context.Value(ctypes.c_double, 0.0)
             self._longest_s.append(longest_s)
             self._processes.append(context.Process(target=_beat, args=(core, longest_s), daemon=True))
-
-    def start(self) -> None:
-        """Begin to watch; the processes end with this one."""
-        for process in self._processes:
-            process.start()
+            self._processes[-1].start()
 
     def close(self) -> None:
         """End the processes, if there are any."""
         for process in self._processes:
-            if process.pid is not None:
-                process.kill()
-                process.join()
+            process.kill()
+            process.join()
 
     @property
     def pids(self) -> list[int]:
