@@ -8,10 +8,8 @@ simulations.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import chain
-from multiprocessing import cpu_count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +21,6 @@ from stages.signals.trajectories import Array
 
 STEP = 1e-4
 """Step of a finite difference, in standard deviations of the prior."""
-LONG = 10000
-"""Samples from which simulations are worth a thread each."""
 ITERATIONS = 12
 DAMPINGS = (0.01, 0.1, 1.0, 10.0)
 """Of the curvature's diagonal, where no share of the full step is a better place."""
@@ -74,21 +70,11 @@ class Model:
     def differentiate(self, values: Array, simulated: Array) -> Array:
         """Return the derivatives of the channel by each value, (T, K, P)."""
         high, sd = self.bounds[1], self.prior[1]
-        slopes = np.empty((*simulated.shape, len(values)))
-
-        def differ(index: int) -> None:
-            step = STEP * sd[index] if values[index] + STEP * sd[index] <= high[index] else -STEP * sd[index]
-            moved = values.copy()
-            moved[index] += step
-            slopes[:, :, index] = (self.simulate(moved) - simulated) / step
-
-        if simulated.size < LONG:
-            for index in range(len(values)):
-                differ(index)
-        else:
-            with ThreadPoolExecutor(max_workers=min(cpu_count(), len(values))) as pool:
-                list(pool.map(differ, range(len(values))))
-        return slopes
+        steps = np.where(values + STEP * sd <= high, STEP * sd, -STEP * sd)
+        moved = self.cell.simulate_each([self.name_values(each) for each in values + np.diag(steps)])
+        moved -= simulated[:, :, None]
+        moved /= steps
+        return moved
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def make_plain(spread: float) -> Noise:
     return Noise(max(spread, 1e-9), 1e-12, 0.03, 1e-12, 1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _whiten_trials(values: Array, present: NDArray[np.bool_], noise: Array, step_s: float) -> tuple[Array, Array]:
     samples, trials, columns = values.shape
     white = np.zeros_like(values)

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from multiprocessing import cpu_count
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.discrepancy.cell import Cell, Driver, Form, list_starts
+from stages.discrepancy.cell import LONG, Case, Cell, Driver, Form, list_starts, share_out
 from stages.discrepancy.exact_values import find_level
 from stages.discrepancy.fitting import Model, begin, fit
 from stages.discrepancy.noise import make_plain
@@ -38,6 +39,14 @@ SAME, LARGEST = 1e-12, 1e100
 LEVEL_ERROR = 0.001
 """Of a level that exact values show, over it."""
 """The effect whose level exact values give away, in the forms that clip what is read."""
+
+
+class _Group(NamedTuple):
+    """Records that are simulated side by side: inputs (T, R) and first samples of the output, and how each begins."""
+
+    records: tuple[int, ...]
+    signals: Mapping[str, Array]
+    begun: Beginning
 
 
 @dataclass(frozen=True)
@@ -142,34 +151,50 @@ class WholeRecordCell(Cell):
 
     def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
         """Return the answer of the blocks, (T, K)."""
-        placed: list[Any] = [(form.effect, values) for form, values in effects]
-        whole = {
-            record: self.plant.simulate(
-                self._known[record],
-                self.step_s,
-                np.zeros(1),
-                constants,
-                placed,
-                self.begun[record],
-            )[:, 0]
-            for record in self._used
-        }
-        return self._cut(whole)
+        return self.simulate_each([(constants, effects)])[:, :, 0]
+
+    def simulate_each(self, cases: Sequence[Case]) -> Array:
+        """Return the answer of the blocks in several cases, (T, K, C)."""
+        placed = [(constants, [(form.effect, values) for form, values in effects]) for constants, effects in cases]
+        samples = sum(group.signals[self.plant.output].size for group in self._groups) * len(placed)
+        share = -(-len(placed) // cpu_count()) if samples >= LONG else len(placed)
+        tasks = [
+            (group, placed[first : first + many])
+            for group in self._groups
+            for many in [max(min(self.plant.TOGETHER // len(group.records), share), 1)]
+            for first in range(0, len(placed), many)
+        ]
+
+        def work(task: tuple[_Group, list[Any]]) -> Array:
+            group, taken = task
+            return self.plant.simulate_each(group.signals, self.step_s, np.zeros(1), taken, group.begun)
+
+        found = share_out(work, tasks, samples)
+        whole: dict[int, list[Array]] = {}
+        for (group, _), simulated in zip(tasks, found, strict=True):
+            for place, record in enumerate(group.records):
+                whole.setdefault(record, []).append(simulated[:, place])
+        return self._cut({record: np.concatenate(each, axis=1) for record, each in whole.items()})
 
     @cached_property
-    def _known(self) -> dict[int, Mapping[str, Array]]:
-        """Inputs of each record that has a block, and the first samples of its output."""
-        return {record: self._know(record) for record in self._used}
+    def _groups(self) -> list[_Group]:
+        """Records that have a block, those of one length together."""
+        lengths: dict[int, list[int]] = {}
+        for record in self._used:
+            lengths.setdefault(len(self.records[record][self.plant.output]), []).append(record)
+        return [self._gather(tuple(records), length) for length, records in lengths.items()]
 
     @property
     def _used(self) -> list[int]:
         return sorted({record for record, _ in self.places})
 
-    def _know(self, record: int) -> Mapping[str, Array]:
-        signals = {name: values[:, None] for name, values in self.records[record].items()}
+    def _gather(self, records: tuple[int, ...], length: int) -> _Group:
+        names = self.records[records[0]]
+        signals = {name: np.stack([self.records[record][name] for record in records], axis=1) for name in names}
         output = signals[self.plant.output]
-        signals[self.plant.output] = np.where(np.arange(len(output))[:, None] < self.head, output, np.nan)
-        return self.plant.refine(signals, self.step_s)
+        signals[self.plant.output] = np.where(np.arange(length)[:, None] < self.head, output, np.nan)
+        begun = Beginning(*np.concatenate([self.begun[record] for record in records], axis=1))
+        return _Group(records, self.plant.refine(signals, self.step_s), begun)
 
     @cached_property
     def _linear(self) -> dict[str, float]:
@@ -210,7 +235,7 @@ class WholeRecordCell(Cell):
         """Return where fits of a form begin; a clipped reading at the level that the values show, or nowhere."""
         if self.is_exact(form):
             return [] if self._level is None else [{form.parameters[0].name: self._level}]
-        told = self.plant.list_starts(form.effect, list(self._known.values()), constants)
+        told = self.plant.list_starts(form.effect, [each.signals for each in self._groups], constants)
         return list_starts(form) if told is None else told
 
     def is_exact(self, form: Form) -> bool:

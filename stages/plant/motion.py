@@ -10,6 +10,7 @@ All terms are always compiled; those at zero are absent.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -21,6 +22,12 @@ Between = Literal["band_limited", "linear", "held", "averaged"]
 SITE = "motion"
 BENT = 12.0
 """Straight lines through points of a bent curve lie beside it by its second difference over this, on average."""
+WIDE = 8
+"""Columns that are advanced together: as many numbers as one instruction takes, where there are such instructions."""
+COULOMB, CUTS = 5, ("drive_cut", "sensor_cut")
+"""Where the table of constants tells dry friction; what limits the drive and the reading."""
+DIVISORS = tuple(1.0 / count for count in range(10, 0, -1))
+"""Of the series of an exponential."""
 FURTHEST = 1e3
 """Scales beyond which the motion is cut: a soft spring may let go, and a fit has to go on with finite numbers."""
 
@@ -45,72 +52,120 @@ class MotionTerms(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _drive_at(drive: Array, place: float) -> float:
-    last = drive.shape[0] - 1
-    if place <= 0.0:
-        return drive[0]
-    if place >= last:
-        return drive[last]
-    left = int(place)
-    share = place - left
-    return drive[left] if share == 0.0 else drive[left] + share * (drive[left + 1] - drive[left])
+def turn(value: float) -> float:
+    """Return tanh to 1e-14, by operations that several columns share an instruction for."""
+    part = -min(abs(value), 20.0) / 32.0
+    series = 1.0
+    for divisor in DIVISORS:
+        series = 1.0 + part * divisor * series
+    for _ in range(6):
+        series *= series
+    return math.copysign((1.0 - series) / (1.0 + series), value)
 
 
 @njit(cache=True, error_model="numpy")
-def _cut(value: float, share: float) -> float:
-    return value if share <= 0.0 else min(max(value, -1.0 / share), 1.0 / share)
+def _find_rates(
+    x: float, w: float, z: float, drive: float, hold: float, constants: tuple[float, ...], rubs: bool
+) -> tuple[float, float]:
+    cubic, quadratic, hysteretic, damping, drag, coulomb, per_sliding, per_turning = constants
+    dw = drive - (x * (hold + x * (quadratic + cubic * x)) + hysteretic * z + w * (damping + drag * abs(w)))
+    if rubs:
+        dw -= coulomb * turn(w * per_sliding)
+    return dw, w * per_turning * (1.0 - (z * z if w * z > 0.0 else 0.0))
 
 
 @njit(cache=True, error_model="numpy")
-def _pull(x: float, w: float, z: float, hold: float, damping: float, sliding: float, terms: MotionTerms) -> float:
-    spring = x * (hold + x * (terms.quadratic + terms.cubic * x)) + terms.hysteretic * z
-    force = spring + w * (damping + terms.damping)
-    if terms.coulomb != 0.0:
-        force += terms.coulomb * math.tanh(w / sliding)
-    return force + terms.drag * w * abs(w)
+def _advance(
+    state: Array, drive: Array, hold: Array, table: Array, h: float, first: int, lanes: int, rubs: bool
+) -> None:
+    """Advance columns by a step of the classical rule; drive and hold are told at its beginning, middle and end.
+
+    States and constants lie one after the other, `WIDE` numbers each, and the count of columns is told at run time:
+    so that a compiler finds that it may take several at once.
+    """
+    drive1, drive2, drive4 = drive[first], drive[first + 1], drive[first + 2]
+    hold1, hold2, hold4 = hold[first], hold[first + 1], hold[first + 2]
+    for k in range(lanes):
+        x, w, z, s = state[k], state[WIDE + k], state[2 * WIDE + k], state[3 * WIDE + k]
+        constants = (
+            table[k],
+            table[WIDE + k],
+            table[2 * WIDE + k],
+            table[3 * WIDE + k],
+            table[4 * WIDE + k],
+            table[5 * WIDE + k],
+            table[6 * WIDE + k],
+            table[7 * WIDE + k],
+        )
+        stuck = table[8 * WIDE + k] * s
+        dw1, dz1 = _find_rates(x, w, z, drive1[k] - stuck, hold1[k], constants, rubs)
+        w2, z2 = w + 0.5 * h * dw1, z + 0.5 * h * dz1
+        dw2, dz2 = _find_rates(x + 0.5 * h * w, w2, z2, drive2[k] - stuck, hold2[k], constants, rubs)
+        w3, z3 = w + 0.5 * h * dw2, z + 0.5 * h * dz2
+        dw3, dz3 = _find_rates(x + 0.5 * h * w2, w3, z3, drive2[k] - stuck, hold2[k], constants, rubs)
+        w4, z4 = w + h * dw3, z + h * dz3
+        dw4, dz4 = _find_rates(x + h * w3, w4, z4, drive4[k] - stuck, hold4[k], constants, rubs)
+        moved = min(max(x + h / 6.0 * (w + 2.0 * w2 + 2.0 * w3 + w4), -FURTHEST), FURTHEST)
+        state[k] = moved
+        state[WIDE + k] = min(max(w + h / 6.0 * (dw1 + 2.0 * dw2 + 2.0 * dw3 + dw4), -FURTHEST), FURTHEST)
+        state[2 * WIDE + k] = min(max(z + h / 6.0 * (dz1 + 2.0 * dz2 + 2.0 * dz3 + dz4), -1.0), 1.0)
+        state[3 * WIDE + k] = min(max(s + (moved - x) * table[9 * WIDE + k], -1.0), 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _look(rows: Array, column: int, first: int, share: float, cut: float, into: Array, k: int) -> None:
+    """Fill a column with instants of a row from one on, each a share on the way to the next, within a limit."""
+    count = into.shape[0]
+    last = rows.shape[1] - 1
+    if first >= 0 and first + count <= last:
+        for m in range(count):
+            value = rows[column, first + m]
+            into[m, k] = min(max(value + share * (rows[column, first + m + 1] - value), -cut), cut)
+        return
+    for m in range(count):
+        left = min(max(first + m, 0), last)
+        right = min(max(first + m + 1, 0), last)
+        value = rows[column, left]
+        into[m, k] = min(max(value + share * (rows[column, right] - value), -cut), cut)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _integrate(
-    drive: Array, hold: Array, start: Array, damping: float, late: float, terms: MotionTerms, pace: float, substeps: int
+    drive: Array, hold: Array, start: Array, table: Array, limits: Array, late: Array, h: float, substeps: int
 ) -> Array:
     fine = 2 * substeps
-    samples = (drive.shape[0] - 1) // fine + 1
-    motion = np.empty((samples, drive.shape[1]))
-    h = pace / substeps
-    late = (terms.delay * 2.0 * math.pi / pace + late) * fine
-    varies = hold.shape[0] > 1
-    sliding = max(terms.sliding, 0.5 * terms.coulomb * h)  # a step cannot turn more sharply
-    for k in range(drive.shape[1]):
-        x, w, z, s = start[0, k], start[1, k], 0.0, 0.0
-        motion[0, k] = _cut(x, terms.sensor_cut)
-        for i in range((samples - 1) * substeps):
-            sum_x, sum_w, sum_z = 0.0, 0.0, 0.0
-            dx, dw, dz = 0.0, 0.0, 0.0
-            before = x
-            for stage in range(4):
-                reach = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
-                weight = 1.0 if stage == 0 or stage == 3 else 2.0
-                at = 2 * i + (stage + 1) // 2
-                f = drive[at, k] if late == 0.0 else _drive_at(drive[:, k], at - late)
-                x_now, w_now, z_now = x + reach * dx, w + reach * dw, z + reach * dz
-                dx = w_now
-                stiff = hold[at, k] if varies else hold[0, 0]
-                dw = (
-                    _cut(f, terms.drive_cut)
-                    - _pull(x_now, w_now, z_now, stiff, damping, sliding, terms)
-                    - terms.stiction * s
-                )
-                dz = w_now / terms.turning * (1.0 - (z_now * z_now if w_now * z_now > 0.0 else 0.0))
-                sum_x += weight * dx
-                sum_w += weight * dw
-                sum_z += weight * dz
-            x = min(max(x + h / 6.0 * sum_x, -FURTHEST), FURTHEST)
-            w = min(max(w + h / 6.0 * sum_w, -FURTHEST), FURTHEST)
-            z = min(max(z + h / 6.0 * sum_z, -1.0), 1.0)
-            s = min(max(s + (x - before) / terms.yielding, -1.0), 1.0)
-            if (i + 1) % substeps == 0:
-                motion[(i + 1) // substeps, k] = _cut(x, terms.sensor_cut)
+    columns, last = drive.shape[0], drive.shape[1] - 1
+    samples = last // fine + 1
+    motion = np.empty((samples, columns))
+    varies = hold.shape[1] > 1
+    for first in range(0, columns, WIDE):
+        width = min(columns - first, WIDE)
+        lanes = 1 if width == 1 else (4 if width <= 4 else WIDE)
+        state, constants = np.zeros(4 * WIDE), np.zeros(len(table) * WIDE)
+        drives, holds = np.zeros((fine + 1, WIDE)), np.zeros((fine + 1, WIDE))
+        rubs = False
+        for k in range(width):
+            column = first + k
+            state[k], state[WIDE + k] = start[0, column], start[1, column]
+            for place in range(len(table)):
+                constants[place * WIDE + k] = table[place, column]
+            rubs = rubs or table[COULOMB, column] != 0.0
+            for m in range(fine + 1):
+                holds[m, k] = hold[column, 0]
+            motion[0, column] = min(max(state[k], -limits[1, column]), limits[1, column])
+        for sample in range(1, samples):
+            at = (sample - 1) * fine
+            for k in range(width):
+                column = first + k
+                shift = math.floor(-late[column])
+                _look(drive, column, at + int(shift), -late[column] - shift, limits[0, column], drives, k)
+                if varies:
+                    for m in range(fine + 1):
+                        holds[m, k] = hold[column, at + m]
+            for i in range(substeps):
+                _advance(state, drives, holds, constants, h, 2 * i, lanes, rubs)
+            for k in range(width):
+                motion[sample, first + k] = min(max(state[k], -limits[1, first + k]), limits[1, first + k])
     return motion
 
 
@@ -118,35 +173,59 @@ def integrate(
     drive: Array,
     hold: Array,
     start: Array,
-    damping: float,
-    terms: MotionTerms,
+    damping: Array,
+    terms: Sequence[MotionTerms],
     pace: float,
     substeps: int,
-    late: float = 0.0,
+    late: Array,
 ) -> Array:
-    """Return a motion at the sampling instants, (T, K), in scales; a sensor's offset is in it.
+    """Return motions at the sampling instants, (T, K), in scales; a sensor's offset is in them.
 
     Parameters
     ----------
-    drive : ((T - 1) * 2 * substeps + 1, K) ndarray
+    drive : (K, (T - 1) * 2 * substeps + 1) ndarray
         Acceleration that the inputs bring, scales per squared pace.
-    hold : (1, 1) or ((T - 1) * 2 * substeps + 1, K) ndarray
+    hold : (K, 1) or (K, (T - 1) * 2 * substeps + 1) ndarray
         Of the spring, per squared pace.
     start : (2, K) ndarray
         Place and velocity, scales and scales per pace.
-    damping : float
+    damping : (K,) ndarray
         Per pace.
-    terms : MotionTerms
-        Of all effects together.
+    terms : sequence of MotionTerms
+        Of all effects together, for each column.
     pace : float
         Time between samples over the pace.
     substeps : int
         Steps of the classical Runge-Kutta rule per sample; with a fifth of a pace each, its error is some 1e-5.
-    late : float
+    late : (K,) ndarray
         By which the drive acts, samples; may be negative.
+
+    Notes
+    -----
+    A column's motion is the same, bit for bit, whatever columns lie beside it.
     """
-    moved: Array = _integrate(np.ascontiguousarray(drive), hold, start, damping, late, terms, pace, substeps)
-    return moved + terms.sensor_offset
+    told = {name: np.array([getattr(each, name) for each in terms]) for name in MotionTerms._fields}
+    h = pace / substeps
+    sliding = np.maximum(told["sliding"], 0.5 * told["coulomb"] * h)  # a step cannot turn more sharply
+    table = np.stack(
+        [
+            told["cubic"],
+            told["quadratic"],
+            told["hysteretic"],
+            damping + told["damping"],
+            told["drag"],
+            told["coulomb"],
+            1.0 / sliding,
+            1.0 / told["turning"],
+            told["stiction"],
+            1.0 / told["yielding"],
+        ]
+    )
+    limits = np.array([[1.0 / cut if cut > 0.0 else np.inf for cut in told[name]] for name in CUTS])
+    late = (told["delay"] * 2.0 * np.pi / pace + late) * (2 * substeps)
+    drive, hold, start = (np.ascontiguousarray(each) for each in (drive, hold, start))
+    moved: Array = _integrate(drive, hold, start, table, limits, late, h, substeps)
+    return moved + told["sensor_offset"]
 
 
 def refine(signal: Array, substeps: int, between: Between) -> Array:

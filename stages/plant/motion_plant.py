@@ -11,15 +11,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from stages.plant.declaration import Declared
 from stages.plant.linear_guess import filter_derivatives, find_pace
 from stages.plant.listed import ListedEffect, NominalConstant
-from stages.plant.motion import SITE, Between, MotionTerms, integrate, refine
+from stages.plant.motion import SITE, WIDE, Between, MotionTerms, integrate, refine
 from stages.plant.record_plant import (
     HEAD,
     Beginning,
+    Case,
     Placed,
     Positive,
     RecordPlant,
@@ -39,6 +41,14 @@ class MotionEffect(ListedEffect):
     """An effect that acts in a motion."""
 
     SITE = SITE
+
+
+def _stack(columns: Sequence[Array], factor: float) -> Array:
+    """Return columns (N, R) of several cases as rows, (C R, N), times a factor."""
+    rows = np.empty((len(columns), columns[0].shape[1], len(columns[0])))
+    for place, each in enumerate(columns):
+        np.multiply(each.T, factor, out=rows[place])
+    return rows.reshape(-1, rows.shape[2])
 
 
 class Pull(NamedTuple):
@@ -75,6 +85,7 @@ class MotionPlant(RecordPlant):
     """Everything that simulating one motion takes."""
 
     SITE: ClassVar[str] = SITE
+    TOGETHER: ClassVar[int] = WIDE
     SETTLES: ClassVar[bool] = True
     """Whether it forgets how it began: then its own motion refines what the first samples tell of that."""
     FILTER: ClassVar[float] = 0.3
@@ -191,39 +202,51 @@ class MotionPlant(RecordPlant):
         begun: Beginning | None = None,
     ) -> Array:
         """Return the motion, (T, R); see `RecordPlant.simulate`."""
+        return self.simulate_each(signals, step_s, start_s, [(constants, effects)], begun)[:, :, 0]
+
+    def simulate_each(
+        self,
+        signals: Mapping[str, Array],
+        step_s: float,
+        start_s: Array,
+        cases: Sequence[Case],
+        begun: Beginning | None = None,
+    ) -> Array:
+        """Return the motions of several cases, (T, R, C); see `RecordPlant.simulate_each`."""
         if self.output_scale is None or self.pace_s is None:
             raise ValueError("output_scale: it is the data's own, and there are no data yet")
         scale, pace, substeps = self.output_scale, step_s / self.pace_s, self._substeps(step_s)
-        terms = collect(MotionTerms, SITE, self.place(effects))
-        pulled = self.pull(signals, constants)
-        drive = pulled.push * (self.pace_s**2 / scale)
-        hold = np.full((1, 1), pulled.hold) if isinstance(pulled.hold, float) else pulled.hold
-        hold = hold * self.pace_s**2
-        damping, records = pulled.damping * self.pace_s, drive.shape[1]
+        pulls = [self.pull(signals, constants) for constants, _ in cases]
+        records = pulls[0].push.shape[1]
+        terms = [collect(MotionTerms, SITE, self.place(effects)) for _, effects in cases]
+        terms = [each for each in terms for _ in range(records)]
+        drive = _stack([each.push for each in pulls], self.pace_s**2 / scale)
+        holds = [each.hold * np.ones((1, records)) for each in pulls]
+        hold = _stack(holds, self.pace_s**2)
+        damping = np.repeat([each.damping * self.pace_s for each in pulls], records)
+        late = np.repeat([constants["timing_s"] / step_s for constants, _ in cases], records)
+        offset = np.repeat([each.offset for each in pulls], records)
 
-        def run(state: Array, last: int, record: slice) -> Array:
-            pushed, held = drive[: last * 2 * substeps + 1, record], hold[:, record] if len(hold) > 1 else hold
-            held = np.ascontiguousarray(held)
-            return integrate(pushed, held, state, damping, terms, pace, substeps, constants["timing_s"] / step_s)
+        def run(state: Array, chosen: NDArray[np.int_], samples: int) -> Array:
+            upto = (samples - 1) * 2 * substeps + 1
+            pushed, held = (each[:, :upto][chosen] for each in (drive, hold))
+            kept = [terms[k] for k in chosen]
+            return integrate(pushed, held, state, damping[chosen], kept, pace, substeps, late[chosen])
 
-        state = np.zeros((2, records))
+        state = np.zeros((2, len(terms)))
         if begun is not None:
-            place, rate = begun.value - pulled.offset + pulled.start[0], begun.rate + pulled.start[1]
+            shifts = np.repeat([each.start for each in pulls], records, axis=0).T
+            told = Beginning(*(np.tile(each, len(cases)) for each in begun))
+            place, rate = told.value - offset + shifts[0], told.rate + shifts[1]
             state = np.stack([place / scale, rate * self.pace_s / scale])
-            errors = np.stack([begun.value_error, begun.rate_error * self.pace_s]) / scale
-            for record in range(records) if self.SETTLES and self.output in signals else ():
-                head = (signals[self.output][:HEAD, record] - pulled.offset) / scale
-                head = head[np.isfinite(head)]
-
-                def look(moved: Array, last: int = len(head) - 1, which: int = record) -> Array:
-                    found: Array = run(moved[:, None], last, slice(which, which + 1))[:, 0]
-                    return found
-
-                error, noise = np.maximum(errors[:, record], 1e-6), float(begun.noise[record]) / scale
-                state[:, record] = begin(look, state[:, record], error, head, noise)
-        motion = run(state, len(drive), slice(None))
-        output: Array = pulled.offset + scale * motion
-        return output
+            if self.SETTLES and self.output in signals:
+                heads = (np.tile(signals[self.output][:HEAD], len(cases)) - offset) / scale
+                errors = np.stack([told.value_error, told.rate_error * self.pace_s]) / scale
+                noise = told.noise / scale
+                state = begin(lambda at, of: run(at, of, len(heads)), state, np.maximum(errors, 1e-6), heads, noise)
+        motion = integrate(drive, hold, state, damping, terms, pace, substeps, late)
+        output: Array = offset + scale * motion
+        return output.reshape(len(motion), len(cases), records).transpose(0, 2, 1)
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
         """Return the motion by the textbook, its velocity, and the inputs.

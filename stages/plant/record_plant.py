@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 
 from stages.plant.declaration import Declared
@@ -25,6 +26,8 @@ PERIODS = 2.0
 """Periods of the usual motion in a movement."""
 SAMPLES_A_PERIOD = 200
 Terms = TypeVar("Terms")
+Case = tuple[Mapping[str, float], Sequence[Placed]]
+"""Constants by name, and effects beside those listed."""
 
 
 class Watched(NamedTuple):
@@ -106,6 +109,8 @@ class RecordPlant(Declared):
 
     SITE: ClassVar[str]
     """Where effects act."""
+    TOGETHER: ClassVar[int] = 1
+    """Simulations that take together little longer than one."""
 
     kind: str
     output: str
@@ -254,6 +259,17 @@ class RecordPlant(Declared):
             From `read_beginning`; without it a machine with a memory begins at rest.
         """
 
+    def simulate_each(
+        self,
+        signals: Mapping[str, Array],
+        step_s: float,
+        start_s: Array,
+        cases: Sequence[Case],
+        begun: Beginning | None = None,
+    ) -> Array:
+        """Return the outputs of several cases, (T, R, C), bit for bit those of one after the other; see `simulate`."""
+        return np.stack([self.simulate(signals, step_s, start_s, *case, begun) for case in cases], axis=2)
+
     @abstractmethod
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
         """Return what may explain a residual, of records with inputs and output: a state, a rate, more."""
@@ -313,37 +329,44 @@ def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effec
     return kind(**found)
 
 
-def begin(run: Callable[[Array], Array], guess: Array, wide: Array, head: Array, noise: float) -> Array:
-    """Return the state in which a record begins: what agrees best with its first samples, near a guess.
+def begin(
+    run: Callable[[Array, NDArray[np.int_]], Array], guess: Array, wide: Array, heads: Array, noise: Array
+) -> Array:
+    """Return the states in which records begin: what agrees best with their first samples, near a guess.
 
     Parameters
     ----------
     run : callable
-        Of a state (S,), returns the output of `len(head)` samples.
-    guess, wide : (S,) ndarray
-        Mean and standard deviation of a Gaussian prior.
-    head : (N,) ndarray
-        First samples of the output.
-    noise : float
+        Of states (S, N) and the records that they belong to (N,), returns the first samples of the output, (H, N).
+    guess, wide : (S, K) ndarray
+        Means and standard deviations of Gaussian priors.
+    heads : (H, K) ndarray
+        First samples of each record's output; NaN where there is none.
+    noise : (K,) ndarray
         Of a sample, in the output's unit.
 
     Returns
     -------
-    (S,) ndarray
+    (S, K) ndarray
         After two steps of Gauss and Newton.
     """
-    state = guess.copy()
+    count, records = guess.shape
+    known = np.isfinite(heads)
+    samples = np.maximum(known.sum(axis=0), 1)
+    step = 1e-2 * wide
+    moves = np.concatenate([np.zeros((1, count)), np.eye(count)])
+    state, lost = guess.copy(), np.zeros(records, dtype=bool)
     for _ in range(2):
-        plain = run(state)
-        noise = max(noise, float(np.sqrt(((head - plain) ** 2).mean())))  # where the model errs, it tells little
-        slopes = np.empty((len(head), len(state)))
-        for place, width in enumerate(wide):
-            moved = state.copy()
-            moved[place] += 1e-2 * width
-            slopes[:, place] = (run(moved) - plain) / (1e-2 * width)
-        rows = np.concatenate([slopes / noise, np.diag(1.0 / wide)])
-        left = np.concatenate([(head - plain) / noise, (guess - state) / wide])
-        if not (np.isfinite(rows).all() and np.isfinite(left).all()):
-            return guess
-        state = state + np.linalg.lstsq(rows, left, rcond=None)[0]
-    return state
+        tried = (state + moves[:, :, None] * step).transpose(1, 0, 2).reshape(count, -1)
+        found = run(tried, np.tile(np.arange(records), count + 1)).reshape(-1, count + 1, records)
+        left = np.where(known, heads - found[:, 0], 0.0)
+        noise = np.maximum(noise, np.sqrt((left**2).sum(axis=0) / samples))  # where the model errs, it tells little
+        slopes = np.where(known[:, None], (found[:, 1:] - found[:, :1]) / step, 0.0) / noise
+        prior = np.eye(count)[:, :, None] / wide
+        rows = np.concatenate([slopes, prior]).transpose(2, 0, 1)
+        target = np.concatenate([left / noise, (guess - state) / wide]).T
+        lost |= ~(np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(target).all(axis=1))
+        across, triangle = np.linalg.qr(np.where(lost[:, None, None], np.eye(*rows.shape[1:]), rows))
+        projected = np.einsum("khs,kh->ks", across, np.where(lost[:, None], 0.0, target))
+        state = state + np.linalg.solve(triangle, projected[:, :, None])[:, :, 0].T
+    return np.where(lost, guess, state)

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from stages.plant.effect import DynamicEffect, find_effect, list_effects, list_forms
-from stages.plant.motion import SITE, MotionTerms, integrate, refine
+from stages.plant.motion import SITE, MotionTerms, integrate, refine, turn
 from stages.plant.record_plant import collect
 
 STEP, SUBSTEPS, SCALE = 0.0016, 4, 0.3
@@ -26,7 +26,8 @@ def answer(signal, terms=MotionTerms(), between="linear", start=(0.0, 0.0), subs
     """A spring of 60 Hz that answers an input of 1 with 2, from a place and a velocity (scales per radian)."""
     fine = refine(np.asarray(signal, dtype=float)[:, None], substeps, between)
     begin = np.array(start)[:, None] / SCALE
-    motion = integrate(GAIN / SCALE * fine, np.ones((1, 1)), begin, 2 * DAMPING, terms, OMEGA * STEP, substeps)
+    drive, damping, late = GAIN / SCALE * fine.T, np.array([2 * DAMPING]), np.zeros(1)
+    motion = integrate(drive, np.ones((1, 1)), begin, damping, [terms], OMEGA * STEP, substeps, late)
     return SCALE * motion[:, 0]
 
 
@@ -139,3 +140,29 @@ def test_an_effect_twice_or_of_another_machine_is_refused():
 
 def test_a_spring_that_lets_go_gives_finite_numbers(generator):
     assert np.isfinite(answer(5.0 * generator.standard_normal(300), MotionTerms(cubic=-0.3))).all()
+
+
+def test_motions_side_by_side_are_motions_one_by_one(generator):
+    """Also of a count that no instruction takes at once, with unlike terms, limits and delays, and springs that vary."""
+    count, samples, substeps = 11, 120, 3
+    drive = generator.standard_normal((count, (samples - 1) * 2 * substeps + 1))
+    start, damping = generator.standard_normal((2, count)), generator.uniform(0.05, 0.5, count)
+    placed = [
+        (each, {parameter.name: parameter.starts[-1] for parameter in each.parameters}) for each in (*FORMS, *FORMS)
+    ]
+    terms = [MotionTerms(), *(terms_of(each) for each in placed[: count - 1])]
+    late = generator.uniform(-1.0, 1.0, count) * (np.arange(count) % 2)
+    for hold in (np.ones((count, 1)), generator.uniform(0.5, 2.0, drive.shape)):
+        together = integrate(drive, hold, start, damping, terms, 0.3, substeps, late)
+        for k in range(count):
+            alone = slice(k, k + 1)
+            single = integrate(
+                drive[alone], hold[alone], start[:, alone], damping[alone], terms[alone], 0.3, substeps, late[alone]
+            )
+            assert (single[:, 0] == together[:, k]).all()
+
+
+def test_a_direction_turns_as_smoothly_as_the_textbook_s():
+    speeds = np.concatenate([np.linspace(-30.0, 30.0, 6001), [1e-9, -1e-6, 1e9]])
+    turned = np.array([turn(speed) for speed in speeds])
+    assert turned == pytest.approx(np.tanh(speeds), abs=1e-14)

@@ -60,7 +60,7 @@ def _change(
     return gain, into - values.lower_outflow * math.sqrt(max(lower, 0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _fill(pump: Array, values: TankValues, terms: TankTerms, scale: float, step_s: float, substeps: int) -> Array:
     reading = np.empty(pump.shape[0])
     h = step_s / substeps

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, cast
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from stages.plant.declaration import Declared
@@ -50,7 +51,7 @@ class LagTerms(NamedTuple):
     second_lag: float = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _fill(aim: Array, start: float, per_pace: float, terms: LagTerms, pace: float, substeps: int) -> Array:
     """Return the output in scales for an aim, (N,): the level at which the store would rest."""
     reading = np.empty(aim.shape[0])
@@ -185,25 +186,23 @@ class FirstOrder(RecordPlant):
         quickest = max(pace / FINEST, pace * per_pace * (1.0 + abs(terms.asymmetry)))
         substeps = min(max(int(np.ceil(quickest)), 2), 100)
         aim = constants["gain"] * signals[self.input] / scale
-        found = np.empty(aim.shape)
-        for record in range(aim.shape[1]):
-            column = np.ascontiguousarray(aim[:, record])
-            start = float(column[0])
-            if begun is not None:
-                start = float(begun.value[record] - constants["offset"]) / scale
-                if self.output in signals:
-                    head = (signals[self.output][:HEAD, record] - constants["offset"]) / scale
-                    head = head[np.isfinite(head)]
+        columns = np.ascontiguousarray(aim.T)
 
-                    def run(state: Array, column: Array = column, count: int = len(head)) -> Array:
-                        filled: Array = _fill(column[:count], float(state[0]), per_pace, terms, pace, substeps)
-                        return filled
+        def run(state: Array, chosen: NDArray[np.int_], samples: int) -> Array:
+            filled = (
+                _fill(columns[k, :samples], float(start), per_pace, terms, pace, substeps)
+                for k, start in zip(chosen, state[0], strict=True)
+            )
+            return np.stack(list(filled), axis=1)
 
-                    error = max(float(begun.value_error[record]) / scale, 1e-6)
-                    start = float(
-                        begin(run, np.array([start]), np.array([error]), head, float(begun.noise[record]) / scale)[0]
-                    )
-            found[:, record] = _fill(column, start, per_pace, terms, pace, substeps)
+        start = columns[None, :, 0]
+        if begun is not None:
+            start = (begun.value[None] - constants["offset"]) / scale
+            if self.output in signals:
+                heads = (signals[self.output][:HEAD] - constants["offset"]) / scale
+                error, noise = np.maximum(begun.value_error[None] / scale, 1e-6), begun.noise / scale
+                start = begin(lambda state, chosen: run(state, chosen, len(heads)), start, error, heads, noise)
+        found = run(start, np.arange(len(columns)), columns.shape[1])
         output: Array = constants["offset"] + scale * found
         return output
 
