@@ -143,7 +143,7 @@ def test_a_spring_that_lets_go_gives_finite_numbers(generator):
 
 
 def test_motions_side_by_side_are_motions_one_by_one(generator):
-    """Also of a count that no instruction takes at once, with unlike terms, limits and delays, and springs that vary."""
+    """Of a count that no instruction takes at once, with unlike terms, limits and delays, and springs that vary."""
     count, samples, substeps = 11, 120, 3
     drive = generator.standard_normal((count, (samples - 1) * 2 * substeps + 1))
     start, damping = generator.standard_normal((2, count)), generator.uniform(0.05, 0.5, count)
