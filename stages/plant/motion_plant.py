@@ -35,6 +35,13 @@ from stages.signals.trajectories import Array
 
 FINEST = 0.2
 """Longest integration step, paces."""
+FINEST_FILTER = 2.0
+"""Shortest time constant of the filters by which constants are guessed, samples."""
+QUICKER, MOST_HALVINGS = 0.5, 12
+"""Share of the error that guesses at the usual pace leave, below which those at a quicker one are taken; most tries.
+
+A machine that is moved much more slowly than it moves by itself shows its usual motion in little else than what rests.
+"""
 
 
 class MotionEffect(ListedEffect):
@@ -152,23 +159,56 @@ class MotionPlant(RecordPlant):
         """Return the plant with scales and constants, where they were left open; see `RecordPlant.settle`."""
         outputs = [each[self.output] for each in records]
         spans = [float(np.ptp(each)) for each in outputs]
-        scales = {
-            "output_scale": self.output_scale or max(0.5 * max(spans), 1e-12),
-            "pace_s": self.pace_s or max(find_pace(outputs, step_s), step_s),
-        }
-        settled = self.model_copy(update=scales)
+        usual_s = self.pace_s or max(find_pace(outputs, step_s), step_s)
+        scale = self.output_scale or max(0.5 * max(spans), 1e-12)
+        settled = self.model_copy(update={"output_scale": scale, "pace_s": usual_s})
         if all(each.start is not None for each in self.nominal.values()):
             return settled
-        tau_s = max(self.FILTER * scales["pace_s"], 2.0 * step_s)
+        begun = read_beginning([each[:HEAD] for each in outputs], step_s)
+        settled = settled._guess_constants(records, step_s, begun, usual_s)
+        if self.pace_s:
+            return settled
+        settled = settled._follow_nature(records)
+        if not self.SETTLES:
+            return settled
+        least = QUICKER * settled._miss(records, step_s)
+        for halvings in range(1, MOST_HALVINGS):
+            quicker_s = usual_s * 0.5**halvings
+            if self.FILTER * quicker_s < FINEST_FILTER * step_s:
+                break
+            start = self.model_copy(update={"output_scale": scale, "pace_s": quicker_s})
+            tried = start._guess_constants(records, step_s, begun, quicker_s)._follow_nature(records)
+            missed = tried._miss(records, step_s)
+            if missed < least:
+                least, settled = missed, tried
+        return settled
+
+    def _guess_constants(
+        self, records: Sequence[Mapping[str, Array]], step_s: float, begun: Beginning, pace_s: float
+    ) -> Self:
+        """Return the plant with constants told by records through filters of a pace."""
+        tau_s = max(self.FILTER * pace_s, FINEST_FILTER * step_s)
         names = (*self.inputs, self.output)
         filtered = {name: [filter_derivatives(each[name], 2, tau_s, step_s) for each in records] for name in names}
-        filtered[""] = [filter_derivatives(np.ones(len(each)), 2, tau_s, step_s) for each in outputs]
-        begun = read_beginning([each[:HEAD] for each in outputs], step_s)
-        guessed = settled.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)), begun)
+        filtered[""] = [filter_derivatives(np.ones(len(each[self.output])), 2, tau_s, step_s) for each in records]
+        guessed = self.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)), begun)
         guessed["timing_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
         told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
-        settled = settled.model_copy(update={"constants": type(self.constants)(**told)})
-        return settled if self.pace_s else settled.model_copy(update={"pace_s": settled.find_natural_pace(records)})
+        return self.model_copy(update={"constants": type(self.constants)(**told)})
+
+    def _follow_nature(self, records: Sequence[Mapping[str, Array]]) -> Self:
+        return self.model_copy(update={"pace_s": self.find_natural_pace(records)})
+
+    def _miss(self, records: Sequence[Mapping[str, Array]], step_s: float) -> float:
+        """Return the root mean square by which the guessed constants miss what was measured."""
+        squares, samples = 0.0, 0
+        for each in records:
+            signals = {name: values[:, None] for name, values in each.items()}
+            begun = read_beginning([each[self.output][:HEAD]], step_s)
+            told = self.simulate(self.refine(signals, step_s), step_s, np.zeros(1), self.starts, (), begun)
+            squares += float(((told[:, 0] - each[self.output]) ** 2).sum())
+            samples += len(told)
+        return float(np.sqrt(squares / samples))
 
     def find_natural_pace(self, records: Sequence[Mapping[str, Array]]) -> float:
         """Return the time, s, of a radian of the free motion, or in which the usual push brings one scale."""

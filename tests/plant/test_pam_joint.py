@@ -129,3 +129,21 @@ def test_a_record_that_begins_in_mid_swing_is_taken_up_there():
 def test_what_cannot_be_is_refused(changes, told):
     with pytest.raises(ValidationError, match=told):
         read_joint(**changes)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_joint_that_rubs_and_is_moved_slowly_is_known_for_as_quick_as_it_is(seed):
+    generator = np.random.default_rng(seed)
+    time = np.arange(6000) * STEP_S
+    waves = [(60.0, 0.04), (30.0, 0.11), (15.0, 0.19)]
+    up, down = (
+        200.0 + sum(size * np.sin(2.0 * np.pi * hertz * time + generator.uniform(0.0, 6.0)) for size, hertz in waves)
+        for _ in range(2)
+    )
+    slider = (find_effect("coulomb_friction", "slider"), {"share": 0.1, "sliding": 0.02})
+    angle = turn(up, down, [slider]) + 1e-4 * generator.standard_normal(len(time))
+    signals = {"pressure_1_kpa": up, "pressure_2_kpa": down, "angle_rad": angle}
+    settled = read_joint(output_scale=None, pace_s=None).settle([signals], STEP_S)
+    assert 0.5 < settled.pace_s * np.sqrt(20.0 + 0.1 * 400.0) < 2.5
+    for name, told in settled.nominal.items():
+        assert told.low <= CONSTANTS[name] <= told.high

@@ -56,17 +56,20 @@ class PamJoint(MotionPlant):
     def guess(
         self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
     ) -> dict[str, tuple[float, ...]]:
-        """Return the constants that agree best with filtered records, stiffening where the sum of pressures changes."""
+        """Return the constants that agree best with filtered records beside friction.
+
+        Stiffening is told where the sum of pressures changes.
+        """
         raising, lowering = ([each[:, 0] for each in derivatives[name]] for name in self.pressures)
         outputs = derivatives[self.output]
         sums = np.concatenate([a + b for a, b in zip(raising, lowering, strict=True)])
         total = float(sums.mean())
         both = zip(raising, lowering, outputs, derivatives[""], strict=True)
         rows = [
-            np.stack([a - b, one[:, 0], -y[:, 0], -y[:, 1], -(a + b - total) * y[:, 0]], axis=1)
+            np.stack([a - b, one[:, 0], -y[:, 0], -y[:, 1], -(a + b - total) * y[:, 0], -np.sign(y[:, 1])], axis=1)
             for a, b, y, one in both
         ]
-        gain, bias, hold, damping, stiffening = map(float, regress(rows, [y[:, 2] for y in outputs], skipped))
+        gain, bias, hold, damping, stiffening, _ = map(float, regress(rows, [y[:, 2] for y in outputs], skipped))
         per_pace = 1.0 / self.pace_s if self.pace_s else 1.0
         hold = hold if hold > 0.0 else per_pace**2
         damping = damping if damping > 0.0 else per_pace

@@ -60,13 +60,13 @@ class Oscillator(MotionPlant):
     def guess(
         self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
     ) -> dict[str, tuple[float, ...]]:
-        """Return the constants of the linear model that agrees best with filtered records."""
+        """Return the constants of the linear model that agrees best with filtered records beside friction."""
         inputs, outputs = derivatives[self.input], derivatives[self.output]
         rows = [
-            np.stack([u[:, 0], -y[:, 1], -y[:, 0], one[:, 0]], axis=1)
+            np.stack([u[:, 0], -y[:, 1], -y[:, 0], one[:, 0], -np.sign(y[:, 1])], axis=1)
             for u, y, one in zip(inputs, outputs, derivatives[""], strict=True)
         ]
-        push, damping, hold, _ = regress(rows, [y[:, 2] for y in outputs], skipped)
+        push, damping, hold, _, _ = regress(rows, [y[:, 2] for y in outputs], skipped)
         pace = cast(float, self.pace_s)
         omega = float(np.sqrt(hold)) if hold > 0.0 else 1.0 / pace
         hertz, ratio = omega / (2.0 * np.pi), float(np.clip(0.5 * damping / omega, 0.005, 1.5))
