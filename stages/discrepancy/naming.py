@@ -28,6 +28,9 @@ SURE = 0.99
 SHOWN = 0.98
 """Sum of squares of all trials, none left out, over that before, below which a level that they show takes effect."""
 
+BESIDE_BOUND = 0.5
+"""Probability, at most, of a name beside an effect that stands at a bound: what that cannot reach may pass for it."""
+
 NEAR = 1.25
 """Sum of squares, over that of the best form in a cell, up to which a form is fitted under its own noise too."""
 
@@ -315,16 +318,27 @@ def _decide(
     carriers = carried[best]
     forms = tuple(verdicts.forms[best][place] for place in carriers)
     first = next(form for form in cells[carriers[0]].cell.forms if (form.name, form.form) == (best, forms[0]))
+    stuck = any(_is_stuck(choices[place][best, verdicts.forms[best][place]]) for place in carriers)
     return Named(
         best,
         forms,
         first.site,
         cells[carriers[0]].cell.channel,
         tuple(cells[place].cell.element for place in carriers),
-        sum(verdicts.names[name] for name in equals),
+        min(sum(verdicts.names[name] for name in equals), BESIDE_BOUND if stuck else 1.0),
         alternatives[:2],
         any(_is_shown(cells[place], choices[place][best, verdicts.forms[best][place]]) for place in carriers),
     )
+
+
+def _is_stuck(fitted: Fitted) -> bool:
+    """Return whether the size of an effect other than the newest stands at a bound, and does something there."""
+    place = len(fitted.fit.model.cell.constants)
+    for form in fitted.forms[:-1]:
+        if not fitted.fit.free[place] and fitted.fit.values[place] != 0.0:
+            return True
+        place += len(form.parameters)
+    return False
 
 
 def _carriers(

@@ -70,6 +70,21 @@ def joint(seed, coulomb=0.0, noise=5e-4, samples=3000, step_s=0.01):
     return {"pressure_1_kpa": raising, "pressure_2_kpa": lowering, "angle_rad": angle}, step_s
 
 
+def pendulum(seed, noise=2e-3, samples=1600, step_s=0.02):
+    """A pendulum of 5 rad/s that is pushed up to some 70 degrees, all over its inertia."""
+    generator = np.random.default_rng(seed)
+    pushed = 5.0 * wander(generator, samples, 40)
+    angle, x, v = np.empty(samples), 0.0, 0.0
+    for k in range(samples):
+        angle[k] = x
+        after = min(k + 1, samples - 1)
+        for i in range(FINE):
+            push = pushed[k] + i / FINE * (pushed[after] - pushed[k])
+            v += step_s / FINE * (push - 25.0 * np.sin(x) - 0.8 * v)
+            x += step_s / FINE * v
+    return {"drive_v": pushed, "response_v": angle + noise * generator.standard_normal(samples)}, step_s
+
+
 def tabulate(signals, step_s, blocks=16):
     """Return signals and blocks as the workflow reads them."""
     time = np.arange(len(next(iter(signals.values())))) * step_s

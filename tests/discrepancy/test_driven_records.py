@@ -1,5 +1,7 @@
 """Drives, lags and joints that another integrator made: what was planted is named, and nothing where nothing was."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -7,8 +9,8 @@ import yaml
 from stages.discrepancy.fitted_cell import prepare
 from stages.discrepancy.naming import SearchSettings
 from stages.discrepancy.search import search
-from stages.discrepancy.whole_record_cell import build_whole_records
-from tests.discrepancy.simulated_records import drive, joint, lag, tabulate
+from stages.discrepancy.whole_record_cell import WholeRecordCell, build_whole_records
+from tests.discrepancy.simulated_records import drive, joint, lag, pendulum, tabulate
 from tests.discrepancy.test_whole_records import read_plant
 from tests.plant.machines import CONF
 
@@ -102,3 +104,30 @@ def test_noise_that_pushes_a_drive_is_no_effect_where_samples_become_their_means
     assert state.cell.averaged > 1
     assert names == []
     assert state.ratio(state.nominal.raw) < 1.1
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_pendulum_s_spring_softens_and_nothing_else_is_named(seed):
+    state, names = look("second_order", pendulum(seed))
+    assert names == ["cubic_stiffness"]
+    size = state.cell.plant.output_scale
+    assert read_values(state)[1]["cubic_stiffness"]["share"] == pytest.approx(-(size**2) / 6.0, rel=0.15)
+
+
+def test_a_name_beside_a_spring_that_may_soften_no_further_is_doubted(monkeypatch):
+    offered = WholeRecordCell.forms.fget
+
+    def narrow(cell):
+        told = [each if each.name != "cubic_stiffness" else soften(each) for each in offered(cell)]
+        return tuple(told)
+
+    def soften(form):
+        return replace(form, parameters=(replace(form.parameters[0], low=-0.1),))
+
+    monkeypatch.setattr(WholeRecordCell, "forms", property(narrow))
+    settings = SearchSettings(**yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text())["search"])
+    cell = build_whole_records(*tabulate(*pendulum(2)), read_plant("second_order"))
+    named = search([prepare(cell)], settings, np.random.default_rng(0)).named
+    assert named[0].name == "cubic_stiffness"
+    assert len(named) > 1
+    assert all(each.probability <= 0.5 for each in named[1:])

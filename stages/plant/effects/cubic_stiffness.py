@@ -50,7 +50,7 @@ DUFFING = DynamicEffect(
     site="motion",
     parameters=(
         Parameter(
-            "share", "1", -0.3, 10.0, 0.0, 0.5, "deceleration at one scale, scales per squared pace", (0.1, -0.05)
+            "share", "1", -0.9, 10.0, 0.0, 0.5, "deceleration at one scale, scales per squared pace", (0.1, -0.05)
         ),
     ),
     source="Kovacic, Brennan, The Duffing equation: nonlinear oscillators and their behaviour (2011)",
