@@ -1,9 +1,13 @@
-"""Twenty trials of four muscles, 1000 samples each, against a NumPy loop over time that takes all columns at once."""
+"""Simulations: muscles against a NumPy loop over time that takes all columns at once; machines against themselves."""
 
 import numpy as np
+import pytest
+import yaml
 
 from stages.plant.chain import Chain
-from tests.plant.machines import configured
+from stages.plant.effect import find_effect
+from stages.plant.machine import read_machine
+from tests.plant.machines import CONF, configured
 
 SAMPLES, TRIALS, MUSCLES = 1000, 20, 4
 
@@ -58,3 +62,25 @@ def test_whole_trial_in_real_time(benchmark, tell):
     benchmark.pedantic(execute, rounds=10)
     seconds = benchmark.stats.stats.median
     tell("simulated trial (rich plant) / its duration", seconds / (rig.samples / rig.sampling_rate_hz))
+
+
+@pytest.mark.parametrize("rubbing", [False, True], ids=["linear", "slider"])
+def test_constants_side_by_side_against_one_after_the_other(rubbing, against, tell):
+    """Eight cases of an oscillator, as the derivatives of a fit take them; what comes out is the same, bit for bit."""
+    told = yaml.safe_load((CONF / "plant" / "second_order.yaml").read_text())
+    plant = read_machine({**told, "output_scale": 1.0, "pace_s": 0.16})
+    generator = np.random.default_rng(20261121)
+    signals = plant.refine({"drive_v": np.cumsum(generator.standard_normal((20000, 1)), axis=0) / 20.0}, 0.02)
+    known = {"static_gain": 1.0, "damping_ratio": 0.1, "input_offset": 0.0, "output_offset": 0.0, "timing_s": 0.0}
+    effects = [(find_effect("coulomb_friction", "slider"), {"share": 0.1, "sliding": 0.05})] if rubbing else []
+    cases = [({**known, "natural_frequency_hz": 1.0 + 0.01 * place}, effects) for place in range(8)]
+
+    def together():
+        return plant.simulate_each(signals, 0.02, np.zeros(1), cases)
+
+    def apart():
+        return np.stack([plant.simulate(signals, 0.02, np.zeros(1), *case) for case in cases], axis=2)
+
+    np.testing.assert_array_equal(together(), apart())
+    name = "with dry friction" if rubbing else "linear"
+    tell(f"8 motions side by side / one after the other, {name}", against(together, apart, 20), "", 0.6)
