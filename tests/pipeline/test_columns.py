@@ -174,6 +174,23 @@ def test_what_it_cannot_guess_is_left_to_the_person(look, tmp_path):
     assert arguments(lines) == ["workflow=discrepancy", "measurement=records", "plant=second_order", "plan=true"]
 
 
+def test_a_unit_with_a_slash_is_read_whole_or_asked_for(look, tmp_path):
+    time, drive, answer = make_run()
+    frame = {"t": time, "Q_l/min": drive, "k_N/mm": answer, "Temp °C": answer, "Level %": drive}
+    pd.DataFrame(frame).to_csv(tmp_path / "x.csv", index=False)
+    lines = look(tmp_path / "x.csv")
+    assert "  the unit of k_N/mm, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F" in lines
+    assert arguments(lines)[2:9] == [
+        "columns.time_s=t",
+        "+columns.q_m3_per_s=Q_l/min",
+        '+columns.temp_k="Temp °C"',
+        '+columns.level_ratio="Level %"',
+        "+units.q_m3_per_s=l/min",
+        "+units.temp_k=degC",
+        "+units.level_ratio=percent",
+    ]
+
+
 def test_a_folder_of_muscles_needs_no_map(look, tmp_path):
     assert arguments(look(write_dataset(tmp_path / "arm"))) == ["workflow=discrepancy", "plan=true"]
 
