@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from stages.recording.clock import find_rate
-from stages.recording.columns import TIME, RecordingError, adopt, read_dates
+from stages.recording.columns import TIME, RecordingError, adopt
+from stages.recording.dates import is_dates
 from stages.recording.guessing import Guess, guess_map, pair_parts
 from stages.recording.headings import read_heading
 from stages.recording.uneven import FEWEST, count_rounded, is_uneven
@@ -95,8 +96,10 @@ def guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], si
     numeric = {name: values.dropna().to_numpy(float) for name, values in columns.items() if _is_number(values)}
     constant = {name: float(each[0]) for name, each in numeric.items() if len(each) and (each == each[0]).all()}
     single = {**single, **constant}
-    numbers = [name for name, values in columns.items() if _is_number(values) or read_dates(values) is not None]
-    guess = guess_map(numbers, [name for name in columns if name not in numbers], units, single)
+    dates = [name for name, values in columns.items() if not _is_number(values) and is_dates(values)]
+    numbers = [name for name, values in columns.items() if _is_number(values) or name in dates]
+    texts = [name for name in columns if name not in numbers]
+    guess = guess_map(numbers, texts, units, single, sorted(dates, key=lambda each: -columns[each].nunique()))
     if "part" in guess.columns:
         guess.parts = pair_parts([str(each) for each in columns[guess.columns["part"]].dropna().unique()])
     return guess
@@ -194,7 +197,7 @@ def _is_number(values: pd.Series) -> bool:
 
 
 def _tell_type(values: pd.Series) -> str:
-    if read_dates(values) is not None:
+    if not _is_number(values) and is_dates(values):
         return "dates" if values.dtype.kind != "m" else "durations"
     if values.dtype.kind == "b":
         return "yes or no"

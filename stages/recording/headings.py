@@ -43,7 +43,6 @@ ONLY_IN_COMPOUNDS = (
     "rev",
     "inc",
     "counts",
-    "px",
     "dB",
     "m2",
     "m3",

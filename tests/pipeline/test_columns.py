@@ -191,6 +191,32 @@ def test_a_unit_with_a_slash_is_read_whole_or_asked_for(look, tmp_path):
     ]
 
 
+@pytest.mark.parametrize(
+    ("name", "times", "told"),
+    [
+        ("stamp", [f"05.05.2026 10:00:{k:02}" for k in range(20)], "columns.time_s=stamp"),
+        ("wann", [f"2026/05/05 10:{k:02}" for k in range(20)], "columns.time_s=wann"),
+        ("Uhrzeit", [f"08:30:{k:02}" for k in range(20)], "columns.time_s=Uhrzeit"),
+        ("sec", np.arange(20.0), "columns.time_s=sec"),
+        ("zeit_s", np.arange(20.0), "columns.time_s=zeit_s"),
+        ("msec", np.arange(20.0), "units.time_s=ms"),
+    ],
+)
+def test_time_is_found_by_dates_and_by_its_usual_names(look, tmp_path, name, times, told):
+    frame = {"F [N]": 1.0 * np.arange(20), "Date": "05.05.2026", name: times}
+    pd.DataFrame(frame).to_csv(tmp_path / "x.csv", index=False)
+    lines = look(tmp_path / "x.csv")
+    assert told in arguments(lines)
+    assert any(line.startswith("time: even steps") for line in lines)
+
+
+def test_dates_with_a_day_that_may_be_a_month_are_asked_for(look, tmp_path):
+    times = [f"5/{k}/2026 10:00:00" for k in range(1, 9)]
+    pd.DataFrame({"Time": times, "F [N]": 1.0 * np.arange(8)}).to_csv(tmp_path / "x.csv", index=False)
+    told = "column Time: expected dates that tell the day from the month, got '5/2/2026 10:00:00'; write"
+    assert any(line.startswith(told) for line in look(tmp_path / "x.csv"))
+
+
 def test_a_folder_of_muscles_needs_no_map(look, tmp_path):
     assert arguments(look(write_dataset(tmp_path / "arm"))) == ["workflow=discrepancy", "plan=true"]
 
