@@ -17,6 +17,7 @@ from stages.recording.columns import TIME, RecordingError, adopt
 from stages.recording.dates import is_dates
 from stages.recording.guessing import Guess, guess_map, pair_parts
 from stages.recording.headings import read_heading
+from stages.recording.labels import list_labels, restarts, stays
 from stages.recording.uneven import FEWEST, count_rounded, is_uneven
 from stages.recording.units import own_unit
 
@@ -100,9 +101,25 @@ def guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], si
     numbers = [name for name, values in columns.items() if _is_number(values) or name in dates]
     texts = [name for name in columns if name not in numbers]
     guess = guess_map(numbers, texts, units, single, sorted(dates, key=lambda each: -columns[each].nunique()))
+    if not guess.muscles and not guess.endings:
+        _tell_records_apart(guess, columns)
     if "part" in guess.columns:
         guess.parts = pair_parts([str(each) for each in columns[guess.columns["part"]].dropna().unique()])
     return guess
+
+
+def _tell_records_apart(guess: Guess, columns: Mapping[str, pd.Series]) -> None:
+    """Take for the record what labels records by its values; a column of that name which does not is none."""
+    named, part, time = (guess.columns.get(each) for each in ("record", "part", TIME))
+    labels = [each for each in list_labels(columns, time) if each == named or each not in guess.columns.values()]
+    if named is not None and named not in labels and (labels or not stays(columns[named])):
+        del guess.columns["record"]
+        guess.left += [named] if _is_number(columns[named]) else []
+    if named in labels or "record" in guess.columns or not labels:
+        return
+    if part is None or time is None or restarts(columns, time, part):
+        guess.take("record", labels[0])
+        guess.left = [each for each in guess.left if each != labels[0]]
 
 
 def describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitter: float) -> list[str]:

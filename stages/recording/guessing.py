@@ -16,7 +16,7 @@ from stages.recording.units import KINDS, end_of, find_kind, own_unit, read_unit
 TIMES = ("t", "time", "times", "time_s", "timestamp", "stamp", "zeit", "temps", "elapsed", "date", "datetime")
 SECONDS = ("sec", "secs", "second", "seconds", "ms", "msec", "us", "usec")
 """Names of a column of time that are its unit as well."""
-RECORDS = ("record", "run", "trial", "experiment", "exp", "repetition", "rep", "cycle", "segment", "test")
+RECORDS = ("record", "rec", "run", "trial", "experiment", "exp", "repetition", "rep", "cycle", "segment", "test", "nr")
 STEPS, RATES = ("ts", "dt", "sampling_time", "sample_time", "t_sample"), ("fs", "rate", "sampling_rate", "sample_rate")
 PARTS = ("part", "set", "split", "phase", "dataset", "purpose")
 INPUTS = ("u", "input", "in", "drive", "excitation", "command", "cmd", "u1")

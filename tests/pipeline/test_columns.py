@@ -217,6 +217,47 @@ def test_dates_with_a_day_that_may_be_a_month_are_asked_for(look, tmp_path):
     assert any(line.startswith(told) for line in look(tmp_path / "x.csv"))
 
 
+@pytest.mark.parametrize("name", ["Lauf", "Nr", "Versuch", "rec", "serie"])
+@pytest.mark.parametrize("values", [[1, 2, 3], [0.0, 1.0, 5.0], ["a", "c", "b"]])
+def test_what_changes_where_time_begins_anew_tells_records_apart(look, tmp_path, name, values):
+    time, drive, answer = make_run(60)
+    frame = pd.DataFrame({"t": np.tile(time[:20], 3), "F_N": drive, "x_mm": answer, name: np.repeat(values, 20)})
+    frame.assign(gear=np.tile(np.repeat([1, 2], 10), 3), Zeile=np.arange(60)).to_csv(tmp_path / "x.csv", index=False)
+    lines = look(tmp_path / "x.csv")
+    assert f"columns.record={name}" in arguments(lines)
+    assert f"records: {', '.join(f'{each} (20 rows)' for each in values)}" in lines
+    assert any("the unit of gear, Zeile, left out" in line for line in lines)
+
+
+def test_a_number_of_the_row_is_no_record(look, tmp_path):
+    time, drive, _ = make_run(60)
+    pd.DataFrame({"Nr": np.arange(60), "t": time, "F_N": drive}).to_csv(tmp_path / "x.csv", index=False)
+    assert not any("record" in each for each in arguments(look(tmp_path / "x.csv"))[2:])
+
+
+def test_a_name_that_comes_again_is_no_record(look, tmp_path):
+    (tmp_path / "x.csv").write_text("t,F,F\n" + "".join(f"{k},1,{k % 7}\n" for k in range(40)))
+    assert not any("record" in each for each in arguments(look(tmp_path / "x.csv"))[2:])
+
+
+def test_parts_whose_time_begins_anew_need_no_record(look, tmp_path):
+    time, drive, _ = make_run(60)
+    frame = {"t": np.tile(time[:30], 2), "F_N": drive, "set": np.repeat(["est", "val"], 30), "k": np.repeat([1, 2], 30)}
+    pd.DataFrame(frame).to_csv(tmp_path / "x.csv", index=False)
+    told = arguments(look(tmp_path / "x.csv"))
+    assert "columns.part=set" in told
+    assert not any(each.startswith("columns.record") for each in told)
+
+
+@pytest.mark.parametrize("begins_anew", [True, False])
+def test_structs_of_an_array_are_records(look, tmp_path, begins_anew):
+    time, drive, _ = make_run(60)
+    clock = np.tile(time[:20], 3) if begins_anew else time
+    runs = [{"zeit": clock[k : k + 20], "F_N": drive[k : k + 20]} for k in (0, 20, 40)]
+    savemat(tmp_path / "x.mat", {"versuch": np.array(runs, dtype=object)})
+    assert "columns.record=versuch" in arguments(look(tmp_path / "x.mat"))
+
+
 def test_a_folder_of_muscles_needs_no_map(look, tmp_path):
     assert arguments(look(write_dataset(tmp_path / "arm"))) == ["workflow=discrepancy", "plan=true"]
 
