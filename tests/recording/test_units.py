@@ -1,11 +1,13 @@
 """Units of others, against constants of physics and each other."""
 
+import re
+
 import pandas as pd
 import pytest
 from scipy import constants
 
 from stages.recording import convert, known_units, own_unit, read_heading, read_unit
-from stages.recording.units import KINDS
+from stages.recording.units import KINDS, choose_unit
 from tests.conftest import ROOT
 
 
@@ -156,3 +158,22 @@ def test_units_are_known_however_they_are_spelled(text, unit):
 )
 def test_headings_state_their_units(heading, name, unit):
     assert read_heading(heading)[:2] == (name, unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "told"),
+    [
+        (
+            "flow_m3_s",
+            "l/min",
+            "no unit 'l/min' for a name that ends in s; name the signal flow_m3_per_s, with",
+        ),
+        ("v_m_s", "mm/s", "no unit 'mm/s' for a name that ends in s; name the signal v_m_per_s, with per for /"),
+        ("flow_l_min", "m3/h", "no unit 'm3/h' for a name that ends in min; name the signal flow_l_per_min, with per"),
+        ("delay_s", "l/min", "no unit 'l/min'; choose from: s, us, ms, min"),
+        ("speed", "mm/s", "for a name that ends in no unit; name the signal speed_m_per_s"),
+    ],
+)
+def test_a_unit_that_the_name_lacks_is_told_with_a_name_that_has_it(name, unit, told):
+    with pytest.raises(ValueError, match=re.escape(told)):
+        choose_unit(name, unit)
