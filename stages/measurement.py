@@ -29,7 +29,7 @@ from pipeline.inputs import InputPath, read_json
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton
-from stages.plant.machine import list_kinds
+from stages.plant.machine import list_signals
 from stages.recording import (
     MUSCLE_COLUMNS,
     WHOLE,
@@ -272,7 +272,7 @@ def describe_file(path: InputPath) -> list[str]:
     header = read_header(file)
     with about(str(file)):
         lines, guess = describe(
-            read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER, list_kinds()
+            read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER, list_signals()
         )
     kind = [] if guess.muscles else ["measurement=records"]
     told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles]), "plan=true"]

@@ -36,7 +36,7 @@ def describe(
     single: Mapping[str, float],
     remarks: Sequence[str],
     largest_jitter: float,
-    machines: Sequence[str],
+    machines: Mapping[str, Mapping[str, int]],
 ) -> tuple[list[str], Guess]:
     """Return all that can be told of a file, as lines, and the map that its headings and values make plain.
 
@@ -52,8 +52,8 @@ def describe(
         How the file is read.
     largest_jitter : float
         Deviation of a step of time from whole periods that is borne, in periods.
-    machines : sequence of str
-        Kinds that could have been recorded.
+    machines : mapping of str to mapping of str to int
+        By kind that could have been recorded, the keys that name its signals, each with how many it names.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def quote(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def tell_unknown(guess: Guess, machines: Sequence[str]) -> list[str]:
+def tell_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Return what the headings leave open, each with what to type."""
     lines = []
     if TIME not in guess.columns and guess.rate_hz is None:
@@ -205,8 +205,26 @@ def tell_unknown(guess: Guess, machines: Sequence[str]) -> list[str]:
     for does, key, signal in roles:
         if signal is None and guess.signals:
             lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}")
-    others = ", ".join(each for each in machines if each != SIMPLEST)
-    return [*lines, f"which machine it is: plant={SIMPLEST} is put here; others are {others}"]
+    others = [_tell_machine(guess, kind, keys) for kind, keys in machines.items() if kind != SIMPLEST]
+    return [
+        *lines,
+        f"which machine it is: plant={SIMPLEST} is put here; in place of it and its signals may stand",
+        *(f"  {each}" for each in others),
+    ]
+
+
+def _tell_machine(guess: Guess, kind: str, keys: Mapping[str, int]) -> str:
+    """Return the arguments that choose a machine, with its signals as far as they are plain."""
+    rest = [each for each in guess.signals if each != guess.output]
+    told = guess.output is not None and len(rest) == sum(keys.values()) - 1
+    named = iter(rest if told else [])
+    if not told and guess.input and sum(keys.values()) == 2:
+        named = iter([guess.input])
+    arguments = []
+    for key, count in keys.items():
+        signals = [guess.output or "NAME"] if key == "output" else [next(named, "NAME") for _ in range(count)]
+        arguments.append(f"plant.{key}={signals[0]}" if count == 1 else f"'plant.{key}=[{','.join(signals)}]'")
+    return " ".join([f"plant={kind}", *arguments])
 
 
 def _is_number(values: pd.Series) -> bool:

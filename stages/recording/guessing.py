@@ -210,3 +210,6 @@ def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], u
         guess.take(name, column, unit)
         if role is not None:
             setattr(guess, role, name)
+    if len(guess.signals) == 2 and (guess.input is None) != (guess.output is None):
+        other = next(each for each in guess.signals if each not in (guess.input, guess.output))
+        guess.input, guess.output = guess.input or other, guess.output or other

@@ -124,10 +124,19 @@ def test_a_column_of_parts_comes_into_the_command_if_its_values_say_what_they_ar
     assert [each for each in arguments(look(tmp_path / "x.csv")) if each.startswith("parts")] == told
 
 
-def test_the_machines_that_it_may_be_are_told(look, tmp_path):
-    pd.DataFrame({"t": [0.0, 0.1], "u": [1.0, 2.0]}).to_csv(tmp_path / "x.csv", index=False)
-    (line,) = (each for each in look(tmp_path / "x.csv") if "which machine it is" in each)
-    assert line.endswith("others are cascaded_tanks, first_order, pam_joint, servo_drive, static_map")
+def test_the_machines_that_it_may_be_are_told_with_their_signals(look, tmp_path):
+    time, drive, answer = make_run(20)
+    pd.DataFrame({"t": time, "u": drive, "way_mm": answer}).to_csv(tmp_path / "x.csv", index=False)
+    lines = look(tmp_path / "x.csv")
+    at = lines.index("  which machine it is: plant=second_order is put here; in place of it and its signals may stand")
+    assert lines[at + 1 : at + 6] == [
+        "    plant=cascaded_tanks plant.input=drive_v plant.output=way_m",
+        "    plant=first_order plant.input=drive_v plant.output=way_m",
+        "    plant=pam_joint 'plant.pressures=[NAME,NAME]' plant.output=way_m",
+        "    plant=servo_drive plant.force=drive_v plant.output=way_m",
+        "    plant=static_map plant.along=drive_v plant.output=way_m",
+    ]
+    assert arguments(lines)[-4:-1] == ["plant=second_order", "plant.input=drive_v", "plant.output=way_m"]
 
 
 @pytest.mark.parametrize(
