@@ -91,6 +91,8 @@ def main() -> int:
             overrides = get_args_parser().parse_args(sys.argv[1:]).overrides
             return run_sweep(overrides, typed, CONFIG_FOLDER, options.config_dir, files)
         task()
+        if asks:
+            sys.stdout.flush()
         for fault in faults:
             raise fault
     except (HydraException, OmegaConfBaseException, PipelineError) as error:
@@ -105,6 +107,9 @@ def main() -> int:
     except Exception as error:
         if debugging:
             raise
+        if isinstance(error, BrokenPipeError) and not begun:  # whoever read the help has read enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
         if not begun:
             complain(f"{explain(error)}; python -m pipeline --help shows what can be set")
             return 2
@@ -182,7 +187,7 @@ def explain(error: Exception) -> str:
         known = _known_keys(path)
         grows = "." in path and bool(known) and all(each is None or isinstance(each, str) for each in known.values())
         added = f"; to add it, type +{path}=..." if grows else ""
-        return f"unknown key '{path}': {suggest(path.split('.')[-1], known)}{added}"
+        return _explain_unknown(path, known) + added
     option = re.search(r"Could not find '([^']+)'[\s\S]*Available options in '[^']+':\s*([\s\S]*?)(?:\n\S|\Z)", text)
     if option:
         group, _, name = option.group(1).rpartition("/")
@@ -192,6 +197,24 @@ def explain(error: Exception) -> str:
         return f"unknown group '{group_override.group(1)}': {suggest(group_override.group(1), _known_keys(''))}"
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return "; ".join(lines[:2])
+
+
+def _explain_unknown(path: str, known: Mapping[str, object]) -> str:
+    """Return what is wrong with a key: the section that is not there, the option without it, or its last word."""
+    parts = path.split(".")
+    for depth in range(1, len(parts)) if not known else ():
+        beside = _known_keys(".".join(parts[:depth]))
+        if beside and parts[depth - 1] not in beside:
+            return f"unknown key '{'.'.join(parts[:depth])}': {suggest(parts[depth - 1], beside)}"
+    told = f"unknown key '{path}': {suggest(parts[-1], known)}"
+    others = _list_options_with(parts[0], parts[1]) if len(parts) == 2 else []
+    return f"{told}; it is a key of {parts[0]}={' or '.join(others)}" if others and "did you mean" not in told else told
+
+
+def _list_options_with(group: str, key: str) -> list[str]:
+    """Return the options of a group that have a key."""
+    files = sorted((CONFIG_FOLDER / group).glob("*.yaml"))
+    return [each.stem for each in files if key in (OmegaConf.load(each) or {})]
 
 
 def list_groups(arguments: list[str]) -> list[str]:

@@ -14,10 +14,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import pandas as pd
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from pipeline.bags import is_bag
 from pipeline.command import command_line
@@ -29,7 +29,7 @@ from pipeline.inputs import InputPath, read_json
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.plant import Exoskeleton
-from stages.plant.machine import list_kinds
+from stages.plant.machine import list_signals
 from stages.recording import (
     MUSCLE_COLUMNS,
     WHOLE,
@@ -67,6 +67,10 @@ SAMPLES, META = "samples.parquet", "meta.json"
 
 HELD = "command held until the next sample; sensors sample before the command acts"
 """Timing of every rig."""
+
+TOGETHER = "several records go into one file, told apart by a column: columns.record=NAME"
+FEW = 5
+"""Files of a folder that a message names."""
 
 NAMES = ("muscle", "part", "record")
 RECORD_KEY, MUSCLE_KEY = ("record", "time_s"), ("trial", "muscle", "time_s")
@@ -171,11 +175,18 @@ class Stages(View):
     stages: list[str]
 
 
+def check_one(value: Any) -> Any:
+    """Refuse a list of paths."""
+    if isinstance(value, list):
+        raise ValueError(f"expected one path, got {len(value)}; {TOGETHER}")
+    return value
+
+
 class SomethingMeasured(View):
     """There is a path, or a stage that records."""
 
     workflow: Stages
-    measured: str | None
+    measured: Annotated[str | None, BeforeValidator(check_one)]
 
     @model_validator(mode="after")
     def _find_source(self) -> Self:
@@ -192,7 +203,7 @@ class Config(Section):
 
     checks: ClassVar = (SomethingMeasured,)
 
-    measured: InputPath | None
+    measured: Annotated[InputPath | None, BeforeValidator(check_one)]
     columns: dict[str, str | None]
     units: dict[str, str | None]
     measurement: Measurement
@@ -267,12 +278,10 @@ def show_map(cfg: Config) -> list[str]:
 def describe_file(path: InputPath) -> list[str]:
     """Return what a file holds, as lines that end in the command line with the map of its columns."""
     file = find_samples(path)
-    if not file.exists():
-        raise InputError(f"{path}: expected {SAMPLES} in this folder, got none; name a file")
     header = read_header(file)
     with about(str(file)):
         lines, guess = describe(
-            read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER, list_kinds()
+            read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER, list_signals()
         )
     kind = [] if guess.muscles else ["measurement=records"]
     told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles]), "plan=true"]
@@ -324,8 +333,17 @@ def about(file: str) -> Iterator[None]:
 
 
 def find_samples(path: InputPath) -> Path:
-    """Return the file that holds the samples."""
-    return Path(path) / SAMPLES if is_folder(path) else Path(path)
+    """Return the file that holds the samples; refuse a folder of other files."""
+    if not is_folder(path):
+        return Path(path)
+    if not (Path(path) / SAMPLES).is_file():
+        names = [each.name for each in path.files]
+        told = f"{', '.join(names[:FEW])}{', ...' * (len(names) > FEW)}" if names else "none"
+        remedy = (
+            f"name one file, as measured={quote(str(Path(path) / names[0]))}; {TOGETHER}" if names else "name a file"
+        )
+        raise InputError(f"{path}: expected {SAMPLES} in this folder, got {told}; {remedy}")
+    return Path(path) / SAMPLES
 
 
 def is_folder(path: InputPath) -> bool:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from pipeline.errors import InputError
+from pipeline.errors import ConfigError, InputError
 from tests.measured_data import read_measured
 
 TANKS = Path("/work/shared/data/cascaded_tanks/cascaded_tanks.parquet")
@@ -32,6 +32,17 @@ def refusal(tmp_path, path, *overrides):
         read_measured(tmp_path, path, *overrides)
     assert "\n" not in str(refused.value)
     return str(refused.value)
+
+
+def test_several_files_are_refused_with_how_to_bring_several_records(tmp_path):
+    (tmp_path / "runs").mkdir()
+    for name in ("a", "b"):
+        make_record().to_csv(tmp_path / "runs" / f"{name}.csv", index=False)
+    told = refusal(tmp_path, tmp_path / "runs", *MAP)
+    assert "runs: expected samples.parquet in this folder, got a.csv, b.csv; name one file, as measured=" in told
+    assert told.endswith("several records go into one file, told apart by a column: columns.record=NAME")
+    with pytest.raises(ConfigError, match="measured: expected one path, got 2; several records go into one file"):
+        read_measured(tmp_path, f"[{tmp_path}/runs/a.csv,{tmp_path}/runs/b.csv]", *MAP)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "mat"])

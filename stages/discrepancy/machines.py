@@ -62,20 +62,32 @@ def _check_signals(signals: pd.DataFrame, plant: RecordPlant) -> None:
     known = list(dict.fromkeys(signals["signal"]))
     for name in (*plant.inputs, plant.output):
         if name not in known:
-            settings = list(dict.fromkeys(_list_settings(plant.model_dump(), name, "plant")))
+            settings = dict(_list_settings(plant.model_dump(), name, "plant"))
             raise ValueError(
                 f"signal {name}, named by {' and '.join(settings)}: expected it to be measured; known are "
-                f"{', '.join(known)}"
+                f"{', '.join(known)}; type {_tell_remedy(settings, name, plant, known)}, or add +columns.{name}=COLUMN"
             )
 
 
-def _list_settings(section: Any, name: str, key: str) -> Iterator[str]:
-    """Yield the keys of a configuration whose value is a name, or a list with it."""
+def _tell_remedy(settings: Mapping[str, Any], name: str, plant: RecordPlant, known: Sequence[str]) -> str:
+    """Return the setting that names another signal: the one that is left, if it is one."""
+    left = [each for each in known if each not in (*plant.inputs, plant.output)]
+    missing = [each for each in (*plant.inputs, plant.output) if each not in known]
+    other = left[0] if len(left) == len(missing) == 1 else "NAME"
+    key = next((each for each in settings if not each.startswith("plant.constants.")), next(iter(settings)))
+    value = settings[key]
+    if isinstance(value, str):
+        return f"{key}={other}"
+    return f"'{key}=[{','.join(other if each in missing else each for each in value)}]'"
+
+
+def _list_settings(section: Any, name: str, key: str) -> Iterator[tuple[str, Any]]:
+    """Yield the keys and values of a configuration whose value is a name, or a list with it."""
     if isinstance(section, Mapping):
         for own, value in section.items():
             yield from _list_settings(value, name, f"{key}.{own}")
     elif section == name or (isinstance(section, list) and name in section):
-        yield key
+        yield key, section
 
 
 def settle(plant: Plant | RecordPlant, cells: Sequence[Cell]) -> Plant | RecordPlant:

@@ -327,13 +327,24 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
     )
 
 
+def _is_still(values: Array) -> bool:
+    return bool(np.ptp(values) <= SAME * np.abs(values).max(initial=0.0))
+
+
 def _check_records(records: Mapping[str, pd.DataFrame], trials: pd.DataFrame, plant: RecordPlant) -> None:
     output = plant.output
     for name in plant.inputs:
         if all((rows[name].fillna(0.0) == 0.0).all() for rows in records.values()):
             raise ValueError(f"signal {name}: expected an input that acts, got 0 throughout")
+    pushed = {name: np.concatenate([rows[name].dropna() for rows in records.values()]) for name in plant.inputs}
+    if pushed and all(_is_still(each) for each in pushed.values()):
+        name, each = next(iter(pushed.items()))
+        raise ValueError(
+            f"signal {name}: expected an input that changes, got {each[0]:g} throughout; by that, nothing can be told "
+            "apart"
+        )
     values = np.concatenate([rows[output].dropna().to_numpy(dtype=float) for rows in records.values()])
-    if np.ptp(values) <= SAME * np.abs(values).max(initial=0.0):
+    if _is_still(values):
         raise ValueError(f"signal {output}: expected an output that changes, got {values[0]:g} throughout")
     if np.abs(values).max() > LARGEST:
         raise ValueError(f"signal {output}: expected values below {LARGEST:g}, got {np.abs(values).max():g}")

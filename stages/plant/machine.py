@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any
 
+from annotated_types import MinLen
 from pydantic import PlainValidator
+from pydantic.fields import FieldInfo
 
 from stages.plant.declaration import nearest
 from stages.plant.plant import Plant
@@ -20,6 +22,21 @@ def list_kinds() -> tuple[str, ...]:
     """Return the kinds of machines whose records are simulated: the modules of ``stages.plant.machines``."""
     package = importlib.import_module("stages.plant.machines")
     return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
+
+
+def list_signals() -> dict[str, dict[str, int]]:
+    """Return by kind of machine the keys that name its signals, each with how many it names, the output last."""
+    found = {}
+    for kind in list_kinds():
+        fields = importlib.import_module(f"stages.plant.machines.{kind}").PLANT.model_fields
+        named = {key: 1 for key, each in fields.items() if each.annotation is str and key != "output"}
+        lists = {key: _fewest(each) for key, each in fields.items() if each.annotation == list[str]}
+        found[kind] = named | lists | {"output": 1}
+    return found
+
+
+def _fewest(field: FieldInfo) -> int:
+    return next((each.min_length for each in field.metadata if isinstance(each, MinLen)), 1)
 
 
 def read_machine(section: Any) -> Plant | RecordPlant:

@@ -11,6 +11,7 @@ from stages.recording.clock import count_time, find_rate, regularise
 from stages.recording.column_map import ColumnMap
 from stages.recording.columns import RecordingError, adopt, check_rows, tell_rows
 from stages.recording.completion import derive_velocity
+from stages.recording.dates import read_dates
 from stages.recording.description import describe, list_arguments, quote
 from stages.recording.endings import join_parts, name_parts
 from stages.recording.guessing import Guess, guess_map
@@ -65,6 +66,7 @@ __all__ = [
     "number_blocks",
     "own_unit",
     "quote",
+    "read_dates",
     "read_heading",
     "read_parts",
     "read_session",

@@ -12,13 +12,12 @@ from difflib import get_close_matches
 import numpy as np
 import pandas as pd
 
+from stages.recording.dates import read_dates
 from stages.recording.units import choose_unit, convert
 
 SHOWN_ROWS = 3
 TIME = "time_s"
 COUNTED = ", or set measurement.rate_hz (Hz) where no column is time"
-CLOCK, DATE = r"\d{1,2}:\d{2}:\d{2}([.,]\d+)?", r"\d{4}-\d{2}-\d{2}"
-"""A time of day, and how a date begins (ISO 8601)."""
 
 
 class RecordingError(ValueError):
@@ -130,7 +129,7 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
         unit = choose_unit(name, units.get(name))
     except ValueError as error:
         raise RecordingError(str(error)) from None
-    if name == TIME and (passed := read_dates(values)) is not None:
+    if name == TIME and (passed := _read_dates(values)) is not None:
         return passed
     numbers = values if values.dtype.kind in "fiu" else pd.to_numeric(values, errors="coerce")
     wrong = numbers.isna() & values.notna()
@@ -138,7 +137,8 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
         wrong = values.notna()
     if wrong.any():
         first = values[wrong].iloc[0]
-        raise RecordingError(f"column {values.name}: expected numbers, got {str(first)[:40]!r} in {tell_rows(wrong)}")
+        expected = "numbers or dates, as 2026-06-05 10:00:00," if name == TIME else "numbers,"
+        raise RecordingError(f"column {values.name}: expected {expected} got {str(first)[:40]!r} in {tell_rows(wrong)}")
     numbers = numbers.astype(float)
     infinite = numbers.abs() == np.inf
     if infinite.any():
@@ -146,19 +146,11 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
     return convert(numbers, name, unit)
 
 
-def read_dates(values: pd.Series) -> pd.Series | None:
-    """Return seconds from the first of dates, or of times of day; None where the values are neither."""
-    if values.dtype.kind not in "mM":
-        if values.dtype.kind in "fiub" or not values.notna().any():
-            return None
-        text = values.astype(str)
-        if text.str.fullmatch(CLOCK).all():
-            values = pd.to_timedelta(text.str.replace(",", "."))
-        elif text.str.match(DATE).all():
-            values = pd.to_datetime(text.str.replace(",", "."), format="ISO8601", errors="coerce", utc=True)
-        if values.dtype.kind not in "mM" or values.isna().any():
-            return None
-    return (values - values.iloc[0]).dt.total_seconds()
+def _read_dates(values: pd.Series) -> pd.Series | None:
+    try:
+        return read_dates(values)
+    except ValueError as error:
+        raise RecordingError(f"column {values.name}: {error}") from None
 
 
 def _rows(values: pd.Series) -> str:

@@ -13,9 +13,11 @@ import numpy as np
 import pandas as pd
 
 from stages.recording.clock import find_rate
-from stages.recording.columns import TIME, RecordingError, adopt, read_dates
+from stages.recording.columns import TIME, RecordingError, adopt
+from stages.recording.dates import is_dates
 from stages.recording.guessing import Guess, guess_map, pair_parts
 from stages.recording.headings import read_heading
+from stages.recording.labels import list_labels, restarts, stays
 from stages.recording.uneven import FEWEST, count_rounded, is_uneven
 from stages.recording.units import own_unit
 
@@ -34,7 +36,7 @@ def describe(
     single: Mapping[str, float],
     remarks: Sequence[str],
     largest_jitter: float,
-    machines: Sequence[str],
+    machines: Mapping[str, Mapping[str, int]],
 ) -> tuple[list[str], Guess]:
     """Return all that can be told of a file, as lines, and the map that its headings and values make plain.
 
@@ -50,8 +52,8 @@ def describe(
         How the file is read.
     largest_jitter : float
         Deviation of a step of time from whole periods that is borne, in periods.
-    machines : sequence of str
-        Kinds that could have been recorded.
+    machines : mapping of str to mapping of str to int
+        By kind that could have been recorded, the keys that name its signals, each with how many it names.
 
     Raises
     ------
@@ -95,11 +97,29 @@ def guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], si
     numeric = {name: values.dropna().to_numpy(float) for name, values in columns.items() if _is_number(values)}
     constant = {name: float(each[0]) for name, each in numeric.items() if len(each) and (each == each[0]).all()}
     single = {**single, **constant}
-    numbers = [name for name, values in columns.items() if _is_number(values) or read_dates(values) is not None]
-    guess = guess_map(numbers, [name for name in columns if name not in numbers], units, single)
+    dates = [name for name, values in columns.items() if not _is_number(values) and is_dates(values)]
+    numbers = [name for name, values in columns.items() if _is_number(values) or name in dates]
+    texts = [name for name in columns if name not in numbers]
+    guess = guess_map(numbers, texts, units, single, sorted(dates, key=lambda each: -columns[each].nunique()))
+    if not guess.muscles and not guess.endings:
+        _tell_records_apart(guess, columns)
     if "part" in guess.columns:
         guess.parts = pair_parts([str(each) for each in columns[guess.columns["part"]].dropna().unique()])
     return guess
+
+
+def _tell_records_apart(guess: Guess, columns: Mapping[str, pd.Series]) -> None:
+    """Take for the record what labels records by its values; a column of that name which does not is none."""
+    named, part, time = (guess.columns.get(each) for each in ("record", "part", TIME))
+    labels = [each for each in list_labels(columns, time) if each == named or each not in guess.columns.values()]
+    if named is not None and named not in labels and (labels or not stays(columns[named])):
+        del guess.columns["record"]
+        guess.left += [named] if _is_number(columns[named]) else []
+    if named in labels or "record" in guess.columns or not labels:
+        return
+    if part is None or time is None or restarts(columns, time, part):
+        guess.take("record", labels[0])
+        guess.left = [each for each in guess.left if each != labels[0]]
 
 
 def describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitter: float) -> list[str]:
@@ -160,7 +180,7 @@ def quote(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def tell_unknown(guess: Guess, machines: Sequence[str]) -> list[str]:
+def tell_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Return what the headings leave open, each with what to type."""
     lines = []
     if TIME not in guess.columns and guess.rate_hz is None:
@@ -185,8 +205,26 @@ def tell_unknown(guess: Guess, machines: Sequence[str]) -> list[str]:
     for does, key, signal in roles:
         if signal is None and guess.signals:
             lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}")
-    others = ", ".join(each for each in machines if each != SIMPLEST)
-    return [*lines, f"which machine it is: plant={SIMPLEST} is put here; others are {others}"]
+    others = [_tell_machine(guess, kind, keys) for kind, keys in machines.items() if kind != SIMPLEST]
+    return [
+        *lines,
+        f"which machine it is: plant={SIMPLEST} is put here; in place of it and its signals may stand",
+        *(f"  {each}" for each in others),
+    ]
+
+
+def _tell_machine(guess: Guess, kind: str, keys: Mapping[str, int]) -> str:
+    """Return the arguments that choose a machine, with its signals as far as they are plain."""
+    rest = [each for each in guess.signals if each != guess.output]
+    told = guess.output is not None and len(rest) == sum(keys.values()) - 1
+    named = iter(rest if told else [])
+    if not told and guess.input and sum(keys.values()) == 2:
+        named = iter([guess.input])
+    arguments = []
+    for key, count in keys.items():
+        signals = [guess.output or "NAME"] if key == "output" else [next(named, "NAME") for _ in range(count)]
+        arguments.append(f"plant.{key}={signals[0]}" if count == 1 else f"'plant.{key}=[{','.join(signals)}]'")
+    return " ".join([f"plant={kind}", *arguments])
 
 
 def _is_number(values: pd.Series) -> bool:
@@ -194,7 +232,7 @@ def _is_number(values: pd.Series) -> bool:
 
 
 def _tell_type(values: pd.Series) -> str:
-    if read_dates(values) is not None:
+    if not _is_number(values) and is_dates(values):
         return "dates" if values.dtype.kind != "m" else "durations"
     if values.dtype.kind == "b":
         return "yes or no"

@@ -11,10 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from stages.recording.headings import Heading, read_heading
-from stages.recording.units import KINDS, end_of, find_kind, own_unit
+from stages.recording.units import KINDS, end_of, find_kind, own_unit, read_unit
 
-TIMES = ("t", "time", "times", "time_s", "timestamp", "zeit", "temps", "seconds", "elapsed", "date", "datetime")
-RECORDS = ("record", "run", "trial", "experiment", "exp", "repetition", "rep", "cycle", "segment", "test")
+TIMES = ("t", "time", "times", "time_s", "timestamp", "stamp", "zeit", "temps", "elapsed", "date", "datetime")
+SECONDS = ("sec", "secs", "second", "seconds", "ms", "msec", "us", "usec")
+"""Names of a column of time that are its unit as well."""
+RECORDS = ("record", "rec", "run", "trial", "experiment", "exp", "repetition", "rep", "cycle", "segment", "test", "nr")
 STEPS, RATES = ("ts", "dt", "sampling_time", "sample_time", "t_sample"), ("fs", "rate", "sampling_rate", "sample_rate")
 PARTS = ("part", "set", "split", "phase", "dataset", "purpose")
 INPUTS = ("u", "input", "in", "drive", "excitation", "command", "cmd", "u1")
@@ -104,7 +106,11 @@ def find_endings(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def guess_map(
-    numbers: Sequence[str], texts: Sequence[str], units: Mapping[str, str], single: Mapping[str, float]
+    numbers: Sequence[str],
+    texts: Sequence[str],
+    units: Mapping[str, str],
+    single: Mapping[str, float],
+    dates: Sequence[str] = (),
 ) -> Guess:
     """Return the map that the headings make plain.
 
@@ -116,6 +122,8 @@ def guess_map(
         From a row of their own, by column.
     single : mapping of str to float
         Numbers that stand alone.
+    dates : sequence of str
+        Those of the columns that hold dates or times of day, the likeliest for time first.
     """
     guess = Guess()
     everything = [*numbers, *texts]
@@ -128,10 +136,9 @@ def guess_map(
         ]
         units = {**units, **{each.removesuffix(first): told for each, told in units.items()}}
     plain = {each: _plain(_read(each, units).name) for each in [*numbers, *texts]}
-    _take_first(guess, "time_s", [each for each in everything if plain.get(each) in TIMES], units)
-    if "time_s" not in guess.columns:
-        clocks = [each for each in numbers if _kind(each, units) == "time"]
-        _take_first(guess, "time_s", clocks, units)
+    named = [each for each in everything if plain.get(each) in (*TIMES, *SECONDS)]
+    clocks = [each for each in numbers if _kind(each, units) == "time"]
+    _take_first(guess, "time_s", [*(each for each in named if each not in dates), *dates, *clocks], units)
     if "time_s" not in guess.columns:
         steps = [1.0 / value for name, value in single.items() if _plain(name) in STEPS and value > 0.0]
         rates = [value for name, value in single.items() if _plain(name) in RATES and value > 0.0]
@@ -165,7 +172,7 @@ def _kind(column: str, units: Mapping[str, str]) -> str | None:
 
 def _take_first(guess: Guess, name: str, columns: Sequence[str], units: Mapping[str, str]) -> None:
     if columns:
-        unit = _read(columns[0], units).unit if name == "time_s" else None
+        unit = _read(columns[0], units).unit or read_unit(_plain(columns[0])) if name == "time_s" else None
         guess.take(name, columns[0], unit if unit in KINDS["time"] else None)
 
 
@@ -203,3 +210,6 @@ def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], u
         guess.take(name, column, unit)
         if role is not None:
             setattr(guess, role, name)
+    if len(guess.signals) == 2 and (guess.input is None) != (guess.output is None):
+        other = next(each for each in guess.signals if each not in (guess.input, guess.output))
+        guess.input, guess.output = guess.input or other, guess.output or other

@@ -10,12 +10,46 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from stages.recording.columns import RecordingError
-from stages.recording.units import ENDS, ZEROS, choose_unit, end_of, find_kind, known_units, own_unit, read_unit
+from stages.recording.units import (
+    ENDS,
+    OTHER_SPELLINGS,
+    ZEROS,
+    choose_unit,
+    end_of,
+    find_kind,
+    known_units,
+    own_unit,
+    read_unit,
+)
 
 BRACKETED = re.compile(r"^(.*?)\s*[\[({]\s*([^\[({\])}]+?)\s*[\])}]\s*$")
-BEHIND_A_SIGN = re.compile(r"^(.*\S)(?:\s*[/,;]\s*|\s+in\s+)(\S+)$")
-NAMES_BESIDES = ("k", "g", "w", "a")
-"""Letters that end more names than they state units."""
+BETWEEN = re.compile(r"\s+in\s+|\s*[/,;]\s*|[\s_.]+|(?<=\w)(?=[%°])")
+"""What may stand between a quantity and its unit."""
+SIGNS = ("in", "/", ",", ";")
+"""Of these, those that set a unit apart."""
+NAMES_BESIDES = ("k", "g", "w", "a", "in", "-")
+"""What ends more names than it states units."""
+ONLY_IN_COMPOUNDS = (
+    "l",
+    "ml",
+    "h",
+    "J",
+    "kJ",
+    "mol",
+    "lb",
+    "ft",
+    "oz",
+    "ohm",
+    "rev",
+    "inc",
+    "counts",
+    "dB",
+    "m2",
+    "m3",
+)
+"""Pieces of units that are none of those that convert."""
+CLOCK = re.compile(r"(.*[\W_])?(t|\w*time\w*|\w*zeit\w*|temps|elapsed|duration|delay)", re.IGNORECASE)
+"""A name whose unit is one of time alone, and not a part of another one."""
 
 
 class Heading(NamedTuple):
@@ -38,17 +72,40 @@ def read_heading(text: str, told: str = "") -> Heading:
     """
     if told and (unit := read_unit(told)) is not None:
         return Heading(read_heading(text).name, unit, True)
-    for pattern in (BRACKETED, BEHIND_A_SIGN):
-        found = pattern.match(text)
-        if found and (unit := read_unit(found.group(2))) is not None:
-            return Heading(found.group(1), unit, True)
-    words = [each for each in re.split(r"[_\s.]+", text) if each]
-    for count in range(min(4, len(words) - 1), 0, -1):
-        end = "_".join(words[-count:]).lower()
-        end = end if end in ENDS else re.sub(r"_s(2?)$", r"_per_s\1", end)
-        if end in ENDS and end not in NAMES_BESIDES:
-            return Heading("_".join(words[:-count]), ENDS[end][1], len(end) > 1)
+    found = BRACKETED.match(text)
+    if found and (unit := read_unit(found.group(2))) is not None:
+        return Heading(found.group(1), unit, True)
+    for gap in BETWEEN.finditer(text):
+        name, end, sign = text[: gap.start()], text[gap.end() :].strip(), gap.group().strip()
+        unit = _read_end(end, sign in SIGNS) if name else None
+        if unit is not None:
+            known = not _is_compound(name, unit, gap.group())
+            return Heading(name, unit, sign in SIGNS or len(end) > 1) if known else Heading(text, None, False)
     return Heading(text, None, False)
+
+
+def _read_end(end: str, apart: bool) -> str | None:
+    """Return the unit that the end of a heading states, with underscores or as it is written."""
+    if not apart and end.lower() in NAMES_BESIDES:
+        return None
+    spelled = re.sub(r"[\s_.]+", "_", end).lower()
+    spelled = re.sub(r"_(s2?|min|h)$", r"_per_\1", spelled) if spelled not in ENDS else spelled
+    return ENDS[spelled][1] if spelled in ENDS else read_unit(end)
+
+
+def _is_compound(name: str, unit: str, gap: str) -> bool:
+    """Return whether a unit is the last piece of one that is not known, as mm is of N/mm, and no unit of the name."""
+    before = re.split(r"[\s_./,;]+", name)
+    kind = find_kind(unit)
+    piece = before[-1] if len(before) > 1 else ""
+    if piece in ONLY_IN_COMPOUNDS or (piece and read_unit(piece) is not None and _is_written_so(piece, kind)):
+        return True
+    return kind == "time" and (gap == "/" or unit == "min") and not CLOCK.fullmatch(name)
+
+
+def _is_written_so(piece: str, kind: str) -> bool:
+    """Return whether a piece of a name is spelled as its unit is; a small n before a length is one of force too."""
+    return piece == read_unit(piece) or piece in OTHER_SPELLINGS or (piece == "n" and kind == "length")
 
 
 def check_headings(

@@ -33,7 +33,14 @@ KINDS: dict[str, dict[str, float]] = {
     "power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
     "frequency": {"Hz": 1.0, "kHz": 1e3},
     "mass": {"kg": 1.0, "g": 1e-3},
-    "flow": {"m3/s": 1.0, "l/s": 1e-3, "l/min": 1e-3 / 60.0},
+    "flow": {
+        "m3/s": 1.0,
+        "m3/h": 1.0 / 3600.0,
+        "l/s": 1e-3,
+        "l/min": 1e-3 / 60.0,
+        "l/h": 1e-3 / 3600.0,
+        "ml/min": 1e-6 / 60.0,
+    },
     "temperature": {"K": 1.0, "degC": 1.0, "degF": 5.0 / 9.0},
     "ratio": {"ratio": 1.0, "percent": 0.01},
     "rate of a ratio": {"1/s": 1.0, "percent/s": 0.01},
@@ -47,6 +54,12 @@ OTHER_SPELLINGS = {
     "%": "percent",
     "-": "ratio",
     "sec": "s",
+    "secs": "s",
+    "second": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "usec": "us",
+    "minutes": "min",
     "inch": "in",
     "degree": "deg",
     "degrees": "deg",
@@ -104,6 +117,12 @@ def convert(values: pd.Series, name: str, unit: str) -> pd.Series:
     return scaled + shift if shift else scaled
 
 
+def spell_per(name: str) -> str:
+    """Return the name with ``per`` before its last word, if it ends in a unit then: flow_m3_per_s of flow_m3_s."""
+    spelled = re.sub(r"_([^_]+)$", r"_per_\1", name)
+    return spelled if "_per_" in _spell(own_unit(spelled)) and "_per_" not in name else name
+
+
 def read_unit(text: str) -> str | None:
     """Return the unit that a text means, however it is spelled; None where it is none."""
     told = re.sub(r"\s+", " ", text.strip().replace("µ", "u").replace("μ", "u").replace("·", " ").replace("*", " "))
@@ -139,6 +158,9 @@ def choose_unit(name: str, unit: str | None) -> str:
     if meant in known:
         return str(meant)
     told = f"units.{name}: no unit '{unit}'"
+    spelled = spell_per(name)
+    if meant is not None and spelled != name and meant in known_units(spelled):
+        raise ValueError(f"{told} for a name that ends in {own_unit(name)}; name the signal {spelled}, with per for /")
     if meant is not None and _state(name) == WITHOUT_END:
         stated = next(iter(KINDS[find_kind(meant)]))
         raise ValueError(f"{told} for a name that ends in no unit; name the signal {name}_{end_of(stated)}")

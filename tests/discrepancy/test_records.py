@@ -105,9 +105,11 @@ def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, t
     for plant, told in (
         ("nominal", "or second_order or"),
         ("second_order", "signal drive_v, named by plant.input: expected it to be measured; known are force_n"),
+        ("second_order", "; type plant.input=NAME, or add +columns.drive_v=COLUMN"),
         ("static_map", "signal position_m, named by plant.constants.stiffness.of and plant.along: expected"),
+        ("static_map +columns.way_m=F", "known are force_n, way_m; type plant.along=way_m, or add"),
     ):
-        result = pamid(*line, f"plant={plant}")
+        result = pamid(*line, *f"plant={plant}".split())
         assert result.returncode == 1
         (message,) = result.stderr.strip().splitlines()
         assert message.startswith("locate_gap failed: run.csv: ")

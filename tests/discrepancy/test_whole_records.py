@@ -195,6 +195,12 @@ def test_an_input_that_never_acts_is_refused():
         build_whole_records(*tabulate(signals), read_plant("servo_drive"))
 
 
+def test_an_input_that_never_changes_is_refused():
+    signals = {"force_n": np.full(4000, 2.5), "position_m": move(1, 4000)}
+    with pytest.raises(ValueError, match=r"signal force_n: expected an input that changes, got 2\.5 throughout; by"):
+        build_whole_records(*tabulate(signals), read_plant("servo_drive"))
+
+
 @pytest.mark.parametrize(("samples", "told"), [(45, "or set measurement.blocks=4 or fewer"), (29, "; record more$")])
 def test_advice_on_short_records_can_be_followed(samples, told):
     signals, trials = tabulate({"position_m": move(1, samples), "force_n": move(2, samples)})

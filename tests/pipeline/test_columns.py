@@ -124,10 +124,19 @@ def test_a_column_of_parts_comes_into_the_command_if_its_values_say_what_they_ar
     assert [each for each in arguments(look(tmp_path / "x.csv")) if each.startswith("parts")] == told
 
 
-def test_the_machines_that_it_may_be_are_told(look, tmp_path):
-    pd.DataFrame({"t": [0.0, 0.1], "u": [1.0, 2.0]}).to_csv(tmp_path / "x.csv", index=False)
-    (line,) = (each for each in look(tmp_path / "x.csv") if "which machine it is" in each)
-    assert line.endswith("others are cascaded_tanks, first_order, pam_joint, servo_drive, static_map")
+def test_the_machines_that_it_may_be_are_told_with_their_signals(look, tmp_path):
+    time, drive, answer = make_run(20)
+    pd.DataFrame({"t": time, "u": drive, "way_mm": answer}).to_csv(tmp_path / "x.csv", index=False)
+    lines = look(tmp_path / "x.csv")
+    at = lines.index("  which machine it is: plant=second_order is put here; in place of it and its signals may stand")
+    assert lines[at + 1 : at + 6] == [
+        "    plant=cascaded_tanks plant.input=drive_v plant.output=way_m",
+        "    plant=first_order plant.input=drive_v plant.output=way_m",
+        "    plant=pam_joint 'plant.pressures=[NAME,NAME]' plant.output=way_m",
+        "    plant=servo_drive plant.force=drive_v plant.output=way_m",
+        "    plant=static_map plant.along=drive_v plant.output=way_m",
+    ]
+    assert arguments(lines)[-4:-1] == ["plant=second_order", "plant.input=drive_v", "plant.output=way_m"]
 
 
 @pytest.mark.parametrize(
@@ -172,6 +181,90 @@ def test_what_it_cannot_guess_is_left_to_the_person(look, tmp_path):
     assert "  which column is time: columns.time_s=NAME; or, without one, its rate: measurement.rate_hz=..." in lines
     assert "  the unit of a, qm, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F" in lines
     assert arguments(lines) == ["workflow=discrepancy", "measurement=records", "plant=second_order", "plan=true"]
+
+
+def test_a_unit_with_a_slash_is_read_whole_or_asked_for(look, tmp_path):
+    time, drive, answer = make_run()
+    frame = {"t": time, "Q_l/min": drive, "k_N/mm": answer, "Temp °C": answer, "Level %": drive}
+    pd.DataFrame(frame).to_csv(tmp_path / "x.csv", index=False)
+    lines = look(tmp_path / "x.csv")
+    assert "  the unit of k_N/mm, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F" in lines
+    assert arguments(lines)[2:9] == [
+        "columns.time_s=t",
+        "+columns.q_m3_per_s=Q_l/min",
+        '+columns.temp_k="Temp °C"',
+        '+columns.level_ratio="Level %"',
+        "+units.q_m3_per_s=l/min",
+        "+units.temp_k=degC",
+        "+units.level_ratio=percent",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "times", "told"),
+    [
+        ("stamp", [f"05.05.2026 10:00:{k:02}" for k in range(20)], "columns.time_s=stamp"),
+        ("wann", [f"2026/05/05 10:{k:02}" for k in range(20)], "columns.time_s=wann"),
+        ("Uhrzeit", [f"08:30:{k:02}" for k in range(20)], "columns.time_s=Uhrzeit"),
+        ("sec", np.arange(20.0), "columns.time_s=sec"),
+        ("zeit_s", np.arange(20.0), "columns.time_s=zeit_s"),
+        ("msec", np.arange(20.0), "units.time_s=ms"),
+    ],
+)
+def test_time_is_found_by_dates_and_by_its_usual_names(look, tmp_path, name, times, told):
+    frame = {"F [N]": 1.0 * np.arange(20), "Date": "05.05.2026", name: times}
+    pd.DataFrame(frame).to_csv(tmp_path / "x.csv", index=False)
+    lines = look(tmp_path / "x.csv")
+    assert told in arguments(lines)
+    assert any(line.startswith("time: even steps") for line in lines)
+
+
+def test_dates_with_a_day_that_may_be_a_month_are_asked_for(look, tmp_path):
+    times = [f"5/{k}/2026 10:00:00" for k in range(1, 9)]
+    pd.DataFrame({"Time": times, "F [N]": 1.0 * np.arange(8)}).to_csv(tmp_path / "x.csv", index=False)
+    told = "column Time: expected dates that tell the day from the month, got '5/2/2026 10:00:00'; write"
+    assert any(line.startswith(told) for line in look(tmp_path / "x.csv"))
+
+
+@pytest.mark.parametrize("name", ["Lauf", "Nr", "Versuch", "rec", "serie"])
+@pytest.mark.parametrize("values", [[1, 2, 3], [0.0, 1.0, 5.0], ["a", "c", "b"]])
+def test_what_changes_where_time_begins_anew_tells_records_apart(look, tmp_path, name, values):
+    time, drive, answer = make_run(60)
+    frame = pd.DataFrame({"t": np.tile(time[:20], 3), "F_N": drive, "x_mm": answer, name: np.repeat(values, 20)})
+    frame.assign(gear=np.tile(np.repeat([1, 2], 10), 3), Zeile=np.arange(60)).to_csv(tmp_path / "x.csv", index=False)
+    lines = look(tmp_path / "x.csv")
+    assert f"columns.record={name}" in arguments(lines)
+    assert f"records: {', '.join(f'{each} (20 rows)' for each in values)}" in lines
+    assert any("the unit of gear, Zeile, left out" in line for line in lines)
+
+
+def test_a_number_of_the_row_is_no_record(look, tmp_path):
+    time, drive, _ = make_run(60)
+    pd.DataFrame({"Nr": np.arange(60), "t": time, "F_N": drive}).to_csv(tmp_path / "x.csv", index=False)
+    assert not any("record" in each for each in arguments(look(tmp_path / "x.csv"))[2:])
+
+
+def test_a_name_that_comes_again_is_no_record(look, tmp_path):
+    (tmp_path / "x.csv").write_text("t,F,F\n" + "".join(f"{k},1,{k % 7}\n" for k in range(40)))
+    assert not any("record" in each for each in arguments(look(tmp_path / "x.csv"))[2:])
+
+
+def test_parts_whose_time_begins_anew_need_no_record(look, tmp_path):
+    time, drive, _ = make_run(60)
+    frame = {"t": np.tile(time[:30], 2), "F_N": drive, "set": np.repeat(["est", "val"], 30), "k": np.repeat([1, 2], 30)}
+    pd.DataFrame(frame).to_csv(tmp_path / "x.csv", index=False)
+    told = arguments(look(tmp_path / "x.csv"))
+    assert "columns.part=set" in told
+    assert not any(each.startswith("columns.record") for each in told)
+
+
+@pytest.mark.parametrize("begins_anew", [True, False])
+def test_structs_of_an_array_are_records(look, tmp_path, begins_anew):
+    time, drive, _ = make_run(60)
+    clock = np.tile(time[:20], 3) if begins_anew else time
+    runs = [{"zeit": clock[k : k + 20], "F_N": drive[k : k + 20]} for k in (0, 20, 40)]
+    savemat(tmp_path / "x.mat", {"versuch": np.array(runs, dtype=object)})
+    assert "columns.record=versuch" in arguments(look(tmp_path / "x.mat"))
 
 
 def test_a_folder_of_muscles_needs_no_map(look, tmp_path):

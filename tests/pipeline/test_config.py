@@ -1,6 +1,12 @@
 """What is refused, with which words, and that nothing is written then."""
 
+import os
+import subprocess
+import sys
+
 import pytest
+
+from tests.conftest import ROOT
 
 
 @pytest.mark.parametrize(
@@ -12,6 +18,8 @@ import pytest
         (["+plam=true"], "did you mean 'plan'?"),
         (["doubling.pauses=1"], "unknown key 'doubling.pauses': did you mean 'pause_s'?"),
         (["+doubling.pauses=1"], "unknown key 'doubling.pauses': did you mean 'pause_s'?"),
+        (["doublng.pause_s=1"], "unknown key 'doublng': did you mean 'doubling'?"),
+        (["counting.cout.low=1"], "unknown key 'counting.cout': did you mean 'count'?"),
         (["+workflow.stage=[adding]"], "unknown key 'workflow.stage': did you mean 'stages'?"),
         (["workflow=toi"], "unknown workflow 'toi': did you mean 'toy'?"),
         (["counting=fewer"], "unknown counting 'fewer': did you mean 'few'?"),
@@ -64,6 +72,21 @@ def test_refuses_unknown_keys_inside_a_target(pamid):
     assert result.returncode == 2
     assert "unknown key 'rig.experimentor': did you mean 'experimenter'?" in result.stderr
     assert not pamid.outputs.exists()
+
+
+def test_a_key_of_another_option_is_told_with_that_option(pamid):
+    result = pamid("plant=nominal", "plant.along=s_m", "plan=true")
+    assert result.returncode == 2
+    assert result.stderr.strip().endswith("; it is a key of plant=static_map")
+
+
+def test_help_that_is_not_read_to_its_end_is_no_failure():
+    reader, writer = os.pipe()
+    os.close(reader)
+    line = [sys.executable, "-m", "pipeline", "--help"]
+    result = subprocess.run(line, cwd=ROOT, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60)
+    os.close(writer)
+    assert (result.returncode, result.stderr) == (0, "")
 
 
 def test_a_metric_of_a_stage_that_is_left_out_is_left_out_too(toy):

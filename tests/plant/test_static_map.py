@@ -19,6 +19,12 @@ def read_spring(**changes):
     return read_machine({**told, **changes})
 
 
+def test_the_spring_goes_with_the_way_that_is_named():
+    spring = read_spring(along="s_m", output="f_n")
+    assert spring.inputs == ("s_m",)
+    assert spring.answer({"s_m": np.array([2.0])}, {"stiffness": 3.0, "offset": 1.0}) == pytest.approx([7.0])
+
+
 def sweep(samples=2000):
     time = np.arange(samples) * STEP_S
     return {"position_m": 0.03 + 0.02 * np.sin(0.8 * time) + 0.004 * np.sin(3.1 * time)}

@@ -1,11 +1,13 @@
 """Units of others, against constants of physics and each other."""
 
+import re
+
 import pandas as pd
 import pytest
 from scipy import constants
 
 from stages.recording import convert, known_units, own_unit, read_heading, read_unit
-from stages.recording.units import KINDS
+from stages.recording.units import KINDS, choose_unit
 from tests.conftest import ROOT
 
 
@@ -107,10 +109,71 @@ def test_units_are_known_however_they_are_spelled(text, unit):
         ("v_m_per_s", "v", "m/s"),
         ("valve_in", "valve_in", None),
         ("gain_k", "gain_k", None),
+        ("Q_l/min", "Q", "l/min"),
+        ("Q_l_min", "Q", "l/min"),
+        ("Q l/min", "Q", "l/min"),
+        ("flow in l/min", "flow", "l/min"),
+        ("Durchfluss m3/h", "Durchfluss", "m3/h"),
+        ("Q_m³/h", "Q", "m3/h"),
+        ("Q [ml/min]", "Q", "ml/min"),
+        ("v/m/s", "v", "m/s"),
+        ("v_m/s", "v", "m/s"),
+        ("a_m/s^2", "a", "m/s2"),
+        ("omega_deg/s", "omega", "deg/s"),
+        ("omega °/s", "omega", "deg/s"),
+        ("n / 1/min", "n", "rpm"),
+        ("n_1/min", "n", "rpm"),
+        ("Temp °C", "Temp", "degC"),
+        ("T°C", "T", "degC"),
+        ("Level %", "Level", "percent"),
+        ("Level_%", "Level", "percent"),
+        ("Winkel °", "Winkel", "deg"),
+        ("M_N m", "M", "N m"),
+        ("M/Nm", "M", "N m"),
+        ("t/s", "t", "s"),
+        ("Zeit/ms", "Zeit", "ms"),
+        ("t_min", "t", "min"),
+        ("t_sec", "t", "s"),
+        ("x_1/mm", "x_1", "mm"),
         ("u", "u", None),
         ("m", "m", None),
+        ("k_N/mm", "k_N/mm", None),
+        ("k N/mm", "k N/mm", None),
+        ("k [N/mm]", "k [N/mm]", None),
+        ("c_kN/m", "c_kN/m", None),
+        ("c_kN_m", "c_kN_m", None),
+        ("k_n_mm", "k_n_mm", None),
+        ("k_Nm/rad", "k_Nm/rad", None),
+        ("K/(N/mm)", "K/(N/mm)", None),
+        ("ramp_K/min", "ramp_K/min", None),
+        ("Q_gal/min", "Q_gal/min", None),
+        ("Q_nl_min", "Q_nl_min", None),
+        ("power_J/s", "power_J/s", None),
+        ("m_kg/s", "m_kg/s", None),
+        ("frames/s", "frames/s", None),
+        ("Level -", "Level -", None),
+        ("p_min", "p_min", None),
         ("note (old)", "note (old)", None),
     ],
 )
 def test_headings_state_their_units(heading, name, unit):
     assert read_heading(heading)[:2] == (name, unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "told"),
+    [
+        (
+            "flow_m3_s",
+            "l/min",
+            "no unit 'l/min' for a name that ends in s; name the signal flow_m3_per_s, with",
+        ),
+        ("v_m_s", "mm/s", "no unit 'mm/s' for a name that ends in s; name the signal v_m_per_s, with per for /"),
+        ("flow_l_min", "m3/h", "no unit 'm3/h' for a name that ends in min; name the signal flow_l_per_min, with per"),
+        ("delay_s", "l/min", "no unit 'l/min'; choose from: s, us, ms, min"),
+        ("speed", "mm/s", "for a name that ends in no unit; name the signal speed_m_per_s"),
+    ],
+)
+def test_a_unit_that_the_name_lacks_is_told_with_a_name_that_has_it(name, unit, told):
+    with pytest.raises(ValueError, match=re.escape(told)):
+        choose_unit(name, unit)

@@ -8,10 +8,10 @@ and effects; the answer flows out. What depends on the way or the speed is never
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, cast
+from typing import Literal, Self, cast
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from stages.plant.effect import Parameter
 from stages.plant.element_plant import ElementPlant
@@ -25,7 +25,7 @@ FURTHEST = 20.0
 class MapConstant(NominalConstant):
     """A constant and the signals whose product it multiplies."""
 
-    of: list[str] = Field(description="none for an offset, one twice for a square")
+    of: list[str] = Field(description="none for an offset, one twice for a square; along stands for that of `along`")
 
 
 class StaticMap(ElementPlant):
@@ -33,6 +33,12 @@ class StaticMap(ElementPlant):
 
     kind: Literal["static_map"]
     constants: dict[str, MapConstant] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _name_way(self) -> Self:
+        for each in self.constants.values():
+            each.of[:] = [self.along if signal == "along" else signal for signal in each.of]
+        return self
 
     @property
     def inputs(self) -> tuple[str, ...]:
