@@ -1,36 +1,49 @@
-"""Values that a sensor shows again and again, exactly: the level at which it ends, and the count it goes by."""
+"""Values that a sensor shows again and again, exactly: the levels at which it ends, and the count it goes by."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from stages.signals.trajectories import Array
 
 LEAST_SHARE, LEAST_COUNT = 0.005, 20
-"""Share and number of samples at exactly the largest value from which it is taken for a level."""
+"""Share and number of samples at exactly the largest or smallest value from which it is taken for a level."""
 OFTEN = 4.0
-"""How much more often the largest value comes than any other."""
+"""How much more often a level comes than any value between the ends."""
+SAME = 1e-9
+"""Difference, over the largest value, of values that are one."""
 MOST_DISTINCT = 0.1
 """Distinct values over samples, up to which a sensor may go by counts."""
 REGULAR = 0.02
 """How far, in counts, distinct values may be from whole numbers of them."""
 
 
-def find_level(values: Array) -> float | None:
-    """Return the level at which a signal is clipped, in its unit, or None.
+class Levels(NamedTuple):
+    """Ends of what a sensor shows, in the signal's unit; None where the values show none."""
 
-    Noise makes every value of a sensor differ from the next; where the largest comes again and again it is the end of
-    the scale. A sensor that goes by counts repeats every value, and one that rests elsewhere too repeats that: neither
-    shows such a level.
+    lowest: float | None
+    highest: float | None
+
+
+def find_levels(values: Array) -> Levels:
+    """Return the levels at which a signal is clipped.
+
+    Noise makes every value of a sensor differ from the next; where the largest or the smallest comes again and again it
+    is the end of the scale. A sensor that goes by counts repeats every value, and one that rests between its ends too
+    repeats that: neither shows a level.
     """
-    if values.size == 0 or find_count(values) is not None:
-        return None
-    largest = float(values.max())
-    count = int((values >= largest - 1e-9 * max(abs(largest), 1.0)).sum())
-    if largest <= 0.0 or count < max(LEAST_COUNT, LEAST_SHARE * values.size):
-        return None
-    others = np.unique(values, return_counts=True)[1][:-1]
-    return largest if count > OFTEN * others.max(initial=0) else None
+    if values.size == 0 or np.ptp(values) == 0.0 or find_count(values) is not None:
+        return Levels(None, None)
+    distinct, counts = np.unique(values, return_counts=True)
+    near = SAME * float(np.abs(distinct[[0, -1]]).max())
+    below, above = distinct <= distinct[0] + near, distinct >= distinct[-1] - near
+    least = max(LEAST_COUNT, LEAST_SHARE * values.size, OFTEN * counts[~(below | above)].max(initial=0))
+    lowest, highest = (
+        float(distinct[end]) if counts[at].sum() > least else None for end, at in ((0, below), (-1, above))
+    )
+    return Levels(lowest, highest)
 
 
 def find_count(values: Array) -> float | None:

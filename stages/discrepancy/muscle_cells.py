@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.discrepancy.cell import Cell, Driver, Form, list_starts
-from stages.discrepancy.exact_values import find_level
+from stages.discrepancy.exact_values import find_levels
 from stages.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
 from stages.plant.muscle import MuscleConstants, braid_coefficients
 from stages.plant.passage import Everywhere, Passage, predict_force, predict_pressure
@@ -128,7 +128,7 @@ class MuscleCell(Cell):
         """Return where fits of a form begin; saturation at the level that the values show, or nowhere."""
         if form.name != EXACT:
             return list_starts(form)
-        level = find_level(self.measured[self.present])
+        level = self._level
         return [] if level is None else [self.name_level(level, constants)]
 
     def is_exact(self, form: Form) -> bool:
@@ -137,7 +137,13 @@ class MuscleCell(Cell):
 
     def gives_away(self) -> bool:
         """Return whether the largest value comes again and again, exactly."""
-        return find_level(self.measured[self.present]) is not None
+        return self._level is not None
+
+    @property
+    def _level(self) -> float | None:
+        """Largest value, where that comes again and again; a muscle at rest shows the smallest as often."""
+        highest = find_levels(self.measured[self.present]).highest
+        return highest if highest is not None and highest > 0.0 else None
 
     def _collect(self, constants: Mapping[str, float]) -> MuscleConstants:
         build = self.build

@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stages.discrepancy.cell import LONG, Case, Cell, Driver, Form, list_starts, share_out
-from stages.discrepancy.exact_values import find_level
+from stages.discrepancy.exact_values import Levels, find_levels
 from stages.discrepancy.fitting import Model, begin, fit
 from stages.discrepancy.noise import make_plain
 from stages.discrepancy.records import bridge, bridge_short, list_blocks, spread_records, thin_out
@@ -27,7 +27,8 @@ from stages.plant.record_plant import HEAD, Beginning, RecordPlant, read_beginni
 from stages.recording import own_unit
 from stages.signals.trajectories import Array
 
-EXACT, CLIPPED = "saturation", ("element", "tank_reading", "full_tank", "reading", "lag_reading")
+EXACT, FULL = "saturation", "full_tank"
+"""The effect whose levels exact values give away, and its form that is a level of the vessel, not of the sensor."""
 AVERAGED, ROUNDED = 3e-4, 1e-6
 """Of the range of a motion, what averaging its samples may change, and what rounding and integration may."""
 FEWEST = 10
@@ -37,8 +38,7 @@ LEAST_BLOCKS = 3
 SAME, LARGEST = 1e-12, 1e100
 """Range of an output over its size, up to which it never changes; and size beyond which no square is a number."""
 LEVEL_ERROR = 0.001
-"""Of a level that exact values show, over it."""
-"""The effect whose level exact values give away, in the forms that clip what is read."""
+"""Of a level that exact values show, in scales of the output."""
 
 
 class _Group(NamedTuple):
@@ -136,18 +136,29 @@ class WholeRecordCell(Cell):
 
     def _read_level(self, form: Form) -> Form:
         """Return a form with the parameter at the level that exact values show, if they do."""
-        if not self.is_exact(form) or self._level is None:
-            return form
-        first, *others = form.parameters
-        value, error = self._level, LEVEL_ERROR * self._level
-        told = replace(first, low=value - error, high=value + error, prior_mean=value, prior_sd=error, starts=(value,))
-        return replace(form, parameters=(told, *others))
+        shown, error = self._show(form) if self.is_exact(form) else {}, LEVEL_ERROR
+        told = tuple(
+            replace(each, low=value - error, high=value + error, prior_mean=value, prior_sd=error, starts=(value,))
+            for each in form.parameters
+            if each.name in shown
+            for value in [shown[each.name]]
+        )
+        return replace(form, parameters=told) if told else form
+
+    def _show(self, form: Form) -> dict[str, float]:
+        """Return what exact values show of a form's parameters: of its ends those that the sensor comes to, or none."""
+        scale = self.plant.output_scale
+        ends = {name: level for name, level in self._levels._asdict().items() if level is not None}
+        if scale is None or not ends:
+            return {}
+        if form.form == FULL:
+            return {form.parameters[0].name: scale / ends["highest"]} if ends.get("highest", 0.0) > 0.0 else {}
+        return {form.parameters[0].name: 1.0, **{name: level / scale for name, level in ends.items()}}
 
     @cached_property
-    def _level(self) -> float | None:
-        """Scale over the level at which the output is clipped, if its exact values show one."""
-        level, scale = find_level(self.measured[self.present]), self.plant.output_scale
-        return None if level is None or scale is None else scale / level
+    def _levels(self) -> Levels:
+        """Levels at which the output is clipped, as far as its exact values show them."""
+        return find_levels(self.measured[self.present])
 
     def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
         """Return the answer of the blocks, (T, K)."""
@@ -232,19 +243,20 @@ class WholeRecordCell(Cell):
         return np.stack(columns, axis=2)
 
     def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
-        """Return where fits of a form begin; a clipped reading at the level that the values show, or nowhere."""
+        """Return where fits of a form begin; a clipped reading at the levels that the values show, or nowhere."""
         if self.is_exact(form):
-            return [] if self._level is None else [{form.parameters[0].name: self._level}]
+            return [shown] if (shown := self._show(form)) else []
         told = self.plant.list_starts(form.effect, [each.signals for each in self._groups], constants)
         return list_starts(form) if told is None else told
 
     def is_exact(self, form: Form) -> bool:
-        """Return whether the values show a form's parameter: the level at which a reading is clipped."""
-        return form.name == EXACT and form.form in CLIPPED
+        """Return whether the values show a form's parameters: the levels at which a reading is clipped."""
+        ends = {each.name for each in form.parameters} & set(Levels._fields)
+        return form.name == EXACT and (form.form == FULL or bool(ends))
 
     def gives_away(self) -> bool:
-        """Return whether the largest value comes again and again, exactly."""
-        return self._level is not None
+        """Return whether the largest or the smallest value comes again and again, exactly."""
+        return self._levels != Levels(None, None)
 
     def take(self, trials: Sequence[int]) -> Self:
         """Return the cell with some of its blocks, by position."""

@@ -10,7 +10,7 @@ import pandas as pd
 
 from stages.discrepancy.remainder import MANY
 from stages.discrepancy.signal_names import name_signal
-from stages.plant.effect import Effect, find_effect
+from stages.plant.effect import Effect, Parameter, find_effect
 
 FEW_TRIALS = 6
 """Fitted trials below which it is told that they say little."""
@@ -328,8 +328,14 @@ def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]
 
 
 def _tell_size(effect: Mapping[str, Any], known: Effect) -> str:
-    """Return the size of the first parameter: with its interval on one muscle, from muscle to muscle on several."""
-    size = known.parameters[0]
+    """Return the sizes of the parameters that were optional, else of the first."""
+    return " ".join(filter(None, (_tell_one(effect, each) for each in known.parameters if each.optional))) or _tell_one(
+        effect, known.parameters[0]
+    )
+
+
+def _tell_one(effect: Mapping[str, Any], size: Parameter) -> str:
+    """Return the size of a parameter: with its interval on one muscle, from muscle to muscle on several."""
     unit = "" if size.unit == "1" else f" {size.unit}"
     own = [each[size.name] for each in effect["by_muscle"].values() if size.name in each]
     what = f"{_spell(size.name.removesuffix(f'_{size.unit.lower()}'))} ({size.description})"

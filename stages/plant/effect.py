@@ -53,6 +53,8 @@ class Parameter:
         One line.
     starts : tuple of float
         Where a fit begins, within the bounds; of the magnitude, none is zero.
+    optional : bool
+        Whether a list of effects may leave it out.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Parameter:
     prior_sd: float
     description: str
     starts: tuple[float, ...]
+    optional: bool = False
 
 
 @dataclass(frozen=True)

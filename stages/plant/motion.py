@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numba import njit
 
+from stages.plant.reading import read
 from stages.signals.trajectories import Array
 
 Between = Literal["band_limited", "linear", "held", "averaged"]
@@ -24,8 +25,8 @@ BENT = 12.0
 """Straight lines through points of a bent curve lie beside it by its second difference over this, on average."""
 WIDE = 8
 """Columns that are advanced together: as many numbers as one instruction takes, where there are such instructions."""
-COULOMB, CUTS = 5, ("drive_cut", "sensor_cut")
-"""Where the table of constants tells dry friction; what limits the drive and the reading."""
+COULOMB = 5
+"""Where the table of constants tells dry friction."""
 DIVISORS = tuple(1.0 / count for count in range(10, 0, -1))
 """Of the series of an exponential."""
 FURTHEST = 1e3
@@ -47,8 +48,10 @@ class MotionTerms(NamedTuple):
     turning: float = 1.0
     delay: float = 0.0
     drive_cut: float = 0.0
-    sensor_cut: float = 0.0
     sensor_offset: float = 0.0
+    unread: float = 0.0
+    lowest: float = -math.inf
+    highest: float = math.inf
 
 
 @njit(cache=True, error_model="numpy")
@@ -131,7 +134,7 @@ def _look(rows: Array, column: int, first: int, share: float, cut: float, into: 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _integrate(
-    drive: Array, hold: Array, start: Array, table: Array, limits: Array, late: Array, h: float, substeps: int
+    drive: Array, hold: Array, start: Array, table: Array, limit: Array, late: Array, h: float, substeps: int
 ) -> Array:
     fine = 2 * substeps
     columns, last = drive.shape[0], drive.shape[1] - 1
@@ -152,20 +155,20 @@ def _integrate(
             rubs = rubs or table[COULOMB, column] != 0.0
             for m in range(fine + 1):
                 holds[m, k] = hold[column, 0]
-            motion[0, column] = min(max(state[k], -limits[1, column]), limits[1, column])
+            motion[0, column] = state[k]
         for sample in range(1, samples):
             at = (sample - 1) * fine
             for k in range(width):
                 column = first + k
                 shift = math.floor(-late[column])
-                _look(drive, column, at + int(shift), -late[column] - shift, limits[0, column], drives, k)
+                _look(drive, column, at + int(shift), -late[column] - shift, limit[column], drives, k)
                 if varies:
                     for m in range(fine + 1):
                         holds[m, k] = hold[column, at + m]
             for i in range(substeps):
                 _advance(state, drives, holds, constants, h, 2 * i, lanes, rubs)
             for k in range(width):
-                motion[sample, first + k] = min(max(state[k], -limits[1, first + k]), limits[1, first + k])
+                motion[sample, first + k] = state[k]
     return motion
 
 
@@ -178,8 +181,9 @@ def integrate(
     pace: float,
     substeps: int,
     late: Array,
+    offset: Array | float = 0.0,
 ) -> Array:
-    """Return motions at the sampling instants, (T, K), in scales; a sensor's offset is in them.
+    """Return motions at the sampling instants, (T, K), in scales, as the sensor of the terms shows them.
 
     Parameters
     ----------
@@ -199,6 +203,8 @@ def integrate(
         Steps of the classical Runge-Kutta rule per sample; with a fifth of a pace each, its error is some 1e-5.
     late : (K,) ndarray
         By which the drive acts, samples; may be negative.
+    offset : float or (K,) ndarray
+        What the sensor adds after all, scales: its ends are readings with it, and motions are told without.
 
     Notes
     -----
@@ -221,11 +227,12 @@ def integrate(
             1.0 / told["yielding"],
         ]
     )
-    limits = np.array([[1.0 / cut if cut > 0.0 else np.inf for cut in told[name]] for name in CUTS])
+    limit = np.array([1.0 / cut if cut > 0.0 else np.inf for cut in told["drive_cut"]])
     late = (told["delay"] * 2.0 * np.pi / pace + late) * (2 * substeps)
     drive, hold, start = (np.ascontiguousarray(each) for each in (drive, hold, start))
-    moved: Array = _integrate(drive, hold, start, table, limits, late, h, substeps)
-    return moved + told["sensor_offset"]
+    moved: Array = _integrate(drive, hold, start, table, limit, late, h, substeps)
+    ends = (told[name] - offset for name in ("lowest", "highest"))
+    return read(moved + told["sensor_offset"], told["unread"], *ends)
 
 
 def refine(signal: Array, substeps: int, between: Between) -> Array:

@@ -271,7 +271,9 @@ class MotionPlant(RecordPlant):
             upto = (samples - 1) * 2 * substeps + 1
             pushed, held = (each[:, :upto][chosen] for each in (drive, hold))
             kept = [terms[k] for k in chosen]
-            return integrate(pushed, held, state, damping[chosen], kept, pace, substeps, late[chosen])
+            return integrate(
+                pushed, held, state, damping[chosen], kept, pace, substeps, late[chosen], offset[chosen] / scale
+            )
 
         state = np.zeros((2, len(terms)))
         if begun is not None:
@@ -284,7 +286,7 @@ class MotionPlant(RecordPlant):
                 errors = np.stack([told.value_error, told.rate_error * self.pace_s]) / scale
                 noise = told.noise / scale
                 state = begin(lambda at, of: run(at, of, len(heads)), state, np.maximum(errors, 1e-6), heads, noise)
-        motion = integrate(drive, hold, state, damping, terms, pace, substeps, late)
+        motion = integrate(drive, hold, state, damping, terms, pace, substeps, late, offset / scale)
         output: Array = offset + scale * motion
         return output.reshape(len(motion), len(cases), records).transpose(0, 2, 1)
 

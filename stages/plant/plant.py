@@ -117,19 +117,23 @@ def check_parameters(effect: Effect, values: Mapping[str, Any]) -> dict[str, flo
     Raises
     ------
     ValueError
-        For one that is unknown, missing, no number or out of bounds.
+        For one that is unknown, missing though not optional, no number or out of bounds.
     """
     declared = {parameter.name: parameter for parameter in effect.parameters}
     for name in values:
         if name not in declared:
             raise ValueError(f"effect {effect.name} has no parameter '{name}': {nearest(str(name), declared)}")
     for name, parameter in declared.items():
-        if name not in values:
+        if name not in values and not parameter.optional:
             raise ValueError(
                 f"effect {effect.name}: missing parameter '{name}' "
                 f"({parameter.description}{_tell_unit(parameter, ', ')})"
             )
-    return {name: _check_bounds(effect.name, parameter, values[name]) for name, parameter in declared.items()}
+    return {
+        name: _check_bounds(effect.name, parameter, values[name])
+        for name, parameter in declared.items()
+        if name in values
+    }
 
 
 def _check_bounds(effect: str, parameter: Parameter, value: Any) -> float:

@@ -131,3 +131,23 @@ def test_a_name_beside_a_spring_that_may_soften_no_further_is_doubted(monkeypatc
     assert named[0].name == "cubic_stiffness"
     assert len(named) > 1
     assert all(each.probability <= 0.5 for each in named[1:])
+
+
+CLIPPED = {"first_order": (lag, "pressure_kpa"), "pam_joint": (joint, "angle_rad")}
+
+
+@pytest.mark.parametrize(
+    ("plant", "low", "high"),
+    [("first_order", None, 0.9), ("pam_joint", 0.15, None), ("pam_joint", 0.1, 0.85)],
+)
+def test_a_reading_that_ends_at_one_side_or_both_is_named_with_its_ends(plant, low, high):
+    make, output = CLIPPED[plant]
+    signals, step_s = make(1, samples=2000)
+    ends = {"lowest": low, "highest": high}
+    ends = {name: float(np.quantile(signals[output], share)) for name, share in ends.items() if share is not None}
+    cut = np.clip(signals[output], ends.get("lowest"), ends.get("highest"))
+    state, names = look(plant, ({**signals, output: cut}, step_s))
+    assert names == ["saturation"]
+    scale = state.current.fit.model.cell.plant.output_scale
+    found = {name: scale * value for name, value in read_values(state)[1]["saturation"].items() if name != "share"}
+    assert found == pytest.approx(ends, abs=2e-3 * scale)

@@ -3,18 +3,24 @@
 import numpy as np
 import pytest
 
-from stages.discrepancy.exact_values import find_count, find_level
+from stages.discrepancy.exact_values import find_count, find_levels
 
 SMOOTH = np.random.default_rng(1).normal(500.0, 120.0, 5000)
 
 
-def test_a_clipped_signal_shows_its_level():
-    assert find_level(np.minimum(SMOOTH, 650.0)) == 650.0
+@pytest.mark.parametrize(("lowest", "highest"), [(None, 650.0), (350.0, None), (350.0, 600.0)])
+@pytest.mark.parametrize("offset", [0.0, -600.0, -350.0])
+def test_a_clipped_signal_shows_its_levels(lowest, highest, offset):
+    found = find_levels(np.clip(SMOOTH, lowest, highest) + offset)
+    assert found == tuple(None if each is None else each + offset for each in (lowest, highest))
 
 
-@pytest.mark.parametrize("values", [SMOOTH, np.round(SMOOTH / 20.0) * 20.0, np.zeros(0), np.zeros(100)])
+REST = np.where(np.arange(5000) < 400, 500.0, SMOOTH)
+
+
+@pytest.mark.parametrize("values", [SMOOTH, np.round(SMOOTH / 20.0) * 20.0, REST, np.zeros(0), np.full(100, 3.0)])
 def test_others_have_none(values):
-    assert find_level(values) is None
+    assert find_levels(values) == (None, None)
 
 
 @pytest.mark.parametrize("count", [3.7, 20.0])

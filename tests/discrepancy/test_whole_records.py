@@ -247,7 +247,7 @@ def test_a_reading_that_is_cut_is_named_with_its_level(settings):
     assert found.named[0].name == "saturation"  # in two of ten such records overflow is named besides
     fit = found.cells[0].current.fit
     values = {form.name: its for form, its in fit.model.name_values(fit.values)[1]}
-    assert 5.0 / values["saturation"]["scale_over_level"] == pytest.approx(level, rel=0.01)
+    assert 5.0 * values["saturation"]["highest"] == pytest.approx(level, rel=0.01)
 
 
 def test_tanks_without_an_effect_have_none_named(settings):

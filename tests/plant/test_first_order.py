@@ -126,8 +126,8 @@ def test_drive_and_reading_end_at_their_levels():
     command = np.linspace(0.0, 2.0, 201)
     drive = fill(command, ("saturation", "lag_drive", {"scale_over_level": 0.5}))
     np.testing.assert_allclose(drive, fill(np.minimum(command, 1.0)), atol=1e-9)
-    reading = fill(command, ("saturation", "lag_reading", {"scale_over_level": 0.5}))
-    np.testing.assert_allclose(reading, np.minimum(fill(command), 120.0), atol=1e-9)
+    reading = fill(command, ("saturation", "lag_reading", {"share": 1.0, "lowest": 0.8, "highest": 2.4}))
+    np.testing.assert_allclose(reading, np.clip(fill(command), 40.0, 120.0), atol=1e-9)
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.name}-{form.form}")

@@ -65,16 +65,20 @@ def test_above_the_rim_water_runs_over_and_a_share_of_it_down():
 
 def test_a_rim_that_is_never_reached_and_a_reading_never_cut_change_nothing():
     pump = 1.5 + 0.5 * np.sin(0.05 * np.arange(500))
-    effects = [(RIM, {"scale_over_rim": 0.05, "share_down": 0.5}), (CUT, {"scale_over_level": 0.05})]
+    effects = [
+        (RIM, {"scale_over_rim": 0.05, "share_down": 0.5}),
+        (CUT, {"share": 1.0, "lowest": 0.0, "highest": 20.0}),
+    ]
     np.testing.assert_array_equal(fill(pump), fill(pump, effects))
-    absent = [(RIM, {"scale_over_rim": 0.0, "share_down": 0.5}), (CUT, {"scale_over_level": 0.0})]
+    absent = [(RIM, {"scale_over_rim": 0.0, "share_down": 0.5}), (CUT, {"share": 0.0, "highest": 0.1})]
     np.testing.assert_array_equal(fill(np.full(500, 4.0)), fill(np.full(500, 4.0), absent))
 
 
 def test_a_reading_is_cut_and_the_level_is_not():
     pump = np.concatenate([np.full(500, 4.0), np.full(500, 1.0)])
-    plain, cut = fill(pump), fill(pump, [(CUT, {"scale_over_level": 0.5})])
-    np.testing.assert_array_equal(cut, np.minimum(plain, 10.0))
+    plain, cut = fill(pump), fill(pump, [(CUT, {"share": 1.0, "lowest": 1.4, "highest": 2.0})])
+    assert plain.min() < 7.0
+    np.testing.assert_array_equal(cut, np.clip(plain, 7.0, 10.0))
 
 
 def test_an_amended_plant_simulates_as_fitted_and_reads_back():

@@ -1,17 +1,20 @@
-"""A sensor that shows no more than a level, however much there is.
+"""A sensor that shows no more than a level, however much there is; that of a machine may end at both sides.
 
-The magnitude is the inverse of the level: at zero the level is infinite. Values exactly equal to the largest, again and
-again, give it away.
+Where there is one level, the magnitude is its inverse: at zero it is infinite. Where readings end at one side or both,
+it is the share of what lies beyond that is not read. Values exactly equal to the largest or to the smallest, again and
+again, give the ends away.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stages.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
+from stages.plant.reading import read
 from stages.signals.trajectories import Array
 
 SCALE_KPA = 1000.0
@@ -52,9 +55,35 @@ def cut_drive(parameters: Mapping[str, float]) -> dict[str, float]:
     return {"drive_cut": parameters["scale_over_level"]}
 
 
-def cut_reading(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the oscillator's term: one scale of motion over the largest that is read."""
-    return {"sensor_cut": parameters["scale_over_level"]}
+FARTHEST = 1e6
+"""Scales within which an end may lie: signals may be small beside their offset."""
+ENDS = (
+    Parameter("share", "1", 0.0, 1.1, 1.0, 0.5, "of what lies beyond an end that is not read", (1.0,)),
+    Parameter("lowest", "1", -FARTHEST, FARTHEST, -1.0, 1.0, "least reading over the scale", (-0.3,), optional=True),
+    Parameter("highest", "1", -FARTHEST, FARTHEST, 1.0, 1.0, "largest reading over the scale", (0.3,), optional=True),
+)
+
+
+def end_reading(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return a machine's terms: the share that is not read, and the ends that there are, in scales of the output."""
+    return {"unread": parameters["share"], **{end: parameters[end] for end in _list_ends(parameters)}}
+
+
+def _list_ends(parameters: Mapping[str, float]) -> list[str]:
+    """Return which ends there are.
+
+    Raises
+    ------
+    ValueError
+        When there is none, or the lowest is not below the highest.
+    """
+    ends = [end for end in ("lowest", "highest") if end in parameters]
+    if not ends:
+        raise ValueError("effect saturation: expected lowest, highest or both, in scales of the output, got neither")
+    if len(ends) == 2 and not parameters["lowest"] < parameters["highest"]:
+        low, high = (parameters[end] for end in ends)
+        raise ValueError(f"effect saturation: expected lowest below highest, got {low:g} and {high:g}")
+    return ends
 
 
 DRIVE = DynamicEffect(
@@ -75,25 +104,20 @@ DRIVE = DynamicEffect(
 READING = replace(
     DRIVE,
     form="reading",
-    signature="the response stays at one value wherever it should exceed it",
-    split_by="a resonant motion beyond the level",
-    terms=cut_reading,
+    parameters=ENDS,
+    signature="the response stays at one value wherever it should go beyond it, at one end or at both",
+    split_by="a resonant motion beyond the ends",
+    terms=end_reading,
 )
-
-
-def cut_tank_reading(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the tanks' term: scale over the largest reading."""
-    return {"reading_cut": parameters["scale_over_level"]}
 
 
 TANK_READING = replace(
     READING,
     form="tank_reading",
     site="tank",
-    signature="the reading stays at one value wherever the level should exceed it",
+    signature="the reading stays at one value wherever the level should go beyond it",
     split_by="a gauge on the glass beside the sensor",
     relatives=("overflow",),
-    terms=cut_tank_reading,
 )
 
 
@@ -105,6 +129,7 @@ def fill_tank(parameters: Mapping[str, float]) -> dict[str, float]:
 FULL_TANK = replace(
     TANK_READING,
     form="full_tank",
+    parameters=DRIVE.parameters,
     source=(
         "Schoukens, Noel, Three benchmarks addressing open challenges in nonlinear system identification, IFAC "
         "PapersOnLine 50-1 (2017): the lower tank runs over, too"
@@ -115,18 +140,17 @@ FULL_TANK = replace(
 
 
 def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer up to a level."""
-    return _clip(answer, 1.0, parameters["scale_over_level"])
+    """Return an element's answer between the ends of its reading."""
+    ends = {end: parameters[end] for end in _list_ends(parameters)}
+    return read(answer, parameters["share"], ends.get("lowest", -math.inf), ends.get("highest", math.inf))
 
 
 CUT_ELEMENT = ElementEffect(
     name="saturation",
     form="element",
-    parameters=(
-        Parameter("scale_over_level", "1", 0.0, 20.0, 0.5, 1.0, "the answer's scale over the level", (0.6, 1.2, 2.0)),
-    ),
+    parameters=ENDS,
     source=EFFECT.source,
-    signature="the answer stays at one value wherever it should exceed it",
+    signature="the answer stays at one value wherever it should go beyond it, at one end or at both",
     split_by=EFFECT.split_by,
     relatives=("cubic_stiffness",),
     apply=apply_to_element,
@@ -142,7 +166,7 @@ LAG_READING = replace(
     TANK_READING,
     form="lag_reading",
     site="lag",
-    signature="the reading stays at one value wherever the output should exceed it",
+    signature="the reading stays at one value wherever the output should go beyond it",
     split_by="a second sensor of a wider range",
     relatives=(),
 )

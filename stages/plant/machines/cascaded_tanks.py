@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 
 from stages.plant.declaration import Declared
 from stages.plant.listed import ListedEffect, NominalConstant
+from stages.plant.reading import read
 from stages.plant.record_plant import Beginning, Placed, Positive, RecordPlant, Watched, collect
 from stages.signals.trajectories import Array
 
@@ -42,8 +43,10 @@ class TankTerms(NamedTuple):
     share_down: float = 0.0
     leak: float = 0.0
     drive_cut: float = 0.0
-    reading_cut: float = 0.0
     level_cut: float = 0.0
+    unread: float = 0.0
+    lowest: float = -math.inf
+    highest: float = math.inf
 
 
 @njit(cache=True, error_model="numpy")
@@ -77,9 +80,6 @@ def _fill(pump: Array, values: TankValues, terms: TankTerms, scale: float, step_
             a2, b2 = _change(middle_upper, middle_lower, u, values, terms, rim)
             upper = min(max(upper + h * a2, 0.0), rim)
             lower = min(max(lower + h * b2, 0.0), full)
-    if terms.reading_cut > 0.0:
-        for k in range(reading.shape[0]):
-            reading[k] = min(reading[k], scale / terms.reading_cut)
     return reading
 
 
@@ -165,7 +165,8 @@ class CascadedTanks(RecordPlant):
             _fill(np.ascontiguousarray(column), values, terms, self.output_scale, step_s, self.substeps)
             for column in pump.T
         ]
-        return np.stack(readings, axis=1)
+        ends = (self.output_scale * each for each in (terms.lowest, terms.highest))
+        return read(np.stack(readings, axis=1), terms.unread, *ends)
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
         """Return the input, and the level as the textbook's tanks would have it."""

@@ -18,6 +18,7 @@ from pydantic import Field, model_validator
 from stages.plant.declaration import Declared
 from stages.plant.linear_guess import filter_derivatives, find_pace, regress
 from stages.plant.listed import ListedEffect, NominalConstant
+from stages.plant.reading import read
 from stages.plant.record_plant import (
     HEAD,
     Beginning,
@@ -44,11 +45,13 @@ class LagTerms(NamedTuple):
 
     delay: float = 0.0
     drive_cut: float = 0.0
-    reading_cut: float = 0.0
     asymmetry: float = 0.0
     rate_cut: float = 0.0
     play: float = 0.0
     second_lag: float = 0.0
+    unread: float = 0.0
+    lowest: float = -math.inf
+    highest: float = math.inf
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -62,7 +65,7 @@ def _fill(aim: Array, start: float, per_pace: float, terms: LagTerms, pace: floa
     uneven = 1.0 + terms.asymmetry
     rising, falling = 1.0 - math.exp(-h * per_pace * uneven), 1.0 - math.exp(-h * per_pace / uneven)
     for k in range(aim.shape[0]):
-        reading[k] = level if terms.reading_cut <= 0.0 else min(level, 1.0 / terms.reading_cut)
+        reading[k] = level
         for i in range(substeps):
             at = min(max(k + (i + 0.5) / substeps - late, 0.0), aim.shape[0] - 1.0)
             left = int(at)
@@ -187,13 +190,14 @@ class FirstOrder(RecordPlant):
         substeps = min(max(int(np.ceil(quickest)), 2), 100)
         aim = constants["gain"] * signals[self.input] / scale
         columns = np.ascontiguousarray(aim.T)
+        ends = [each - constants["offset"] / scale for each in (terms.lowest, terms.highest)]
 
         def run(state: Array, chosen: NDArray[np.int_], samples: int) -> Array:
             filled = (
                 _fill(columns[k, :samples], float(start), per_pace, terms, pace, substeps)
                 for k, start in zip(chosen, state[0], strict=True)
             )
-            return np.stack(list(filled), axis=1)
+            return read(np.stack(list(filled), axis=1), terms.unread, *ends)
 
         start = columns[None, :, 0]
         if begun is not None:
