@@ -27,7 +27,7 @@ def changed(plant, **values):
         (SPRING | {"form": "hardening"}, "effect cubic_stiffness, form hardening, does not act at a motion"),
         ({"name": "creep"}, "effect creep does not act at a motion"),
         ({"name": "cubic_stifness"}, "did you mean 'cubic_stiffness'?"),
-        (SPRING | {"share": 99.0}, "effect cubic_stiffness, share: expected a number from -0.3 to 10.0, got 99.0"),
+        (SPRING | {"share": 99.0}, "effect cubic_stiffness, share: expected a number from -0.9 to 10.0, got 99.0"),
     ],
 )
 def test_an_impossible_effect_is_refused(plant, effect, message):
