@@ -51,23 +51,26 @@ def judged(tree):
     return [json.loads(path.read_text()) for path in sorted(tree.glob("outputs/runs/*/verdict.json"))]
 
 
-def test_the_page_shows_an_effect_and_a_plant():
+def test_the_page_shows_effects_and_plants():
     folders = {name.rpartition("/")[0] for name, _ in FILES}
     assert folders == {"", "stages/plant/effects", "stages/plant/machines"}
-    assert len(TYPED) == 4
+    assert len(TYPED) == 5
 
 
 @pytest.mark.slow
-def test_the_effect_is_named_in_the_plant_and_nothing_is_without_it(tree):
-    assert run(tree, "python record.py").returncode == 0
+def test_each_effect_is_named_in_its_plant_and_nothing_is_without_it(tree):
+    for script in ("record.py", "tank_record.py"):
+        assert run(tree, f"python {script}").returncode == 0
     for line, shown in TYPED:
         done = run(tree, line)
         assert done.returncode == 0, done.stderr + done.stdout
         for told in shown.splitlines():
             assert told == "..." or read(told) in read(done.stdout)
-    worn, sound = judged(tree)
+    worn, sound, tank = judged(tree)
     assert [(each["name"], each["site"]) for each in worn["effects"]] == [("seal_friction", "element")]
     assert worn["effects"][0]["parameters"]["share"]["value"] == pytest.approx(0.04, abs=0.002)
     assert worn["gap"]["after"] < 1.15 * worn["gap"]["noise_floor"]
     assert sound["status"] == "no_discrepancy"
     assert "seal_friction" in [each["name"] for each in sound["ranking"]]
+    assert [(each["name"], each["site"]) for each in tank["effects"]] == [("low_rim", "buffer")]
+    assert tank["gap"]["after"] < 1.15 * tank["gap"]["noise_floor"]

@@ -221,10 +221,19 @@ class WholeRecordCell(Cell):
             )
             for record in self._used
         }
+        self._check_watched([(name, rate) for name, _, rate in watched[self._used[0]]])
         return [
             Driver(name, self._cut({k: each[place].samples[:, 0] for k, each in watched.items()}), rate=rate)
             for place, (name, _, rate) in enumerate(watched[self._used[0]])
         ]
+
+    def _check_watched(self, watched: Sequence[tuple[str, bool]]) -> None:
+        if len({rate for _, rate in watched}) < 2:
+            told = ", ".join(f"{name} (rate={rate})" for name, rate in watched) or "none"
+            raise ValueError(
+                f"{type(self.plant).__name__}.watch: expected a state, Watched(name, samples, False), and a rate whose "
+                f"sign is a direction, Watched(name, samples, True); got {told}"
+            )
 
     def respond(self, features: Array) -> Array:
         """Return the features of a flexible model as the plant's output answers to them."""

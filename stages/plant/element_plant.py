@@ -66,6 +66,11 @@ class ElementPlant(RecordPlant):
         """Time of a movement through one scale, s."""
         return self.pace_s or 1.0
 
+    @property
+    def memory_s(self) -> float:
+        """None: it answers at once."""
+        return 0.0
+
     @abstractmethod
     def answer(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Array:
         """Return what the element would answer without any effect, of the signals' shape."""
@@ -80,24 +85,17 @@ class ElementPlant(RecordPlant):
             Inputs and output by name, all records one after another.
         """
 
-    def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
-        """Return the plant with scales and bounds, where they were left open; see `RecordPlant.settle`."""
-        signals = {name: np.concatenate([each[name] for each in records]) for name in (*self.inputs, self.output)}
-        along, answer = signals[self.along], signals[self.output]
+    def find_scales(self, records: Sequence[Mapping[str, Array]], step_s: float) -> dict[str, float]:
+        """Return what scales are if they were left open, told by the signal along which the element is moved."""
+        along, answer = (np.concatenate([each[name] for each in records]) for name in (self.along, self.output))
         way = max(0.5 * float(np.ptp(along)), 1e-12)
         speed = float(np.mean(np.concatenate([np.abs(np.diff(each[self.along])) for each in records]))) / step_s
-        own = {
+        return {
             "along_middle": 0.5 * float(along.max() + along.min()),
             "along_scale": way,
             "output_scale": max(0.5 * float(np.ptp(answer)), 1e-12),
             "pace_s": way / speed if speed > 0.0 else 1.0,
         }
-        scales = {name: value if getattr(self, name) is None else getattr(self, name) for name, value in own.items()}
-        settled = self.model_copy(update=scales)
-        guessed = settled.guess(signals)
-        told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
-        constants = told if isinstance(self.constants, dict) else type(self.constants)(**told)
-        return settled.model_copy(update={"constants": constants})
 
     def simulate(
         self,

@@ -56,8 +56,24 @@ def read_machine(section: Any) -> Plant | RecordPlant:
     kind = str(section["kind"])
     if kind not in list_kinds():
         raise ValueError(f"kind: expected {' or '.join(list_kinds())}, got {kind!r}; {nearest(kind, list_kinds())}")
-    plant: RecordPlant = importlib.import_module(f"stages.plant.machines.{kind}").PLANT.model_validate(section)
-    return plant
+    return _find_machine(kind).model_validate(section)
+
+
+def _find_machine(kind: str) -> type[RecordPlant]:
+    """Return the class of a kind of machine.
+
+    Raises
+    ------
+    ValueError
+        When its file does not name it, or when it lacks what every machine has to tell.
+    """
+    found = getattr(importlib.import_module(f"stages.plant.machines.{kind}"), "PLANT", None)
+    if not isinstance(found, type) or not issubclass(found, RecordPlant):
+        raise ValueError(f"kind: expected stages.plant.machines.{kind} to end in PLANT = its class, got {found!r}")
+    missing = [*sorted(found.__abstractmethods__), *([] if hasattr(found, "SITE") else ["SITE"])]
+    if missing:
+        raise ValueError(f"kind: expected {found.__name__} to tell {', '.join(missing)}; docs/extend.md shows how")
+    return found
 
 
 Machine = Annotated[Plant | RecordPlant, PlainValidator(read_machine)]

@@ -16,6 +16,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from stages.plant.declaration import Declared
 from stages.plant.effect import DynamicEffect, Effect, Parameter
+from stages.plant.linear_guess import find_pace
 from stages.plant.listed import ListedEffect, NominalConstant, find_effect_at, leave_open
 from stages.signals.trajectories import Array
 
@@ -104,7 +105,8 @@ def _read_one(head: Array, step_s: float, at_s: float) -> tuple[float, float, fl
 class RecordPlant(Declared):
     """A machine whose records are signals over time: inputs, and one output.
 
-    A subclass declares `kind`, its inputs, `constants`, `effects` and what they take, and simulates.
+    A subclass declares `kind`, its inputs, `constants`, `effects` and what they take, simulates, and guesses where fits
+    begin; the rest has defaults.
     """
 
     SITE: ClassVar[str]
@@ -129,7 +131,9 @@ class RecordPlant(Declared):
         if not isinstance(constants, type) or not issubclass(constants, BaseModel):
             return section
         nullable = {name: None for name, each in cls.model_fields.items() if type(None) in get_args(each.annotation)}
-        return {**nullable, **section, "constants": leave_open(constants)}
+        own = {name for name, each in cls.model_fields.items() if name not in nullable and not each.is_required()}
+        told = {name: value for name, value in section.items() if value is not None or name not in own}
+        return {**nullable, **told, "constants": leave_open(constants)}
 
     @model_validator(mode="after")
     def _check_signals(self) -> Self:
@@ -188,8 +192,11 @@ class RecordPlant(Declared):
 
     @property
     def memory_s(self) -> float:
-        """Time after which what the inputs were no longer matters, s; infinite where it always does."""
-        return 0.0
+        """Time after which what the inputs were no longer matters, s; infinite where it always does.
+
+        Assumed: that of a usual movement.
+        """
+        return self.movement_s
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -211,7 +218,7 @@ class RecordPlant(Declared):
         return {each.name: each.prior_mean for each in self.parameters}
 
     def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
-        """Return the plant with scales and bounds, where they were left open, from recorded signals.
+        """Return the plant with scales and constants, where they were left open, from recorded signals.
 
         Parameters
         ----------
@@ -219,8 +226,45 @@ class RecordPlant(Declared):
             Inputs and output of each record by name, without gaps.
         step_s : float
             Time between samples, s.
+
+        Raises
+        ------
+        ValueError
+            When constants are open that `guess` does not tell.
         """
-        return self
+        own = self.find_scales(records, step_s)
+        scales = {name: value if getattr(self, name) is None else getattr(self, name) for name, value in own.items()}
+        settled = self.model_copy(update=scales)
+        left = [name for name, each in self.nominal.items() if each.start is None]
+        if not left:
+            return settled
+        signals = {name: np.concatenate([each[name] for each in records]) for name in (*self.inputs, self.output)}
+        guessed = settled.guess(signals)
+        untold = [name for name in left if name not in guessed]
+        if untold:
+            raise ValueError(
+                f"{type(self).__name__}.guess: expected (start, low, high, sd) of {', '.join(untold)}, got none; tell "
+                f"them there, or as plant.constants.{untold[0]}={{unit: ..., start: ..., low: ..., high: ..., sd: ...}}"
+            )
+        told = {name: each.settle(*guessed[name]) if name in left else each for name, each in self.nominal.items()}
+        constants = told if isinstance(self.constants, dict) else type(self.constants)(**told)
+        return settled.model_copy(update={"constants": constants})
+
+    def find_scales(self, records: Sequence[Mapping[str, Array]], step_s: float) -> dict[str, float]:
+        """Return what scales are if they were left open: half the range of the output, and how quick it is."""
+        outputs = [each[self.output] for each in records]
+        return {
+            "output_scale": max(0.5 * float(np.ptp(np.concatenate(outputs))), 1e-12),
+            "pace_s": max(find_pace(outputs, step_s), step_s),
+        }
+
+    def guess(self, *told: Any, **named: Any) -> Mapping[str, tuple[float, ...]]:
+        """Return start, bounds and deviation of each constant that may be left to the data; scales are known.
+
+        What it is told is one mapping of inputs and output by name, (N,) each, all records one after another; a
+        subclass that settles in its own way may tell it more.
+        """
+        return {}
 
     def thin_out(self, stride: int) -> Self:
         """Return the plant for records of which every so many samples became their mean."""
@@ -270,9 +314,18 @@ class RecordPlant(Declared):
         """Return the outputs of several cases, (T, R, C), bit for bit those of one after the other; see `simulate`."""
         return np.stack([self.simulate(signals, step_s, start_s, *case, begun) for case in cases], axis=2)
 
-    @abstractmethod
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
-        """Return what may explain a residual, of records with inputs and output: a state, a rate, more."""
+        """Return what may explain a residual, of records with inputs and output: a state, a rate, more.
+
+        Here the output as the textbook would have it, its rate, and the inputs. The measured output would carry the
+        noise that is to be told from what a model can explain.
+        """
+        begun = read_beginning([column[:HEAD] for column in signals[self.output].T], step_s)
+        plain = self.model_copy(update={"effects": []})
+        state = plain.simulate(self.refine(signals, step_s), step_s, np.zeros(1), constants, (), begun)
+        rate = np.gradient(state, step_s, axis=0) * (self.pace_s or 1.0)
+        told = [Watched("state", state, False), Watched("rate of state", rate, True)]
+        return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]
 
     def respond(self, features: Array, step_s: float) -> Array:
         """Return the features of a flexible model, (T, K, F), as the output answers to them: here at once."""
