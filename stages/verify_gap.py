@@ -32,6 +32,7 @@ from stages.discrepancy import (
     list_absorbed,
     list_candidates,
     list_cells,
+    list_hidden,
     list_predictions,
     list_remainder,
     locate_most,
@@ -150,11 +151,12 @@ def verify_gap(
     last = len(labels) - 1 if status == "named" else 0
     weights = resample(len(opened), settings.bootstraps, ctx.generator("resample", "verification"))
     driven = select_judged(verification)
-    confirmed = confirm_effects(named_effects, driven, 1.0 - settings.level)
+    hidden = list_hidden(found, channels, opened)
+    confirmed = confirm_effects(named_effects, driven, 1.0 - settings.level, hidden)
     over_floor = bound_ratio(found, last, opened, weights, settings.level)
     left_over_std = float(driven["gap_over_std"].iloc[last])
     if status == "no_discrepancy" and (
-        over_floor["value"] > settings.search.smallest_gap or left_over_std > TELLS_NOTHING
+        over_floor["value"] > settings.search.smallest_gap or left_over_std > TELLS_NOTHING or hidden
     ):
         status = "unexplained"
     verdict = {
@@ -163,7 +165,7 @@ def verify_gap(
         "ranking": list_candidates(ranking),
         "absorbed": list_absorbed(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
-        **summarise_unexplained(unexplained),
+        **summarise_unexplained(unexplained, doubted=not set(hidden).isdisjoint(added["channel"])),
         "remainder": list_remainder(remainder),
         "gap": {**tell_gap(driven, last, judged), "over_floor": over_floor},
         "verification_trials": [int(trial) for trial in trial_parts["trial"].iloc[opened]],

@@ -40,7 +40,14 @@ from stages.discrepancy.verdict import (
     locate_most,
     summarise_unexplained,
 )
-from stages.discrepancy.verification import Verified, bound_ratio, compare_steps, list_predictions, verify
+from stages.discrepancy.verification import (
+    Verified,
+    bound_ratio,
+    compare_steps,
+    list_hidden,
+    list_predictions,
+    verify,
+)
 from stages.discrepancy.words import tell, tell_bounds, tell_few, tell_floor, tell_odd, tell_remainder, tell_silent
 
 __all__ = [
@@ -80,6 +87,7 @@ __all__ = [
     "list_absorbed",
     "list_candidates",
     "list_cells",
+    "list_hidden",
     "list_predictions",
     "list_remainder",
     "list_residuals",

@@ -81,7 +81,18 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
 
 def _is_hidden(state: CellState) -> bool:
     """Return whether so much wanders, or is told by no measured signal, that neither a name nor its absence is sure."""
-    return state.floor > HIDING * state.cell.range and state.floor > FAR_ABOVE * state.noise.white
+    return hides(state.floor / state.cell.range, state.noise.white / state.cell.range)
+
+
+def hides(floor: float, white: float) -> bool:
+    """Return whether a noise floor hides what there is.
+
+    Parameters
+    ----------
+    floor, white : float
+        Noise floor, and noise from sample to sample, over the channel's range.
+    """
+    return floor > HIDING and floor > FAR_ABOVE * white
 
 
 def sum_doubt(remainders: Mapping[str, Remainder]) -> float:

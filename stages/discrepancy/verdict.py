@@ -15,6 +15,8 @@ Status = Literal["no_discrepancy", "named", "unexplained"]
 MOST_PLACES = 8
 UNCONFIRMED = 0.5
 """Factor of the probability of an effect that takes nothing away from trials not fitted."""
+HIDDEN = 0.5
+"""Probability of an effect, at most, where the noise floor of trials not fitted hides what there is."""
 PLACE = ("channel", "muscle")
 UPSTREAM = ("command", "valve")
 """Sites that show in pressure alone."""
@@ -55,19 +57,21 @@ def decide_status(named: Sequence[float], unknown: float, certain: float) -> Sta
     return "named" if named else "no_discrepancy"
 
 
-def summarise_unexplained(unexplained: pd.DataFrame) -> dict[str, Any]:
+def summarise_unexplained(unexplained: pd.DataFrame, doubted: bool = False) -> dict[str, Any]:
     """Return what is left without a name, over channels, as the verdict tells it; line and memory, of the worst.
 
     Parameters
     ----------
     unexplained : DataFrame
         Table `unexplained`.
+    doubted : bool
+        Whether the noise floor of trials not fitted hides what there is where something was named.
     """
     worst = int(np.argmax(unexplained["probability"].to_numpy()))
     line_hz = float(unexplained["line_hz"].to_numpy()[worst])
     return {
         "unexplained_share": float(unexplained["share"].clip(lower=0.0).max()),
-        "imitated": float(unexplained["imitated"].max()),
+        "imitated": 1.0 if doubted else float(unexplained["imitated"].max()),
         "line_hz": None if np.isnan(line_hz) else line_hz,
         "remembered": bool(unexplained["remembered"].to_numpy()[worst]),
     }
@@ -142,11 +146,13 @@ def locate_most(
     return [{str(name): _plain(value) for name, value in row.items()} for row in best[kept].to_dict("records")]
 
 
-def confirm_effects(named: pd.DataFrame, driven: pd.DataFrame, level: float) -> pd.DataFrame:
+def confirm_effects(
+    named: pd.DataFrame, driven: pd.DataFrame, level: float, hidden: Collection[str] = ()
+) -> pd.DataFrame:
     """Return the added effects with the gap before and after each on the opened trials, and whether that confirms it.
 
-    What takes nothing away from trials that nothing was fitted to is as likely something else; what exact values show
-    is there all the same.
+    What takes nothing away from trials that nothing was fitted to is as likely something else, and so is what is seen
+    beside a floor that hides what there is; what exact values show is there all the same.
 
     Parameters
     ----------
@@ -157,6 +163,8 @@ def confirm_effects(named: pd.DataFrame, driven: pd.DataFrame, level: float) -> 
     level : float
         Probability of no fall from the step before, above which an effect is not confirmed; with so few trials that
         none could be less, the least that there can be.
+    hidden : collection of str
+        Channels whose noise floor on the opened trials hides what there is.
 
     Returns
     -------
@@ -166,13 +174,16 @@ def confirm_effects(named: pd.DataFrame, driven: pd.DataFrame, level: float) -> 
     gap, p_step = driven["gap"].to_numpy(), driven["p_step"].to_numpy()
     order = named["order"].to_numpy(dtype=int)
     bearable = max(level, least_p(int(driven["trials"].iloc[0])))
-    confirmed = named["shown"].to_numpy(dtype=bool) | (p_step[order] <= bearable)
+    shown = named["shown"].to_numpy(dtype=bool)
+    confirmed = shown | (p_step[order] <= bearable)
+    seen = shown | ~named["channel"].isin(list(hidden)).to_numpy(dtype=bool)
+    probability = named["probability"].where(seen, named["probability"].clip(upper=HIDDEN))
     return named.assign(
         gap_before=gap[order - 1],
         gap_after=gap[order],
         p_step=p_step[order],
         confirmed=confirmed,
-        probability=named["probability"].where(confirmed, UNCONFIRMED * named["probability"]),
+        probability=probability.where(confirmed, UNCONFIRMED * probability),
     )
 
 

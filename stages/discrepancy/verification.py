@@ -17,6 +17,7 @@ from stages.discrepancy.fitting import Model, fit
 from stages.discrepancy.flexible import Mask, find_floor
 from stages.discrepancy.muscle_cells import ForceCell, MuscleCell
 from stages.discrepancy.noise import Noise
+from stages.discrepancy.remainder import hides
 from stages.discrepancy.restoring import restore
 from stages.signals.trajectories import Array
 from stages.statistics.sign_flips import compare_signs
@@ -191,6 +192,27 @@ def bound_ratio(
         low, high = np.quantile(drawn, [1.0 - level, level])
         ratios.append({"value": float(np.sqrt(gap.sum() / floor.sum())), "low": float(low), "high": float(high)})
     return max(ratios, key=lambda each: each["value"])
+
+
+def list_hidden(found: Sequence[Verified], channels: pd.DataFrame, opened: Sequence[int]) -> list[str]:
+    """Return the channels whose noise floor on the verification trials hides what there is, each once.
+
+    Parameters
+    ----------
+    found : sequence of Verified
+        All cells.
+    channels : DataFrame
+        Noise of each cell.
+    opened : sequence of int
+        Positions of the verification trials.
+    """
+    white = channels.set_index(["channel", "muscle"])["white"]
+    hidden = []
+    for each in found:
+        floor = float(np.sqrt(np.mean(pool([each], [each.floor], opened) ** 2)))
+        if hides(floor, float(white[each.cell.channel, each.cell.element]) / each.cell.range):
+            hidden.append(each.cell.channel)
+    return list(dict.fromkeys(hidden))
 
 
 def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> float:

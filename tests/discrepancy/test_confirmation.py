@@ -6,16 +6,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.discrepancy import confirm_effects
+from stages.discrepancy import Verified, confirm_effects, list_hidden
+from tests.discrepancy.toys import make_toy
 
 STEP_S, SAMPLES = 0.02, 3200
 BENCH = ("plant=static_map", "parts.fitted=[est]", "parts.verification=[val]", "figures=[png]")
 
 
-def judge(p_step, trials=6, shown=False):
-    named = pd.DataFrame([{"order": k + 1, "name": f"e{k}", "probability": 0.9, "shown": shown} for k in range(2)])
+def judge(p_step, trials=6, shown=False, hidden=()):
+    row = {"probability": 0.9, "shown": shown}
+    named = pd.DataFrame([{"order": k + 1, "name": f"e{k}", "channel": "xy"[k], **row} for k in range(2)])
     driven = pd.DataFrame({"step": range(4), "gap": [0.4, 0.2, 0.1, 0.1], "trials": trials, "p_step": [1, *p_step, 1]})
-    return confirm_effects(named, driven, 0.05)
+    return confirm_effects(named, driven, 0.05, hidden)
 
 
 def test_what_takes_nothing_away_is_half_as_probable():
@@ -33,6 +35,24 @@ def test_what_exact_values_show_needs_no_confirmation():
 @pytest.mark.parametrize(("p_step", "confirmed"), [(0.125, True), (0.25, False)])
 def test_of_few_trials_the_least_p_that_there_can_be_is_asked(p_step, confirmed):
     assert judge([0.01, p_step], trials=3)["confirmed"].tolist()[1] == confirmed
+
+
+def test_beside_a_floor_that_hides_what_there_is_a_name_is_at_most_as_likely_as_not():
+    assert judge([0.016, 0.016], hidden=["y"])["probability"].tolist() == [0.9, 0.5]
+    assert judge([0.016, 0.3], hidden=["y"])["probability"].tolist() == [0.9, 0.25]
+    assert judge([0.016, 0.016], shown=True, hidden=["y"])["probability"].tolist() == [0.9, 0.9]
+
+
+@pytest.mark.parametrize(
+    ("floor", "white", "hidden"), [(0.06, 0.01, ["y"]), (0.06, 0.03, []), (0.03, 0.001, [])], ids=str
+)
+def test_whether_a_floor_hides_what_there_is_the_opened_trials_say(floor, white, hidden):
+    cell = make_toy(0)
+    left = np.array([0.001] * 5 + [floor] * 3) ** 2 * cell.present.sum(axis=0)
+    channels = pd.DataFrame([{"channel": "y", "muscle": "toy", "white": white * cell.range}])
+    seen = [Verified(cell, [], [], left)]
+    assert list_hidden(seen, channels, [5, 6, 7]) == hidden
+    assert list_hidden(seen, channels, [0, 1]) == []
 
 
 def slide(way, width):

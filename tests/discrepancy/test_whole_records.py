@@ -28,11 +28,11 @@ def read_plant(name="static_map", **changes):
     return read_machine({**yaml.safe_load((CONF / "plant" / f"{name}.yaml").read_text()), **changes})
 
 
-def pump_tanks(seed, rim=None, cut=None, samples=1600):
+def pump_tanks(seed, rim=None, cut=None, samples=1600, levels=(4.0, 5.0)):
     """Levels of two tanks by small steps of Euler's rule; water above a soft rim runs over, half of it down."""
     generator = np.random.default_rng(seed)
     pump = 2.8 + np.convolve(generator.standard_normal(samples + 60), np.ones(60) / 8.0, mode="valid")[:samples]
-    upper, lower, reading = 4.0, 5.0, np.empty(samples)
+    (upper, lower), reading = levels, np.empty(samples)
     for k in range(samples):
         reading[k] = lower
         for _ in range(40):
@@ -252,3 +252,14 @@ def test_a_reading_that_is_cut_is_named_with_its_level(settings):
 
 def test_tanks_without_an_effect_have_none_named(settings):
     assert not look(build_tanks(seed=3), settings).named
+
+
+def test_records_of_tanks_that_begin_at_other_levels_leave_noise_alone():
+    told = [
+        tabulate(pump_tanks(seed, samples=500, levels=levels), record, step_s=4.0)
+        for seed, (record, levels) in enumerate({"a": (4.0, 5.0), "b": (1.0, 8.0), "c": (8.0, 2.0)}.items())
+    ]
+    signals, trials = (pd.concat(each, ignore_index=True) for each in zip(*told, strict=True))
+    state = prepare(build_whole_records(signals, trials, read_plant("cascaded_tanks")))
+    assert state.ratio(state.nominal.raw) < 1.05
+    assert np.sqrt(state.nominal.raw.sum() / state.samples.sum()) < 1.2 * 0.02

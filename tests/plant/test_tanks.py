@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 from stages.plant.effect import find_effect
 from stages.plant.machine import read_machine
+from stages.plant.record_plant import HEAD, Beginning, read_beginning
 from tests.plant.machines import CONF
 
 STEP_S = 4.0
@@ -16,10 +17,11 @@ CONSTANTS = {
     "lower_inflow": 0.05,
     "lower_outflow": 0.04,
     "pump_gain": 0.04,
-    "upper_start": 4.0,
-    "lower_start": 6.0,
     "reading_offset": 0.3,
+    "timing_s": 0.0,
 }
+UPPER, LOWER = 4.0, 6.0
+"""Levels in which records begin."""
 RIM = find_effect("overflow", "rim")
 CUT = find_effect("saturation", "tank_reading")
 
@@ -28,9 +30,15 @@ def read_tanks(**changes):
     return read_machine({**yaml.safe_load((CONF / "plant" / "cascaded_tanks.yaml").read_text()), **changes})
 
 
-def fill(pump, effects=(), **changes):
+def begin(upper=UPPER, lower=LOWER, error=1e-3):
+    rate = 0.05 * np.sqrt(upper) - 0.04 * np.sqrt(lower)
+    return Beginning(*np.array([[lower + 0.3], [error], [rate], [error], [error]]))
+
+
+def fill(pump, effects=(), begun=None, **changes):
     signals = {"pump_v": np.asarray(pump, dtype=float)[:, None]}
-    return read_tanks().simulate(signals, STEP_S, np.zeros(1), {**CONSTANTS, **changes}, effects)[:, 0]
+    constants = {**CONSTANTS, **changes}
+    return read_tanks().simulate(signals, STEP_S, np.zeros(1), constants, effects, begun or begin())[:, 0]
 
 
 def test_levels_rest_where_torricelli_says():
@@ -39,20 +47,36 @@ def test_levels_rest_where_torricelli_says():
     lower = (0.05 * np.sqrt(upper) / 0.04) ** 2
     assert reading[-1] == pytest.approx(lower + 0.3, abs=1e-6)
     assert reading[0] == pytest.approx(6.3)
+    np.testing.assert_allclose(
+        read_tanks().simulate({"pump_v": np.full((9, 1), 2.5)}, STEP_S, np.zeros(1), CONSTANTS), lower + 0.3
+    )
 
 
-def test_the_way_there_is_that_of_another_integrator():
+@pytest.mark.parametrize(("held", "timing_s"), [(False, 0.0), (True, 0.5 * STEP_S)], ids=["straight", "held"])
+def test_the_way_there_is_that_of_another_integrator(held, timing_s):
     pump = 2.5 + np.sin(0.05 * np.arange(200))
 
     def change(time, levels):
-        filled = 0.04 * pump[min(int(time / STEP_S), 199)]
+        at = time / STEP_S
+        filled = 0.04 * (pump[min(int(at), 199)] if held else np.interp(at, np.arange(200), pump))
         down, out = 0.05 * np.sqrt(max(levels[0], 0.0)), 0.04 * np.sqrt(max(levels[1], 0.0))
         return [filled - down, down - out]
 
     exact = solve_ivp(
         change, (0.0, 199 * STEP_S), [4.0, 6.0], t_eval=np.arange(200) * STEP_S, max_step=0.1, rtol=1e-8, atol=1e-8
     )
-    np.testing.assert_allclose(fill(pump), exact.y[1] + 0.3, atol=2e-3)
+    np.testing.assert_allclose(fill(pump, timing_s=timing_s), exact.y[1] + 0.3, atol=2e-3)
+
+
+def test_each_record_begins_where_its_own_first_readings_say(generator):
+    pump = np.tile(2.5 + np.sin(0.05 * np.arange(300))[:, None], 2)
+    levels = [(4.0, 6.0), (1.0, 9.0)]
+    exact = np.stack([fill(column, begun=begin(*each)) for column, each in zip(pump.T, levels, strict=True)], axis=1)
+    measured = exact + 0.02 * generator.standard_normal(exact.shape)
+    begun = read_beginning(list(measured[:HEAD].T), STEP_S)
+    measured[HEAD:] = np.nan
+    found = read_tanks().simulate({"pump_v": pump, "level_v": measured}, STEP_S, np.zeros(1), CONSTANTS, (), begun)
+    np.testing.assert_allclose(found, exact, atol=0.05)
 
 
 def test_above_the_rim_water_runs_over_and_a_share_of_it_down():
@@ -82,13 +106,14 @@ def test_a_reading_is_cut_and_the_level_is_not():
 
 
 def test_an_amended_plant_simulates_as_fitted_and_reads_back():
-    amended = read_tanks().amend(CONSTANTS, [(RIM.name, RIM.form, {"scale_over_rim": 1.0, "share_down": 0.4})])
+    settled = read_tanks().settle([], STEP_S)
+    amended = settled.amend(CONSTANTS, [(RIM.name, RIM.form, {"scale_over_rim": 1.0, "share_down": 0.4})])
     again = read_machine(yaml.safe_load(yaml.safe_dump(amended.model_dump())))
     constants = {each.name: each.prior_mean for each in again.parameters}
     assert constants == CONSTANTS
-    pump = np.full((800, 1), 4.0)
+    pump = 4.0 + np.sin(0.05 * np.arange(800))[:, None]
     np.testing.assert_array_equal(
-        again.simulate({"pump_v": pump}, STEP_S, np.zeros(1), constants)[:, 0],
+        again.simulate({"pump_v": pump}, STEP_S, np.zeros(1), constants, (), begin())[:, 0],
         fill(pump[:, 0], [(RIM, {"scale_over_rim": 1.0, "share_down": 0.4})]),
     )
 
