@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
+from pydantic import model_validator
 
-from pipeline.config import Section
+from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
@@ -30,6 +31,7 @@ from stages.discrepancy import (
     assign_parts,
     average_loops,
     average_plane,
+    check_plant,
     leave_gaps,
     list_cells,
     list_residuals,
@@ -127,8 +129,37 @@ GAP = Table(
 )
 
 
+NO_SIGNALS = ("record", "part", "time_s")
+"""Names of a map of columns that are no signals."""
+
+
+class Recording(View):
+    """Of what kind the recording is."""
+
+    kind: str
+
+
+class PlantOfRecording(View):
+    """The plant simulates what is measured, from signals that are."""
+
+    stages: list[str] | None
+    measured: Any
+    measurement: Recording
+    columns: dict[str, str | None]
+    plant: Machine
+
+    @model_validator(mode="after")
+    def _find_signals(self) -> Self:
+        if self.measured is not None and self.stages != ["measurement"]:
+            signals = [name for name in self.columns if name not in NO_SIGNALS]
+            check_plant(self.plant, self.measurement.kind, signals)
+        return self
+
+
 class Config(Section):
     """What this stage reads."""
+
+    checks: ClassVar = (PlantOfRecording,)
 
     discrepancy: DiscrepancySettings
     parts: Parts

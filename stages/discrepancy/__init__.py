@@ -18,7 +18,7 @@ from stages.discrepancy.exactness import explain_exactly
 from stages.discrepancy.fitted_cell import CellState, prepare
 from stages.discrepancy.gaps import locate, upper_ratio
 from stages.discrepancy.judgement import Judgement, judge, tell_truth
-from stages.discrepancy.machines import Measurements, list_cells, settle, write_amended
+from stages.discrepancy.machines import Measurements, check_plant, list_cells, settle, write_amended
 from stages.discrepancy.odd_trials import find_odd_trials
 from stages.discrepancy.parts import PURPOSES, Parts, assign_parts, leave_gaps
 from stages.discrepancy.ranking import rank_first
@@ -72,6 +72,7 @@ __all__ = [
     "average_plane",
     "bound_ratio",
     "build_cells",
+    "check_plant",
     "choose_verification",
     "compare_steps",
     "confirm_effects",

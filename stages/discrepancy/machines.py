@@ -47,25 +47,39 @@ def list_cells(plant: Plant | RecordPlant, measured: Measurements, settings: Dis
     ValueError
         When the plant is not one that simulates such a recording, or when it names a signal that was not recorded.
     """
-    kind = str(measured.session["kind"].iloc[0])
-    if not isinstance(plant, HELD_BY[kind]):
-        hint = "plant=nominal, or measurement=records" if kind == "muscles" else f"plant={' or '.join(list_kinds())}"
-        raise ValueError(f"plant: expected one that simulates {kind}, got another kind of machine; set {hint}")
+    check_plant(plant, str(measured.session["kind"].iloc[0]), list(dict.fromkeys(measured.signals["signal"])))
     if isinstance(plant, RecordPlant):
-        _check_signals(measured.signals, plant)
         return [build_whole_records(measured.signals, measured.trials, plant)]
     return build_cells(measured.samples, measured.trials, measured.muscles, measured.session, settings)
 
 
-def _check_signals(signals: pd.DataFrame, plant: RecordPlant) -> None:
-    """Check that what a plant names was measured; else say what names it."""
-    known = list(dict.fromkeys(signals["signal"]))
-    for name in (*plant.inputs, plant.output):
+def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> None:
+    """Check that a plant simulates such a recording, and that what it names was measured.
+
+    Parameters
+    ----------
+    plant : Plant, or one of records
+        What is configured.
+    kind : {"muscles", "records"}
+        Of the recording.
+    known : sequence of str
+        Names of the signals of records.
+
+    Raises
+    ------
+    ValueError
+        When it does not, naming what names the signal.
+    """
+    if not isinstance(plant, HELD_BY[kind]):
+        hint = "plant=nominal, or measurement=records" if kind == "muscles" else f"plant={' or '.join(list_kinds())}"
+        raise ValueError(f"plant: expected one that simulates {kind}, got another kind of machine; set {hint}")
+    for name in (*plant.inputs, plant.output) if isinstance(plant, RecordPlant) else ():
         if name not in known:
             settings = dict(_list_settings(plant.model_dump(), name, "plant"))
             raise ValueError(
                 f"signal {name}, named by {' and '.join(settings)}: expected it to be measured; known are "
-                f"{', '.join(known)}; type {_tell_remedy(settings, name, plant, known)}, or add +columns.{name}=COLUMN"
+                f"{', '.join(known) or 'none'}; type {_tell_remedy(settings, name, plant, known)}, or add "
+                f"+columns.{name}=COLUMN"
             )
 
 
