@@ -26,9 +26,11 @@ from stages.discrepancy import (
     bound_ratio,
     compare_steps,
     confirm_effects,
+    confirm_status,
     decide_status,
     describe_effects,
     find_odd_trials,
+    is_hidden,
     list_absorbed,
     list_candidates,
     list_cells,
@@ -45,6 +47,7 @@ from stages.discrepancy import (
     tell_odd,
     tell_remainder,
     tell_silent,
+    tell_unconfirmed,
     trace_effects,
     verify,
 )
@@ -155,10 +158,9 @@ def verify_gap(
     confirmed = confirm_effects(named_effects, driven, 1.0 - settings.level, hidden)
     over_floor = bound_ratio(found, last, opened, weights, settings.level)
     left_over_std = float(driven["gap_over_std"].iloc[last])
-    if status == "no_discrepancy" and (
-        over_floor["value"] > settings.search.smallest_gap or left_over_std > TELLS_NOTHING or hidden
-    ):
-        status = "unexplained"
+    blind = bool(hidden) or is_hidden(channels) or left_over_std > TELLS_NOTHING
+    said = confirm_status(status, over_floor["value"], settings.search.smallest_gap, blind)
+    lost, status = status == "unexplained" and said == "no_discrepancy", said
     verdict = {
         "status": status,
         "effects": describe_effects(confirmed, amended_values) if status == "named" else [],
@@ -167,7 +169,10 @@ def verify_gap(
         "where": [{name: row[name] for name in WHERE} for row in places],
         **summarise_unexplained(unexplained, doubted=not set(hidden).isdisjoint(added["channel"])),
         "remainder": list_remainder(remainder),
-        "gap": {**tell_gap(driven, last, judged), "over_floor": over_floor},
+        "gap": {
+            **tell_gap(driven, last, judged),
+            "over_floor": {**over_floor, "smallest": settings.search.smallest_gap},
+        },
         "verification_trials": [int(trial) for trial in trial_parts["trial"].iloc[opened]],
     }
     ctx.verdict(verdict)
@@ -182,6 +187,7 @@ def verify_gap(
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
         *tell_mapping(left_over_std),
+        *(tell_unconfirmed(verdict["unexplained_share"]) if lost else []),
         *tell_remainder(remainder, status),
         *tell_silent(judgeable, list(measured_muscles["muscle"])),
         *tell_odd(odd),

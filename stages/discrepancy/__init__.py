@@ -32,6 +32,7 @@ from stages.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.discrepancy.signature import trace_effects
 from stages.discrepancy.verdict import (
     confirm_effects,
+    confirm_status,
     decide_status,
     describe_effects,
     list_absorbed,
@@ -44,11 +45,21 @@ from stages.discrepancy.verification import (
     Verified,
     bound_ratio,
     compare_steps,
+    is_hidden,
     list_hidden,
     list_predictions,
     verify,
 )
-from stages.discrepancy.words import tell, tell_bounds, tell_few, tell_floor, tell_odd, tell_remainder, tell_silent
+from stages.discrepancy.words import (
+    tell,
+    tell_bounds,
+    tell_few,
+    tell_floor,
+    tell_odd,
+    tell_remainder,
+    tell_silent,
+    tell_unconfirmed,
+)
 
 __all__ = [
     "PURPOSES",
@@ -76,6 +87,7 @@ __all__ = [
     "choose_verification",
     "compare_steps",
     "confirm_effects",
+    "confirm_status",
     "decide_status",
     "describe",
     "describe_above_floor",
@@ -83,6 +95,7 @@ __all__ = [
     "estimate_intervals",
     "explain_exactly",
     "find_odd_trials",
+    "is_hidden",
     "judge",
     "leave_gaps",
     "list_absorbed",
@@ -112,6 +125,7 @@ __all__ = [
     "tell_remainder",
     "tell_silent",
     "tell_truth",
+    "tell_unconfirmed",
     "trace_effects",
     "upper_ratio",
     "verify",

@@ -57,6 +57,25 @@ def decide_status(named: Sequence[float], unknown: float, certain: float) -> Sta
     return "named" if named else "no_discrepancy"
 
 
+def confirm_status(status: Status, over_floor: float, smallest_gap: float, blind: bool) -> Status:
+    """Return the status after a look at the opened trials: where nothing was named, they tell whether there is a gap.
+
+    Parameters
+    ----------
+    status : str
+        By the fitted trials.
+    over_floor : float
+        Gap of the opened trials over their noise floor.
+    smallest_gap : float
+        That matters.
+    blind : bool
+        Whether so much counts as noise that a gap would not be seen.
+    """
+    if status == "named":
+        return status
+    return "unexplained" if blind or over_floor > smallest_gap else "no_discrepancy"
+
+
 def summarise_unexplained(unexplained: pd.DataFrame, doubted: bool = False) -> dict[str, Any]:
     """Return what is left without a name, over channels, as the verdict tells it; line and memory, of the worst.
 

@@ -194,6 +194,18 @@ def bound_ratio(
     return max(ratios, key=lambda each: each["value"])
 
 
+def is_hidden(channels: pd.DataFrame) -> bool:
+    """Return whether a noise floor of the fitted trials hides what there is.
+
+    Parameters
+    ----------
+    channels : DataFrame
+        Noise floor, white noise and range of each cell.
+    """
+    rows = channels[["noise_floor", "white", "range"]].to_numpy(dtype=float)
+    return any(hides(floor / scale, white / scale) for floor, white, scale in rows)
+
+
 def list_hidden(found: Sequence[Verified], channels: pd.DataFrame, opened: Sequence[int]) -> list[str]:
     """Return the channels whose noise floor on the verification trials hides what there is, each once.
 

@@ -91,7 +91,18 @@ def _tell_named(verdict: Mapping[str, Any]) -> list[str]:
 
 
 def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
-    gap = verdict["gap"]
+    gap, over_floor = verdict["gap"], verdict["gap"]["over_floor"]
+    on_opened = (
+        f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
+        f"{_percent(gap['noise_floor'])}."
+    )
+    if over_floor["value"] <= over_floor["smallest"]:
+        return [
+            f"Whether something is missing cannot be told: the gap is {over_floor['value']:.2f} times the noise floor, "
+            "but so much counts as noise that it may hide what is there. Nothing is named, and the plant is not "
+            "changed but for its fitted constants.",
+            on_opened,
+        ]
     share = min(max(float(verdict["unexplained_share"]), 0.0), 1.0)
     least = LEAST_HELP * next(each["heldout_gap"] for each in verdict["ranking"] if each["name"] == "none")
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
@@ -108,8 +119,7 @@ def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
     return [
         f"A gap is real and no effect of the library explains it: {reproducible}.{near} Nothing is named, and the "
         "plant is not changed but for its fitted constants.",
-        f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
-        f"{_percent(gap['noise_floor'])}.",
+        on_opened,
     ]
 
 
@@ -239,6 +249,20 @@ def tell_floor(channels: pd.DataFrame, final: float = math.inf) -> list[str]:
         f"The noise floor is more than {HIGH_FLOOR:g} times the sensor's noise from sample to sample "
         f"({_shorten(where)}): something wanders, or acts that no measured signal tells; trials repeated alike would "
         "tell which."
+    ]
+
+
+def tell_unconfirmed(share: float) -> list[str]:
+    """Return that the gap of fitted trials is not there on those opened at the end.
+
+    Parameters
+    ----------
+    share : float
+        Of the fitted trials' gap, what a flexible model takes away.
+    """
+    return [
+        "Fitted trials, each left out in turn, show a gap of which a flexible model would take away "
+        f"{_percent(min(share, 1.0))}; those opened at the end show none."
     ]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.discrepancy import Verified, confirm_effects, list_hidden
+from stages.discrepancy import Verified, confirm_effects, confirm_status, list_hidden
 from tests.discrepancy.toys import make_toy
 
 STEP_S, SAMPLES = 0.02, 3200
@@ -53,6 +53,21 @@ def test_whether_a_floor_hides_what_there_is_the_opened_trials_say(floor, white,
     seen = [Verified(cell, [], [], left)]
     assert list_hidden(seen, channels, [5, 6, 7]) == hidden
     assert list_hidden(seen, channels, [0, 1]) == []
+
+
+@pytest.mark.parametrize(
+    ("status", "over_floor", "blind", "said"),
+    [
+        ("unexplained", 1.1, False, "no_discrepancy"),
+        ("unexplained", 1.2, False, "unexplained"),
+        ("no_discrepancy", 1.1, False, "no_discrepancy"),
+        ("no_discrepancy", 1.2, False, "unexplained"),
+        ("no_discrepancy", 1.0, True, "unexplained"),
+        ("named", 1.0, True, "named"),
+    ],
+)
+def test_whether_there_is_a_gap_the_opened_trials_say(status, over_floor, blind, said):
+    assert confirm_status(status, over_floor, 1.15, blind) == said
 
 
 def slide(way, width):

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.discrepancy import summarise_unexplained, tell, tell_bounds, tell_few, tell_floor
+from stages.discrepancy import summarise_unexplained, tell, tell_bounds, tell_few, tell_floor, tell_unconfirmed
 
 GAP = {
     "before": 0.081,
@@ -13,8 +13,9 @@ GAP = {
     "low": 0.019,
     "high": 0.023,
     "p_value": 0.031,
-    "over_floor": {"value": 1.02, "low": 1.0, "high": 1.05},
+    "over_floor": {"value": 1.02, "low": 1.0, "high": 1.05, "smallest": 1.15},
 }
+LARGE = {**GAP, "over_floor": {**GAP["over_floor"], "value": 4.0}}
 EFFECT = {
     "name": "hysteresis",
     "form": "maxwell_slip",
@@ -38,7 +39,7 @@ def speak(status, **changes):
         "status": status,
         "effects": [EFFECT] if status == "named" else [],
         "ranking": RANKING,
-        "gap": GAP,
+        "gap": LARGE if status == "unexplained" else GAP,
         "unexplained_share": 0.4,
         "imitated": 0.0,
         "line_hz": None,
@@ -84,6 +85,18 @@ def test_where_nothing_is_named_it_is_told_what_is_left():
     text = speak("unexplained")
     assert "a flexible model would still take away 40 % of what is above the noise" in text
     assert "The nearest is hysteresis, which is not enough" in text
+
+
+def test_no_gap_is_called_real_that_is_as_small_as_the_floor():
+    text = speak("unexplained", gap=GAP)
+    assert "cannot be told: the gap is 1.02 times the noise floor, but so much counts as noise" in text
+    assert "real" not in text
+    assert "take away" not in text
+
+
+def test_a_gap_that_opened_trials_lack_is_told():
+    (sentence,) = tell_unconfirmed(0.37)
+    assert "a flexible model would take away 37 %; those opened at the end show none" in sentence
 
 
 def test_a_memory_is_told_as_one():
