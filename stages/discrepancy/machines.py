@@ -73,7 +73,9 @@ def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> 
     if not isinstance(plant, HELD_BY[kind]):
         hint = "plant=nominal, or measurement=records" if kind == "muscles" else f"plant={' or '.join(list_kinds())}"
         raise ValueError(f"plant: expected one that simulates {kind}, got another kind of machine; set {hint}")
-    for name in (*plant.inputs, plant.output) if isinstance(plant, RecordPlant) else ():
+    if not isinstance(plant, RecordPlant):
+        return
+    for name in (*plant.inputs, plant.output):
         if name not in known:
             settings = dict(_list_settings(plant.model_dump(), name, "plant"))
             raise ValueError(
