@@ -39,6 +39,7 @@ from stages.discrepancy import (
     list_remainder,
     locate_most,
     resample,
+    settle,
     summarise_unexplained,
     tell,
     tell_bounds,
@@ -46,6 +47,7 @@ from stages.discrepancy import (
     tell_floor,
     tell_odd,
     tell_remainder,
+    tell_scales,
     tell_silent,
     tell_unconfirmed,
     trace_effects,
@@ -187,6 +189,7 @@ def verify_gap(
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
         *tell_mapping(left_over_std),
+        *(tell_scales(settle(cfg.plant, cells)) if status == "named" else []),
         *(tell_unconfirmed(verdict["unexplained_share"]) if lost else []),
         *tell_remainder(remainder, status),
         *tell_silent(judgeable, list(measured_muscles["muscle"])),

@@ -57,6 +57,7 @@ from stages.discrepancy.words import (
     tell_floor,
     tell_odd,
     tell_remainder,
+    tell_scales,
     tell_silent,
     tell_unconfirmed,
 )
@@ -123,6 +124,7 @@ __all__ = [
     "tell_floor",
     "tell_odd",
     "tell_remainder",
+    "tell_scales",
     "tell_silent",
     "tell_truth",
     "tell_unconfirmed",

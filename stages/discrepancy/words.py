@@ -11,6 +11,9 @@ import pandas as pd
 from stages.discrepancy.remainder import MANY
 from stages.discrepancy.signal_names import name_signal
 from stages.plant.effect import Effect, Parameter, find_effect
+from stages.plant.element_plant import ElementPlant
+from stages.plant.plant import Plant
+from stages.plant.record_plant import RecordPlant
 
 FEW_TRIALS = 6
 """Fitted trials below which it is told that they say little."""
@@ -216,6 +219,29 @@ def tell_bounds(values: pd.DataFrame) -> list[str]:
         sizes = _join([f"{each:.3g}" for each in dict.fromkeys(rows["value"])][:MOST_LISTED])
         named.append(f"{name}{owner} ({sizes}, {_join(list(dict.fromkeys(rows['at_bound'])))})")
     return [f"At a bound, beyond which nothing was tried, {'stands' if len(named) == 1 else 'stand'} {_join(named)}."]
+
+
+def tell_scales(plant: Plant | RecordPlant) -> list[str]:
+    """Return what the scales and the pace are in which effects on a machine of records tell their sizes.
+
+    Parameters
+    ----------
+    plant : Plant, or one of records
+        Settled; muscles tell sizes in units.
+    """
+    if not isinstance(plant, RecordPlant):
+        return []
+    scales = [(plant.output, plant.output_scale)]
+    if isinstance(plant, ElementPlant):
+        scales.append((plant.along, plant.along_scale))
+    told = [
+        f"a scale of {words} is {scale:.3g} {unit}".strip()
+        for name, scale in scales
+        if scale is not None
+        for words, unit in [name_signal(name)]
+    ]
+    pace = [f"a pace is {plant.pace_s:.3g} s"] if plant.pace_s is not None else []
+    return [f"Where sizes are told in them, {_join([*told, *pace])}."] if told or pace else []
 
 
 def tell_few(fitted: int, opened: int) -> list[str]:

@@ -3,8 +3,19 @@
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
-from stages.discrepancy import summarise_unexplained, tell, tell_bounds, tell_few, tell_floor, tell_unconfirmed
+from stages.discrepancy import (
+    summarise_unexplained,
+    tell,
+    tell_bounds,
+    tell_few,
+    tell_floor,
+    tell_scales,
+    tell_unconfirmed,
+)
+from stages.plant.machine import read_machine
+from tests.plant.machines import CONF, configured
 
 GAP = {
     "before": 0.081,
@@ -107,6 +118,15 @@ def test_an_oscillation_is_told_instead_of_a_share():
     text = speak("unexplained", line_hz=49.94)
     assert "an oscillation at 49.9 Hz runs through all trials" in text
     assert "flexible model" not in text
+
+
+def test_scales_are_told_in_units():
+    element = yaml.safe_load((CONF / "plant" / "static_map.yaml").read_text())
+    scales = {"along_scale": 0.02, "output_scale": 150.0, "pace_s": 0.5}
+    (told,) = tell_scales(read_machine({**element, **scales}))
+    assert told.endswith("a scale of force is 150 N, a scale of position is 0.02 m and a pace is 0.5 s.")
+    assert tell_scales(read_machine(element)) == []
+    assert tell_scales(configured().plant) == []
 
 
 @pytest.mark.parametrize(("fitted", "told"), [(2, 1), (5, 1), (6, 0)])
