@@ -200,6 +200,7 @@ def test_a_rig_refuses_a_bank_in_one_line():
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.realtime
 def test_ticks_keep_to_time_and_missed_ones_are_left_out():
     begun = time.monotonic()
     ticks = []
