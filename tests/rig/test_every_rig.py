@@ -169,4 +169,5 @@ def test_what_clipped_the_command_is_recorded(rig, generator):
         found = rig.execute(clipped(rig), generator)
     assert {"pressure", "rate"} <= set(found.clipped_by[50:].ravel())
     assert (found.pressure_command_kpa < asked)[60:].all()
-    assert set(found.clipped_by[:50].ravel()) == {""}
+    assert set(found.clipped_by[:5].ravel()) <= {"", "ramp"}  # what a tick that came late left of the lead-in
+    assert set(found.clipped_by[5:50].ravel()) == {""}
