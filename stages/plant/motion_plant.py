@@ -161,11 +161,11 @@ class MotionPlant(RecordPlant):
         spans = [float(np.ptp(each)) for each in outputs]
         usual_s = self.pace_s or max(find_pace(outputs, step_s), step_s)
         scale = self.output_scale or max(0.5 * max(spans), 1e-12)
-        settled = self.model_copy(update={"output_scale": scale, "pace_s": usual_s})
+        opened = self.model_copy(update={"output_scale": scale, "pace_s": usual_s})
         if all(each.start is not None for each in self.nominal.values()):
-            return settled
+            return opened
         begun = read_beginning([each[:HEAD] for each in outputs], step_s)
-        settled = settled._guess_constants(records, step_s, begun, usual_s)
+        settled = opened._guess_constants(records, step_s, begun)
         if self.pace_s:
             return settled
         settled = settled._follow_nature(records)
@@ -176,18 +176,16 @@ class MotionPlant(RecordPlant):
             quicker_s = usual_s * 0.5**halvings
             if self.FILTER * quicker_s < FINEST_FILTER * step_s:
                 break
-            start = self.model_copy(update={"output_scale": scale, "pace_s": quicker_s})
-            tried = start._guess_constants(records, step_s, begun, quicker_s)._follow_nature(records)
+            start = opened.model_copy(update={"pace_s": quicker_s})
+            tried = start._guess_constants(records, step_s, begun)._follow_nature(records)
             missed = tried._miss(records, step_s)
             if missed < least:
                 least, settled = missed, tried
         return settled
 
-    def _guess_constants(
-        self, records: Sequence[Mapping[str, Array]], step_s: float, begun: Beginning, pace_s: float
-    ) -> Self:
-        """Return the plant with constants told by records through filters of a pace."""
-        tau_s = max(self.FILTER * pace_s, FINEST_FILTER * step_s)
+    def _guess_constants(self, records: Sequence[Mapping[str, Array]], step_s: float, begun: Beginning) -> Self:
+        """Return the plant with constants told by records through filters of its pace."""
+        tau_s = max(self.FILTER * cast(float, self.pace_s), FINEST_FILTER * step_s)
         names = (*self.inputs, self.output)
         filtered = {name: [filter_derivatives(each[name], 2, tau_s, step_s) for each in records] for name in names}
         filtered[""] = [filter_derivatives(np.ones(len(each[self.output])), 2, tau_s, step_s) for each in records]
