@@ -1,7 +1,7 @@
 """A clock that is turned: time passes as soon as all who go by it rest, by as much as the first of them rests.
 
-A thread goes by it from its first sleep on, or from `start`. Whoever is awake, in a test or in the rig, has all the time
-in the world, so that nothing depends on how quick the machine is; ten seconds of sleep take none.
+A thread goes by it from its first sleep on, or from `start`. Whoever is awake, in a test or in the rig, has all the
+time in the world, so that nothing depends on how quick the machine is; ten seconds of sleep take none.
 """
 
 import heapq
@@ -118,7 +118,7 @@ class TurnedClock:
                     self._rests[me] = before
 
     def _turn(self) -> None:
-        """Turn the clock to what is done next or to who wakes first; let a little real time pass if somebody is awake."""
+        """Turn the clock to what is done next or to who wakes first; let real time pass if somebody is awake."""
         me = threading.current_thread()
         with self._changed:
             awake = self._find_awake()

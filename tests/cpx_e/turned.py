@@ -112,7 +112,7 @@ def _select(read: Sequence[socket.socket], write: Any, error: Any, timeout_s: fl
     """Wait for an answer on the clock that is turned."""
     end_s, patience_s = clock.now_s() + timeout_s, PATIENCE_S
     while True:
-        asked = any([each.serve(patience_s) for each in TurnedEmulator.serving])
+        asked = any(each.serve(patience_s) for each in TurnedEmulator.serving)
         ready = select.select(read, write, error, 0.0)
         if ready[0] or clock.now_s() >= end_s:
             return ready
