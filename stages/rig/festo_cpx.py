@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import socket
 import tempfile
-import time
 from collections.abc import Iterator
 from typing import Any, ClassVar, Self
 
@@ -21,6 +20,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from stages.plant.declaration import nearest
 from stages.plant.exoskeleton import Exoskeleton
+from stages.rig import clock
 from stages.rig.attendance import Moment
 from stages.rig.channels import ChannelMap, EncoderPlace, MuscleChannels
 from stages.rig.configured import ConfiguredRig
@@ -315,7 +315,7 @@ class FestoCpx(ConfiguredRig):
             broken = str(error)
             reason = f"the device at {link.place} does not answer as it should ({broken})"
         finally:
-            book.noticed_at_s = time.monotonic()
+            book.noticed_at_s = clock.now_s()
             lost = self._let_down(link, supervisor, book, broken)
         book.close()
         if lost:
@@ -344,10 +344,10 @@ class FestoCpx(ConfiguredRig):
 
     def _let_down(self, link: CpxLink, supervisor: Supervisor, book: Logbook, broken: str) -> str:
         """Let all muscles down within the guard's time and see them down; say so where that failed."""
-        begun = time.monotonic()
+        begun = clock.now_s()
 
         def look(counts: Array, command_kpa: Array) -> None:
-            sample = supervisor.look(counts, command_kpa, time.monotonic())
+            sample = supervisor.look(counts, command_kpa, clock.now_s())
             book.note_ramp(sample, command_kpa)
             self._show(book.time_s, sample, command_kpa)
 
@@ -374,12 +374,12 @@ class FestoCpx(ConfiguredRig):
             ]
             if not up:
                 return ""
-            if time.monotonic() - commanded_at_s > self.guard.vented_within_s:
+            if clock.now_s() - commanded_at_s > self.guard.vented_within_s:
                 return (
                     f"{' and '.join(up)} {self.guard.vented_within_s} s after all were commanded 0: close the air "
                     "(rig.guard.vented_kpa)"
                 )
-            time.sleep(1.0 / self.sampling_rate_hz)
+            clock.sleep(1.0 / self.sampling_rate_hz)
 
     def _tell(self, reason: str, book: Logbook) -> str:
         when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"

@@ -6,7 +6,6 @@ Configuration and trials flow in, recordings flow out. Every random number comes
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import ClassVar, Self
@@ -19,6 +18,7 @@ from stages.plant.joint import STABLE, quickest_rate
 from stages.plant.participant import Intention, Participant, embody, intend, nobody, rest
 from stages.plant.plant import Plant
 from stages.plant.stepping import Steps
+from stages.rig import clock
 from stages.rig.attendance import Moment
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import Recording, RigError, Trial, TrialStopped, Watch, tidy
@@ -177,7 +177,7 @@ class SimulatedRig(ConfiguredRig):
 
     def _stopped(self, done: int) -> TrialStopped:
         why = self.attendance.why_stop() if self.attendance else ""
-        return TrialStopped(f"stopped {done / self.sampling_rate_hz:.2f} s into the trial: {why}", time.monotonic())
+        return TrialStopped(f"stopped {done / self.sampling_rate_hz:.2f} s into the trial: {why}", clock.now_s())
 
     def _play(self, trial: Trial, command: Array, filling: Motion, recording: Recording) -> int:
         """Show the filling and a recording at the pace of its clock; return how many samples were over at a stop."""
@@ -208,7 +208,7 @@ class SimulatedRig(ConfiguredRig):
         steps = Steps(self.exoskeleton, self.plant, held, person, angle)
         steps.begin(command[0])
         share = 1.0 - math.exp(-1.0 / (self.sampling_rate_hz * POINTER_S))
-        begun_s, late_s = time.monotonic(), np.zeros(len(command))
+        begun_s, late_s = clock.now_s(), np.zeros(len(command))
         for index in self._keep_time(trial, lead, self.samples):
             newest = attendance.ask_pointer()
             aim = angle if newest is None else np.clip(newest, lower, upper)
@@ -217,7 +217,7 @@ class SimulatedRig(ConfiguredRig):
                 angle = angle + step
                 steps.aim(angle, step * self.sampling_rate_hz)
                 steps.step(command[steps.at])
-                late_s[steps.at] = max(time.monotonic() - begun_s - steps.at / self.sampling_rate_hz, 0.0)
+                late_s[steps.at] = max(clock.now_s() - begun_s - steps.at / self.sampling_rate_hz, 0.0)
             at = steps.at
             time_s = (at - lead) / self.sampling_rate_hz
             self._show(time_s, steps.angle[at], command[at], steps.pressure[at], steps.force[at])
