@@ -13,6 +13,7 @@ from filelock import FileLock
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from tests.stalls import RealTime, StallWatch
+from tests.turned import turned  # noqa: F401 (a fixture)
 from tests.warm import run_warm
 
 ROOT = Path(__file__).resolve().parent.parent
