@@ -6,11 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy is imported, whose threads wait for each other busily
+
 import numpy as np
 import pytest
 from filelock import FileLock
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from tests.stalls import RealTime, StallWatch
 from tests.turned import turned  # noqa: F401 (a fixture)
