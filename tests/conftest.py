@@ -1,5 +1,6 @@
 """Fixtures shared by all tests."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -18,6 +19,12 @@ ROOT = Path(__file__).resolve().parent.parent
 
 def pytest_configure(config):
     config.pluginmanager.register(RealTime(StallWatch()))
+
+
+def pytest_collection_finish(session):
+    """Let collections of garbage pass over what was imported: statsmodels asks for one with every family of p-values."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
