@@ -1,5 +1,6 @@
 """Fixtures shared by all tests."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -25,6 +26,12 @@ SEQUENTIALLY = {"hydra/launcher=basic", "hydra.launcher.n_jobs=1"}
 
 def pytest_configure(config):
     config.pluginmanager.register(RealTime(StallWatch()))
+
+
+def pytest_collection_finish(session):
+    """Let collections of garbage pass over what was imported: statsmodels asks for one with every family of p-values."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

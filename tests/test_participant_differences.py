@@ -72,7 +72,6 @@ def test_holm_counts_every_row(generator):
     np.testing.assert_allclose(np.sort(told["p_holm"]), steps, rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_each_size_and_test_set_is_a_family_of_its_own(generator):
     curve = make_curve(generator, {"p1": 0.036, "p2": 0.037}, experiments=8)
     both = pd.concat([curve, curve.assign(tested_on="unseen_bank", error_rate=curve["error_rate"] + 0.01)])

@@ -1,10 +1,11 @@
-"""Equivalence against statsmodels, Monte Carlo both ways, by symmetry and by scale."""
+"""Equivalence against statsmodels and Monte Carlo both ways."""
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy import stats
 from statsmodels.stats.weightstats import CompareMeans, DescrStatsW, ttost_ind, ttost_paired
 
 from stages.statistics import (
@@ -13,21 +14,10 @@ from stages.statistics import (
     power_of_equivalence,
     power_of_paired_equivalence,
 )
+from tests.statistics.test_power import BAND, simulate_groups
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=40)
 JUDGES = pytest.mark.parametrize("judge", [judge_equivalence, judge_paired_equivalence])
-VALUES = st.one_of(st.floats(-1e300, 1e300), st.floats(-10, 10), st.integers(-3, 3).map(float))
-MARGINS = st.one_of(st.floats(0.01, 10), st.sampled_from([5e-324, 1e-300, 1e300]))
-DRAWS = 800
-BAND = 4 * 0.5 / np.sqrt(DRAWS)
-
-
-def pairs(values, least=1):
-    return st.integers(least, 8).flatmap(lambda n: arrays(float, (2, n), elements=values))
-
-
-def numbers(told):
-    return {name: value for name, value in vars(told).items() if isinstance(value, float)}
 
 
 @pytest.mark.parametrize("margin", [0.1, 0.5, 2.0])
@@ -82,13 +72,15 @@ def test_declares_equality_as_often_as_its_power_says_and_a_difference_hardly_ev
     # the search would take most of the time
     monkeypatch.setattr("stages.statistics.equivalence.find_smallest_n", lambda power_at: None)
     ns, sds = (4, 6), (1.0, 2.0)
-    told = [
-        judge_equivalence(generator.normal(difference, sds[0], ns[0]), generator.normal(0, sds[1], ns[1]), margin)
-        for _ in range(DRAWS)
-    ]
-    declared = [each.verdict == "equivalent" for each in told]
-    assert declared == [each.p_value < 0.05 for each in told]
-    assert declared == [-margin < each.low and each.high < margin for each in told]
+    groups, found, error, degrees = simulate_groups(generator, sds, ns, difference)
+    declared = np.abs(found) < margin - stats.t.ppf(0.95, degrees) * error
+    told = [judge_equivalence(*each, margin) for each in zip(*(group[:100] for group in groups), strict=True)]
+    for way in (
+        [each.verdict == "equivalent" for each in told],
+        [each.p_value < 0.05 for each in told],
+        [-margin < each.low and each.high < margin for each in told],
+    ):
+        np.testing.assert_array_equal(way, declared[:100])
     assert np.mean(declared) == pytest.approx(power_of_equivalence(margin, *sds, *ns, difference), abs=BAND)
     if difference:
         assert np.mean(declared) < 0.05 + BAND / 2
@@ -102,57 +94,8 @@ def test_no_verdict_without_a_spread(judge, values):
     assert (told.verdict, told.n_needed, told.difference) == ("undefined", None, 0.0)
 
 
-@JUDGES
-def test_no_verdict_where_a_value_is_missing(judge):
-    told = judge(np.array([1.0, np.nan, 2.0]), np.array([1.0, 2.0, 4.0]), 0.5)
-    assert np.isnan([told.difference, told.low, told.high, told.p_value, told.power]).all()
-    assert told.verdict == "undefined"
-
-
 @COMMON
-@given(pairs(VALUES), MARGINS)
-@example(np.array([[1e300, -1e300], [-1e300, 1e300]]), 1.0)
-@example(np.array([[5e-324, 1e-323], [0.0, 0.0]]), 1e300)
-def test_every_number_is_finite_or_all_that_need_a_spread_are_missing(values, margin):
-    for judge in (judge_equivalence, judge_paired_equivalence):
-        told = judge(*values, margin)
-        missing = {name for name, value in numbers(told).items() if np.isnan(value)}
-        assert missing in (set(), {"low", "high", "degrees_of_freedom", "p_value", "power"})
-        assert not np.isinf(list(numbers(told).values())).any()
-        assert (told.verdict == "undefined") == bool(missing)
-        if not missing:
-            assert told.low <= told.difference <= told.high
-            assert 0 <= told.p_value <= 1
-            assert 0 <= told.power <= 1
-            assert (told.n_needed is None) or (told.n_needed <= told.n_first) == (told.power >= 0.8)
-
-
-@COMMON
-@given(pairs(VALUES), MARGINS)
-def test_swapping_turns_signs_and_keeps_the_verdict(values, margin):
-    for judge in (judge_equivalence, judge_paired_equivalence):
-        told, turned = judge(*values, margin), judge(*values[::-1], margin)
-        np.testing.assert_array_equal(
-            [told.difference, told.low, told.high, told.p_value],
-            [-turned.difference, -turned.high, -turned.low, turned.p_value],
-        )
-        np.testing.assert_allclose(told.power, turned.power, atol=1e-9)
-        assert told.verdict == turned.verdict
-
-
-@COMMON
-@given(pairs(st.integers(-1000, 1000).map(float), least=2), st.integers(-400, 400))
-def test_a_power_of_two_scales_all_that_has_a_unit_and_nothing_else(values, exponent):
-    for judge in (judge_equivalence, judge_paired_equivalence):
-        told, scaled = judge(*values, 100.0), judge(*np.ldexp(values, exponent), np.ldexp(100.0, exponent))
-        for name, value in numbers(told).items():
-            unit = exponent if name in ("difference", "low", "high", "margin") else 0
-            np.testing.assert_array_equal(np.ldexp(value, unit), getattr(scaled, name), err_msg=name)
-        assert (told.verdict, told.n_needed) == (scaled.verdict, scaled.n_needed)
-
-
-@COMMON
-@given(pairs(st.floats(-10, 10), least=2), st.floats(0.01, 10))
+@given(st.integers(2, 8).flatmap(lambda n: arrays(float, (2, n), elements=st.floats(-10, 10))), st.floats(0.01, 10))
 def test_a_wider_margin_makes_equivalence_likelier(values, margin):
     for judge in (judge_equivalence, judge_paired_equivalence):
         told, wider = judge(*values, margin), judge(*values, 2 * margin)
@@ -166,16 +109,3 @@ def test_a_wider_margin_makes_equivalence_likelier(values, margin):
 def test_an_absurd_margin_is_refused(judge, margin):
     with pytest.raises(ValueError, match=r"^expected a margin above 0 and within 1e\+300, got .*$"):
         judge(np.zeros(3), np.ones(3), margin)
-
-
-@JUDGES
-def test_absurd_values_are_refused(judge):
-    with pytest.raises(ValueError, match=r"^expected values within 1e\+300, got inf$"):
-        judge(np.array([np.inf, 1.0]), np.ones(2), 1.0)
-    with pytest.raises(ValueError, match=r"^expected two vectors that are not empty, got shapes .*$"):
-        judge(np.zeros(0), np.zeros(0), 1.0)
-
-
-def test_pairs_pair_up():
-    with pytest.raises(ValueError, match=r"two vectors of one length, got shapes \(2,\) and \(3,\)"):
-        judge_paired_equivalence(np.zeros(2), np.zeros(3), 1.0)

@@ -1,11 +1,23 @@
-"""Paired comparisons against SciPy, statsmodels and hand-made numbers."""
+"""Paired comparisons against SciPy, statsmodels and hand-made numbers; adjusted p-values against their rules."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy import stats
+from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.weightstats import DescrStatsW
 
 from stages.statistics import adjust_benjamini_yekutieli, adjust_holm, compare_pairs
+
+COMMON = settings(derandomize=True, deadline=None, max_examples=40)
+UNDEFINED = ("low", "high", "effect_size", "t_p_value", "wilcoxon_p_value")
+
+
+def pairs(values):
+    """Draw two vectors of one length, as the rows of an array."""
+    return st.integers(2, 7).flatmap(lambda n: arrays(float, (2, n), elements=values))
 
 
 def test_agrees_with_scipy_and_statsmodels(generator):
@@ -33,19 +45,69 @@ def test_no_p_value_where_there_is_none(values):
     assert told.difference == 0
 
 
-def test_refuses_what_does_not_pair_up():
-    with pytest.raises(ValueError, match=r"two vectors of one length, got shapes \(2,\) and \(3,\)"):
-        compare_pairs(np.zeros(2), np.zeros(3))
+@COMMON
+@given(pairs(st.one_of(st.floats(-10, 10), st.integers(-3, 3).map(float))))
+def test_agrees_with_scipy_where_differences_differ(values):
+    told = compare_pairs(*values)
+    difference = values[0] - values[1]
+    if np.ptp(difference) <= 1e-9:
+        return
+    test = stats.ttest_1samp(difference, 0.0)
+    interval = test.confidence_interval(0.95)
+    # 1e-9 of the largest value: differences of range 1e-9 keep seven digits
+    np.testing.assert_allclose([told.low, told.high], [interval.low, interval.high], rtol=1e-6, atol=1e-14)
+    np.testing.assert_allclose(told.t_p_value, test.pvalue, rtol=1e-6, atol=1e-300)
+    np.testing.assert_allclose(told.wilcoxon_p_value, stats.wilcoxon(difference).pvalue, rtol=1e-12)
+    np.testing.assert_allclose(told.effect_size, test.statistic / np.sqrt(told.n), rtol=1e-6, atol=1e-12)
 
 
-def test_holm_steps_down_and_keeps_nan():
-    adjusted = adjust_holm(np.array([0.01, np.nan, 0.04, 0.03]))
-    np.testing.assert_allclose(adjusted, [0.03, np.nan, 0.06, 0.06])
+@COMMON
+@given(arrays(float, st.integers(1, 12), elements=st.floats(-10, 10)), st.floats(-10, 10), st.integers(-480, 480))
+def test_differences_that_only_rounding_parts_are_equal(second, shift, exponent):
+    told = compare_pairs(np.ldexp(second + shift, exponent), np.ldexp(second, exponent))
+    assert np.isnan([getattr(told, name) for name in UNDEFINED]).all()
+    assert told.difference == pytest.approx(np.ldexp(shift, exponent), abs=np.ldexp(1e-14, exponent))
+
+
+@COMMON
+@given(pairs(st.integers(0, 255)))
+def test_integers_of_any_kind_are_numbers(values):
+    for dtype in (np.uint8, np.int16, np.int64):
+        np.testing.assert_equal(vars(compare_pairs(*values.astype(dtype))), vars(compare_pairs(*values.astype(float))))
 
 
 def test_false_positive_rate_is_the_nominal_one(generator):
-    found = [compare_pairs(*generator.normal(size=(2, 8))).t_p_value < 0.05 for _ in range(2000)]
-    assert 0.035 < np.mean(found) < 0.067
+    first, second = generator.normal(size=(2, 20_000, 8))
+    found = stats.ttest_rel(first, second, axis=1).pvalue
+    told = [compare_pairs(*each).t_p_value for each in zip(first[:100], second[:100], strict=True)]
+    np.testing.assert_allclose(told, found[:100], rtol=1e-9)
+    assert np.mean(found < 0.05) == pytest.approx(0.05, abs=4 * np.sqrt(0.05 * 0.95 / 20_000))
+
+
+def test_holm_steps_down_and_keeps_nan():
+    p_values = np.array([0.01, np.nan, 0.04, 0.03])
+    adjusted = adjust_holm(p_values)
+    np.testing.assert_allclose(adjusted, [0.03, np.nan, 0.06, 0.06])
+    np.testing.assert_allclose(adjusted[[0, 2, 3]], multipletests(p_values[[0, 2, 3]], method="holm")[1], rtol=1e-12)
+
+
+@COMMON
+@given(
+    arrays(float, st.integers(0, 12), elements=st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1.0, np.nan, 0.01])))
+)
+def test_holm_is_the_step_down_rule(p_values):
+    adjusted = adjust_holm(p_values)
+    known = ~np.isnan(p_values)
+    np.testing.assert_array_equal(np.isnan(adjusted), ~known)
+    count = int(known.sum())
+    if not count:
+        return
+    ordered = np.sort(p_values[known])
+    steps = np.minimum(1.0, np.maximum.accumulate(ordered * np.arange(count, 0, -1)))
+    np.testing.assert_allclose(np.sort(adjusted[known]), steps, rtol=1e-12)
+    assert (adjusted[known] >= p_values[known]).all()
+    order = np.random.default_rng(0).permutation(p_values.size)
+    np.testing.assert_array_equal(adjust_holm(p_values[order]), adjusted[order])
 
 
 def test_benjamini_yekutieli_divides_by_the_harmonic_sum_and_keeps_nan():

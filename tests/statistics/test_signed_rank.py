@@ -1,28 +1,18 @@
-"""Signed ranks against SciPy, by enumeration, by symmetry and by scale."""
+"""Signed ranks against SciPy, and by enumeration."""
 
 from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from stages.statistics import compare_pairs, compare_ranks
+from stages.statistics import compare_ranks
 from stages.statistics.signed_rank import MOST_EXACT, _trim
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=40)
-VALUES = st.one_of(st.floats(-1e300, 1e300), st.floats(-10, 10), st.integers(-3, 3).map(float))
-DIGITS = 1e-12
-
-
-def pairs(values, least=1):
-    return st.integers(least, 12).flatmap(lambda n: arrays(float, (2, n), elements=values))
-
-
-def numbers(told):
-    return {name: value for name, value in vars(told).items() if name != "n"}
 
 
 def test_hand_made_numbers():
@@ -63,13 +53,21 @@ def test_counted_and_normal_rank_sums_meet(monkeypatch):
     assert exact[1] == pytest.approx(near[1], abs=2e-5)  # one rank sum more has 7e-5
 
 
-def test_the_interval_holds_the_typical_difference_as_often_as_it_says(generator):
-    for n in (8, 300):
-        draws = generator.laplace(2.0, 1.0, (1000 if n == 8 else 200, n))
-        told = [compare_ranks(each, np.zeros(n)) for each in draws]
-        held = np.mean([each.low <= 2.0 <= each.high for each in told])
-        assert held == pytest.approx(told[0].confidence, abs=4 * np.sqrt(0.05 * 0.95 / len(draws)))
-        assert np.mean([each.estimate for each in told]) == pytest.approx(2.0, abs=0.1)
+@pytest.mark.parametrize(("n", "count", "asked"), [(8, 20_000, 100), (300, 200, 200)])
+def test_the_interval_holds_the_typical_difference_as_often_as_it_says(n, count, asked, generator):
+    """Its ends are averages of any two differences, of a rank that draws of one number share."""
+    draws = generator.laplace(2.0, 1.0, (count, n))
+    told = [compare_ranks(each, np.zeros(n)) for each in draws[:asked]]
+    found = np.array([(each.low, each.high, each.estimate) for each in told])
+    if asked < count:
+        averages = np.sort((draws[:, :, None] + draws[:, None])[:, *np.triu_indices(n)] / 2, axis=1)
+        rank = np.searchsorted(averages[0], told[0].low)
+        every = np.column_stack([averages[:, [rank, -1 - rank]], np.median(averages, axis=1)])
+        np.testing.assert_array_equal(found, every[:asked])
+        found = every
+    held = np.mean((found[:, 0] <= 2.0) & (found[:, 1] >= 2.0))
+    assert held == pytest.approx(told[0].confidence, abs=4 * np.sqrt(0.05 * 0.95 / count))
+    assert found[:, 2].mean() == pytest.approx(2.0, abs=0.02)
 
 
 @pytest.mark.parametrize("values", [[1.0], [1.0, 1.0]])
@@ -86,52 +84,8 @@ def test_five_pairs_bound_nothing():
     assert told.p_value == pytest.approx(0.125)
 
 
-def test_a_missing_value_is_missing_in_the_result():
-    assert np.isnan(list(numbers(compare_ranks(np.array([1.0, np.nan, 3.0]), np.zeros(3))).values())).all()
-
-
 @COMMON
-@given(pairs(VALUES))
-@example(np.array([[1e300, -1e300] * 3, [-1e300, 1e300] * 3]))
-def test_every_number_is_finite_or_undefined_and_in_its_range(values):
-    told = compare_ranks(*values)
-    missing = {name for name, value in numbers(told).items() if np.isnan(value)}
-    interval = {"low", "high", "confidence"}
-    assert missing in (set(), interval, {*interval, "effect_size", "p_value"})
-    assert not np.isinf(list(numbers(told).values())).any()
-    if "low" not in missing:
-        assert told.low <= told.estimate <= told.high
-        assert 0.95 <= told.confidence < 1
-    if "p_value" not in missing:
-        assert -1 <= told.effect_size <= 1
-    pairwise = compare_pairs(*values)
-    np.testing.assert_array_equal(told.p_value, pairwise.wilcoxon_p_value)
-
-
-@COMMON
-@given(pairs(VALUES))
-def test_swapping_the_methods_turns_every_sign(values):
-    told, turned = compare_ranks(*values), compare_ranks(*values[::-1])
-    np.testing.assert_array_equal(
-        [told.estimate, told.low, told.high, told.effect_size, told.p_value],
-        [-turned.estimate, -turned.high, -turned.low, -turned.effect_size, turned.p_value],
-    )
-
-
-@COMMON
-@given(pairs(st.integers(-1000, 1000).map(float), least=2), st.integers(-400, 400), st.integers(-50, 50))
-def test_scale_and_shift(values, exponent, shift):
-    told, scaled = numbers(compare_ranks(*values)), numbers(compare_ranks(*np.ldexp(values, exponent)))
-    for name, value in told.items():
-        unit = exponent if name in ("estimate", "low", "high") else 0
-        np.testing.assert_array_equal(np.ldexp(value, unit), scaled[name], err_msg=name)
-    shifted = numbers(compare_ranks(values[0] + shift, values[1]))
-    for name in ("estimate", "low", "high"):
-        np.testing.assert_allclose(shifted[name], told[name] + shift, rtol=DIGITS, atol=DIGITS)
-
-
-@COMMON
-@given(pairs(st.integers(-5, 5).map(float), least=2))
+@given(st.integers(2, 7).flatmap(lambda n: arrays(float, (2, n), elements=st.integers(-5, 5).map(float))))
 def test_effect_size_counts_ranks(values):
     told = compare_ranks(*values)
     signed = values[0] - values[1]
@@ -142,15 +96,6 @@ def test_effect_size_counts_ranks(values):
     assert told.effect_size == pytest.approx((positive - negative) / (positive + negative))
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "message"),
-    [
-        (np.zeros(2), np.zeros(3), r"^expected two vectors of one length, got shapes \(2,\) and \(3,\)$"),
-        (np.zeros(0), np.zeros(0), r"^expected two vectors of one length, got .*$"),
-        (np.array([np.inf]), np.zeros(1), r"^expected values within 1e\+300, got inf$"),
-        (np.zeros(4001), np.zeros(4001), r"^expected at most 4000 pairs, got 4001$"),
-    ],
-)
-def test_absurd_values_are_refused(first, second, message):
-    with pytest.raises(ValueError, match=message):
-        compare_ranks(first, second)
+def test_too_many_pairs_are_refused():
+    with pytest.raises(ValueError, match=r"^expected at most 4000 pairs, got 4001$"):
+        compare_ranks(np.zeros(4001), np.zeros(4001))
