@@ -88,11 +88,13 @@ class Fault:
 def draw(root: Path, seed: int, area: str) -> Iterator[Fault]:
     """Yield faults of an area: first a module is drawn, then a kind of fault, then the place; none comes twice."""
     generator = random.Random(f"{seed} {area}")
-    modules = [each for each in sorted((root / AREAS[area]).rglob("*.py")) if find_faults(root, each, area)]
+    modules = sorted((root / AREAS[area]).rglob("*.py"))
     seen = set()
     while True:
         path = generator.choice(modules)
         faults = find_faults(root, path, area)
+        if not faults:
+            continue
         kind = generator.choice(sorted({each.kind for each in faults}))
         fault = generator.choice([each for each in faults if each.kind == kind])
         name = fault.name(path.read_bytes())

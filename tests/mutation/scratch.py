@@ -217,18 +217,23 @@ def rank_tests(root: Path, fault: Fault) -> list[str]:
     """Return all test files, those nearest to a fault first: by steps of imports, by their names, by what they name."""
     module = fault.file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     folder = f"tests/{Path(AREAS[fault.area]).name}/"
-    words = {each[:4] for each in module.split(".")[-1].split("_")}
+    words = _words(fault.file.removeprefix(AREAS[fault.area]))
+    words_beside = {word for each in _imports().find_modules_that_directly_import(module) for word in _words(each)}
     within = {each for each in fault.within.split(".") if len(each) > 3}
 
     def near(file: str) -> tuple[int, int]:
         chain = _imports().find_shortest_chain(file.removesuffix(".py").replace("/", "."), module)
-        text = (root / file).read_text()
+        text, its = (root / file).read_text(), _words(Path(file).stem)
         score = min(len(chain) - 1, FAR) if chain else FAR
-        score -= 2 * file.startswith(folder) + any(each in text for each in within)
-        score -= 2 * bool(words & {each[:4] for each in Path(file).stem.split("_")[1:]})
-        return score, len(text)
+        score -= 2 * file.startswith(folder) + 2 * bool(words & its) + bool(words_beside & its)
+        return score - any(each in text for each in within), len(text)
 
     return sorted(list_tests(root), key=near)
+
+
+def _words(name: str) -> set[str]:
+    """Return how the words of a path or module begin, by which ``runner`` and ``test_runs`` are akin."""
+    return {each[:3] for each in re.findall("[a-z]+", name)} - {"tes", "py", "ini", "sta", "pip"}
 
 
 @cache
