@@ -4,7 +4,7 @@ import argparse
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import yaml
@@ -15,19 +15,16 @@ from tests.mutation.scratch import STEPS, Bench
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
 SEED = 20261123
-"""Drawn before any test was written for what it draws; 20261124 draws those that no test is written for."""
+"""Fixed before any test was written for what it draws; 20261124 draws those that no test is written for."""
 MOST_EQUIVALENTS = 4
 
 
 def draw_all(root: Path, seed: int, count: int, equivalent: Iterable[str]) -> list[Fault]:
     """Return as many faults of each area, those passed over that no test could notice."""
-    left_out = set(equivalent)
-
-    def draw_area(area: str) -> Iterator[Fault]:
-        drawn = draw(root, seed, area)
-        return (each for each in drawn if each.name((root / each.file).read_bytes()) not in left_out)
-
-    drawn = [draw_area(area) for area in AREAS]
+    drawn = [
+        (each for each in draw(root, seed, area) if each.name((root / each.file).read_bytes()) not in set(equivalent))
+        for area in AREAS
+    ]
     return [next(drawn[k % len(drawn)]) for k in range(count)]
 
 
@@ -46,9 +43,9 @@ def read_safeguards(root: Path) -> list[Fault]:
             raise ValueError(f"{title}: expected once in {each['file']}, got {source.count(old)} times")
         area = "rig" if each["file"].startswith(AREAS["rig"]) else "runner"
         start = source.index(old)
+        edit = "safeguard", start, start + len(old), each["new"].encode()
         within = (re.findall(rb"def (\w+)", source[:start]) or [b""])[-1].decode()
-        end, new = start + len(old), each["new"].encode()
-        faults.append(Fault(area, "safeguard", each["file"], start, end, new, within, title))
+        faults.append(Fault(area, each["file"], *edit, within, title))
     return faults
 
 
@@ -56,7 +53,7 @@ def tell(bench: Bench, faults: Sequence[Fault], steps: Sequence[str]) -> None:
     """Print a table of what noticed each fault, and how many were noticed by what."""
     rows = []
     for fault in faults:
-        source = (bench.clean.root / fault.file).read_bytes()
+        source = bench.source(fault)
         name = fault.name(source)
         found = [bench.found[name, step] for step in steps if (name, step) in bench.found]
         last = found[-1] if found else {"step": "", "test": None}
@@ -64,7 +61,7 @@ def tell(bench: Bench, faults: Sequence[Fault], steps: Sequence[str]) -> None:
         rows.append((fault.area, "default" if by == "near" else by))
         seconds = sum(each["seconds"] for each in found)
         place = f"{fault.area:<11}  {fault.kind:<9}  {fault.place(source):<42}"
-        print(f"{name:<24}  {place}  {rows[-1][1]:<8}  {seconds:6.0f} s  {last['test'] or ''}")
+        print(f"{name:<22}  {place}  {rows[-1][1]:<8}  {seconds:6.0f} s  {last['test'] or ''}")
     for area in ["all", *dict.fromkeys(area for area, _ in rows)]:
         its = Counter(by for where, by in rows if area in ("all", where))
         planted, early = its.total(), its["default"]
@@ -93,17 +90,17 @@ def main() -> None:
         bench = Bench(ROOT, results, Path(folder))
         root = bench.clean.root
         faults = read_safeguards(root) if given.safeguards else draw_all(root, given.seed, given.count, equivalents)
-        names = {each.name((root / each.file).read_bytes()): each for each in faults}
-        chosen = {name: each for name, each in names.items() if not given.only or name in given.only}
+        chosen = [each for each in faults if not given.only or each.name(bench.source(each)) in given.only]
         if given.list:
-            for name, fault in chosen.items():
-                print(f"{name}  {fault.area}  {fault.kind}\n{fault.diff((root / fault.file).read_bytes())}")
+            for each in chosen:
+                source = bench.source(each)
+                print(f"{each.name(source)}  {each.area}  {each.kind}\n{each.diff(source)}")
             return
         if not given.tell:
-            bench.check(steps, chosen.values())
-            for fault in chosen.values():
-                bench.examine(fault, steps)
-        tell(bench, [*chosen.values()], [each.name for each in steps])
+            bench.check(steps, chosen)
+            for each in chosen:
+                bench.examine(each, steps)
+        tell(bench, chosen, [each.name for each in steps])
 
 
 if __name__ == "__main__":

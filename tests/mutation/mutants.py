@@ -10,9 +10,10 @@ import hashlib
 import random
 import re
 import warnings
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 AREAS = {
@@ -22,8 +23,14 @@ AREAS = {
     "recording": "stages/recording",
     "rig": "stages/rig",
 }
-SIGNS = {ast.Add: ("+", "-"), ast.Sub: ("-", "+")}
-BOUNDS = {ast.Lt: ("<", "<="), ast.LtE: ("<=", "<"), ast.Gt: (">", ">="), ast.GtE: (">=", ">")}
+OPERATORS = {
+    ast.Add: ("+", "-"),
+    ast.Sub: ("-", "+"),
+    ast.Lt: ("<", "<="),
+    ast.LtE: ("<=", "<"),
+    ast.Gt: (">", ">="),
+    ast.GtE: (">=", ">"),
+}
 EXTREMES = {"min": "max", "minimum": "maximum", "argmin": "argmax", "nanmin": "nanmax", "floor": "ceil"}
 EXTREMES |= {other: name for name, other in EXTREMES.items()}
 SYMMETRIC = {*EXTREMES, "isclose", "allclose", "array_equal", "hypot", "gcd"}
@@ -32,30 +39,17 @@ TELLING = {"debug", "info", "warning", "error", "critical", "print", "say", "_sa
 TINY = 1e-4
 """Below which a number is a tolerance, which twice as large would be as good."""
 
+Edit = tuple[str, int, int, bytes]
+"""What kind of fault it is, and the bytes that are replaced, from where to where, and by which."""
+
 
 @dataclass(frozen=True)
 class Fault:
-    """One place of one file, and what stands there instead.
-
-    Parameters
-    ----------
-    area, kind : str
-        A key of `AREAS`, and what is wrong.
-    file : str
-        From the project's folder.
-    start, end : int
-        Bytes of the file that are replaced.
-    new : bytes
-        By which.
-    within : str
-        Function or class that it lies in, if any.
-    title : str
-        By which it is called, where a seed did not draw it.
-    """
+    """An edit of one place of one file; one that no seed drew has a title."""
 
     area: str
-    kind: str
     file: str
+    kind: str
     start: int
     end: int
     new: bytes
@@ -68,11 +62,10 @@ class Fault:
 
     def name(self, source: bytes) -> str:
         """Return what it is called, whatever else changes in the file."""
-        if self.title:
-            return self.title
         begun, ended = source.rfind(b"\n", 0, self.start) + 1, source.find(b"\n", self.end)
         told = [source[begun : self.start].lstrip(), source[self.start : self.end], self.new, source[self.end : ended]]
-        return hashlib.sha256(b"\0".join([f"{self.file} {self.within}".encode(), *told])).hexdigest()[:8]
+        named = b"\0".join([f"{self.file} {self.within}".encode(), *told])
+        return self.title or hashlib.sha256(named).hexdigest()[:8]
 
     def place(self, source: bytes) -> str:
         """Return file and line."""
@@ -92,24 +85,22 @@ def draw(root: Path, seed: int, area: str) -> Iterator[Fault]:
     seen = set()
     while True:
         path = generator.choice(modules)
-        faults = find_faults(root, path, area)
+        faults, source = find_faults(root, path, area), path.read_bytes()
         if not faults:
             continue
         kind = generator.choice(sorted({each.kind for each in faults}))
         fault = generator.choice([each for each in faults if each.kind == kind])
-        name = fault.name(path.read_bytes())
-        if name not in seen and is_valid(fault.plant(path.read_bytes())):
-            seen.add(name)
+        if fault.name(source) not in seen and is_valid(fault.plant(source)):
+            seen.add(fault.name(source))
             yield fault
 
 
 @cache
-def find_faults(root: Path, path: Path, area: str) -> tuple[Fault, ...]:
+def find_faults(root: Path, path: Path, area: str) -> list[Fault]:
     """Return all faults that a module could have."""
-    finder = _Finder(path.read_bytes())
-    finder.visit(ast.parse(finder.source))
-    file = path.relative_to(root).as_posix()
-    return tuple(replace(each, area=area, file=file) for each in finder.found)
+    source, file = path.read_bytes(), path.relative_to(root).as_posix()
+    finder = _Finder(source)
+    return [Fault(area, file, *edit, within) for within, edit in finder.walk(ast.parse(source), "")]
 
 
 def is_valid(source: bytes) -> bool:
@@ -123,149 +114,104 @@ def is_valid(source: bytes) -> bool:
     return True
 
 
-class _Finder(ast.NodeVisitor):
+class _Finder:
     def __init__(self, source: bytes):
         self.source = source
-        self.found: list[Fault] = []
-        self._within: list[str] = []
-        self._lines = [0]
+        self.lines = [0]
         for line in source.splitlines(keepends=True):
-            self._lines.append(self._lines[-1] + len(line))
+            self.lines.append(self.lines[-1] + len(line))
 
-    def _add(self, kind: str, start: int, end: int, new: bytes) -> None:
-        self.found.append(Fault("", kind, "", start, end, new, ".".join(self._within)))
+    def walk(self, node: ast.AST, within: str) -> Iterator[tuple[str, Edit]]:
+        """Yield all edits of a node and of what lies in it, with the function or class around them."""
+        for edit in self.edit(node):
+            yield within, edit
+        named = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+        for child in _list_children(node):
+            yield from self.walk(child, f"{within}.{node.name}" if named else within)
 
-    def _span(self, node: ast.expr) -> tuple[int, int]:
-        assert node.end_lineno is not None
-        assert node.end_col_offset is not None
-        return self._lines[node.lineno - 1] + node.col_offset, self._lines[node.end_lineno - 1] + node.end_col_offset
+    def edit(self, node: ast.AST) -> Iterator[Edit]:
+        """Yield the edits of a node itself."""
+        match node:
+            case ast.BinOp(left, ast.Add() | ast.Sub(), right) if not (_is_text(left) or _is_text(right)):
+                yield self.exchange("sign", node.op, left, right)
+            case ast.AugAssign(left, ast.Add() | ast.Sub(), right) if not _is_text(right):
+                yield self.exchange("sign", node.op, left, right)
+            case ast.UnaryOp(ast.USub(), operand):
+                yield "sign", *self.span(node), self.text(operand)
+            case ast.Compare(left, operators, others):
+                for one, operator, other in zip([left, *others], operators, others, strict=False):
+                    if type(operator) in OPERATORS:
+                        yield self.exchange("bound", operator, one, other)
+            case ast.Expr(ast.Call(function)) if _last_name(function) not in TELLING:
+                yield "call", *self.span(node.value), b"pass"
+            case ast.Call(function, arguments, keywords) if _last_name(function) not in TELLING:
+                yield from self.edit_call(node, _last_name(function), arguments, keywords)
+            case ast.If(test) | ast.While(test) | ast.IfExp(test):
+                yield from self.negate(test)
+            case ast.comprehension(ifs=tests):
+                for test in tests:
+                    yield from self.negate(test)
+            case ast.Constant(bool(value)):
+                yield "constant", *self.span(node), str(not value).encode()
+            case ast.Constant(int(value)):
+                yield "constant", *self.span(node), str(value + 1 if value < 10 else 2 * value).encode()
+            case ast.Constant(float(value)):
+                yield "constant", *self.span(node), repr(value * (1000 if value < TINY else 2) or 1.0).encode()
 
-    def _text(self, node: ast.expr) -> bytes:
-        return self.source[slice(*self._span(node))]
-
-    def _exchange(self, kind: str, start: int, end: int, words: tuple[str, str]) -> None:
-        """Exchange an operator between two operands."""
-        between = re.sub(rb"#[^\n]*", lambda comment: b" " * len(comment[0]), self.source[start:end])
-        at = start + between.index(words[0].encode())
-        self._add(kind, at, at + len(words[0]), words[1].encode())
-
-    def _negate(self, test: ast.expr) -> None:
-        if {"TYPE_CHECKING", "__name__"} & {each.id for each in ast.walk(test) if isinstance(each, ast.Name)}:
-            return
-        negated = isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not)
-        new = self._text(test.operand) if negated else b"not (" + self._text(test) + b")"
-        self._add("condition", *self._span(test), new)
-
-    def _enter(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef, parts: list[ast.AST]) -> None:
-        self._within.append(node.name)
-        for each in [*parts, *node.body]:
-            self.visit(each)
-        self._within.pop()
-
-    def visit_FunctionDef(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
-        self._enter(node, [*node.args.defaults, *(each for each in node.args.kw_defaults if each)])
-
-    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> None:
-        self.visit_FunctionDef(node)
-
-    def visit_ClassDef(self, node: ast.ClassDef) -> None:
-        self._enter(node, [])
-
-    def visit_Assign(self, node: ast.Assign) -> None:
-        if not _last_name(node.targets[0]).startswith(("MOST_", "LONGEST_")):
-            self.generic_visit(node)
-
-    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
-        if node.value:
-            self.visit(node.value)
-
-    def visit_Raise(self, node: ast.Raise) -> None:
-        """Pass over what is told."""
-
-    def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
-        """Pass over what is told."""
-
-    def visit_Subscript(self, node: ast.Subscript) -> None:
-        if _last_name(node.value) != "Literal":
-            self.generic_visit(node)
-
-    def visit_keyword(self, node: ast.keyword) -> None:
-        if node.arg != "strict":
-            self.generic_visit(node)
-
-    def visit_BinOp(self, node: ast.BinOp) -> None:
-        words = SIGNS.get(type(node.op))
-        if words and not any(_is_text(each) for each in (node.left, node.right)):
-            self._exchange("sign", self._span(node.left)[1], self._span(node.right)[0], words)
-        self.generic_visit(node)
-
-    def visit_AugAssign(self, node: ast.AugAssign) -> None:
-        words = SIGNS.get(type(node.op))
-        if words and not _is_text(node.value):
-            self._exchange("sign", self._span(node.target)[1], self._span(node.value)[0], words)
-        self.generic_visit(node)
-
-    def visit_UnaryOp(self, node: ast.UnaryOp) -> None:
-        if isinstance(node.op, ast.USub):
-            self._add("sign", *self._span(node), self._text(node.operand))
-        self.generic_visit(node)
-
-    def visit_Compare(self, node: ast.Compare) -> None:
-        operands = [node.left, *node.comparators]
-        for left, operator, right in zip(operands, node.ops, operands[1:], strict=False):
-            if type(operator) in BOUNDS:
-                self._exchange("bound", self._span(left)[1], self._span(right)[0], BOUNDS[type(operator)])
-        self.generic_visit(node)
-
-    def visit_Call(self, node: ast.Call) -> None:
-        name = _last_name(node.func)
-        if name in TELLING:
-            return
-        end = self._span(node.func)[1]
+    def edit_call(self, node: ast.Call, name: str, arguments: list[ast.expr], keywords: list) -> Iterator[Edit]:
+        end = self.span(node.func)[1]
         if name in EXTREMES:
-            self._add("bound", end - len(name), end, EXTREMES[name].encode())
-        if name == "range" and not isinstance(node.args[0], ast.Starred):
-            stop = node.args[min(len(node.args), 2) - 1]
-            self._add("bound", *self._span(stop), b"(" + self._text(stop) + b") - 1")
-        if name in DROPPABLE and len(node.args) == 1 and not node.keywords:
-            self._add("call", *self._span(node), b"(" + self._text(node.args[0]) + b")")
-        if name not in SYMMETRIC and not any(isinstance(each, ast.Starred) for each in node.args):
-            for one, other in zip(node.args, node.args[1:], strict=False):
-                (start, middle), (after, stop) = self._span(one), self._span(other)
-                new = self._text(other) + self.source[middle:after] + self._text(one)
-                if self._text(one) != self._text(other):
-                    self._add("arguments", start, stop, new)
-        self.generic_visit(node)
+            yield "bound", end - len(name), end, EXTREMES[name].encode()
+        if any(isinstance(each, ast.Starred) for each in arguments):
+            return
+        if name == "range":
+            stop = arguments[min(len(arguments), 2) - 1]
+            yield "bound", *self.span(stop), b"(" + self.text(stop) + b") - 1"
+        if name in DROPPABLE and len(arguments) == 1 and not keywords:
+            yield "call", *self.span(node), b"(" + self.text(arguments[0]) + b")"
+        for one, other in pairwise(arguments) if name not in SYMMETRIC else ():
+            (start, ended), (begun, end) = self.span(one), self.span(other)
+            if self.text(one) != self.text(other):
+                yield "arguments", start, end, self.text(other) + self.source[ended:begun] + self.text(one)
 
-    def visit_Expr(self, node: ast.Expr) -> None:
-        if isinstance(node.value, ast.Call) and _last_name(node.value.func) not in TELLING:
-            self._add("call", *self._span(node.value), b"pass")
-        self.generic_visit(node)
+    def negate(self, test: ast.expr) -> Iterator[Edit]:
+        names = {each.id for each in ast.walk(test) if isinstance(each, ast.Name)}
+        negated = isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not)
+        if not names & {"TYPE_CHECKING", "__name__"}:
+            new = self.text(test.operand) if negated else b"not (" + self.text(test) + b")"
+            yield "condition", *self.span(test), new
 
-    def visit_If(self, node: ast.If | ast.While | ast.IfExp) -> None:
-        self._negate(node.test)
-        self.generic_visit(node)
+    def exchange(self, kind: str, operator: ast.AST, left: ast.expr, right: ast.expr) -> Edit:
+        """Exchange the operator between two operands."""
+        start, end = self.span(left)[1], self.span(right)[0]
+        between = re.sub(rb"#[^\n]*", lambda comment: b" " * len(comment[0]), self.source[start:end])
+        word, other = (each.encode() for each in OPERATORS[type(operator)])
+        at = start + between.index(word)
+        return kind, at, at + len(word), other
 
-    def visit_While(self, node: ast.While) -> None:
-        self.visit_If(node)
+    def span(self, node: ast.expr) -> tuple[int, int]:
+        return self.lines[node.lineno - 1] + node.col_offset, self.lines[node.end_lineno - 1] + node.end_col_offset
 
-    def visit_IfExp(self, node: ast.IfExp) -> None:
-        self.visit_If(node)
+    def text(self, node: ast.expr) -> bytes:
+        return self.source[slice(*self.span(node))]
 
-    def visit_comprehension(self, node: ast.comprehension) -> None:
-        for each in node.ifs:
-            self._negate(each)
-        self.generic_visit(node)
 
-    def visit_Constant(self, node: ast.Constant) -> None:
-        value = node.value
-        if isinstance(value, bool):
-            self._add("constant", *self._span(node), str(not value).encode())
-        elif isinstance(value, int):
-            self._add("constant", *self._span(node), str(value + 1 if value < 10 else 2 * value).encode())
-        elif isinstance(value, float):
-            changed = value * (1000 if value < TINY else 2) or 1.0
-            self._add("constant", *self._span(node), repr(changed).encode())
+def _list_children(node: ast.AST) -> Iterable[ast.AST]:
+    """Return what lies in a node, but for annotations and what only tells."""
+    match node:
+        case ast.Raise() | ast.JoinedStr() | ast.keyword("strict") | ast.Subscript(ast.Name("Literal")):
+            return ()
+        case ast.Call(function) if _last_name(function) in TELLING:
+            return ()
+        case ast.Assign([ast.Name(name)]) if name.startswith(("MOST_", "LONGEST_")):
+            return ()
+        case ast.AnnAssign(value=value):
+            return [value] if value else ()
+        case ast.FunctionDef() | ast.AsyncFunctionDef():
+            return [*node.args.defaults, *(each for each in node.args.kw_defaults if each), *node.body]
+        case ast.ClassDef():
+            return node.body
+    return ast.iter_child_nodes(node)
 
 
 def _last_name(node: ast.expr) -> str:

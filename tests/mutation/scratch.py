@@ -18,34 +18,14 @@ import grimp
 
 from tests.mutation.mutants import AREAS, Fault
 
-NEAREST = 10
-"""Test files that look at a fault first."""
-FAR = 4
-"""Steps of imports from which on they tell nothing."""
-FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
-NO_TESTS = 5
-UNHARMED = "unharmed"
-LONGEST_S = 3600.0
-"""For a step without a fault; with one, as much as it took without, twice and a minute more."""
-
 
 @dataclass(frozen=True)
 class Step:
-    """A part of CI.
-
-    Parameters
-    ----------
-    name, marker : str
-        What it is called, and which tests it takes.
-    options : tuple of str
-        Of pytest's, how they are handed out.
-    word : str
-        Without which a test file holds none of them.
-    """
+    """A part of CI: which tests it takes, how pytest hands them out, and the word that a file with any of them has."""
 
     name: str
     marker: str
-    options: tuple[str, ...]
+    options: tuple[str, ...] = ()
     word: str = ""
 
 
@@ -56,27 +36,26 @@ STEPS = (
     Step("slow", "slow and not realtime", ("-n", "2", "--dist", "load"), "slow"),
     Step("realtime", "realtime", (), "realtime"),
 )
-"""As in README.md and .ci/run; the nearest files of the README's line come before its others."""
+"""As in README.md and .ci/run; of the README's line, the files nearest to a fault come before the others."""
+NEAREST = 10
+FAR = 4
+"""Steps of imports from which on they tell nothing."""
+TYPED = 2
+"""As many steps is the runner away from a test that types the command of the toy workflow."""
+UNHARMED = "unharmed"
+LONGEST_S = 3600.0
+"""For a step without a fault; with one, as much as it took without, twice and a minute more."""
+FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
+PASSED, NO_TESTS = 0, 5
 
 
 class Scratch:
-    """A clone of a commit in a folder of its own, with empty caches.
-
-    Parameters
-    ----------
-    folder : Path
-        For it, and for all that its tests leave.
-    root : Path
-        The checkout.
-    commit : str
-        What of it is cloned.
-    fault : Fault or None
-        What is planted, and committed, in the clone.
-    """
+    """A clone of a commit in a folder of its own, a fault committed on top, with empty caches."""
 
     def __init__(self, folder: Path, root: Path, commit: str, fault: Fault | None = None):
         self.folder, self.root = folder, folder / "project"
-        folder.mkdir(exist_ok=True)
+        for name in ("temporary", "cache"):
+            (folder / name).mkdir(parents=True)
         _git(folder, "clone", "-q", "--shared", "--no-checkout", str(root), str(self.root))
         _git(self.root, "checkout", "-q", "--detach", commit)
         if fault is not None:
@@ -91,8 +70,16 @@ class Scratch:
             return None
         line = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--maxfail=1", "-rfE", "--tb=no"]
         line += ["-m", step.marker, *step.options, *(f"--deselect={each}" for each in but), *chosen]
+        changes = {
+            "PYTHONPATH": self.root,
+            "TMPDIR": self.folder / "temporary",
+            "XDG_CACHE_HOME": self.folder / "cache",
+            "NUMBA_CACHE_DIR": self.folder / "cache" / "kernels",
+            "MPLCONFIGDIR": self.folder.parent / "fonts",
+        }
+        environment = {**os.environ, **{name: str(path) for name, path in changes.items()}}
         with (self.folder / "printed.txt").open("w+") as printed:
-            process = subprocess.Popen(line, cwd=self.root, env=self._environment(), stdout=printed, stderr=printed)
+            process = subprocess.Popen(line, cwd=self.root, env=environment, stdout=printed, stderr=printed)
             try:
                 code = process.wait(limit_s)
             except subprocess.TimeoutExpired:
@@ -103,13 +90,13 @@ class Scratch:
                 self.end()
             printed.seek(0)
             output = printed.read()
-        if code in (0, NO_TESTS):
+        if code in (PASSED, NO_TESTS):
             return None
         failed = FAILED.search(output)
-        return failed[1] if failed else (output.strip().splitlines() or [f"exit code {code}"])[-1]
+        return failed[1] if failed else f"exit code {code}: {output.strip()[-200:]}"
 
     def end(self) -> None:
-        """End every process that the tests left behind: it has this folder in its environment."""
+        """End every process that tests left behind: it has this folder in its environment."""
         mark = os.fsencode(self.folder) + b"/"
         for path in Path("/proc").glob("[0-9]*/environ"):
             try:
@@ -118,31 +105,9 @@ class Scratch:
             except OSError:
                 pass  # another's, or gone
 
-    def _environment(self) -> dict[str, str]:
-        for name in ("temporary", "cache"):
-            (self.folder / name).mkdir(exist_ok=True)
-        return {
-            **os.environ,
-            "PYTHONPATH": str(self.root),
-            "TMPDIR": str(self.folder / "temporary"),
-            "XDG_CACHE_HOME": str(self.folder / "cache"),
-            "NUMBA_CACHE_DIR": str(self.folder / "cache" / "kernels"),
-            "MPLCONFIGDIR": str(self.folder.parent / "fonts"),
-        }
-
 
 class Bench:
-    """Where faults are planted one after the other, and where what came of it is written down.
-
-    Parameters
-    ----------
-    root : Path
-        The checkout, of which the last commit counts.
-    results : Path
-        A JSON line for each step of each fault; what is there of this commit is not done again.
-    folder : Path
-        For scratch clones.
-    """
+    """Plants faults in clones of the last commit; notes what came of each step in a file of JSON lines, once."""
 
     def __init__(self, root: Path, results: Path, folder: Path):
         self.root, self.results, self.folder = root, results, folder
@@ -151,15 +116,8 @@ class Bench:
         lines = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
         self.found = {(each["fault"], each["step"]): each for each in lines if each["commit"] == self.commit}
 
-    def note(self, fault: str, step: str, test: str | None, begun: float) -> None:
-        """Write down what came of a step."""
-        seconds = round(time.monotonic() - begun, 1)
-        found = {"commit": self.commit, "fault": fault, "step": step, "test": test, "seconds": seconds}
-        self.found[fault, step] = found
-        self.results.parent.mkdir(parents=True, exist_ok=True)
-        with self.results.open("a") as lines:
-            lines.write(json.dumps(found) + "\n")
-        print(f"{fault}: {step}, {seconds} s: {test or 'all pass'}", flush=True)
+    def source(self, fault: Fault) -> bytes:
+        return (self.clean.root / fault.file).read_bytes()
 
     def check(self, steps: Sequence[Step], faults: Iterable[Fault]) -> None:
         """Refuse to plant anything where a step fails without a fault; of the first step, as far as it serves them."""
@@ -168,14 +126,14 @@ class Bench:
             if step is STEPS[0] or (UNHARMED, step.name) not in self.found:
                 begun = time.monotonic()
                 files = nearest if step is STEPS[0] else list_tests(self.clean.root)
-                self.note(UNHARMED, step.name, self.clean.try_tests(step, files, LONGEST_S), begun)
+                self._note(UNHARMED, step.name, self.clean.try_tests(step, files, LONGEST_S), begun)
             test = self.found[UNHARMED, step.name]["test"]
             if test is not None:
                 raise SystemExit(f"{step.name}: {test} fails without any fault")
 
     def examine(self, fault: Fault, steps: Sequence[Step]) -> None:
         """Plant a fault, and note what each step says, until one notices it."""
-        name = fault.name((self.clean.root / fault.file).read_bytes())
+        name = fault.name(self.source(fault))
         known = [self.found.get((name, step.name)) for step in steps]
         if all(known) or any(each and each["test"] for each in known):
             return
@@ -186,7 +144,7 @@ class Bench:
                 begun = time.monotonic()
                 files = {"near": ranked[:NEAREST], "default": ranked[NEAREST:]}.get(step.name, ranked)
                 test = self._try_soundly(scratch, step, files)
-                self.note(name, step.name, test, begun)
+                self._note(name, step.name, test, begun)
                 if test is not None:
                     return
         finally:
@@ -202,9 +160,18 @@ class Bench:
             test = scratch.try_tests(step, files, limit_s, unsound)
             if test is None or "::" not in test:
                 return test
-            if self.clean.try_tests(Step("alone", step.marker, ()), [test], LONGEST_S) != test:
+            if self.clean.try_tests(Step("alone", step.marker), [test], LONGEST_S) != test:
                 return test
             unsound.append(test)
+
+    def _note(self, fault: str, step: str, test: str | None, begun: float) -> None:
+        seconds = round(time.monotonic() - begun, 1)
+        found = {"commit": self.commit, "fault": fault, "step": step, "test": test, "seconds": seconds}
+        self.found[fault, step] = found
+        self.results.parent.mkdir(parents=True, exist_ok=True)
+        with self.results.open("a") as lines:
+            lines.write(json.dumps(found) + "\n")
+        print(f"{fault}: {step}, {seconds} s: {test or 'all pass'}", flush=True)
 
 
 def list_tests(root: Path) -> list[str]:
@@ -225,6 +192,7 @@ def rank_tests(root: Path, fault: Fault) -> list[str]:
         chain = _imports().find_shortest_chain(file.removesuffix(".py").replace("/", "."), module)
         text, its = (root / file).read_text(), _words(Path(file).stem)
         score = min(len(chain) - 1, FAR) if chain else FAR
+        score = min(score, TYPED) if fault.area == "runner" and "toy" in text else score
         score -= 2 * file.startswith(folder) + 2 * bool(words & its) + bool(words_beside & its)
         return score - any(each in text for each in within), len(text)
 
