@@ -1,19 +1,24 @@
 """Fixtures shared by all tests."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from tests.stalls import RealTime, StallWatch
+from tests.turned import turned  # noqa: F401 (a fixture)
 from tests.warm import run_warm
 
 ROOT = Path(__file__).resolve().parent.parent
+TINY = ("budget=tiny", "figures=[png,pdf]")
+"""The main job's smallest study, of `shared_run`."""
 
 
 def pytest_configure(config):
@@ -24,6 +29,30 @@ def pytest_configure(config):
 def generator():
     """A seeded generator."""
     return np.random.default_rng(20260701)
+
+
+@pytest.fixture(scope="session")
+def make_once(tmp_path_factory):
+    """Return ``make_once(name, maker)``, by which one of all workers makes something that all look at.
+
+    ``maker(folder)`` fills a new folder of that name, which is returned, to be read or copied and never changed. It
+    may be slow: the other workers wait for it. If it raises, nothing stays, and the next one that asks makes it anew.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    shared = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "made once"
+    shared.mkdir(exist_ok=True)
+
+    def make(name, maker):
+        place, made = shared / name, shared / f"{name}.made"
+        with FileLock(shared / f"{name}.lock"):
+            if not made.exists():
+                shutil.rmtree(place, ignore_errors=True)
+                place.mkdir()
+                maker(place)
+                made.touch()
+        return place
+
+    return make
 
 
 class Command:
@@ -91,3 +120,14 @@ def pamid(tmp_path):
 def toy(tmp_path):
     """The command with the toy workflow."""
     return Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=toy")
+
+
+@pytest.fixture(scope="session")
+def shared_run(make_once):
+    """The command with one finished run of the main job, tiny, made once for all; copy it to change anything."""
+
+    def run(folder):
+        result = Command(folder / "outputs", *TINY)()
+        assert result.returncode == 0, result.stderr
+
+    return Command(make_once("main run", run) / "outputs", *TINY)

@@ -476,8 +476,8 @@ def sleep_once(at, for_s, pace=festo_cpx.pace):
 
 def test_a_command_after_missed_samples_is_no_larger_a_step(emulator, section, monkeypatch):
     limits = {name: its | {"slew_kpa_per_s": 800.0} for name, its in section["limits"].items()}
-    rig = build_rig(section | {"limits": limits}, emulator.port, emulator.control_port)
-    monkeypatch.setattr(festo_cpx, "pace", sleep_once(130, 0.055))
+    rig = build_rig(section | {"limits": limits, "lead_in_s": 2.0}, emulator.port, emulator.control_port)
+    monkeypatch.setattr(festo_cpx, "pace", sleep_once(230, 0.055))
     command = np.full((rig.samples, 4), 100.0)
     command[20:, 1] = 500.0
     with rig:
