@@ -121,7 +121,7 @@ def test_killed_run_continues_at_the_next_part_with_identical_tables(toy):
     process.communicate()
     (run,) = toy.runs
     landed = {path.name: path.stat().st_mtime_ns for path in run.glob("parts/doubling-*/*")}
-    assert "killed" in toy.review("list").stdout
+    assert f"{run.name}   killed" in toy.review("list").stdout
     result = toy("doubling.pause_s=0.4")
     assert result.returncode == 0, result.stderr
     assert f"resuming {run}" in result.stdout
