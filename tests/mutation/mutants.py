@@ -33,7 +33,8 @@ OPERATORS = {
 }
 EXTREMES = {"min": "max", "minimum": "maximum", "argmin": "argmax", "nanmin": "nanmax", "floor": "ceil"}
 EXTREMES |= {other: name for name, other in EXTREMES.items()}
-SYMMETRIC = {*EXTREMES, "isclose", "allclose", "array_equal", "hypot", "gcd"}
+UNSWAPPED = {*EXTREMES, "isinstance", "issubclass", "isclose", "allclose", "array_equal", "hypot", "gcd"}
+"""Calls whose arguments change places to no effect, or never can."""
 DROPPABLE = {"abs", "sorted", "round", "reversed", "sqrt", "log", "exp", "square", "cumsum"}
 TELLING = {"debug", "info", "warning", "error", "critical", "print", "say", "_say", "_complain", "tell", "add_note"}
 TINY = 1e-4
@@ -169,7 +170,7 @@ class _Finder:
             yield "bound", *self.span(stop), b"(" + self.text(stop) + b") - 1"
         if name in DROPPABLE and len(arguments) == 1 and not keywords:
             yield "call", *self.span(node), b"(" + self.text(arguments[0]) + b")"
-        for one, other in pairwise(arguments) if name not in SYMMETRIC else ():
+        for one, other in pairwise(arguments) if name not in UNSWAPPED else ():
             (start, ended), (begun, end) = self.span(one), self.span(other)
             if self.text(one) != self.text(other):
                 yield "arguments", start, end, self.text(other) + self.source[ended:begun] + self.text(one)
