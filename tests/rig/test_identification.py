@@ -24,7 +24,7 @@ STUDY = (
     "subsampling.initial_trials=2",
     "active_loop.trials=10",
     "active_loop.controls=[]",
-    "stages=[comparison]",
+    "stages=[bank,subsampling,hyperprior,hardware,active_loop,comparison]",
 )
 SEEDS = range(5)
 

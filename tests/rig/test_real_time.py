@@ -175,10 +175,9 @@ def test_a_device_that_freezes_and_dies_is_told_and_leaves_nothing_behind(sectio
         rig = build_rig(section, emulator.port, emulator.control_port)
         group = emulator.pid
         assert processes_of(group) == 2
-        timer = threading.Timer(1.2, emulator.freeze)
-        timer.start()
-        with pytest.raises(TrialStopped, match="does not answer .*the watchdog does"), rig:
-            begun_s = time.monotonic()
+        threading.Timer(1.2, emulator.freeze).start()
+        begun_s = time.monotonic()
+        with pytest.raises(TrialStopped, match=r"does not answer .*the watchdog does"), rig:
             rig.execute(wave(rig), np.random.default_rng(0))
         assert time.monotonic() - begun_s < 1.2 + 0.15 + LET_DOWN_S + 0.5
         emulator.kill()
