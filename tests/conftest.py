@@ -40,7 +40,7 @@ def make_once(tmp_path_factory):
     may be slow: the other workers wait for it. If it raises, nothing stays, and the next one that asks makes it anew.
     """
     folder = tmp_path_factory.getbasetemp()
-    shared = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "made once"
+    shared = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "made-once"
     shared.mkdir(exist_ok=True)
 
     def make(name, maker):
