@@ -153,9 +153,16 @@ class TurnedClock:
         return rest is None or rest.until_s < self._now_s or (rest.seen is not None and rest.seen != self._turns)
 
 
-@pytest.fixture
-def turned() -> Iterator[TurnedClock]:
-    """The clock that rigs go by in a test, turned as quickly as they sleep."""
+@contextmanager
+def turn_clock() -> Iterator[TurnedClock]:
+    """Have rigs go by such a clock."""
     made = TurnedClock()
     with clock.go_by(made):
+        yield made
+
+
+@pytest.fixture
+def turned() -> Iterator[TurnedClock]:
+    """The clock that rigs go by in a test."""
+    with turn_clock() as made:
         yield made

@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import select
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from types import SimpleNamespace, TracebackType
 from typing import Any, ClassVar, Self
 from unittest.mock import patch
@@ -23,7 +24,7 @@ from tests.cpx_e.machine import Machine
 from tests.cpx_e.modbus import ModbusServer
 from tests.cpx_e.physics import Plant
 from tests.cpx_e.shared import Shared
-from tests.turned import TurnedClock
+from tests.turned import TurnedClock, turn_clock
 
 PATIENCE_S = 0.05
 """Real time for which a request may be on its way."""
@@ -47,7 +48,7 @@ class TurnedEmulator(Asked):
     serving: ClassVar[list[TurnedEmulator]] = []
 
     def __init__(self, machine: Mapping[str, Any], turned: TurnedClock):
-        self.machine = dict(machine)
+        self.machine, self.clock = dict(machine), turned
         described = Machine.model_validate(json.loads(json.dumps(self.machine)))
         self.shared = Shared(len(described.exoskeleton.muscles), len(described.exoskeleton.joints))
         self.plant = Plant(described, self.shared)
@@ -58,6 +59,7 @@ class TurnedEmulator(Asked):
         self.control = Control(self.device, self.server, self.faults, self.shared, self.plant.announce)
         self.port, self.control_port = self.server.port, self.control.port
         self._frozen = self._gone = False
+        self.begun_s = clock.now_s()
         for act in (self.plant.tick, self.device.tend):
             turned.at(clock.now_s(), self._keep_doing(act))
 
@@ -127,11 +129,14 @@ def _connect(*place: Any, **more: Any) -> socket.socket:
     return socket.create_connection(*place, **more)
 
 
-def wait_by_the_clock() -> Any:
-    """Have clients of Modbus wait on the current clock, in a ``with`` block."""
-    return patch.multiple(
+@contextmanager
+def emulate(machine: Mapping[str, Any]) -> Iterator[TurnedEmulator]:
+    """Go by a clock that is turned, with an emulated device on it for whose answers clients of Modbus wait by it."""
+    waiting = patch.multiple(
         "pymodbus.client.tcp",
         select=SimpleNamespace(select=_select),
         time=SimpleNamespace(time=clock.now_s),
         socket=SimpleNamespace(create_connection=_connect),
     )
+    with turn_clock() as turned, waiting, TurnedEmulator(machine, turned) as emulator:
+        yield emulator
