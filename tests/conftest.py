@@ -2,6 +2,7 @@
 
 import gc
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -48,7 +49,7 @@ def make_once(tmp_path_factory):
     may be slow: the other workers wait for it. If it raises, nothing stays, and the next one that asks makes it anew.
     """
     folder = tmp_path_factory.getbasetemp()
-    shared = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "made once"
+    shared = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "made-once"
     shared.mkdir(exist_ok=True)
 
     def make(name, maker):
@@ -94,10 +95,12 @@ class Command:
         """Start the command in a process of its own."""
         return self._start(self.line(*arguments), before, anew)
 
-    def __call__(self, *arguments: str, before=None, apart: bool = False) -> subprocess.CompletedProcess[str]:
-        typed = {*self.fixed, *arguments}
-        spreads = bool({"-m", "--multirun"} & typed) and not SEQUENTIALLY & typed
-        return self._run(self.line(*arguments), before, apart or spreads)
+    def __call__(self, *arguments: str, before=None, apart: bool | None = None) -> subprocess.CompletedProcess[str]:
+        return self._run(self.line(*arguments), before, apart)
+
+    def retype(self, line: str) -> subprocess.CompletedProcess[str]:
+        """Run a command as it was printed."""
+        return self._run(shlex.split(line))
 
     def review(self, *arguments: str, before=None) -> subprocess.CompletedProcess[str]:
         return self._run(self.review_line(*arguments), before)
@@ -115,9 +118,12 @@ class Command:
         shutil.copytree(self.outputs, folder, copy_function=copy)
         return made
 
-    def _run(self, line: list[str], before=None, apart: bool = False) -> subprocess.CompletedProcess[str]:
-        adds_code = self.environment.get("PYTHONPATH") != os.environ.get("PYTHONPATH")
-        if before is None and not apart and not self.anew and not adds_code:
+    def _run(self, line: list[str], before=None, apart: bool | None = None) -> subprocess.CompletedProcess[str]:
+        if apart is None:
+            spreads = {"-m", "--multirun"} & {*line[3:]} and not SEQUENTIALLY & {*line}
+            adds_code = self.environment.get("PYTHONPATH") != os.environ.get("PYTHONPATH")
+            apart = bool(spreads or adds_code or before or self.anew)
+        if not apart:
             return run_within(line, self.environment, self.root)
         with self._start(line, before) as process:
             try:

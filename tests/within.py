@@ -25,6 +25,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
+from hydra.core.singleton import Singleton
 
 import pipeline.__main__
 import pipeline.review.__main__
@@ -123,6 +124,7 @@ def _put_back() -> Iterator[None]:
     here, heard = Path.cwd(), {number: signal.getsignal(number) for number in WORDS}
     with (
         patch.dict(os.environ),
+        patch.object(Singleton, "_instances", dict(Singleton._instances)),
         patch.object(store, "repo", _branch(store.repo)),
         patch.object(composing, "hydra", composing.hydra),
         patch.object(config, "cfg", config.cfg),
