@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from stages.discrepancy import Parts, assign_parts, leave_gaps
 from stages.discrepancy.whole_record_cell import build_whole_records
-from tests.discrepancy.test_whole_records import read_plant
+from tests.plant.machines import read_plant
 
 GIVEN = ["estimation"] * 8 + ["validation"] * 3 + ["arrow"] * 2
 
