@@ -1,7 +1,13 @@
 """Studies of chosen stages for tests: composed and validated as by the command, stages run in memory."""
 
+import pickle
+from copy import deepcopy
+from functools import cache
+
 import pandas as pd
 from hydra import compose, initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import OmegaConf
 from rich.console import Console
 
 from pipeline.config import Settings, read_study
@@ -9,27 +15,59 @@ from pipeline.context import Context, Record
 from tests.conftest import ROOT
 
 
+@cache
+def compose_once(*overrides):
+    """Return the configuration, for all who change nothing of it."""
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        return compose("config", overrides=list(overrides))
+
+
+def compose_tiny(*overrides):
+    """Return the configuration of the smallest budget; single settings are overridden where groups were composed."""
+    changes = [each for each in OverridesParser.create().parse_overrides(list(overrides)) if "." in each.key_or_group]
+    changed = [each.input_line for each in changes]
+    composed = deepcopy(compose_once("budget=tiny", *(each for each in overrides if each not in changed)))
+    for each in changes:
+        OmegaConf.update(composed, each.key_or_group, each.value(), force_add=each.is_add())
+    return composed
+
+
 def read_stages(stages, *overrides):
     """Return the study of these stages, and the stages by name; sections of other stages are quoted, not refused."""
-    line = ["budget=tiny", f"workflow.stages=[{','.join(stages)}]", "workflow.headline=[]", *overrides]
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        composed = compose("config", overrides=line)
+    composed = compose_tiny(*overrides)
+    composed.workflow.stages, composed.workflow.headline = list(stages), []
     composed.workflow.metrics, composed.workflow.curves = {}, {}
     composed.workflow.quoted = [str(name) for name in composed if name not in Settings.model_fields]
     study, ordered = read_study(composed)
     return study, {stage.name: stage for stage in ordered}
 
 
-def run_stage(study, stage, folder, tables, rig=None):
-    """Run a stage on these tables; return its own, as checked when they are written."""
-    seed = study.slice(stage).get(stage.name, {}).get("seed", study.settings.seed)
+class PickledContext(Context):
+    """A context that sends jobs as if to other processes, and keeps figures to itself."""
+
+    def spread(self, function, jobs):
+        yield from super().spread(*pickle.loads(pickle.dumps((function, jobs))))
+
+    def figure(self, name, figure, caption):
+        self.files[name] = {"caption": caption}
+
+
+def run_alone(stage, cfg, folder, tables, seed=0, context=Context, rig=None):
+    """Run a stage on these tables; return its own by name, as checked when they are written."""
     record = Record(folder / "parts" / stage.name, {table.name: table for table in stage.writes}, lambda: None)
-    if rig is None and study.target(stage):
-        rig = study.build(study.target(stage))
-    context = Context(stage.name, folder, seed, record, Console(quiet=True), rig)
-    found = stage.function(cfg=study.config(stage), ctx=context, **{name: tables[name] for name in stage.reads})
+    ctx = context(stage.name, folder, seed, record, Console(quiet=True), rig)
+    found = stage.function(cfg=cfg, ctx=ctx, **tables)
     if isinstance(found, pd.DataFrame):
         found = (found,)
     if not isinstance(found, dict):
         found = dict(zip((table.name for table in stage.writes), found, strict=True))
     return {table.name: table.check(found[table.name], "in memory") for table in stage.writes}
+
+
+def run_stage(study, stage, folder, tables, rig=None, context=Context):
+    """Run a stage of a study on those of these tables that it reads; return its own."""
+    seed = study.slice(stage).get(stage.name, {}).get("seed", study.settings.seed)
+    if rig is None and study.target(stage):
+        rig = study.build(study.target(stage))
+    read = {name: tables[name] for name in stage.reads}
+    return run_alone(stage, study.config(stage), folder, read, seed, context, rig)

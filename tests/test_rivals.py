@@ -1,25 +1,24 @@
 """The rivals against planted laws, NumPy and SciPy, with verdicts that planted data turn either way."""
 
-import pickle
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from pydantic import ValidationError
-from rich.console import Console
 from scipy import stats
 from scipy.special import gammaln
 
-from pipeline.context import Context, Record
+from pipeline.context import Context
 from pipeline.errors import WiringError
 from stages import rivals as module
 from stages.figures import draw_error_bars, draw_rival_curves
 from stages.rivals import Config, Rivals, compare_rivals, count_points, fit_law, predict_law, rivals
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
-from tests.conftest import ROOT
 from tests.identification.data import HYPERPARAMETERS
+from tests.studies import PickledContext, compose_tiny, run_alone
 
 LAW = np.array([6.0, -9.0, 1.2, -900.0, 150.0, -20.0])
 SECTION = {
@@ -62,7 +61,7 @@ def record(generator, count, force=follow_the_law, noise=0.0, pressure_kpa=(50, 
     return samples.assign(force_n=np.maximum(noisy, 0.0))
 
 
-def make_tables(generator, muscles=("pam1", "pam2", "pam3"), experiments=2, trials=3, samples=40, points=8, **law):
+def make_tables(generator, muscles=("pam1", "pam2"), experiments=2, trials=3, samples=40, points=8, **law):
     """Return all tables that the stage reads: recordings of a planted law, a design whose errors are drawn."""
 
     def gather(keys, count, **how):
@@ -102,21 +101,20 @@ def make_tables(generator, muscles=("pam1", "pam2", "pam3"), experiments=2, tria
     }
 
 
-class PickledContext(Context):
-    """A context that sends jobs as if to other processes, and draws without saving."""
-
-    def spread(self, function, jobs):
-        return super().spread(function, pickle.loads(pickle.dumps(jobs)))
-
-    def figure(self, name, figure, caption):
-        self.files[name] = {"caption": caption}
-
-
-def run_stage(folder, tables, seed=0, context=PickledContext, **section):
+def run(folder, tables, seed=0, context=PickledContext, **section):
+    """Return the stage's tables; its figures are drawn in a context of its own alone."""
     cfg = Config(rivals=Rivals(**{**SECTION, **section}), seed=seed)
-    ctx = context("rivals", folder, seed, Record(folder / "parts", {}, lambda: None), Console(quiet=True))
-    found = rivals.function(cfg=cfg, ctx=ctx, **tables)
-    return [table.check(frame, "in the test") for table, frame in zip(rivals.writes, found, strict=True)]
+    with pytest.MonkeyPatch.context() as patched:
+        if context is PickledContext:
+            patched.setattr(module, "draw", lambda *arguments: None)
+        return list(run_alone(rivals, cfg, folder, tables, seed, context).values())
+
+
+@pytest.fixture
+def linear_alone(monkeypatch):
+    """GPs that predict no force, at once, where only the linear law counts."""
+    for name in ("fit_sparse", "fit_subset"):
+        monkeypatch.setattr(module.Job, name, lambda job: lambda test: np.zeros(len(test)))
 
 
 def rates(curve, rival, **where):
@@ -128,32 +126,45 @@ def rates(curve, rival, **where):
 
 @pytest.fixture(scope="module")
 def noisy(tmp_path_factory):
-    """Tables of the planted law with noise, the stage's tables and their folder."""
-    tables = make_tables(np.random.default_rng(11), noise=10.0)
+    """Tables of the planted law with noise, the stage's tables, their folder, and how many data each GP took."""
+    tables, taken = make_tables(np.random.default_rng(11), noise=10.0), set()
     folder = tmp_path_factory.mktemp("rivals")
-    return tables, *run_stage(folder, tables, context=Context), folder
+
+    def spy(name, found, inputs, *rest, **options):
+        taken.add((name, len(inputs), rest[1] if name == "fit_sparse" else len(inputs)))
+        return found(inputs, *rest, **options)
+
+    with pytest.MonkeyPatch.context() as patched:
+        for name in ("fit", "fit_sparse"):
+            patched.setattr(module, name, partial(spy, name, getattr(module, name)))
+        curve, compared = run(folder, tables, context=Context)
+    return SimpleNamespace(tables=tables, curve=curve, compared=compared, folder=folder, taken=taken)
 
 
 def test_every_rival_has_an_error_on_every_test_set(noisy):
-    tables, curve, compared, folder = noisy
+    curve = noisy.curve
     counts = curve.groupby("rival", sort=False).size().to_dict()
-    assert counts == {"linear": 2 * 3 * 6, "sparse_gp": 2 * 6, "subset_gp": 2 * 6, "linear_interactive": 4 * 6}
+    assert counts == {"linear": 2 * 3 * 4, "sparse_gp": 2 * 4, "subset_gp": 2 * 4, "linear_interactive": 4 * 4}
     assert set(curve.loc[curve["rival"] != "linear_interactive", "participant"]) == {"nobody"}
     assert set(curve.loc[curve["rival"] == "linear_interactive", "participant"]) == {"p1", "p2"}
     assert (curve.loc[curve["rival"] != "linear", "trial"] == 3).all()
     for name, its in curve.groupby("tested_on"):
-        largest = tables[str(name)].groupby("muscle")["force_n"].max()
+        largest = noisy.tables[str(name)].groupby("muscle")["force_n"].max()
         np.testing.assert_allclose(its["rmse_n"], its["error_rate"] * its["muscle"].map(largest), rtol=1e-12)
-    assert len(compared) == 2 * (2 + 3) * 4
-    assert sorted(path.name for path in (folder / "figures").glob("*.png")) == [
+    assert len(noisy.compared) == 2 * (2 + 3) * 3
+    assert sorted(path.name for path in (noisy.folder / "figures").glob("*.png")) == [
         "learning_curves_rivals.png",
         "rival_errors.png",
     ]
 
 
+def test_gps_take_as_many_points_as_the_design(noisy):
+    assert noisy.taken == {("fit", 8, 8), ("fit_sparse", 120, 8)}
+
+
 @pytest.mark.parametrize("tested_on", ["bank", "unseen_bank"])
 def test_linear_errors_are_those_of_numpys_least_squares(noisy, tested_on):
-    tables, curve = noisy[:2]
+    tables, curve = noisy.tables, noisy.curve
     test = tables[tested_on].query("muscle == 'pam2'")
     its = tables["protocol_recordings"].query("muscle == 'pam2' and experiment == 2")
     designed = tables["active_recordings"].query("muscle == 'pam2' and experiment == 1 and participant == 'p2'")
@@ -180,15 +191,15 @@ def test_the_linear_law_is_found_where_slack_is_left_out(generator):
 
 
 def test_a_planted_law_is_found_by_the_linear_rivals_alone(generator, tmp_path):
-    curve, _ = run_stage(tmp_path, make_tables(generator))
+    curve, _ = run(tmp_path, make_tables(generator))
     assert rates(curve, "linear").max() < 1e-9
     assert rates(curve, "linear_interactive").max() < 1e-9
     assert rates(curve, "subset_gp").min() > 1e-3
 
 
 def test_what_depends_on_velocity_is_learned_by_the_gps_alone(generator, tmp_path):
-    tables = make_tables(generator, ("pam1",), force=bend, noise=1.0, points=16)
-    curve, _ = run_stage(tmp_path, tables, sparse_best_iterations=30)
+    tables = make_tables(generator, ("pam1",), force=bend, noise=1.06)
+    curve, _ = run(tmp_path, tables, sparse_best_iterations=30)
     assert rates(curve, "linear").min() > 0.2
     assert rates(curve, "linear_interactive").min() > 0.2
     assert rates(curve, "sparse_gp").max() < 0.05
@@ -196,11 +207,11 @@ def test_what_depends_on_velocity_is_learned_by_the_gps_alone(generator, tmp_pat
 
 
 @pytest.mark.parametrize(("spoiled", "sign"), [((), -1), ((2, 3), 1)])
-def test_the_linear_error_falls_with_trials_unless_they_mislead(spoiled, sign, generator, tmp_path):
-    tables = make_tables(generator, experiments=6, samples=12, noise=20.0)
+def test_the_linear_error_falls_with_trials_unless_they_mislead(spoiled, sign, linear_alone, generator, tmp_path):
+    tables = make_tables(generator, ("pam1", "pam2", "pam3"), experiments=6, samples=12, noise=20.0)
     its = tables["protocol_recordings"]
     its.loc[its["trial"].isin(spoiled), "force_n"] *= 3.0
-    curve, compared = run_stage(tmp_path, tables)
+    curve, compared = run(tmp_path, tables)
     means = curve[curve["rival"] == "linear"].groupby("trial")["error_rate"].mean()
     assert (np.sign(np.diff(means)) == sign).all()
     told = compared.query("rival == 'linear' and muscle == 'mean' and tested_on == 'bank'").set_index("measure")
@@ -209,29 +220,15 @@ def test_the_linear_error_falls_with_trials_unless_they_mislead(spoiled, sign, g
     assert told.loc["final", "rival_mean"] == pytest.approx(seen.query("trial == 3")["error_rate"].mean())
 
 
-def test_slack_is_judged_by_the_samples_learned_from_alone(generator, tmp_path):
+def test_slack_is_judged_by_the_samples_learned_from_alone(linear_alone, generator, tmp_path):
     tables = make_tables(generator, ("pam1",))
-    before, _ = run_stage(tmp_path / "before", tables)
+    before, _ = run(tmp_path / "before", tables)
     its = tables["protocol_recordings"]
     its.loc[its["trial"] == 3, "force_n"] *= 50.0
-    after, _ = run_stage(tmp_path / "after", tables)
+    after, _ = run(tmp_path / "after", tables)
     for trial in (1, 2):
         np.testing.assert_array_equal(rates(after, "linear", trial=trial), rates(before, "linear", trial=trial))
     assert (rates(after, "linear", trial=3).to_numpy() > rates(before, "linear", trial=3).to_numpy()).all()
-
-
-def test_gps_take_as_many_points_as_the_design(noisy, tmp_path, monkeypatch):
-    seen = []
-    for name in ("fit", "fit_sparse"):
-        found = getattr(module, name)
-
-        def spy(inputs, *rest, found=found, name=name, **options):
-            seen.append((name, len(inputs), rest[1] if name == "fit_sparse" else len(inputs)))
-            return found(inputs, *rest, **options)
-
-        monkeypatch.setattr(module, name, spy)
-    run_stage(tmp_path, noisy[0])
-    assert set(seen) == {("fit", 8, 8), ("fit_sparse", 120, 8)}
 
 
 def test_points_are_counted_in_the_design_after_its_last_trial():
@@ -243,22 +240,20 @@ def test_points_are_counted_in_the_design_after_its_last_trial():
 
 
 def test_seeds_draw_subsets_and_starts_and_nothing_else(noisy, tmp_path):
-    tables, curve, compared, _ = noisy
-    again, again_compared = run_stage(tmp_path / "again", tables)
-    pd.testing.assert_frame_equal(again, curve)
-    pd.testing.assert_frame_equal(again_compared, compared)
-    other, _ = run_stage(tmp_path / "other", tables, seed=1)
-    same = other["error_rate"] == curve["error_rate"]
-    assert same.groupby(curve["rival"]).mean().to_dict() == pytest.approx(
+    again, again_compared = run(tmp_path / "again", noisy.tables)
+    pd.testing.assert_frame_equal(again, noisy.curve)
+    pd.testing.assert_frame_equal(again_compared, noisy.compared)
+    other, _ = run(tmp_path / "other", noisy.tables, seed=1)
+    same = other["error_rate"] == noisy.curve["error_rate"]
+    assert same.groupby(noisy.curve["rival"]).mean().to_dict() == pytest.approx(
         {"linear": 1.0, "linear_interactive": 1.0, "sparse_gp": 0.0, "subset_gp": 0.0}
     )
 
 
 def test_the_same_models_from_fewer_sequences_of_the_protocol(noisy, tmp_path):
-    tables, curve = noisy[:2]
-    fewer, compared = run_stage(tmp_path, tables, experiments=1)
-    kept = (curve["participant"] != "nobody") | (curve["experiment"] == 1)
-    pd.testing.assert_frame_equal(fewer, curve[kept].reset_index(drop=True))
+    fewer, compared = run(tmp_path, noisy.tables, experiments=1)
+    kept = (noisy.curve["participant"] != "nobody") | (noisy.curve["experiment"] == 1)
+    pd.testing.assert_frame_equal(fewer, noisy.curve[kept].reset_index(drop=True))
     its = compared[compared["rival"] == "linear"]
     assert set(zip(its["n_design"], its["n_rival"], strict=True)) == {(4, 1)}
     assert (its["verdict"] == "undecided").all()
@@ -270,21 +265,21 @@ def test_one_trial_of_few_samples_decides_nothing(generator, tmp_path):
         tables[name] = tables[name][tables[name]["participant"] == "p1"]
     del tables["unseen_bank"]
     tables["learning_curve"] = tables["learning_curve"].query("tested_on == 'bank'")
-    curve, compared = run_stage(tmp_path, tables)
-    assert len(curve) == 4 * 3
+    curve, compared = run(tmp_path, tables)
+    assert len(curve) == 4 * 2
     assert np.isfinite(curve["error_rate"]).all()
     assert (compared["verdict"] == "undecided").all()
     assert compared[["low", "high", "effect", "p", "p_holm"]].isna().all(axis=None)
 
 
 @pytest.mark.parametrize(("protocol", "design"), [(2, 3), (3, 2)])
-def test_the_protocol_may_have_other_trials_than_the_design(protocol, design, generator, tmp_path):
+def test_the_protocol_may_have_other_trials_than_the_design(protocol, design, linear_alone, generator, tmp_path):
     tables = make_tables(generator, noise=10.0)
     tables["protocol_recordings"] = tables["protocol_recordings"].query(f"trial <= {protocol}")
     curve = tables["learning_curve"]
     curve["error_rate"] = 0.1 + 0.01 * curve["trial"]
     tables["learning_curve"] = curve[curve["trial"] <= design]
-    found, compared = run_stage(tmp_path, tables)
+    found, compared = run(tmp_path, tables)
     told = compared.query("rival == 'linear' and muscle == 'mean' and tested_on == 'bank'").set_index("measure")
     assert told.loc["final", "design_mean"] == pytest.approx(0.1 + 0.01 * design)
     assert told.loc["curve", "design_mean"] == pytest.approx(0.115)
@@ -294,9 +289,9 @@ def test_the_protocol_may_have_other_trials_than_the_design(protocol, design, ge
 
 
 def test_without_a_protocol_says_what_is_missing(noisy, tmp_path):
-    tables = {**noisy[0], "protocol_recordings": noisy[0]["protocol_recordings"].iloc[:0]}
+    tables = {**noisy.tables, "protocol_recordings": noisy.tables["protocol_recordings"].iloc[:0]}
     with pytest.raises(WiringError, match=r"add the stage protocol to workflow\.stages"):
-        run_stage(tmp_path, tables)
+        run(tmp_path, tables)
 
 
 def make_curves(generator, means, experiments=6, sd=0.002, trials=2):
@@ -413,8 +408,7 @@ def test_curves_have_a_panel_for_each_muscle_and_two_lines(generator):
 
 
 def test_the_stated_settings_follow_the_budget():
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        composed = compose("config", overrides=["+rivals=stated", "budget=tiny"])
+    composed = compose_tiny("+rivals=stated")
     section = Rivals.model_validate(OmegaConf.to_container(composed.rivals, resolve=True))
     assert section.starts == 2
 
