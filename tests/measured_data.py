@@ -4,10 +4,9 @@ import json
 
 import numpy as np
 import pandas as pd
-from hydra import compose, initialize_config_dir
 
 from pipeline.config import read_study
-from tests.conftest import ROOT
+from tests.composing import compose_values
 from tests.studies import run_stage
 
 RATE_HZ = 250.0
@@ -63,8 +62,7 @@ def write_dataset(folder, samples=None, meta=None):
 
 def read_measured(tmp_path, path, *overrides):
     """Return the tables that the stage makes of a path."""
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        composed = compose("config", overrides=["workflow=discrepancy", f"measured={path}", *overrides])
+    composed = compose_values("workflow=discrepancy", f"measured={path}", *overrides)
     composed.workflow.stages, composed.workflow.headline = ["measurement"], []
     composed.workflow.quoted = [str(name) for name in composed]
     study, (stage,) = read_study(composed)
