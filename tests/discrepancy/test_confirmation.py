@@ -10,7 +10,7 @@ from stages.discrepancy import Verified, confirm_effects, confirm_status, list_h
 from tests.discrepancy.simulated_records import move, slide
 from tests.discrepancy.toys import make_toy
 
-STEP_S, SAMPLES = 0.02, 3200
+STEP_S, SAMPLES = 0.02, 1600
 PARTS = ("parts.fitted=[est]", "parts.verification=[val]")
 
 
@@ -80,7 +80,7 @@ def judge_bench(pamid, path, frame, *overrides):
     return " ".join(told.stdout.split()), json.loads((pamid.runs[-1] / "verdict.json").read_text())
 
 
-@pytest.mark.parametrize("kept", [0.8, 0.0], ids=["there", "gone"])
+@pytest.mark.parametrize("kept", [pytest.param(0.8, marks=pytest.mark.slow), 0.0], ids=["there", "gone"])
 def test_a_loop_that_the_kept_record_lacks_is_named_and_not_confirmed(pamid, tmp_path, kept):
     parts = []
     for seed, (part, loop) in enumerate((("est", 0.8), ("val", kept))):
