@@ -32,7 +32,7 @@ def study_of(*overrides):
 
 @pytest.mark.slow
 def test_a_small_scorecard(pamid):
-    line = ["workflow=scorecard", "blind_tests=small", "rig.trials=8", "disguise.effects=[leakage]", "figures=[png]"]
+    line = ["workflow=scorecard", "blind_tests=small", "rig.trials=12", "disguise.effects=[leakage]", "figures=[png]"]
     result = pamid(*line)
     assert result.returncode == 0, result.stderr
     tables = {path.stem: pd.read_parquet(path) for path in (pamid.runs[0] / "tables").iterdir()}
@@ -65,7 +65,7 @@ def test_a_session_twice_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_no_form_is_the_rig_s_own_unless_there_is_but_one(tmp_path):
-    study, stages = study_of("disguise.effects=[sensor_drift,transport_delay,valve_asymmetry]", "rig.trials=6")
+    study, stages = study_of("disguise.effects=[sensor_drift,transport_delay,valve_asymmetry]", "rig.trials=10")
     found = run_stage(study, stages["disguise"], tmp_path, {})["disguise"]
     best = found[found["best"]].set_index("key")
     assert list(best.index) == ["transport_delay", "valve_asymmetry", "sensor_drift"]
