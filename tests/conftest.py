@@ -22,7 +22,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_finish(session):
-    """Let collections of garbage pass over what was imported: statsmodels asks for one with every family of p-values."""
+    """Let collections of garbage pass over what was imported: statsmodels asks for one at every family of p-values."""
     gc.collect()
     gc.freeze()
 

@@ -3,8 +3,10 @@
 import pickle
 from copy import deepcopy
 from functools import cache
+from itertools import islice
 
 import pandas as pd
+import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
@@ -71,3 +73,17 @@ def run_stage(study, stage, folder, tables, rig=None, context=Context):
         rig = study.build(study.target(stage))
     read = {name: tables[name] for name in stage.reads}
     return run_alone(stage, study.config(stage), folder, read, seed, context, rig)
+
+
+def stop_after(monkeypatch, jobs, run, *arguments):
+    """Run a stage that is killed when it has so many jobs done."""
+    asked = Context.spread
+
+    def stop(self, function, each):
+        yield from islice(asked(self, function, each), jobs)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Context, "spread", stop)
+        with pytest.raises(KeyboardInterrupt):
+            run(*arguments)

@@ -22,33 +22,33 @@ def model(generator):
     return condition(x, y, THETA, make_prior(), covariance=root @ root.T)
 
 
-def kernel(theta, left, right):
-    scaled = (left[:, None] - right[None]) / np.exp(theta[:3])
-    return np.exp(2 * theta[3] - 0.5 * (scaled**2).sum(axis=2))
+def kernel(thetas, left, right):
+    """Return the covariance at each of (S, 5) draws."""
+    scaled = (left[:, None] - right[None]) / np.exp(thetas[:, None, None, :3])
+    return np.exp(2 * thetas[:, 3, None, None] - 0.5 * (scaled**2).sum(axis=3))
 
 
-def predict_outputs(theta, x, y, path):
-    """Return mean and covariance of the noisy outputs along a path, by the textbook."""
-    noise = np.exp(2 * theta[4])
-    weights = np.linalg.solve(kernel(theta, x, x) + noise * np.eye(len(x)), kernel(theta, x, path))
-    covariance = kernel(theta, path, path) - kernel(theta, path, x) @ weights + noise * np.eye(len(path))
-    return weights.T @ y, covariance
+def predict_outputs(thetas, x, y, path):
+    """Return means and covariances of the noisy outputs along a path at each draw, by the textbook."""
+    noise = np.exp(2 * thetas[:, 4, None, None])
+    weights = np.linalg.solve(kernel(thetas, x, x) + noise * np.eye(len(x)), kernel(thetas, x, path))
+    covariances = kernel(thetas, path, path) - kernel(thetas, path, x) @ weights + noise * np.eye(len(path))
+    return np.moveaxis(weights, 2, 1) @ y, covariances
 
 
 def estimate_information(model, path, generator):
     """Return I(theta; y along the path) by nested Monte Carlo (nats) and its standard error."""
     thetas = generator.multivariate_normal(model.theta, model.laplace.covariance, DRAWS)
-    found = [predict_outputs(theta, model.inputs, model.posterior.outputs, path) for theta in thetas]
-    means, covariances = (np.array(each) for each in zip(*found, strict=True))
+    means, covariances = predict_outputs(thetas, model.inputs, model.posterior.outputs, path)
     roots = np.linalg.cholesky(covariances)
     outputs = means + np.einsum("kij,kj->ki", roots, generator.standard_normal(means.shape))
     inverses = np.linalg.inv(roots)
     centres = np.einsum("kij,kj->ki", inverses, means)
     halves = np.log(np.diagonal(inverses, axis1=1, axis2=2)).sum(axis=1)
-    told = np.empty(DRAWS)
-    for index, output in enumerate(outputs):
-        densities = halves - 0.5 * ((inverses @ output - centres) ** 2).sum(axis=1)
-        told[index] = densities[index] - (logsumexp(densities) - np.log(DRAWS))
+    densities = np.tile(halves, (DRAWS, 1))
+    for row in range(len(path)):
+        densities -= 0.5 * (outputs @ inverses[:, row].T - centres[:, row]) ** 2
+    told = np.diag(densities) - (logsumexp(densities, axis=1) - np.log(DRAWS))
     return told.mean(), told.std() / np.sqrt(DRAWS)
 
 
