@@ -25,15 +25,17 @@ def bank(generator):
 
 
 @pytest.mark.parametrize("utility", UTILITIES)
-@pytest.mark.parametrize("reduce", ["sum", "max"])
-def test_scores_are_those_of_a_loop(utility, reduce, models, bank):
-    expected = np.zeros(7)
-    for model, inputs in zip(models, bank, strict=True):
-        for index, trajectory in enumerate(inputs):
-            points = [model.utility(sample[None], utility)[0] for sample in trajectory]
-            expected[index] += getattr(np, reduce)(points)
-    found = trajectory_utility(models, bank, utility, reduce)
-    np.testing.assert_allclose(found, expected, rtol=1e-10)
+def test_scores_are_those_of_a_loop(utility, models, bank):
+    bank = [each[:3, :25] for each in bank]
+    points = np.array(
+        [
+            [[model.utility(sample[None], utility)[0] for sample in trajectory] for trajectory in inputs]
+            for model, inputs in zip(models, bank, strict=True)
+        ]
+    )
+    for reduce in ("sum", "max"):
+        expected = getattr(np, reduce)(points, axis=2).sum(axis=0)
+        np.testing.assert_allclose(trajectory_utility(models, bank, utility, reduce), expected, rtol=1e-10)
 
 
 def test_sum_and_max_differ(models, bank):
@@ -51,6 +53,7 @@ def test_log_det_adds_up_over_muscles_and_takes_every_so_many_th_sample(stride, 
 
 @pytest.mark.parametrize("utility", ["y_y", "variance"])
 def test_the_memory_bound_does_not_change_scores(utility, models, bank):
+    bank = [each[:2] for each in bank]
     expected = trajectory_utility(models, bank, utility)
     for memory_mb in (1e-6, 0.01, 0.1, 1.0, 1000.0):
         found = trajectory_utility(models, bank, utility, memory_mb=memory_mb)
