@@ -121,7 +121,7 @@ class Runner:
             return 0
         with watch() as signals:
             held = claim(self.outputs, self.identity, self.arguments, self.place)
-            with held.lock:
+            with held:
                 try:
                     with _log_file(held.ledger.folder):
                         return self._run_claimed(held, [step.stage for step in steps], signals)

@@ -41,12 +41,18 @@ class Claim:
     resumed : bool
         Whether an earlier process began it.
     lock : FileLock
-        Held until released.
+        Held until this context ends.
     """
 
     ledger: Ledger
     resumed: bool
     lock: FileLock
+
+    def __enter__(self) -> Claim:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.lock.release(force=True)
 
 
 def runs_folder(outputs: str | Path) -> Path:
@@ -280,6 +286,6 @@ def claim_job(place: Path, identity: str, arguments: Sequence[str]) -> Iterator[
         When the folder cannot be written, or another process holds it.
     """
     held = claim(place.parent.parent.parent, identity, arguments, place)
-    with held.lock:
+    with held:
         keep_changes(place, held.ledger.facts)
         yield held.ledger

@@ -2,19 +2,27 @@
 
 import gc
 import os
+import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy is imported, whose threads wait for each other busily
+
 import numpy as np
 import pytest
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+from filelock import FileLock
 
 from tests.stalls import RealTime, StallWatch
-from tests.warm import run_warm
+from tests.turned import turned  # noqa: F401 (a fixture)
+from tests.within import run_within, start_forked
 
 ROOT = Path(__file__).resolve().parent.parent
+TINY = ("budget=tiny", "figures=[png,pdf]")
+"""The main job's smallest study, of `shared_run`."""
+SEQUENTIALLY = {"hydra/launcher=basic", "hydra.launcher.n_jobs=1"}
+"""Ways to have the jobs of a sweep begun by the command's own process."""
 
 
 def pytest_configure(config):
@@ -33,15 +41,43 @@ def generator():
     return np.random.default_rng(20260701)
 
 
+@pytest.fixture(scope="session")
+def make_once(tmp_path_factory):
+    """Return ``make_once(name, maker)``, by which one of all workers makes something that all look at.
+
+    ``maker(folder)`` fills a new folder of that name, which is returned, to be read or copied and never changed. It
+    may be slow: the other workers wait for it. If it raises, nothing stays, and the next one that asks makes it anew.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    shared = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "made-once"
+    shared.mkdir(exist_ok=True)
+
+    def make(name, maker):
+        place, made = shared / name, shared / f"{name}.made"
+        with FileLock(shared / f"{name}.lock"):
+            if not made.exists():
+                shutil.rmtree(place, ignore_errors=True)
+                place.mkdir()
+                maker(place)
+                made.touch()
+        return place
+
+    return make
+
+
 class Command:
-    """`python -m pipeline` as a person types it, with its outputs in a folder of the test."""
+    """`python -m pipeline` as a person types it, with its outputs in a folder of the test.
+
+    It runs in this process where that makes no difference, else or `apart` in one that is forked off, which calls
+    `before` first. Where it is to be started `anew`, it is started in full.
+    """
 
     def __init__(self, outputs: Path, *fixed: str):
         self.outputs = outputs
         self.fixed = fixed
         self.environment = {**os.environ, "COLUMNS": "200"}
         self.root = ROOT
-        self.warm = True
+        self.anew = False
 
     @property
     def runs(self) -> list[Path]:
@@ -49,42 +85,59 @@ class Command:
         folder = self.outputs / "runs"
         return sorted(folder.iterdir()) if folder.is_dir() else []
 
-    @property
-    def can_be_warm(self) -> bool:
-        """Whether the command need not be started in full: no time of it counts, and this code is what it finds."""
-        return self.warm and self.root == ROOT and self.environment.get("PYTHONPATH") == os.environ.get("PYTHONPATH")
-
     def line(self, *arguments: str) -> list[str]:
         return [sys.executable, "-m", "pipeline", *self.fixed, f"outputs={self.outputs}", *arguments]
 
-    def start(self, *arguments: str, before=None) -> subprocess.Popen:
-        """Start the command; `before` is called in the new process first."""
-        return subprocess.Popen(
-            self.line(*arguments),
-            cwd=self.root,
-            env=self.environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            preexec_fn=before,
-        )
+    def review_line(self, *arguments: str) -> list[str]:
+        return [sys.executable, "-m", "pipeline.review", "--outputs", str(self.outputs), *arguments]
 
-    def __call__(self, *arguments: str, before=None) -> subprocess.CompletedProcess:
-        if before is None and self.can_be_warm and not {"-m", "--multirun"} & {*self.fixed, *arguments}:
-            return run_warm(self.line(*arguments), self.environment, ROOT, 300)
-        process = self.start(*arguments, before=before)
-        try:
-            output, errors = process.communicate(timeout=300)
-        finally:
-            process.kill()
+    def start(self, *arguments: str, before=None, anew: bool = False) -> subprocess.Popen[str]:
+        """Start the command in a process of its own."""
+        return self._start(self.line(*arguments), before, anew)
+
+    def __call__(self, *arguments: str, before=None, apart: bool | None = None) -> subprocess.CompletedProcess[str]:
+        return self._run(self.line(*arguments), before, apart)
+
+    def retype(self, line: str) -> subprocess.CompletedProcess[str]:
+        """Run a command as it was printed."""
+        return self._run(shlex.split(line))
+
+    def review(self, *arguments: str, before=None) -> subprocess.CompletedProcess[str]:
+        return self._run(self.review_line(*arguments), before)
+
+    def copy(self, folder: Path) -> "Command":
+        """Return the same command with a copy of its outputs, which have the same files in common."""
+        made = type(self)(folder, *self.fixed)
+        copies: dict[int, str] = {}
+
+        def copy(source: str, target: str) -> None:
+            number = os.stat(source).st_ino
+            os.link(copies[number], target) if number in copies else shutil.copy2(source, target)
+            copies.setdefault(number, target)
+
+        shutil.copytree(self.outputs, folder, copy_function=copy)
+        return made
+
+    def _run(self, line: list[str], before=None, apart: bool | None = None) -> subprocess.CompletedProcess[str]:
+        if apart is None:
+            spreads = {"-m", "--multirun"} & {*line[3:]} and not SEQUENTIALLY & {*line}
+            adds_code = self.environment.get("PYTHONPATH") != os.environ.get("PYTHONPATH")
+            apart = bool(spreads or adds_code or before or self.anew)
+        if not apart:
+            return run_within(line, self.environment, self.root)
+        with self._start(line, before) as process:
+            try:
+                output, errors = process.communicate(timeout=300)
+            finally:
+                process.kill()
         return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
 
-    def review(self, *arguments: str, before=None) -> subprocess.CompletedProcess:
-        line = [sys.executable, "-m", "pipeline.review", "--outputs", str(self.outputs), *arguments]
-        if before is None and self.can_be_warm:
-            return run_warm(line, self.environment, ROOT, 60)
-        return subprocess.run(
-            line, cwd=self.root, env=self.environment, capture_output=True, text=True, timeout=60, preexec_fn=before
+    def _start(self, line: list[str], before=None, anew: bool = False) -> subprocess.Popen[str]:
+        if not anew and not self.anew:
+            return start_forked(line, self.environment, self.root, before)
+        pipe = subprocess.PIPE
+        return subprocess.Popen(
+            line, cwd=self.root, env=self.environment, stdout=pipe, stderr=pipe, text=True, preexec_fn=before
         )
 
 
@@ -94,7 +147,12 @@ def pamid(tmp_path):
     return Command(tmp_path / "outputs")
 
 
-@pytest.fixture
-def toy(tmp_path):
-    """The command with the toy workflow."""
-    return Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=toy")
+@pytest.fixture(scope="session")
+def shared_run(make_once):
+    """The command with one finished run of the main job, tiny, made once for all; copy it to change anything."""
+
+    def run(folder):
+        result = Command(folder / "outputs", *TINY)()
+        assert result.returncode == 0, result.stderr
+
+    return Command(make_once("main run", run) / "outputs", *TINY)

@@ -12,7 +12,9 @@ import pyarrow.parquet
 from pipeline.files import TEMPORARY_SUFFIX
 
 DROP_FROM_BOUNDING_SET = 24
-DAC_OVERRIDE, DAC_READ_SEARCH, FOWNER = 1, 2, 3
+CAPABILITY_VERSION, EFFECTIVE, PERMITTED = 0x20080522, 0, 1
+OVERRIDING = (1, 2, 3)
+"""Capabilities to write, to read and to change what bits of permission forbid."""
 
 
 def tables_of(run):
@@ -37,6 +39,7 @@ def wait_until(process, arrived):
         if found:
             return found
         assert process.poll() is None, process.communicate()
+        time.sleep(0.002)
     raise TimeoutError("it did not happen")
 
 
@@ -69,10 +72,20 @@ def limit_file_size(size):
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
+def slow_down_disk():
+    """Have a process wait for the disk so long that what it writes can be seen under its temporary name."""
+    sync = os.fsync
+    os.fsync = lambda handle: (time.sleep(0.05), sync(handle))
+
+
 def obey_permissions():
-    """Let permission bits bind a process even of root's."""
+    """Let permission bits bind a process even of root's, and what it executes."""
     if os.geteuid() == 0:
         library = ctypes.CDLL(None, use_errno=True)
-        for capability in (DAC_OVERRIDE, DAC_READ_SEARCH, FOWNER):
-            if library.prctl(DROP_FROM_BOUNDING_SET, capability, 0, 0, 0):
-                raise OSError(ctypes.get_errno(), "cannot drop a capability")
+        held, sets = (ctypes.c_uint32 * 2)(CAPABILITY_VERSION, 0), (ctypes.c_uint32 * 6)()
+        refused = [library.prctl(DROP_FROM_BOUNDING_SET, each, 0, 0, 0) for each in OVERRIDING]
+        refused.append(library.capget(held, sets))
+        for kind in (EFFECTIVE, PERMITTED):
+            sets[kind] &= ~sum(1 << each for each in OVERRIDING)
+        if any(refused) or library.capset(held, sets):
+            raise OSError(ctypes.get_errno(), "cannot drop a capability")

@@ -1,9 +1,8 @@
 """Real time, as far as the machine gives it: a test that fails while the machine stood still is tried again.
 
 A process on each core wakes every few milliseconds and remembers by how much it overslept. A test in real time that
-fails although neither overslept has failed. One that fails while they did, which says nothing of what it tests, runs
-again in a while; when each of its tries met a standstill it is skipped, with what it met as the reason. Where the idle
-machine stands still all the time, as a guest that its host starves, none of these tests is run, and each says so.
+fails although none overslept has failed. One that fails while one did, which says nothing of what it tests, runs again;
+when each of its tries met a standstill it is skipped, with what it met as the reason.
 """
 
 import ctypes
@@ -14,17 +13,12 @@ from multiprocessing.process import BaseProcess
 from multiprocessing.sharedctypes import Synchronized
 
 import pytest
+from _pytest.runner import runtestprotocol
 
 BEAT_S = 0.004
 STALL_S = 0.02
 """Two samples at 100 Hz: what they are late by, commands and clocks show."""
-TRIES = 4
-RETRIES = 25
-"""Of all tests together, so that a machine that never has the time tells so within minutes."""
-CALM_S = 4.0
-REST_S = 6
-HOPELESS_S, HOPELESS = 0.1, 0.4
-"""Standstill of a machine at rest by which trials are broken off, and share of seconds with one that is too much."""
+TRIES = 3
 
 
 class StallWatch:
@@ -34,14 +28,18 @@ class StallWatch:
         self._longest_s: list[Synchronized[float]] = []
         self._processes: list[BaseProcess] = []
 
-    def start(self) -> None:
-        """Begin to watch; the processes end with this one."""
-        context = multiprocessing.get_context("spawn")
-        for core in sorted(os.sched_getaffinity(0)):
-            longest_s = context.Value(ctypes.c_double, 0.0)
-            self._longest_s.append(longest_s)
-            self._processes.append(context.Process(target=_beat, args=(core, longest_s), daemon=True))
-            self._processes[-1].start()
+    def begin(self) -> None:
+        """Forget what was, and watch from now on; the processes that do end with this one."""
+        if not self._processes:
+            context = multiprocessing.get_context("spawn")
+            for core in sorted(os.sched_getaffinity(0)):
+                self._longest_s.append(context.Value(ctypes.c_double, 0.0))
+                self._processes.append(context.Process(target=_beat, args=(core, self._longest_s[-1]), daemon=True))
+                self._processes[-1].start()
+            while not all(longest_s.value for longest_s in self._longest_s):
+                time.sleep(BEAT_S)
+        for longest_s in self._longest_s:
+            longest_s.value = 0.0
 
     def close(self) -> None:
         """End the processes, if there are any."""
@@ -53,11 +51,6 @@ class StallWatch:
     def pids(self) -> list[int]:
         """Of the processes, one for each core."""
         return [process.pid for process in self._processes]
-
-    def begin(self) -> None:
-        """Forget what was."""
-        for longest_s in self._longest_s:
-            longest_s.value = 0.0
 
     def longest_s(self) -> float:
         """Return the longest time that a core stood still since."""
@@ -75,66 +68,33 @@ def _beat(core: int, longest_s: "Synchronized[float]") -> None:
             longest_s.value = late
 
 
-def is_hopeless(watch: StallWatch, rest_s: int) -> bool:
-    """Return whether a core stands still again and again while nothing is to be done."""
-    stalled = 0
-    for _ in range(rest_s):
-        watch.begin()
-        time.sleep(1.0)
-        stalled += watch.longest_s() >= HOPELESS_S
-    return stalled >= HOPELESS * rest_s
-
-
 class RealTime:
     """Plugin of pytest's: judges tests that are marked ``realtime`` by the time that the machine gave them."""
 
-    def __init__(
-        self,
-        watch: StallWatch,
-        tries: int = TRIES,
-        retries: int = RETRIES,
-        calm_s: float = CALM_S,
-        rest_s: int = REST_S,
-    ):
+    def __init__(self, watch: StallWatch):
         self.watch = watch
-        self.rest_s = rest_s
-        self.tries = tries
-        self.retries = retries
-        self.calm_s = calm_s
-        self._again = False
-        self._hopeless = False
-
-    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        again = pytest.mark.flaky(reruns=self.tries - 1, reruns_delay=self.calm_s, condition=lambda: self._again)
-        for item in items:
-            if item.get_closest_marker("realtime"):
-                item.add_marker(again)
-
-    def pytest_collection_finish(self, session: pytest.Session) -> None:
-        if any(item.get_closest_marker("realtime") for item in session.items) and not session.config.option.collectonly:
-            self.watch.start()
-            self._hopeless = is_hopeless(self.watch, self.rest_s)
 
     def pytest_unconfigure(self) -> None:
         self.watch.close()
 
     @pytest.hookimpl(tryfirst=True)
-    def pytest_runtest_setup(self, item: pytest.Item) -> None:
-        if item.get_closest_marker("realtime"):
-            if self._hopeless:
-                pytest.skip(f"not judged: this machine, at rest, stood still for {1000 * HOPELESS_S:.0f} ms and more")
+    def pytest_runtest_protocol(self, item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+        if not item.get_closest_marker("realtime"):
+            return None
+        for _ in range(TRIES):
             self.watch.begin()
-
-    @pytest.hookimpl(wrapper=True, trylast=True)
-    def pytest_runtest_makereport(self, item: pytest.Item):
-        report = yield
-        if report.failed and item.get_closest_marker("realtime"):
-            stall_s = self.watch.longest_s()
-            stalled = stall_s >= STALL_S
-            self._again = stalled and item.execution_count < self.tries and self.retries > 0
-            self.retries -= self._again
-            if stalled and not self._again:
-                path, line, _ = item.location
+            reports = runtestprotocol(item, nextitem=nextitem, log=False)
+            failed = [each for each in reports if each.failed]
+            stall_s = self.watch.longest_s() if failed else 0.0
+            if stall_s < STALL_S:
+                break
+        else:
+            path, line, _ = item.location
+            for each in failed:
                 reason = f"not judged: the machine stood still for {1000 * stall_s:.0f} ms while it failed"
-                report.outcome, report.longrepr = "skipped", (path, (line or 0) + 1, reason)
-        return report
+                each.outcome, each.longrepr = "skipped", (path, (line or 0) + 1, reason)
+        item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+        for each in reports:
+            item.ihook.pytest_runtest_logreport(report=each)
+        item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+        return True

@@ -2,11 +2,10 @@
 
 import copy
 import json
+import multiprocessing
+import os
 import re
-import subprocess
-import sys
-import threading
-import time
+import signal
 
 import numpy as np
 import pandas as pd
@@ -17,13 +16,13 @@ from pipeline.choices import read_choices
 from pipeline.config import read_study
 from pipeline.errors import ConfigError
 from pipeline.runner import run_study
+from stages.rig import clock
 from stages.rig.contract import RigError
 from tests.conftest import ROOT
-from tests.cpx_e.emulator import Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
+from tests.cpx_e.turned import emulate
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
-pytestmark = pytest.mark.realtime
 
 TRUE = {
     "pam1.force": {"n_per_count": 0.11, "zero_count": 24000.0, "sign": -1},
@@ -31,13 +30,11 @@ TRUE = {
     "pam1.command": {"kpa_per_count": 0.0295, "zero_count": -150.0},
     "SFE.encoder": {"rad_per_count": 6.4e-4, "zero_count": 1234.0, "sign": -1},
 }
-PATIENT = ("rig.device.watchdog_s=0.8", "rig.device.reply_s=0.3")
-"""Of what stops a point when the computer is late, other tests know."""
 
 
 @pytest.fixture(scope="module")
 def section():
-    return describe_rig(*PATIENT)
+    return describe_rig()
 
 
 @pytest.fixture(scope="module")
@@ -51,17 +48,10 @@ def machine(section):
     return told
 
 
-@pytest.fixture(scope="module")
-def running(machine):
-    with Emulator(machine) as emulator:
-        yield emulator
-
-
 @pytest.fixture
-def emulator(running):
-    running.mend()
-    yield running
-    running.mend()
+def emulator(machine):
+    with emulate(machine) as emulator:
+        yield emulator
 
 
 @pytest.fixture(autouse=True)
@@ -97,7 +87,7 @@ class Person:
         return code
 
     def obey(self):
-        """Do what is asked for now."""
+        """Do what is asked for now, which takes a second."""
         asks = json.loads((self.run / "documents" / "asks.json").read_text())
         self.asked.append(asks)
         told = re.search(r"echo (\S+),KPA >> ([^\s;]+)", asks["do"])
@@ -112,6 +102,7 @@ class Person:
                 self.load(other, asks["value"], count)
             elif asks["value"] == 0.0:
                 self.emulator.fault("overpressure", muscle=owner, kpa=0.0)
+        clock.sleep(1.0)
 
     def load(self, channel, value, count=None):
         """Bring a true value about on a channel of the emulated machine, or a count whatever the value."""
@@ -132,7 +123,6 @@ class Person:
 def list_overrides(emulator, outputs):
     return (
         "rig=festo_cpx",
-        *PATIENT,
         "rig.device.host=127.0.0.1",
         f"rig.device.port={emulator.port}",
         f"outputs={outputs}",
@@ -219,8 +209,8 @@ def test_pressure_is_there_only_while_its_point_is_recorded(emulator, section):
     rig = build_rig(section, emulator.port)
     with rig:
         begun_s = emulator.state()["now_s"]
-        threading.Timer(0.5, lambda: states.append(emulator.state())).start()
         states = []
+        emulator.clock.after(0.5, lambda: states.append(emulator.state()))
         recording = rig.hold("pam2", 300.0, 0.3, ramp_s=0.3, settle_s=0.2)
         ended = emulator.state(log=2000)
         with pytest.raises(ValueError, match=r"pam1: expected 0.0 to 250.0 kPa \(rig.limits.MAS-40\), got 260.0"):
@@ -229,7 +219,7 @@ def test_pressure_is_there_only_while_its_point_is_recorded(emulator, section):
             rig.hold("pam9", 100.0, 0.3, ramp_s=0.3, settle_s=0.2)
     assert recording.command_count == 9600
     assert recording.stopped == ""
-    assert states[0]["watchdog_ms"] == 800
+    assert states[0]["watchdog_ms"] == 250
     assert ended["watchdog_ms"] == 0
     assert ended["outputs_kpa"][1:] == [0.0] * 3
     way = np.array([kpa for at, kpa in ended["log"] if at > begun_s])
@@ -303,18 +293,18 @@ def test_a_run_that_is_killed_goes_on_at_the_point_it_was_recording(emulator, tm
     for _ in range(4):
         assert person.type() == 3
         person.obey()
-    command = [sys.executable, "-m", "pipeline", *person.arguments]
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while emulator.state(log=0)["outputs_kpa"][1] < 250.0:
-        assert process.poll() is None
-        time.sleep(0.02)
-    fired = emulator.state(log=0)["watchdog_count"]
-    process.kill()
-    process.wait()
-    time.sleep(1.0)
-    state = emulator.state(log=0)
-    assert state["watchdog_count"] == fired + 1
-    assert state["outputs_kpa"][1:] == [0.0] * 3
+
+    def die_under_pressure():
+        return os.kill(os.getpid(), signal.SIGKILL) if emulator.state()["outputs_kpa"][1] > 250.0 else 0.02
+
+    def run_and_die():
+        emulator.clock.at(emulator.clock.now_s(), die_under_pressure)
+        person.type()
+
+    process = multiprocessing.get_context("fork").Process(target=run_and_die)
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
     assert person.carry_out() == 0
     points = person.read("points")
     assert list(points["channel"]) == ["SFE.encoder"] * 2 + ["pam2.pressure"] * 2

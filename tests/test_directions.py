@@ -77,6 +77,7 @@ def test_science_flows_one_way(graph):
         "parametric": set(),
         "statistics": set(),
         "figures": set(),
+        "compilation": set(),
         "plant": {"signals"},
         "rig": {"plant", "signals"},
         "identification": {"gp", "signals"},

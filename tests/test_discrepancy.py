@@ -89,7 +89,7 @@ def sound():
 
 
 def test_a_hidden_effect_is_named_explained_drawn_and_simulated(pamid, tmp_path):
-    samples, meta = record_session(["hysteresis"], trials=8, seconds=2.0)
+    samples, meta = record_session(["hysteresis"], trials=6, seconds=1.2)
     result, verdict = judge(pamid, tmp_path / "rig", samples, meta)
     assert result.returncode == 0, result.stderr
     check_verdict(verdict, meta["muscles"])
@@ -154,7 +154,7 @@ SPOILT = {
     "a wild trial": sessions.spoil_trial,
     "half a second": sessions.shorten_all,
 }
-QUICK = ("stretches without values", "no force", "constant pressure")
+QUICK = ("no force",)
 CASES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in SPOILT]
 
 

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from pipeline.errors import ConfigError, InputError
-from tests.measured_data import read_measured
+from pipeline.errors import ConfigError
+from tests.measured_data import read_measured, refuse_measured
 
 TANKS = Path("/work/shared/data/cascaded_tanks/cascaded_tanks.parquet")
 MAP = ("measurement=records", "columns.time_s=t", "+columns.force_n=F", "+columns.position_m=x")
@@ -27,22 +27,15 @@ def spread(tables, signal, record=None):
     return rows["time_s"].to_numpy(), rows["value"].to_numpy()
 
 
-def refusal(tmp_path, path, *overrides):
-    with pytest.raises(InputError) as refused:
-        read_measured(tmp_path, path, *overrides)
-    assert "\n" not in str(refused.value)
-    return str(refused.value)
-
-
 def test_several_files_are_refused_with_how_to_bring_several_records(tmp_path):
     (tmp_path / "runs").mkdir()
     for name in ("a", "b"):
         make_record().to_csv(tmp_path / "runs" / f"{name}.csv", index=False)
-    told = refusal(tmp_path, tmp_path / "runs", *MAP)
+    told = refuse_measured(tmp_path, tmp_path / "runs", *MAP)
     assert "runs: expected samples.parquet in this folder, got a.csv, b.csv; name one file, as measured=" in told
     assert told.endswith("several records go into one file, told apart by a column: columns.record=NAME")
     with pytest.raises(ConfigError, match="measured: expected one path, got 2; several records go into one file"):
-        read_measured(tmp_path, f"[{tmp_path}/runs/a.csv,{tmp_path}/runs/b.csv]", *MAP)
+        read_measured(tmp_path, [f"{tmp_path}/runs/{name}.csv" for name in "ab"], *MAP)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "mat"])
@@ -62,30 +55,33 @@ def test_one_record_is_the_same_from_every_format(tmp_path, suffix):
     assert tables["measured_notes"].empty
 
 
-@pytest.mark.parametrize(
-    ("name", "unit", "value", "expected"),
-    [
-        ("force_n", "kN", 1.5, 1500.0),
-        ("position_m", "mm", 2.5, 0.0025),
-        ("position_mm", "um", 2.5, 0.0025),
-        ("wheel_rad_per_s", "rpm", 60.0, 2.0 * np.pi),
-        ("torque_nm", "mN m", 250.0, 0.25),
-        ("torque_nm", "Nm", 250.0, 250.0),
-        ("current_a", "mA", 3.0, 0.003),
-        ("supply_kpa", "bar", 6.0, 600.0),
-        ("water_degc", "degF", 212.0, 100.0),
-        ("water_k", "degC", 20.0, 293.15),
-        ("water_k", '"°C"', 0.0, 273.15),
-        ("flow_m3_per_s", "l/min", 60.0, 0.001),
-        ("opening", "%", 40.0, 0.4),
-        ("push_m_per_s2", "mm/s2", 5.0, 0.005),
-    ],
-)
-def test_every_signal_may_have_a_unit_of_its_own(tmp_path, name, unit, value, expected):
+UNITS = {
+    "force_n": ("kN", 1.5, 1500.0),
+    "position_m": ("mm", 2.5, 0.0025),
+    "position_mm": ("um", 2.5, 0.0025),
+    "wheel_rad_per_s": ("rpm", 60.0, 2.0 * np.pi),
+    "torque_nm": ("mN m", 250.0, 0.25),
+    "moment_nm": ("Nm", 250.0, 250.0),
+    "current_a": ("mA", 3.0, 0.003),
+    "supply_kpa": ("bar", 6.0, 600.0),
+    "water_degc": ("degF", 212.0, 100.0),
+    "water_k": ("degC", 20.0, 293.15),
+    "ice_k": ('"°C"', 0.0, 273.15),
+    "flow_m3_per_s": ("l/min", 60.0, 0.001),
+    "opening": ("%", 40.0, 0.4),
+    "push_m_per_s2": ("mm/s2", 5.0, 0.005),
+}
+
+
+def test_every_signal_may_have_a_unit_of_its_own(tmp_path):
     path = tmp_path / "run.csv"
-    pd.DataFrame({"t": [0.0, 1.0, 2.0], "z": [value] * 3}).to_csv(path, index=False)
-    given = ("measurement=records", "columns.time_s=t", f"+columns.{name}=z", f"+units.{name}={unit}")
-    np.testing.assert_allclose(spread(read_measured(tmp_path, path, *given), name)[1], expected, rtol=1e-12)
+    pd.DataFrame({"t": range(3), **{f"z{name}": value for name, (_, value, _) in UNITS.items()}}).to_csv(path)
+    given = [f"+columns.{name}=z{name}" for name in UNITS] + [
+        f"+units.{name}={unit}" for name, (unit, *_) in UNITS.items()
+    ]
+    tables = read_measured(tmp_path, path, "measurement=records", "columns.time_s=t", *given)
+    for name, (_, _, expected) in UNITS.items():
+        np.testing.assert_allclose(spread(tables, name)[1], expected, rtol=1e-12, err_msg=name)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +96,7 @@ def test_an_unknown_unit_tells_the_known_ones(tmp_path, name, unit, told):
     path = tmp_path / "run.csv"
     pd.DataFrame({"t": [0.0, 1.0], "z": [1.0, 2.0]}).to_csv(path, index=False)
     given = ("measurement=records", "columns.time_s=t", f"+columns.{name}=z", f"+units.{name}={unit}")
-    assert told in refusal(tmp_path, path, *given)
+    assert told in refuse_measured(tmp_path, path, *given)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +118,7 @@ def test_a_unit_that_the_file_states_is_not_overlooked(tmp_path, heading, name, 
     path = tmp_path / "run.parquet"
     pd.DataFrame({"t": [0.0, 1.0, 2.0], heading: [1.0, 2.0, 3.0]}).to_parquet(path)
     given = ("measurement=records", "columns.time_s=t", f'+columns.{name}="{heading}"')
-    assert told in refusal(tmp_path, path, *given)
+    assert told in refuse_measured(tmp_path, path, *given)
 
 
 def test_a_unit_that_is_given_is_believed_against_the_heading(tmp_path):
@@ -137,7 +133,9 @@ def test_a_row_of_units_is_not_overlooked(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("t,F\nms,kN\n0,1\n10,2\n20,3\n")
     given = ("measurement=records", "columns.time_s=t", "+columns.force_n=F")
-    assert "column t: the file states ms, and time_s is in s; set units.time_s=ms" in refusal(tmp_path, path, *given)
+    assert "column t: the file states ms, and time_s is in s; set units.time_s=ms" in refuse_measured(
+        tmp_path, path, *given
+    )
     tables = read_measured(tmp_path, path, *given, "units.time_s=ms", "+units.force_n=kN")
     assert spread(tables, "force_n")[1].tolist() == [1000.0, 2000.0, 3000.0]
     assert tables["measured_session"]["sampling_rate_hz"].iloc[0] == pytest.approx(100.0)
@@ -148,7 +146,7 @@ def test_without_a_column_of_time_samples_are_counted(tmp_path):
     frame = make_record()
     savemat(path, {"F": frame["F"].to_numpy(), "x": frame["x"].to_numpy()})
     given = ("measurement=records", "+columns.force_n=F", "+columns.position_m=x")
-    told = refusal(tmp_path, path, *given)
+    told = refuse_measured(tmp_path, path, *given)
     assert "no column time_s; there are: F, x; say which with columns.time_s=NAME, or set measurement.rate_hz" in told
     tables = read_measured(tmp_path, path, *given, "measurement.rate_hz=100")
     np.testing.assert_allclose(spread(tables, "force_n")[0], frame["t"])
@@ -158,7 +156,7 @@ def test_without_a_column_of_time_samples_are_counted(tmp_path):
 def test_a_stated_rate_that_the_times_contradict_is_refused(tmp_path):
     path = tmp_path / "run.csv"
     make_record().to_csv(path, index=False)
-    assert "expected steps of 0.02 s (50 Hz are stated), got 0.01 s" in refusal(
+    assert "expected steps of 0.02 s (50 Hz are stated), got 0.01 s" in refuse_measured(
         tmp_path, path, *MAP, "measurement.rate_hz=50"
     )
     assert read_measured(tmp_path, path, *MAP, "measurement.rate_hz=100")["measured_notes"].empty
@@ -195,10 +193,10 @@ def test_parts_that_stand_side_by_side_are_told_by_the_ends_of_names(tmp_path):
     pd.DataFrame(columns).to_csv(tmp_path / "set.csv", index=False)
     same = read_measured(tmp_path, tmp_path / "set.csv", *given, "measurement.part_endings=[Est,Val]")
     pd.testing.assert_frame_equal(same["measured_signals"], tables["measured_signals"])
-    assert "got none that is mapped and ends in Test; there are: uEst" in refusal(
+    assert "got none that is mapped and ends in Test; there are: uEst" in refuse_measured(
         tmp_path, path, *given, "measurement.part_endings=[Est,Test]"
     )
-    told = refusal(tmp_path, path, *given[:1], "+columns.force_n=uEst", "+columns.position_m=yVal", given[-1])
+    told = refuse_measured(tmp_path, path, *given[:1], "+columns.force_n=uEst", "+columns.position_m=yVal", given[-1])
     assert "expected columns of one length, got uEst (300) and yVal (120); if the ends of their names" in told
 
 
@@ -222,7 +220,7 @@ def test_records_of_unequal_length_share_the_blocks_by_their_length(tmp_path):
     trials = read_measured(tmp_path, tmp_path / "runs.csv", *MAP, "columns.record=run")["measured_trials"]
     assert trials.groupby("record").size().to_dict() == {"0": 8, "1": 4, "2": 4}
     assert set(trials["samples"]) == {100}
-    told = refusal(tmp_path, tmp_path / "runs.csv", *MAP)
+    told = refuse_measured(tmp_path, tmp_path / "runs.csv", *MAP)
     assert "tell what begins anew there apart: set columns.record=NAME" in told
 
 

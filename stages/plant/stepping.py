@@ -150,9 +150,9 @@ class Steps:
         self.aims[self.at + 1 :, 0] = angle_rad
         self.aims[self.at + 1 :, 1] = velocity_rad_per_s
 
-    def collect(self, first: int) -> Motion:
-        """Return the motion from a sample on, as far as the trial is."""
-        part = slice(first, self.at + 1)
+    def collect(self) -> Motion:
+        """Return the motion, as far as the trial is."""
+        part = slice(self.at + 1)
         return Motion(
             self.pressure[part],
             self.contraction[part],

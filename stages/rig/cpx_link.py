@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import struct
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Literal, Self
@@ -17,6 +16,7 @@ import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
 from stages.plant.declaration import Declared
+from stages.rig import clock
 from stages.rig.channels import ChannelMap, CountRange, Kind
 from stages.rig.contract import RigError
 from stages.signals.trajectories import Array
@@ -75,7 +75,7 @@ class CpxLink:
         self._outputs: dict[int, list[int]] = {
             position: [0] * 4 for position, kind in enumerate(device.modules) if kind == "4AO"
         }
-        self._answered_at_s = time.monotonic()
+        self._answered_at_s = clock.now_s()
         self._longest_silence_s = 0.0
         self._armed = False
 
@@ -87,7 +87,7 @@ class CpxLink:
     @property
     def longest_silence_s(self) -> float:
         """Longest time without an answer since the watchdog was armed, s."""
-        return max(self._longest_silence_s, time.monotonic() - self._answered_at_s)
+        return max(self._longest_silence_s, clock.now_s() - self._answered_at_s)
 
     def open(self) -> None:
         """Connect, check the modules and set all outputs to zero pressure.
@@ -157,12 +157,12 @@ class CpxLink:
         """
         found: dict[int, list[int]] = {}
         counts = []
-        begun = time.monotonic()
+        begun = clock.now_s()
         with self._unbroken():
             for module, channel in self.channels.list_inputs():
                 if module not in found:
                     found[module] = self._read_module(module)
-                    taken_s = time.monotonic() - begun
+                    taken_s = clock.now_s() - begun
                     if taken_s > 0.5 * self.device.watchdog_s:
                         raise LinkLost(f"it answers slowly: {len(found)} modules in {1e3 * taken_s:.0f} ms")
                 counts.append(found[module][channel])
@@ -275,7 +275,7 @@ class CpxLink:
         if self._cpx.client.socket is not before:
             raise LinkLost("the connection was closed and made anew")
         self._longest_silence_s = self.longest_silence_s  # this process may have slept while it waited
-        self._answered_at_s = time.monotonic()
+        self._answered_at_s = clock.now_s()
 
 
 @contextmanager

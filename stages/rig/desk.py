@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from pydantic import Field, PositiveFloat
 
 from stages.plant.declaration import Declared
 from stages.plant.exoskeleton import Exoskeleton
+from stages.rig import clock
 from stages.rig.attendance import Moment, StudyPaused, TrialDeclined
 from stages.rig.contract import Recording, RigError, Trial
 from stages.signals.trajectories import Array
@@ -220,7 +220,7 @@ class Desk:
             return recording
         if self._count("participant"):
             ended_s = self._began_s + float(recording.time_s[-1])
-            time.sleep(max(ended_s + LATEST_FRAMES_S - time.monotonic(), 0.0))
+            clock.sleep(ended_s + LATEST_FRAMES_S - clock.now_s())
         with self._changed:
             frames = list(self._frames)
         return _add_display(recording, frames, self._began_s)
@@ -310,7 +310,7 @@ class Desk:
     def join(self, key: int, role: str) -> None:
         """Take note of an open page, and again each time it is heard."""
         known = self._pages.get(key)
-        self._pages[key] = Page(role, time.monotonic())
+        self._pages[key] = Page(role, clock.now_s())
         if known is None:
             with self._changed:
                 self._number += 1
@@ -338,34 +338,34 @@ class Desk:
             self._question += 1
             self._number += 1
             while self._decision is None and not (self._automatic and phase == "proposed"):
-                self._changed.wait(0.1)
+                clock.wait(self._changed, 0.1)
             decision = self._decision or ACCEPTED
             self._choices = ()
             return decision
 
     def _wait(self, time_s: float) -> None:
         """Wait unless somebody stops."""
-        until = time.monotonic() + time_s
+        until = clock.now_s() + time_s
         with self._changed:
-            while self._automatic and time.monotonic() < until:
-                self._changed.wait(min(0.1, max(until - time.monotonic(), 0.0)))
+            while self._automatic and clock.now_s() < until:
+                clock.wait(self._changed, min(0.1, until - clock.now_s()))
 
     def _count_down(self) -> bool:
         """Return whether nobody stopped the trial before it began."""
-        self._starts_at_s = time.monotonic() + self.settings.countdown_s
+        self._starts_at_s = clock.now_s() + self.settings.countdown_s
         self._turn("countdown")
         with self._changed:
             while not self.why_stop():
-                left_s = self._starts_at_s - time.monotonic()
+                left_s = self._starts_at_s - clock.now_s()
                 if left_s <= 0.0:
                     return True
-                self._changed.wait(min(0.05, left_s))
+                clock.wait(self._changed, min(0.05, left_s))
             self._starts_at_s = None
             self._outcome = {"stopped": f"stopped before it began: {self._stop}"}
             return False
 
     def _find_lost(self) -> str:
-        now = time.monotonic()
+        now = clock.now_s()
         for role in self.settings.needed:
             heard = [each.heard_s for each in list(self._pages.values()) if each.role == role]
             if not heard:

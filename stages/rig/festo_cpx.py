@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import socket
 import tempfile
-import time
 from collections.abc import Iterator
 from typing import Any, ClassVar, Self
 
@@ -21,12 +20,14 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from stages.plant.declaration import nearest
 from stages.plant.exoskeleton import Exoskeleton
+from stages.rig import clock
 from stages.rig.attendance import Moment
 from stages.rig.channels import ChannelMap, EncoderPlace, MuscleChannels
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import Recording, RigError, Trial, TrialStopped, Watch
 from stages.rig.counting import CountJudge, CountRecording, Hold, record_counts, record_held
 from stages.rig.cpx_link import CpxLink, Device, LinkLost
+from stages.rig.filling import check_filling, fill
 from stages.rig.held_signals import Held, hold_signals
 from stages.rig.let_down import let_down
 from stages.rig.limits import Guard, Limits, apply_limits, check_limits, find_forbidden
@@ -68,6 +69,8 @@ class FestoCpx(ConfiguredRig):
         What ends a trial, and how fast muscles are let down then.
     lead_in_s : float
         Time before the trial in which the muscles are filled to its first command, s; not part of the recording.
+    filling_share : float
+        Share of it that the filling takes; the rest lets transients settle, 1.
 
     Notes
     -----
@@ -83,6 +86,7 @@ class FestoCpx(ConfiguredRig):
     co_contraction_kpa: dict[str, float]
     guard: Guard
     lead_in_s: float = Field(ge=0.0, le=60.0)
+    filling_share: float = Field(ge=0.5, le=1.0)
     _link: CpxLink | None = PrivateAttr(default=None)
     _lock: Any = PrivateAttr(default=None)
 
@@ -102,14 +106,7 @@ class FestoCpx(ConfiguredRig):
         for joint in self.exoskeleton.joint_names:
             if joint not in self.co_contraction_kpa:
                 raise ValueError(f"co_contraction_kpa: none for joint {joint}; add co_contraction_kpa.{joint}")
-        for muscle in self.exoskeleton.muscles:
-            limit = self.limits[muscle.type]
-            rise_s = limit.high_kpa / limit.slew_kpa_per_s
-            if rise_s > self.lead_in_s:
-                raise ValueError(
-                    f"lead_in_s: expected at least {rise_s:.3g} s, in which {muscle.name} can be filled to any command "
-                    f"within limits.{muscle.type}.slew_kpa_per_s, got {self.lead_in_s}"
-                )
+        check_filling(self.lead_in_s, self.filling_share, self.limits, self.exoskeleton.muscles)
         return self
 
     def map_channels(self) -> ChannelMap:
@@ -172,12 +169,13 @@ class FestoCpx(ConfiguredRig):
             When a limit, a sensor, the link or the loop's pace ended it.
         """
         assert self._link is not None
-        lead = self._lead_samples
-        asked = np.concatenate([np.repeat(trial.pressure_command_kpa[:1], lead, axis=0), trial.pressure_command_kpa])
-        vented = np.zeros(len(self.exoskeleton.muscles))
-        command, clipped = apply_limits(asked, self.limits, self.exoskeleton, self.co_contraction_kpa, vented)
-        clipped[:lead] = "ramp"
-        book = Logbook(self.exoskeleton, lead, command, clipped, watch)
+        applied, clipped = apply_limits(
+            trial.pressure_command_kpa, self.limits, self.exoskeleton, self.co_contraction_kpa
+        )
+        filling = fill(applied[0], self._lead_samples, self.filling_share)
+        command = np.concatenate([filling, applied])
+        clipped = np.concatenate([np.full(filling.shape, "ramp", dtype=clipped.dtype), clipped])
+        book = Logbook(self.exoskeleton, len(filling), command, clipped, watch)
         with hold_signals() as signals, undisturbed():
             reason = self._conduct(trial, command, book, signals)
         if reason:
@@ -290,6 +288,7 @@ class FestoCpx(ConfiguredRig):
         )
         step = np.array([self.limits[each.type].slew_kpa_per_s for each in self.exoskeleton.muscles])
         step = step / self.sampling_rate_hz
+        gentle = np.diff(command[: book.lead], axis=0, prepend=0.0).max(axis=0)
         reason = broken = ""
         try:
             self.announce(trial)
@@ -304,7 +303,7 @@ class FestoCpx(ConfiguredRig):
                     break
                 sample = supervisor.look(counts, book.last_command, tick.due_s + late_s)
                 reason = sample.breach
-                given = None if reason else book.next_command(tick.index, step)
+                given = None if reason else book.next_command(tick.index, gentle if tick.index < book.lead else step)
                 if given:
                     link.write(given[0])
                 book.note(tick, late_s, sample, given)
@@ -316,7 +315,7 @@ class FestoCpx(ConfiguredRig):
             broken = str(error)
             reason = f"the device at {link.place} does not answer as it should ({broken})"
         finally:
-            book.noticed_at_s = time.monotonic()
+            book.noticed_at_s = clock.now_s()
             lost = self._let_down(link, supervisor, book, broken)
         book.close()
         if lost:
@@ -345,10 +344,10 @@ class FestoCpx(ConfiguredRig):
 
     def _let_down(self, link: CpxLink, supervisor: Supervisor, book: Logbook, broken: str) -> str:
         """Let all muscles down within the guard's time and see them down; say so where that failed."""
-        begun = time.monotonic()
+        begun = clock.now_s()
 
         def look(counts: Array, command_kpa: Array) -> None:
-            sample = supervisor.look(counts, command_kpa, time.monotonic())
+            sample = supervisor.look(counts, command_kpa, clock.now_s())
             book.note_ramp(sample, command_kpa)
             self._show(book.time_s, sample, command_kpa)
 
@@ -375,12 +374,12 @@ class FestoCpx(ConfiguredRig):
             ]
             if not up:
                 return ""
-            if time.monotonic() - commanded_at_s > self.guard.vented_within_s:
+            if clock.now_s() - commanded_at_s > self.guard.vented_within_s:
                 return (
                     f"{' and '.join(up)} {self.guard.vented_within_s} s after all were commanded 0: close the air "
                     "(rig.guard.vented_kpa)"
                 )
-            time.sleep(1.0 / self.sampling_rate_hz)
+            clock.sleep(1.0 / self.sampling_rate_hz)
 
     def _tell(self, reason: str, book: Logbook) -> str:
         when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"

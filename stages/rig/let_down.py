@@ -8,11 +8,11 @@ nothing more, so that its watchdog does it.
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Callable
 
 import numpy as np
 
+from stages.rig import clock
 from stages.rig.cpx_link import CpxLink, LinkLost
 from stages.signals.trajectories import Array
 
@@ -46,11 +46,11 @@ def let_down(link: CpxLink, last_kpa: Array, ramp_s: float, period_s: float, loo
     str
         Why the device could not be told; empty where it confirmed commands of zero. The link is closed otherwise.
     """
-    begun, steps = time.monotonic(), max(round(ramp_s / period_s), 1)
+    begun, steps = clock.now_s(), max(round(ramp_s / period_s), 1)
     if problem:
         _reopen(link)
     while True:
-        passed_s = time.monotonic() - begun
+        passed_s = clock.now_s() - begun
         vented = link.longest_silence_s > link.device.watchdog_s  # by the watchdog, which a ramp would undo
         share = 1.0 if vented or problem else min((np.floor(passed_s / period_s) + 1) / steps, 1.0)
         try:
@@ -59,12 +59,12 @@ def let_down(link: CpxLink, last_kpa: Array, ramp_s: float, period_s: float, loo
                 break
             look(link.read(), (1.0 - share) * last_kpa)
         except LinkLost as error:
-            if problem and time.monotonic() - begun > ramp_s + TRIED_S:
+            if problem and clock.now_s() - begun > ramp_s + TRIED_S:
                 link.close()
                 return str(error)
             problem = str(error)
             _reopen(link)
-        time.sleep(max(begun + (np.floor(passed_s / period_s) + 1) * period_s - time.monotonic(), 0.0))
+        clock.sleep(begun + (np.floor(passed_s / period_s) + 1) * period_s - clock.now_s())
     with contextlib.suppress(LinkLost):  # an armed watchdog vents what is vented already
         link.disarm()
     return ""

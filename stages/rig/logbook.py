@@ -5,7 +5,6 @@ Samples flow in as they are taken; rows flow out to whoever watches, and in the 
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stages.plant.exoskeleton import Exoskeleton
+from stages.rig import clock
 from stages.rig.contract import Watch
 from stages.rig.limits import ROUNDING_KPA
 from stages.rig.pacing import Pace, Tick, measure_pace
@@ -71,7 +71,7 @@ class Logbook:
         self.last_command: Array = np.zeros(command_kpa.shape[1])
         self._rows: list[dict[str, Any]] = []
         self._handed_over = 0
-        self._begun_s = time.monotonic()
+        self._begun_s = clock.now_s()
         self.noticed_at_s = 0.0
         self.missed = 0
 
@@ -116,7 +116,7 @@ class Logbook:
     def note_ramp(self, sample: Sample, command_kpa: Array) -> None:
         """Note a sample on the way down, as late as it is on the trial's clock."""
         status = np.where(sample.status == "ok", "ramp", sample.status)
-        late_s = time.monotonic() - self._begun_s - self.count / self.exoskeleton.sampling_rate_hz
+        late_s = clock.now_s() - self._begun_s - self.count / self.exoskeleton.sampling_rate_hz
         row = self._describe(sample, command_kpa, np.array("ramp"))
         self._append({**row, "status": status, "late_s": max(late_s, 0.0)})
 

@@ -7,13 +7,14 @@ follows keeps to the trial's time.
 from __future__ import annotations
 
 import gc
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+
+from stages.rig import clock
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Tick:
     @property
     def late_s(self) -> float:
         """How much later than due it is now, s."""
-        return time.monotonic() - self.due_s
+        return clock.now_s() - self.due_s
 
 
 def pace(count: int, period_s: float) -> Iterator[Tick]:
@@ -47,12 +48,10 @@ def pace(count: int, period_s: float) -> Iterator[Tick]:
     period_s : float
         Time from one to the next, s.
     """
-    begun, index = time.monotonic(), 0
+    begun, index = clock.now_s(), 0
     while index < count:
-        ahead_s = begun + index * period_s - time.monotonic()
-        if ahead_s > 0.0:
-            time.sleep(ahead_s)
-        late_s = time.monotonic() - begun - index * period_s
+        clock.sleep(begun + index * period_s - clock.now_s())
+        late_s = clock.now_s() - begun - index * period_s
         index += min(int(late_s / period_s), count - 1 - index)
         yield Tick(index, begun + index * period_s)
         index += 1

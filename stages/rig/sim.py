@@ -6,7 +6,6 @@ Configuration and trials flow in, recordings flow out. Every random number comes
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import ClassVar, Self
@@ -19,9 +18,11 @@ from stages.plant.joint import STABLE, quickest_rate
 from stages.plant.participant import Intention, Participant, embody, intend, nobody, rest
 from stages.plant.plant import Plant
 from stages.plant.stepping import Steps
+from stages.rig import clock
 from stages.rig.attendance import Moment
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import Recording, RigError, Trial, TrialStopped, Watch, tidy
+from stages.rig.filling import check_filling, fill
 from stages.rig.limits import Limits, apply_limits, check_limits
 from stages.rig.movement import Movement, move_freely
 from stages.rig.pacing import pace, undisturbed
@@ -56,8 +57,10 @@ class SimulatedRig(ConfiguredRig):
     limits : dict of str to PressureLimit
         By type of muscle.
     lead_in_s : float
-        How long the first command and posture are held before the trial, s; not recorded. Valves and limbs
-        settle within seconds.
+        How long the first posture is held before the trial while the muscles are filled to its first command, s; not
+        recorded. At 0 it begins with muscles that are filled and settled.
+    filling_share : float
+        Share of it that the filling takes; the rest lets transients settle, 1.
     """
 
     real: ClassVar[bool] = False
@@ -67,6 +70,7 @@ class SimulatedRig(ConfiguredRig):
     movement: Movement
     limits: Limits
     lead_in_s: float = Field(ge=0.0, le=60.0)
+    filling_share: float = Field(ge=0.5, le=1.0)
     realtime: bool
     pointer: str | None
 
@@ -74,6 +78,8 @@ class SimulatedRig(ConfiguredRig):
     def _check_fit(self) -> Self:
         self.plant.check_against(self.exoskeleton)
         check_limits(self.limits, self.exoskeleton.muscles)
+        if self._lead_samples:
+            check_filling(self.lead_in_s, self.filling_share, self.limits, self.exoskeleton.muscles)
         people = {f"participants.{name}": each for name, each in self.participants.items()}
         for path, person in {**people, "experimenter": self.experimenter}.items():
             try:
@@ -146,12 +152,13 @@ class SimulatedRig(ConfiguredRig):
         """
         command, clipped = apply_limits(trial.pressure_command_kpa, self.limits, self.exoskeleton)
         lead = self._lead_samples
+        whole = np.concatenate([fill(command[0], lead, self.filling_share), command])
         follows = trial.participant == self.pointer
-        late_s = np.zeros(self.samples)
         if follows:
-            motion, late_s = self._follow(trial, _hold_first(command, lead), lead)
+            moved, late_s = self._follow(trial, whole, lead)
         else:
-            motion = _cut(self._move(trial, _hold_first(command, lead), lead, generator), lead)
+            moved, late_s = self._move(trial, whole, lead, generator), np.zeros(len(whole))
+        motion, late_s = _cut(moved, slice(lead, None)), late_s[lead:]
         done = len(motion.force_n)
         if done < min(self.samples, SHORTEST_S * self.sampling_rate_hz):
             raise self._stopped(done)
@@ -161,7 +168,7 @@ class SimulatedRig(ConfiguredRig):
         status = np.broadcast_to(late, command[:done].shape).copy()
         recording = replace(recording, clipped_by=clipped[:done], late_s=late_s, status=status)
         if self.realtime and not follows:
-            done = self._play(trial, recording, lead)
+            done = self._play(trial, whole, _cut(moved, slice(lead)), recording)
         if watch is not None and (self.attendance is not None or done < len(command)):
             watch(tidy(_cut_recording(recording, done), self))
         if done < len(command):
@@ -170,19 +177,18 @@ class SimulatedRig(ConfiguredRig):
 
     def _stopped(self, done: int) -> TrialStopped:
         why = self.attendance.why_stop() if self.attendance else ""
-        return TrialStopped(f"stopped {done / self.sampling_rate_hz:.2f} s into the trial: {why}", time.monotonic())
+        return TrialStopped(f"stopped {done / self.sampling_rate_hz:.2f} s into the trial: {why}", clock.now_s())
 
-    def _play(self, trial: Trial, recording: Recording, lead: int) -> int:
-        """Show a recording at the pace of its clock; return how many samples were over when it was stopped."""
+    def _play(self, trial: Trial, command: Array, filling: Motion, recording: Recording) -> int:
+        """Show the filling and a recording at the pace of its clock; return how many samples were over at a stop."""
+        lead = len(filling.force_n)
+        angle, pressure, force = (
+            np.concatenate([getattr(part, name) for part in (filling, recording)])
+            for name in ("joint_angle_rad", "pressure_kpa", "force_n")
+        )
         for index in self._keep_time(trial, lead, self.samples):
-            at = max(index - lead, 0)
-            self._show(
-                (index - lead) / self.sampling_rate_hz,
-                recording.joint_angle_rad[at],
-                recording.pressure_command_kpa[at],
-                recording.pressure_kpa[at],
-                recording.force_n[at],
-            )
+            time_s = (index - lead) / self.sampling_rate_hz
+            self._show(time_s, angle[index], command[index], pressure[index], force[index])
             if self.attendance is not None and self.attendance.why_stop():
                 return max(index - lead, 0)
         return self.samples
@@ -202,7 +208,7 @@ class SimulatedRig(ConfiguredRig):
         steps = Steps(self.exoskeleton, self.plant, held, person, angle)
         steps.begin(command[0])
         share = 1.0 - math.exp(-1.0 / (self.sampling_rate_hz * POINTER_S))
-        begun_s, late_s = time.monotonic(), np.zeros(len(command))
+        begun_s, late_s = clock.now_s(), np.zeros(len(command))
         for index in self._keep_time(trial, lead, self.samples):
             newest = attendance.ask_pointer()
             aim = angle if newest is None else np.clip(newest, lower, upper)
@@ -211,13 +217,13 @@ class SimulatedRig(ConfiguredRig):
                 angle = angle + step
                 steps.aim(angle, step * self.sampling_rate_hz)
                 steps.step(command[steps.at])
-                late_s[steps.at] = max(time.monotonic() - begun_s - steps.at / self.sampling_rate_hz, 0.0)
+                late_s[steps.at] = max(clock.now_s() - begun_s - steps.at / self.sampling_rate_hz, 0.0)
             at = steps.at
             time_s = (at - lead) / self.sampling_rate_hz
             self._show(time_s, steps.angle[at], command[at], steps.pressure[at], steps.force[at])
             if attendance.why_stop():
                 break
-        return steps.collect(lead), late_s[lead:]
+        return steps.collect(), late_s
 
     def _keep_time(self, trial: Trial, lead: int, samples: int) -> Iterator[int]:
         """Yield the sample that is due, lead-in included, at most `SHOWN_HZ` times a second, and the last one."""
@@ -256,5 +262,5 @@ def _hold_first(values: Array, lead: int) -> Array:
     return np.concatenate([np.repeat(values[:1], lead, axis=0), values])
 
 
-def _cut(motion: Motion, lead: int) -> Motion:
-    return Motion(**{name: values[lead:] for name, values in vars(motion).items()})
+def _cut(motion: Motion, part: slice) -> Motion:
+    return Motion(**{name: values[part] for name, values in vars(motion).items()})

@@ -6,9 +6,9 @@ import contextlib
 import math
 import sys
 import threading
-import time
 from typing import Any, TextIO
 
+from stages.rig import clock
 from stages.rig.desk import Desk, Refused
 
 LETTERS = {"a": "accept", "s": "skip", "k": "keep", "r": "repeat", "x": "reject", "q": "pause"}
@@ -56,7 +56,7 @@ class Terminal:
                 scene = self.desk.see()
                 seen = scene["number"]
                 self._tell(scene)
-            time.sleep(POLL_S)
+            clock.sleep(POLL_S)
 
     def _tell(self, scene: dict[str, Any]) -> None:
         """Print what is new, once."""
@@ -68,7 +68,7 @@ class Terminal:
         if phase == "proposed" and scene["choices"]:
             self._say(*describe_proposal(scene["trial"]), self._offer(scene))
         elif phase == "countdown":
-            ahead_s = max((scene["starts_at_s"] or 0.0) - time.monotonic(), 0.0)
+            ahead_s = max((scene["starts_at_s"] or 0.0) - clock.now_s(), 0.0)
             self._say(
                 f"begins in {math.ceil(ahead_s)} s; Enter stops it" if ahead_s > 0.0 else "begins; Enter stops it"
             )
@@ -119,7 +119,7 @@ class Terminal:
                 word = "pause" if "pause" in scene["choices"] else "keep"
                 with contextlib.suppress(Refused):
                     self.desk.decide(word, "the terminal's input had ended", scene["question"])
-            time.sleep(POLL_S)
+            clock.sleep(POLL_S)
 
     def _say(self, *lines: str) -> None:
         self._sink.write("".join(f"{line}\n" for line in lines))

@@ -55,7 +55,7 @@ def test_jobs_at_once(tmp_path, benchmark, tell):
 def test_review_of_many_jobs(tmp_path, benchmark, tell):
     """Of a sweep of many jobs, with its table and its page, and of all runs in a list."""
     command = Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "-m", "sweep=s")
-    command.warm = False
+    command.anew = True
     assert command("workflow=trials", "seed=0,1", "trying.fail_at=[1]").returncode == 1
     for first in [*(tmp_path / "outputs/sweeps/s").glob("[!.]*/")]:
         text = (first / "run.json").read_text()

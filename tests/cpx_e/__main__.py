@@ -10,9 +10,11 @@ import os
 import signal
 import sys
 import threading
+import time
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +47,11 @@ def _warm(machine: Machine, shared: Shared) -> list[int]:
     return Physics(machine).show(shared.run_rad_per_s)
 
 
+def _tend(device: Device) -> None:
+    while True:
+        time.sleep(device.tend())
+
+
 def _end_with(plant: BaseProcess) -> None:
     multiprocessing.connection.wait([plant.sentinel])
     if not ENDING.is_set():
@@ -70,7 +77,14 @@ def main(path: str) -> None:
     faults = Faults(machine)
     device = Device(machine, shared, faults)
     server = ModbusServer(device, faults, machine.port)
-    control = Control(device, server, faults, shared, ours)
+
+    def announce(trial: dict[str, Any]) -> None:
+        ours.send(trial)
+        ours.recv()
+
+    control = Control(device, server, faults, shared, announce)
+    threading.Thread(target=_tend, args=(device,), daemon=True).start()
+    threading.Thread(target=server.serve_forever, daemon=True).start()
     sys.setswitchinterval(0.0005)
     print(json.dumps({"port": server.port, "control": control.port}), flush=True)
     threading.Thread(target=_end_with, args=(plant,), daemon=True).start()

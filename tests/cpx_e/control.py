@@ -8,16 +8,18 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
-from multiprocessing.connection import Connection
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from stages.rig import clock
 from tests.cpx_e.device import Device
 from tests.cpx_e.faults import Faults
 from tests.cpx_e.modbus import ModbusServer
 from tests.cpx_e.shared import Shared
+
+Announce = Callable[[dict[str, Any]], None]
 
 
 class Control:
@@ -27,13 +29,13 @@ class Control:
     ----------
     device, server, faults, shared
         What can be asked for and changed.
-    announced : Connection
-        To the plant's process.
+    announce : callable
+        Takes a trial to the plant, and returns once it has begun.
     """
 
-    def __init__(self, device: Device, server: ModbusServer, faults: Faults, shared: Shared, announced: Connection):
+    def __init__(self, device: Device, server: ModbusServer, faults: Faults, shared: Shared, announce: Announce):
         self.device, self.server, self.faults, self.shared = device, server, faults, shared
-        self.announced = announced
+        self.announce = announce
         self.lock = threading.Lock()
         self.trial = False
         self.listener = socket.create_server(("127.0.0.1", 0))
@@ -48,9 +50,9 @@ class Control:
     def _serve(self, client: socket.socket) -> None:
         with client, client.makefile("rw") as lines:
             for line in lines:
-                heard_s = time.monotonic()
+                heard_s = clock.now_s()
                 try:
-                    reply = self._do(json.loads(line), heard_s)
+                    reply = self.do(json.loads(line), heard_s)
                 except (ValueError, KeyError, TypeError) as error:
                     reply = {"error": f"{type(error).__name__}: {error}"}
                 try:
@@ -59,7 +61,8 @@ class Control:
                 except OSError:
                     return
 
-    def _do(self, asked: dict[str, Any], heard_s: float) -> dict[str, Any]:
+    def do(self, asked: dict[str, Any], heard_s: float) -> dict[str, Any]:
+        """Do what is asked and return the reply; raises ValueError, KeyError or TypeError."""
         match asked.get("do"):
             case "state":
                 return self._tell(asked.get("log", 100))
@@ -72,8 +75,7 @@ class Control:
             case "trial" | "end":
                 self._check_trial(asked)
                 with self.lock:
-                    self.announced.send(asked | {"heard_s": heard_s})
-                    self.announced.recv()
+                    self.announce(asked | {"heard_s": heard_s})
                 self.trial = asked["do"] == "trial"
                 return {"ok": True, "started_s": heard_s}
         raise ValueError(f"do: expected state, fault, mend, trial or end, got {asked.get('do')!r}")
@@ -101,7 +103,7 @@ class Control:
         ticks = int(self.shared.ticks[0])
         cost = dict(zip(("last", "largest", "sum"), self.shared.costs_s.tolist(), strict=True))
         return {
-            "now_s": time.monotonic(),
+            "now_s": clock.now_s(),
             "clients": len(self.server.clients),
             "trial": self.trial,
             "muscles": self.device.machine.exoskeleton.muscle_names,

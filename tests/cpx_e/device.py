@@ -7,12 +7,12 @@ of 0 kPa when the watchdog fires, which it does when no request has come for as 
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from typing import Any
 
 import numpy as np
 
+from stages.rig import clock
 from tests.cpx_e.faults import Faults
 from tests.cpx_e.machine import INPUTS_FROM, OUTPUTS_FROM, WIDTHS, Analog, Machine
 from tests.cpx_e.shared import Shared
@@ -70,7 +70,7 @@ class Device:
         self.held: dict[str, int] = {}
         self.counters: dict[int, dict[str, int]] = {}
         self.ran_since: dict[str, float] = {}
-        now = time.monotonic()
+        now = clock.now_s()
         self.requested_s = now
         self.messages = 0
         self.fired_at_s: float | None = None
@@ -81,12 +81,11 @@ class Device:
         self.log: deque[tuple[float, list[float]]] = deque(maxlen=REMEMBERED)
         self._vent()
         self._apply_outputs(now)
-        threading.Thread(target=self._tend, daemon=True).start()
 
     def note_request(self) -> None:
         """Count a request and wind the watchdog up, after it had its chance to fire."""
         with self.lock:
-            now = time.monotonic()
+            now = clock.now_s()
             self._watch(now)
             self.requested_s = now
             self.fired_for = None
@@ -110,7 +109,7 @@ class Device:
             if CONTROL in places:
                 self._exchange_parameter(self.written[CONTROL])
             if OUTPUTS_FROM < places.stop < MODULES:
-                now = time.monotonic()
+                now = clock.now_s()
                 self.shared.written_s[0] = now
                 self._apply_outputs(now)
 
@@ -218,17 +217,16 @@ class Device:
         self._vent()
         self._apply_outputs(now)
 
-    def _tend(self) -> None:
-        while True:
-            with self.lock:
-                now = time.monotonic()
-                self._watch(now)
-                self._tend_faults(now)
-                wait = TEND_S
-                if self.written[TIMEOUT] > 0 and self.fired_for is None:
-                    due = self.requested_s + self.written[TIMEOUT] / 1000.0 - now
-                    wait = min(max(due + 1e-4, 2e-4), TEND_S)
-            time.sleep(wait)
+    def tend(self) -> float:
+        """Do what is due without a request; return after how many seconds to do so again."""
+        with self.lock:
+            now = clock.now_s()
+            self._watch(now)
+            self._tend_faults(now)
+            if self.written[TIMEOUT] <= 0 or self.fired_for is not None:
+                return TEND_S
+            due = self.requested_s + self.written[TIMEOUT] / 1000.0 - now
+            return min(max(due + 1e-4, 2e-4), TEND_S)
 
     def _tend_faults(self, now: float) -> None:
         names = self.machine.exoskeleton.muscle_names

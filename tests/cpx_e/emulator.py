@@ -26,7 +26,52 @@ REPLY_S = 5.0
 END_S = 2.0
 
 
-class Emulator:
+class Asked:
+    """What can be asked of an emulator, in this process or another."""
+
+    def ask(self, do: str, **values: Any) -> dict[str, Any]:
+        """Send a control request and return its reply; raises RuntimeError where that finds fault with it."""
+        raise NotImplementedError
+
+    def state(self, log: int = 100) -> dict[str, Any]:
+        """Return what the device knows of itself, with the last `log` changes of outputs."""
+        return self.ask("state", log=log)
+
+    def trial(
+        self,
+        kind: str,
+        participant: str,
+        samples: int,
+        lead_samples: int = 0,
+        reference_rad: Sequence[Sequence[float]] | None = None,
+        seed: int = 0,
+    ) -> float:
+        """Announce a trial; returns when it began, by the monotonic clock, s."""
+        started: float = self.ask(
+            "trial",
+            kind=kind,
+            participant=participant,
+            samples=samples,
+            lead_samples=lead_samples,
+            reference_rad=reference_rad,
+            seed=seed,
+        )["started_s"]
+        return started
+
+    def end(self) -> None:
+        """End the trial."""
+        self.ask("end")
+
+    def fault(self, name: str, **values: Any) -> None:
+        """Ask for a fault; `after_s` and `for_s` say when."""
+        self.ask("fault", name=name, **values)
+
+    def mend(self) -> None:
+        """End all faults."""
+        self.ask("mend")
+
+
+class Emulator(Asked):
     """An emulated CPX-E with its machine, to be used in a ``with`` block.
 
     Parameters
@@ -96,43 +141,6 @@ class Emulator:
         if "error" in reply:
             raise RuntimeError(reply["error"])
         return reply
-
-    def state(self, log: int = 100) -> dict[str, Any]:
-        """Return what the device knows of itself, with the last `log` changes of outputs."""
-        return self.ask("state", log=log)
-
-    def trial(
-        self,
-        kind: str,
-        participant: str,
-        samples: int,
-        lead_samples: int = 0,
-        reference_rad: Sequence[Sequence[float]] | None = None,
-        seed: int = 0,
-    ) -> float:
-        """Announce a trial; returns when it began, by the monotonic clock, s."""
-        started: float = self.ask(
-            "trial",
-            kind=kind,
-            participant=participant,
-            samples=samples,
-            lead_samples=lead_samples,
-            reference_rad=reference_rad,
-            seed=seed,
-        )["started_s"]
-        return started
-
-    def end(self) -> None:
-        """End the trial."""
-        self.ask("end")
-
-    def fault(self, name: str, **values: Any) -> None:
-        """Ask for a fault; `after_s` and `for_s` say when."""
-        self.ask("fault", name=name, **values)
-
-    def mend(self) -> None:
-        """End all faults."""
-        self.ask("mend")
 
     def freeze(self) -> None:
         """Stop the whole process group."""

@@ -6,10 +6,10 @@ Requests of the control connection flow in; what is wrong now flows out.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Mapping
 from typing import Any
 
+from stages.rig import clock
 from tests.cpx_e.machine import Machine
 
 FIELDS = {
@@ -68,7 +68,7 @@ class Faults:
         for key, known in self._known.items():
             if key in fault and fault[key] not in known:
                 raise ValueError(f"{key}: expected one of {', '.join(known)}, got '{fault[key]}'")
-        begins = time.monotonic() + (fault.get("after_s") or 0.0)
+        begins = clock.now_s() + (fault.get("after_s") or 0.0)
         lasts = fault.get("for_s")
         fault |= {"begins_s": begins, "ends_s": float("inf") if lasts is None else begins + lasts}
         with self._lock:
@@ -83,6 +83,6 @@ class Faults:
         """Return the faults of a name that are there now."""
         if not self._asked:
             return []
-        now = time.monotonic()
+        now = clock.now_s()
         with self._lock:
             return [each for each in self._asked if each["name"] == name and each["begins_s"] <= now < each["ends_s"]]

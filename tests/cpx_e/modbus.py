@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import contextlib
 import random
+import select
 import socket
 import struct
 import threading
-import time
 
+from stages.rig import clock
 from tests.cpx_e.device import Device, NoSuchRegister
 from tests.cpx_e.faults import Faults
 
@@ -38,65 +39,93 @@ class ModbusServer:
 
     def __init__(self, device: Device, faults: Faults, port: int):
         self.device, self.faults = device, faults
-        self.listener: socket.socket | None = _listen(port)
+        self.listener: socket.socket | None = socket.create_server(("127.0.0.1", port), reuse_port=False)
         self.port: int = self.listener.getsockname()[1]
         self.clients: set[socket.socket] = set()
         self.lock = threading.Lock()
         self.chance = random.Random(device.machine.seed)
-        threading.Thread(target=self._accept, daemon=True).start()
 
-    def _accept(self) -> None:
+    def serve_forever(self) -> None:
+        """Accept clients, each with a thread of its own."""
         while True:
-            cut = bool(self.faults.now("cut"))
-            if cut:
-                self._drop_all()
-                time.sleep(0.002)
-                continue
+            self.mind_cut()
             if self.listener is None:
-                self.listener = _listen(self.port)
-            try:
-                client, _ = self.listener.accept()
-            except TimeoutError:
-                continue
-            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            with self.lock:
-                self.clients.add(client)
-            threading.Thread(target=self._serve, args=(client,), daemon=True).start()
+                clock.sleep(0.002)
+            elif (client := self._accept(0.01)) is not None:
+                threading.Thread(target=self._serve, args=(client,), daemon=True).start()
 
-    def _drop_all(self) -> None:
+    def serve_waiting(self, patience_s: float) -> bool:
+        """Answer what asks now, or within a real time, s; return whether anybody did."""
+        self.mind_cut()
+        if self.listener is None:
+            return False
+        ready, _, _ = select.select([self.listener, *self.clients], [], [], patience_s)
+        for each in ready:
+            if each is self.listener:
+                self._accept(0.0)
+            elif not self._serve_one(each):
+                self._drop(each)
+        return bool(ready)
+
+    def close(self) -> None:
+        """Let go of all connections and the port, as a process that ends."""
         if self.listener is not None:
             self.listener.close()
             self.listener = None
         with self.lock:
-            clients, self.clients = self.clients, set()
+            clients = list(self.clients)
         for client in clients:
-            with contextlib.suppress(OSError):
-                client.shutdown(socket.SHUT_RDWR)
-            client.close()
+            self._drop(client)
+
+    def mind_cut(self) -> None:
+        """Let go of all while the link is cut, and listen again afterwards."""
+        if self.faults.now("cut"):
+            self.close()
+        elif self.listener is None:
+            self.listener = socket.create_server(("127.0.0.1", self.port), reuse_port=False)
+
+    def _accept(self, patience_s: float) -> socket.socket | None:
+        assert self.listener is not None
+        if not select.select([self.listener], [], [], patience_s)[0]:
+            return None
+        client, _ = self.listener.accept()
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        with self.lock:
+            self.clients.add(client)
+        return client
+
+    def _drop(self, client: socket.socket) -> None:
+        with self.lock:
+            self.clients.discard(client)
+        with contextlib.suppress(OSError):
+            client.shutdown(socket.SHUT_RDWR)
+        client.close()
 
     def _serve(self, client: socket.socket) -> None:
+        while self._serve_one(client):
+            pass
+        self._drop(client)
+
+    def _serve_one(self, client: socket.socket) -> bool:
+        """Answer a request; return whether the client may ask more."""
         try:
-            while True:
-                transaction, protocol, length, unit = struct.unpack(">HHHB", _receive(client, 7))
-                if protocol != 0 or not 2 <= length <= 254:
-                    return
-                request = _receive(client, length - 1)
-                if self.faults.now("cut"):
-                    return
-                self.device.note_request()
-                reply = self._spoil(transaction, unit, self._answer(request))
-                if reply is not None:
-                    client.sendall(reply)
+            transaction, protocol, length, unit = struct.unpack(">HHHB", _receive(client, 7))
+            if protocol != 0 or not 2 <= length <= 254:
+                return False
+            request = _receive(client, length - 1)
+            if self.faults.now("cut"):
+                return False
+            self.device.note_request()
+            reply = self._spoil(transaction, unit, self._answer(request))
+            if reply is not None:
+                client.sendall(reply)
         except OSError:
-            return
-        finally:
-            with self.lock:
-                self.clients.discard(client)
-            client.close()
+            return False
+        return True
 
     def _spoil(self, transaction: int, unit: int, answer: bytes) -> bytes | None:
         for each in self.faults.now("slow"):
-            time.sleep(each["delay_s"])
+            clock.sleep(each["delay_s"])
         if self.faults.now("silent"):
             return None
         length = len(answer) + 1
@@ -168,12 +197,6 @@ def _identify(wanted: int, first: int) -> bytes:
         shown = shown[:1]
     objects = b"".join(bytes([place, len(text)]) + text for place, text in shown)
     return bytes([14, wanted, 0x82, 0, 0, len(shown)]) + objects
-
-
-def _listen(port: int) -> socket.socket:
-    listener = socket.create_server(("127.0.0.1", port), reuse_port=False)
-    listener.settimeout(0.01)
-    return listener
 
 
 def _receive(client: socket.socket, size: int) -> bytes:

@@ -6,7 +6,6 @@ samples counts of all sensors flow out.
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from multiprocessing.connection import Connection
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from stages.plant.chain import Chain
 from stages.plant.participant import embody, intend, nobody, rest
 from stages.plant.stepping import Steps
+from stages.rig import clock
 from stages.rig.movement import move_freely
 from stages.signals.trajectories import Array
 from tests.cpx_e.machine import Machine
@@ -185,40 +185,63 @@ class Physics:
         return noisy
 
 
-def run(machine: Machine, shared: Shared, announced: Connection) -> None:
-    """Keep the machine going for ever.
+class Plant:
+    """Keeps the machine going at the exoskeleton's rate.
 
     A tick takes the commands that were held when it was due. Ticks keep away from the instants at which a client
     writes, so that a loop at the exoskeleton's rate has one tick between any two of its writes.
+
+    Parameters
+    ----------
+    machine : Machine
+        All of it.
+    shared : Shared
+        Where commands are found and counts are shown.
     """
-    physics = Physics(machine)
-    step_s = 1.0 / machine.exoskeleton.sampling_rate_hz
-    due, apart = time.monotonic(), 0.0
-    while True:
-        wait = due - time.monotonic()
-        if announced.poll(max(wait, 0.0)):
-            trial = announced.recv()
-            physics.announce(trial, shared.ordered_at(trial["heard_s"]))
-            due = trial["heard_s"]
-            announced.send("ready")
-            shared.publish(physics.show(shared.run_rad_per_s))
-            due += step_s
-            apart = 0.0
-            continue
-        begun = time.monotonic()
-        late = min(int((begun - due) / step_s), 10_000)
+
+    def __init__(self, machine: Machine, shared: Shared):
+        self.physics, self.shared = Physics(machine), shared
+        self.step_s = 1.0 / machine.exoskeleton.sampling_rate_hz
+        self.due_s, self.apart = clock.now_s(), 0.0
+
+    def announce(self, trial: dict[str, Any]) -> None:
+        """Begin a trial, or end one."""
+        self.physics.announce(trial, self.shared.ordered_at(trial["heard_s"]))
+        self.shared.publish(self.physics.show(self.shared.run_rad_per_s))
+        self.due_s, self.apart = trial["heard_s"] + self.step_s, 0.0
+
+    def tick(self) -> float:
+        """Take the ticks that are due, if any is; return the time until the next one, s."""
+        begun = clock.now_s()
+        if begun < self.due_s:
+            return self.due_s - begun
+        late = min(int((begun - self.due_s) / self.step_s), 10_000)
         for missed in range(late + 1):
-            physics.step(shared.ordered_at(due + missed * step_s))
-        shared.publish(physics.show(shared.run_rad_per_s))
-        cost = time.monotonic() - begun
-        shared.costs_s[:] = cost, max(cost, shared.costs_s[1]), shared.costs_s[2] + cost
-        age = (due - shared.written_s[0]) / step_s
+            self.physics.step(self.shared.ordered_at(self.due_s + missed * self.step_s))
+        self.shared.publish(self.physics.show(self.shared.run_rad_per_s))
+        cost = clock.now_s() - begun
+        self.shared.costs_s[:] = cost, max(cost, self.shared.costs_s[1]), self.shared.costs_s[2] + cost
+        self.due_s += (late + 1 + self._nudge()) * self.step_s
+        return max(self.due_s - clock.now_s(), 0.0)
+
+    def _nudge(self) -> float:
+        """Return by how much of a sample the next tick moves away from a client's writes."""
+        age = (self.due_s - self.shared.written_s[0]) / self.step_s
         nudge = 0.0
         if abs(age) < 1.0 and not NEWEST <= age % 1.0 <= OLDEST:
             nudge = NUDGE if age % 1.0 < NEWEST else -NUDGE
-        nudge = min(max(nudge, FURTHEST[0] - apart), FURTHEST[1] - apart)
-        apart += nudge
-        due += (late + 1 + nudge) * step_s
+        nudge = min(max(nudge, FURTHEST[0] - self.apart), FURTHEST[1] - self.apart)
+        self.apart += nudge
+        return nudge
+
+
+def run(machine: Machine, shared: Shared, announced: Connection) -> None:
+    """Keep the machine going for ever, in a process of its own."""
+    plant = Plant(machine, shared)
+    while True:
+        if announced.poll(plant.tick()):
+            plant.announce(announced.recv())
+            announced.send("ready")
 
 
 def _middle(machine: Machine) -> Array:

@@ -1,7 +1,5 @@
 """Records of an oscillator that this project's integrator did not make, and the configured plants."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 from hydra import compose, initialize_config_dir
@@ -9,8 +7,8 @@ from omegaconf import OmegaConf
 from scipy.integrate import solve_ivp
 
 from stages.plant.machines.second_order import Oscillator
+from tests.plant.machines import CONF
 
-CONFIGURATION = Path(__file__).resolve().parents[2] / "conf"
 HERTZ, RATE_HZ, LEAD_S = 68.0, 610.3515625, 0.5
 NOISE_V, WANDER_V = 0.0005, 0.0005
 OMEGA = 2 * np.pi * HERTZ
@@ -18,7 +16,7 @@ OMEGA = 2 * np.pi * HERTZ
 
 def configured(name):
     """The oscillator that `plant=...` describes."""
-    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+    with initialize_config_dir(str(CONF), version_base="1.3"):
         return Oscillator(**OmegaConf.to_container(compose(overrides=[f"+plant={name}"]))["plant"])
 
 
@@ -41,12 +39,13 @@ def shake(generator, force, records=12, samples=1000):
     solved = solve_ivp(rates, (0, instants[-1]), np.zeros(2 * records), t_eval=instants, rtol=1e-6, atol=1e-8)
     motion = solved.y[:records].T + NOISE_V * generator.standard_normal((samples, records))
     motion += WANDER_V * np.sin(2 * np.pi * 0.4 * instants[:, None] + generator.uniform(0, 6, records))
+    driven = np.array([drive(now) for now in instants])
     frames = [
         pd.DataFrame(
             {
                 "record": f"record {k}",
                 "time_s": instants,
-                "drive_v": np.array([drive(now)[k] for now in instants]),
+                "drive_v": driven[:, k],
                 "response_v": motion[:, k],
             }
         )

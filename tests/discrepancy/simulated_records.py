@@ -85,10 +85,26 @@ def pendulum(seed, noise=2e-3, samples=1600, step_s=0.02):
     return {"drive_v": pushed, "response_v": angle + noise * generator.standard_normal(samples)}, step_s
 
 
-def tabulate(signals, step_s, blocks=16):
+def move(seed, samples=4800, step_s=0.02):
+    """The way of an element on a test bench, m: three waves."""
+    generator = np.random.default_rng(seed)
+    time = np.arange(samples) * step_s
+    waves = [(0.02, 0.11), (0.01, 0.27), (0.005, 0.61)]
+    return sum(a * np.sin(2.0 * np.pi * f * time + generator.uniform(0.0, 6.0)) for a, f in waves)
+
+
+def slide(way, width):
+    """Dahl's friction, which turns smoothly, as a differential equation of its own."""
+    state = np.zeros(len(way))
+    for k, step in enumerate(np.diff(way), start=1):
+        state[k] = state[k - 1] + step / width * (1.0 - state[k - 1] * np.sign(step))
+    return state
+
+
+def tabulate(signals, step_s=0.02, record="a", blocks=16):
     """Return signals and blocks as the workflow reads them."""
     time = np.arange(len(next(iter(signals.values())))) * step_s
-    rows = [pd.DataFrame({"record": "a", "time_s": time, "signal": n, "value": v}) for n, v in signals.items()]
+    rows = [pd.DataFrame({"record": record, "time_s": time, "signal": n, "value": v}) for n, v in signals.items()]
     size = len(time) // blocks
     starts = np.arange(blocks) * size * step_s
-    return pd.concat(rows, ignore_index=True), pd.DataFrame({"record": "a", "start_s": starts, "samples": size})
+    return pd.concat(rows, ignore_index=True), pd.DataFrame({"record": record, "start_s": starts, "samples": size})

@@ -7,10 +7,11 @@ import pandas as pd
 import pytest
 
 from stages.discrepancy import Verified, confirm_effects, confirm_status, list_hidden
+from tests.discrepancy.simulated_records import move, slide
 from tests.discrepancy.toys import make_toy
 
 STEP_S, SAMPLES = 0.02, 3200
-BENCH = ("plant=static_map", "parts.fitted=[est]", "parts.verification=[val]", "figures=[png]")
+PARTS = ("parts.fitted=[est]", "parts.verification=[val]")
 
 
 def judge(p_step, trials=6, shown=False, hidden=()):
@@ -70,44 +71,34 @@ def test_whether_there_is_a_gap_the_opened_trials_say(status, over_floor, blind,
     assert confirm_status(status, over_floor, 1.15, blind) == said
 
 
-def slide(way, width):
-    """Dahl's friction, which turns smoothly."""
-    state = np.zeros(len(way))
-    for k, step in enumerate(np.diff(way), start=1):
-        state[k] = state[k - 1] + step / width * (1.0 - state[k - 1] * np.sign(step))
-    return state
+def judge_bench(pamid, path, frame, *overrides):
+    """Return what the command prints of a record of an element, and its verdict."""
+    frame.to_csv(path, index=False)
+    columns = ("columns.time_s=t", "+columns.position_m=x", "+columns.force_n=F", "plant=static_map", "figures=[]")
+    told = pamid("workflow=discrepancy", "measurement=records", f"measured={path}", *columns, *overrides)
+    assert told.returncode == 0, told.stderr
+    return " ".join(told.stdout.split()), json.loads((pamid.runs[-1] / "verdict.json").read_text())
 
 
 @pytest.mark.parametrize("kept", [0.8, 0.0], ids=["there", "gone"])
 def test_a_loop_that_the_kept_record_lacks_is_named_and_not_confirmed(pamid, tmp_path, kept):
     parts = []
     for seed, (part, loop) in enumerate((("est", 0.8), ("val", kept))):
-        generator = np.random.default_rng(seed)
-        time = np.arange(SAMPLES) * STEP_S
-        waves = [(0.02, 0.11), (0.01, 0.27), (0.005, 0.61)]
-        way = sum(a * np.sin(2.0 * np.pi * f * time + generator.uniform(0.0, 6.0)) for a, f in waves)
-        force = 300.0 * way + 2.0 + loop * slide(way, 0.004) + 0.05 * generator.standard_normal(SAMPLES)
-        parts.append(pd.DataFrame({"t": time, "x": way, "F": force, "part": part}))
-    pd.concat(parts).to_csv(tmp_path / "bench.csv", index=False)
-    columns = ("columns.time_s=t", "+columns.position_m=x", "+columns.force_n=F")
-    told = pamid("workflow=discrepancy", "measurement=records", f"measured={tmp_path}/bench.csv", *columns, *BENCH)
-    assert told.returncode == 0, told.stderr
-    (effect,) = json.loads((pamid.runs[-1] / "verdict.json").read_text())["effects"]
+        way, noise = move(seed, SAMPLES), 0.05 * np.random.default_rng(seed).standard_normal(SAMPLES)
+        force = 300.0 * way + 2.0 + loop * slide(way, 0.004) + noise
+        parts.append(pd.DataFrame({"t": np.arange(SAMPLES) * STEP_S, "x": way, "F": force, "part": part}))
+    told, verdict = judge_bench(pamid, tmp_path / "bench.csv", pd.concat(parts), *PARTS)
+    (effect,) = verdict["effects"]
     assert effect["name"] == "hysteresis"
     assert effect["confirmed"] == (kept > 0.0)
     assert (effect["probability"] > 0.5) == (kept > 0.0)
     assert (effect["step"]["after"] < effect["step"]["before"]) == (kept > 0.0)
-    assert ("Trials not fitted do not confirm it" in " ".join(told.stdout.split())) == (kept == 0.0)
+    assert ("Trials not fitted do not confirm it" in told) == (kept == 0.0)
 
 
 def test_a_wrong_column_gets_no_clean_bill(pamid, tmp_path, generator):
     way = np.convolve(generator.standard_normal(SAMPLES), np.ones(40) / 40.0, mode="same")
     frame = pd.DataFrame({"t": np.arange(SAMPLES) * STEP_S, "x": way, "F": generator.standard_normal(SAMPLES)})
-    frame.to_csv(tmp_path / "bench.csv", index=False)
-    columns = ("columns.time_s=t", "+columns.position_m=x", "+columns.force_n=F")
-    line = ("workflow=discrepancy", "measurement=records", f"measured={tmp_path}/bench.csv", *columns)
-    told = pamid(*line, "plant=static_map", "figures=[png]")
-    assert told.returncode == 0, told.stderr
-    verdict = json.loads((pamid.runs[-1] / "verdict.json").read_text())
+    told, verdict = judge_bench(pamid, tmp_path / "bench.csv", frame)
     assert (verdict["status"], verdict["effects"]) == ("unexplained", [])
-    assert "look whether columns, units and signs are right" in " ".join(told.stdout.split())
+    assert "look whether columns, units and signs are right" in told

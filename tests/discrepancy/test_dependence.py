@@ -52,7 +52,7 @@ def measure(residual, left):
         (lambda x, p, v: 0.3 * np.sin(4.0 * x) + 0.1 * p, ["pressure_kpa", "x"]),
     ],
 )
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_inputs_and_share_are_those_planted(seed, surface, inputs):
     cell, residual, truth = plant(seed, surface)
     found = find_dependence(cell, residual, 3, 32, np.random.default_rng(0))
@@ -72,7 +72,7 @@ def test_two_signals_that_tell_something_only_together_are_found():
     assert share.value > 0.7 * (truth**2).sum() / (residual**2).sum()
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_noise_is_left_alone(seed):
     cell, residual, _ = plant(seed, lambda x, p, v: 0.0 * x)
     residual += 0.05 * np.random.default_rng(seed).standard_normal(TRIALS)

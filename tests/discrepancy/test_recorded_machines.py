@@ -10,14 +10,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from stages.discrepancy.fitted_cell import prepare
-from stages.discrepancy.naming import SearchSettings
-from stages.discrepancy.search import search
 from stages.discrepancy.whole_record_cell import build_whole_records
-from tests.discrepancy.test_whole_records import read_plant, tabulate
-from tests.plant.machines import CONF
+from tests.discrepancy.searches import look
+from tests.discrepancy.simulated_records import tabulate
+from tests.plant.machines import read_plant
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 TANKS = DATA / "cascaded_tanks" / "cascaded_tanks.parquet"
@@ -117,9 +115,8 @@ def test_nothing_is_named_in_what_the_fitted_textbook_simulates(path):
     refined = cell.plant.refine({name: values[:, None] for name, values in record.items()}, cell.step_s)
     constants = fitted.model.name_values(fitted.values)[0]
     clean = cell.plant.simulate(refined, cell.step_s, np.zeros(1), constants, (), cell.begun[0])[:, 0]
-    settings = SearchSettings(**yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text())["search"])
     for seed in range(4):
         noise = 0.01 * clean.std() * np.random.default_rng(seed).standard_normal(len(clean))
         copied = {**record, cell.plant.output: clean + noise}
         again = build_whole_records(*tabulate(copied, step_s=cell.step_s), plant)
-        assert search([prepare(again)], settings, np.random.default_rng(seed)).named == []
+        assert look(again, seed)[1] == []

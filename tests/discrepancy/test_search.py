@@ -13,7 +13,7 @@ from stages.discrepancy.naming import SearchSettings
 from stages.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.discrepancy.screening import screen
 from stages.discrepancy.search import search
-from tests.discrepancy.toys import KINK, LINE, WAVE, Toy, make_toy
+from tests.discrepancy.toys import KINK, LINE, WAVE, make_toy
 
 SETTINGS = SearchSettings(
     smallest_gap=1.15,
@@ -39,7 +39,7 @@ def run(*toys):
 
 
 @pytest.mark.parametrize(("form", "size"), [(WAVE, 0.4), (KINK, 2.0)])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_planted_effect_is_named(form, size, seed):
     found, left = run(make_toy(seed, [(form.effect, size)]))
     assert [each.name for each in found.named] == [form.name]
@@ -84,12 +84,6 @@ def test_the_element_that_carries_it_is_named():
     assert [(each.name, each.elements) for each in found.named] == [("wave", ("first",))]
 
 
-def test_the_same_seed_finds_the_same():
-    first, second = (run(make_toy(3, [(WAVE.effect, 0.4)]))[0] for _ in range(2))
-    assert first.named == second.named
-    np.testing.assert_array_equal(first.cells[0].current.fit.values, second.cells[0].current.fit.values)
-
-
 @pytest.mark.parametrize("size", [0.5, 1.5, 4.0])
 def test_screening_does_not_miss_what_full_fits_find(size):
     state = prepare(make_toy(5, [(KINK.effect, size)]))
@@ -105,18 +99,19 @@ def test_screening_does_not_miss_what_full_fits_find(size):
     assert best.form.name == min(full, key=full.__getitem__) == "kink"
 
 
-def test_a_toy_is_a_cell():
-    assert make_toy(0).range > 0.0
-    assert isinstance(make_toy(0).take([1, 2]), Toy)
+@pytest.fixture(scope="module")
+def clean():
+    """A wave that its own form explains, and what is left of it."""
+    return run(make_toy(5, [(WAVE.effect, 0.8)], offered=(WAVE,), noise=0.05))
 
 
-def test_a_name_that_leaves_more_than_its_forms_differ_by_is_doubted():
+def test_a_name_that_leaves_more_than_its_forms_differ_by_is_doubted(clean):
     def bent(x):
         return np.sin(3.0 * x) + 0.4 * np.where(np.abs(x - 0.7) < 0.3, 1.0, 0.0)
 
-    clean, sure = run(make_toy(5, [(WAVE.effect, 0.8)], offered=(WAVE,), noise=0.05))
+    single, sure = clean
     found, left = run(make_toy(5, [(bent, 0.8)], offered=(WAVE,), noise=0.05))
-    assert [each.name for each in (*clean.named, *found.named)] == ["wave", "wave"]
+    assert [each.name for each in (*single.named, *found.named)] == ["wave", "wave"]
     assert sure["y"].imitated < 0.05
     assert sum_doubt(sure) < 0.05
     assert 0.05 < left["y"].share < SETTINGS.unexplained_share
@@ -125,10 +120,10 @@ def test_a_name_that_leaves_more_than_its_forms_differ_by_is_doubted():
 
 
 @pytest.mark.parametrize(("names", "shown", "doubt"), [(2, False, 0.0), (3, False, 0.5), (3, True, 0.0)])
-def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt):
-    found, _ = run(make_toy(5, [(WAVE.effect, 0.8)], offered=(WAVE,), noise=0.05))
-    found.named = [*found.named * (names - 1), replace(found.named[0], shown=shown)]
-    assert sum_doubt(weigh_remainder(found, SETTINGS, np.random.default_rng(1))) == pytest.approx(doubt, abs=0.05)
+def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt, clean):
+    single = clean[0].named
+    many = replace(clean[0], named=[*single * (names - 1), replace(single[0], shown=shown)])
+    assert sum_doubt(weigh_remainder(many, SETTINGS, np.random.default_rng(1))) == pytest.approx(doubt, abs=0.05)
 
 
 def test_a_search_resumed_from_what_was_kept_finds_the_same():

@@ -3,29 +3,18 @@
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 from scipy.signal import lfilter
 
 from stages.discrepancy import DiscrepancySettings, estimate_intervals
 from stages.discrepancy.fitted_cell import prepare
-from stages.discrepancy.naming import SearchSettings
 from stages.discrepancy.records import thin_out
-from stages.discrepancy.search import search
 from stages.discrepancy.whole_record_cell import build_whole_records
-from stages.plant.machine import read_machine
-from tests.plant.machines import CONF
+from tests.discrepancy.searches import STATED, look, read_values
+from tests.discrepancy.simulated_records import move, slide, tabulate
+from tests.plant.machines import read_plant
 
 STEP_S = 0.02
 BLOCKS = 16
-
-
-@pytest.fixture(scope="module")
-def settings():
-    return SearchSettings(**yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text())["search"])
-
-
-def read_plant(name="static_map", **changes):
-    return read_machine({**yaml.safe_load((CONF / "plant" / f"{name}.yaml").read_text()), **changes})
 
 
 def pump_tanks(seed, rim=None, cut=None, samples=1600, levels=(4.0, 5.0)):
@@ -49,71 +38,43 @@ def build_tanks(**kwargs):
     return build_whole_records(signals, trials, read_plant("cascaded_tanks"))
 
 
-def move(seed, samples=4800):
-    generator = np.random.default_rng(seed)
-    time = np.arange(samples) * STEP_S
-    waves = [(0.02, 0.11), (0.01, 0.27), (0.005, 0.61)]
-    return sum(a * np.sin(2.0 * np.pi * f * time + generator.uniform(0.0, 6.0)) for a, f in waves)
-
-
-def slide(way, width):
-    """Dahl's friction, which turns smoothly, as a differential equation of its own."""
-    state = np.zeros(len(way))
-    for k, step in enumerate(np.diff(way), start=1):
-        state[k] = state[k - 1] + step / width * (1.0 - state[k - 1] * np.sign(step))
-    return state
-
-
-def tabulate(signals, record="given", step_s=STEP_S):
-    time = np.arange(len(next(iter(signals.values())))) * step_s
-    rows = [pd.DataFrame({"record": record, "time_s": time, "signal": n, "value": v}) for n, v in signals.items()]
-    size = len(time) // BLOCKS
-    trials = pd.DataFrame({"record": record, "start_s": np.arange(BLOCKS) * size * step_s, "samples": size})
-    return pd.concat(rows, ignore_index=True), trials
-
-
-def build(added=0.0, seed=1, noise=0.05, hole=None):
-    way = move(seed)
+def build(added=0.0, seed=1, noise=0.05, hole=None, samples=4800):
+    way = move(seed, samples)
     force = 300.0 * way + 2.0 + added + noise * np.random.default_rng(seed).standard_normal(len(way))
     if hole is not None:
         force[hole] = np.nan
     return build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant())
 
 
-def look(cell, settings):
-    return search([prepare(cell)], settings, np.random.default_rng(0))
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_hidden_loop_is_named_and_mended(seed, settings):
-    found = look(build(0.8 * slide(move(seed), 0.004), seed), settings)
-    assert [each.name for each in found.named] == ["hysteresis"]
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+def test_a_hidden_loop_is_named_and_mended(seed):
+    found, names = look(build(0.8 * slide(move(seed, 2400), 0.004), seed, samples=2400))
+    assert names == ["hysteresis"]
     state = found.cells[0]
     after, before = (np.sqrt(each.raw.sum() / state.samples.sum()) for each in (state.current, state.nominal))
     assert before > 0.3
     assert after < 0.3 * before
 
 
-def test_a_hidden_cubic_is_named_with_its_size(settings):
-    way = move(4)
-    found = look(build(2.0e5 * (way - way.mean()) ** 3, 4), settings)
-    assert found.named[0].name == "cubic_stiffness"
+def test_a_hidden_cubic_is_named():
+    way = move(4, 2400)
+    assert look(build(2.0e5 * (way - way.mean()) ** 3, 4, samples=2400))[1][0] == "cubic_stiffness"
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_nothing_is_named_where_nothing_is_missing(seed, settings):
-    assert not look(build(seed=seed), settings).named
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+def test_nothing_is_named_where_nothing_is_missing(seed):
+    assert look(build(seed=seed, samples=2400))[1] == []
 
 
 @pytest.mark.parametrize(("high", "told"), [(280.0, "high"), (400.0, "")])
 def test_a_value_that_stands_at_a_bound_says_so(high, told):
-    way, plant = move(1), yaml.safe_load((CONF / "plant" / "static_map.yaml").read_text())
-    plant["constants"]["stiffness"] |= {"start": 250.0, "low": 200.0, "high": high, "sd": 50.0}
+    way, constants = move(1), read_plant().model_dump()["constants"]
+    constants["stiffness"] |= {"start": 250.0, "low": 200.0, "high": high, "sd": 50.0}
     signals = {"position_m": way, "force_n": 300.0 * way + 0.05 * np.random.default_rng(1).standard_normal(len(way))}
-    state = prepare(build_whole_records(*tabulate(signals), read_machine(plant)))
+    state = prepare(build_whole_records(*tabulate(signals), read_plant(constants=constants)))
     fitted, noise = state.current.fit, pd.Series(state.noise._asdict())
-    told_settings = DiscrepancySettings(**yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text()))
-    rows = estimate_intervals(fitted.model, fitted.values, noise, told_settings, np.random.default_rng(0))
+    settings = DiscrepancySettings(**STATED)
+    rows = estimate_intervals(fitted.model, fitted.values, noise, settings, np.random.default_rng(0))
     assert {row["parameter"]: row["at_bound"] for row in rows} == {"stiffness": told, "offset": ""}
 
 
@@ -178,26 +139,25 @@ def test_a_gap_that_no_motion_sees_costs_nothing():
         assert cell.present.sum() * cell.averaged == pytest.approx(judged, abs=BLOCKS * cell.averaged)
 
 
-def test_a_record_of_which_nothing_can_be_judged_is_refused():
-    time = np.arange(4000) * STEP_S
-    force = np.sin(2.0 * np.pi * 0.2 * time)
-    signals = {"force_n": force.copy(), "position_m": -force}
-    signals["force_n"][:500] = np.nan
-    with pytest.raises(
-        ValueError, match=r"position_m: expected 10 samples or more .* force_n lack values, after which"
-    ):
-        build_whole_records(*tabulate(signals), read_plant("servo_drive"))
+SWING = np.sin(2.0 * np.pi * 0.2 * STEP_S * np.arange(4000))
 
 
-def test_an_input_that_never_acts_is_refused():
-    signals = {"force_n": np.zeros(4000), "position_m": move(1, 4000)}
-    with pytest.raises(ValueError, match="signal force_n: expected an input that acts, got 0 throughout"):
-        build_whole_records(*tabulate(signals), read_plant("servo_drive"))
-
-
-def test_an_input_that_never_changes_is_refused():
-    signals = {"force_n": np.full(4000, 2.5), "position_m": move(1, 4000)}
-    with pytest.raises(ValueError, match=r"signal force_n: expected an input that changes, got 2\.5 throughout; by"):
+@pytest.mark.parametrize(
+    ("force", "told"),
+    [
+        (
+            np.where(np.arange(4000) < 500, np.nan, SWING),
+            r"position_m: expected 10 samples or more .* lack values, after",
+        ),
+        (np.zeros(4000), "signal force_n: expected an input that acts, got 0 throughout"),
+        (np.full(4000, 2.5), r"signal force_n: expected an input that changes, got 2\.5 throughout; by"),
+        (None, "signal force_n: expected values, got none; known are position_m"),
+    ],
+    ids=["a gap at first", "never acts", "never changes", "missing"],
+)
+def test_a_record_that_cannot_be_judged_is_refused(force, told):
+    signals = {"position_m": -SWING} if force is None else {"force_n": force, "position_m": -SWING}
+    with pytest.raises(ValueError, match=told):
         build_whole_records(*tabulate(signals), read_plant("servo_drive"))
 
 
@@ -206,11 +166,6 @@ def test_advice_on_short_records_can_be_followed(samples, told):
     signals, trials = tabulate({"position_m": move(1, samples), "force_n": move(2, samples)})
     with pytest.raises(ValueError, match=told):
         build_whole_records(signals, trials, read_plant())
-
-
-def test_a_missing_signal_is_told():
-    with pytest.raises(ValueError, match="signal force_n: expected values, got none; known are position_m"):
-        build_whole_records(*tabulate({"position_m": move(1)}), read_plant())
 
 
 def ring(way, pulled):
@@ -235,28 +190,26 @@ def test_a_resonance_that_the_input_sets_off_is_no_noise(generator, pulled):
 
 
 @pytest.mark.slow
-def test_a_hidden_overflow_is_named(settings):
-    found = look(build_tanks(seed=1, rim=6.0), settings)
-    assert [each.name for each in found.named] == ["overflow"]
+def test_a_hidden_overflow_is_named():
+    assert look(build_tanks(seed=1, rim=6.0))[1] == ["overflow"]
 
 
 @pytest.mark.slow
-def test_a_reading_that_is_cut_is_named_with_its_level(settings):
+def test_a_reading_that_is_cut_is_named_with_its_level():
     level = float(np.quantile(pump_tanks(seed=2)["level_v"], 0.85))
-    found = look(build_tanks(seed=2, cut=level), settings)
-    assert [each.name for each in found.named] == ["saturation"]
-    fit = found.cells[0].current.fit
-    values = {form.name: its for form, its in fit.model.name_values(fit.values)[1]}
-    assert 5.0 * values["saturation"]["highest"] == pytest.approx(level, rel=0.01)
+    found, names = look(build_tanks(seed=2, cut=level))
+    assert names == ["saturation"]
+    assert 5.0 * read_values(found.cells[0])[1]["saturation"]["highest"] == pytest.approx(level, rel=0.01)
 
 
-def test_tanks_without_an_effect_have_none_named(settings):
-    assert not look(build_tanks(seed=3), settings).named
+@pytest.mark.slow
+def test_tanks_without_an_effect_have_none_named():
+    assert look(build_tanks(seed=3))[1] == []
 
 
 def test_records_of_tanks_that_begin_at_other_levels_leave_noise_alone():
     told = [
-        tabulate(pump_tanks(seed, samples=500, levels=levels), record, step_s=4.0)
+        tabulate(pump_tanks(seed, samples=500, levels=levels), 4.0, record)
         for seed, (record, levels) in enumerate({"a": (4.0, 5.0), "b": (1.0, 8.0), "c": (8.0, 2.0)}.items())
     ]
     signals, trials = (pd.concat(each, ignore_index=True) for each in zip(*told, strict=True))

@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from stages.discrepancy import (
     summarise_unexplained,
@@ -14,8 +13,7 @@ from stages.discrepancy import (
     tell_scales,
     tell_unconfirmed,
 )
-from stages.plant.machine import read_machine
-from tests.plant.machines import CONF, configured
+from tests.plant.machines import configured, read_plant
 
 GAP = {
     "before": 0.081,
@@ -45,7 +43,71 @@ RANKING = [
 ]
 
 
-def speak(status, **changes):
+UNCONFIRMED = {**EFFECT, "confirmed": False, "step": {"before": 0.034, "after": 0.033, "p_value": 0.43}}
+IMITATION = "8.0 % of the gap above the noise) is more than forms of one effect"
+SAID = {
+    "a name, with what it closes and what comes next": (
+        ("named", {}),
+        (
+            "hysteresis on pam1 and pam3 (probability 0.93; next is coulomb friction, 0.05)",
+            "falls from 8.1 % to 2.1 %",
+            "p = 0.031",
+            "noise floor is 2.0 %",
+        ),
+        ("stand in", "confirm"),
+    ),
+    "a name that opened trials do not confirm, with its gap": (
+        ("named", {"effects": [EFFECT, UNCONFIRMED]}),
+        ("Trials not fitted do not confirm it: with it the gap there goes from 3.4 % to 3.3 % of range (p = 0.43)",),
+        (),
+    ),
+    "a name that hardly imitates": (("named", {"imitated": 0.4, "unexplained_share": 0.08}), (), (IMITATION,)),
+    "a name that may be an imitation": (("named", {"imitated": 0.6, "unexplained_share": 0.08}), (IMITATION,), ()),
+    "many names in one channel": (
+        ("named", {"imitated": 1.0, "effects": [EFFECT] * 3}),
+        ("So many names in one channel may stand in for one effect",),
+        (),
+    ),
+    "two names in one channel": (("named", {"imitated": 1.0, "effects": [EFFECT] * 2}), (), ("So many",)),
+    "three names in two channels": (
+        ("named", {"imitated": 1.0, "effects": [EFFECT, EFFECT, {**EFFECT, "channel": "pressure"}]}),
+        (),
+        ("So many",),
+    ),
+    "no name, with what is left": (
+        ("unexplained", {}),
+        (
+            "a flexible model would still take away 40 % of what is above the noise",
+            "The nearest is hysteresis, which is not enough",
+        ),
+        (),
+    ),
+    "a gap as small as the floor": (
+        ("unexplained", {"gap": GAP}),
+        ("cannot be told: the gap is 1.02 times the noise floor, but so much counts as noise",),
+        ("real", "take away"),
+    ),
+    "a memory": (
+        ("unexplained", {"remembered": True}),
+        ("a linear memory of the inputs (such as a resonance",),
+        (),
+    ),
+    "an oscillation instead of a share": (
+        ("unexplained", {"line_hz": 49.94}),
+        ("an oscillation at 49.9 Hz runs through all trials",),
+        ("flexible model",),
+    ),
+    "nothing missing, with its limit": (
+        ("no_discrepancy", {}),
+        ("in its worst channel it is at most 1.05 times the floor",),
+        (),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SAID)
+def test_a_verdict_says_what_its_numbers_say(case):
+    (status, changes), said, unsaid = SAID[case]
     verdict = {
         "status": status,
         "effects": [EFFECT] if status == "named" else [],
@@ -57,52 +119,9 @@ def speak(status, **changes):
         "remembered": False,
         "verification_trials": [2, 5, 8],
     }
-    return " ".join(tell({**verdict, **changes}, [], [], []))
-
-
-def test_a_name_is_told_with_what_it_closes_and_what_comes_next():
-    text = speak("named")
-    for part in (
-        "hysteresis on pam1 and pam3 (probability 0.93; next is coulomb friction, 0.05)",
-        "falls from 8.1 % to 2.1 %",
-        "p = 0.031",
-        "noise floor is 2.0 %",
-    ):
-        assert part in text
-    assert "stand in" not in text
-
-
-def test_a_name_that_opened_trials_do_not_confirm_says_so_with_its_gap():
-    later = {"confirmed": False, "step": {"before": 0.034, "after": 0.033, "p_value": 0.43}}
-    told = "Trials not fitted do not confirm it: with it the gap there goes from 3.4 % to 3.3 % of range (p = 0.43)"
-    assert told in speak("named", effects=[EFFECT, {**EFFECT, **later}])
-    assert "confirm" not in speak("named")
-
-
-@pytest.mark.parametrize(("imitated", "doubted"), [(0.4, False), (0.6, True)])
-def test_a_name_that_may_be_an_imitation_is_said_to_be(imitated, doubted):
-    text = speak("named", imitated=imitated, unexplained_share=0.08)
-    assert ("8.0 % of the gap above the noise) is more than forms of one effect" in text) == doubted
-
-
-def test_many_names_in_one_channel_are_said_to_stand_in_for_one():
-    text = speak("named", imitated=1.0, effects=[EFFECT, EFFECT, EFFECT])
-    assert "So many names in one channel may stand in for one effect" in text
-    assert "So many" not in speak("named", imitated=1.0, effects=[EFFECT, EFFECT])
-    assert "So many" not in speak("named", imitated=1.0, effects=[EFFECT, EFFECT, {**EFFECT, "channel": "pressure"}])
-
-
-def test_where_nothing_is_named_it_is_told_what_is_left():
-    text = speak("unexplained")
-    assert "a flexible model would still take away 40 % of what is above the noise" in text
-    assert "The nearest is hysteresis, which is not enough" in text
-
-
-def test_no_gap_is_called_real_that_is_as_small_as_the_floor():
-    text = speak("unexplained", gap=GAP)
-    assert "cannot be told: the gap is 1.02 times the noise floor, but so much counts as noise" in text
-    assert "real" not in text
-    assert "take away" not in text
+    text = " ".join(tell({**verdict, **changes}, [], [], []))
+    assert [words for words in said if words not in text] == []
+    assert [words for words in unsaid if words in text] == []
 
 
 def test_a_gap_that_opened_trials_lack_is_told():
@@ -110,22 +129,10 @@ def test_a_gap_that_opened_trials_lack_is_told():
     assert "a flexible model would take away 37 %; those opened at the end show none" in sentence
 
 
-def test_a_memory_is_told_as_one():
-    assert "a linear memory of the inputs (such as a resonance" in speak("unexplained", remembered=True)
-
-
-def test_an_oscillation_is_told_instead_of_a_share():
-    text = speak("unexplained", line_hz=49.94)
-    assert "an oscillation at 49.9 Hz runs through all trials" in text
-    assert "flexible model" not in text
-
-
 def test_scales_are_told_in_units():
-    element = yaml.safe_load((CONF / "plant" / "static_map.yaml").read_text())
-    scales = {"along_scale": 0.02, "output_scale": 150.0, "pace_s": 0.5}
-    (told,) = tell_scales(read_machine({**element, **scales}))
+    (told,) = tell_scales(read_plant(along_scale=0.02, output_scale=150.0, pace_s=0.5))
     assert told.endswith("a scale of force is 150 N, a scale of position is 0.02 m and a pace is 0.5 s.")
-    assert tell_scales(read_machine(element)) == []
+    assert tell_scales(read_plant()) == []
     assert tell_scales(configured().plant) == []
 
 
@@ -142,10 +149,6 @@ def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
     assert "force n of pam1" in sentence
     assert "pam2" not in sentence
     assert tell_floor(channels.assign(noise_floor=2.0)) == []
-
-
-def test_nothing_missing_is_told_with_its_limit():
-    assert "in its worst channel it is at most 1.05 times the floor" in speak("no_discrepancy")
 
 
 def test_the_line_is_that_of_the_channel_in_which_most_is_left():

@@ -4,17 +4,14 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from pipeline.review import prune
 from tests.conftest import ROOT, Command
 from tests.faults import check_wholeness, find_parts, ledger_of, obey_permissions, tables_of, wait_until
-
-CONFIG = ("--config-dir", "tests/pipeline/conf")
-SLOWLY = "doubling.pause_s=0.4"
+from tests.pipeline.conftest import ALONE, CONFIG, SLOWLY, TOY
 
 
 def snapshot(folder):
@@ -41,34 +38,53 @@ def two(text):
     return float(number) * {"bytes": 1, "kB": 1e3, "MB": 1e6}[unit]
 
 
-def test_all_but_the_newest_go_and_the_rest_is_whole(toy):
-    for number in range(4):
-        assert toy(f"seed={number}").returncode == 0
-    toy("doubling.fail_at=1", "seed=9")
-    runs = toy.runs
+@pytest.fixture(scope="session")
+def many_made(make_once):
+    """Three finished runs and a failed one, made once for all."""
+
+    def run(folder):
+        toy = Command(folder / "outputs", *TOY)
+        for number in range(3):
+            assert toy(f"seed={number}").returncode == 0
+        assert toy("doubling.fail_at=1", "seed=9").returncode == 1
+
+    return Command(make_once("toys to prune", run) / "outputs", *TOY)
+
+
+@pytest.fixture
+def many(many_made, tmp_path):
+    """The command with the toy workflow, three finished runs of it and one that failed."""
+    return many_made.copy(tmp_path / "outputs")
+
+
+def test_all_but_the_newest_go_and_the_rest_is_whole(many):
+    runs = many.runs
     tables = [tables_of(run) for run in runs]
-    before = use_of(toy.outputs / "runs")
-    dry = toy.review("prune", "--keep", "2", "--dry-run")
+    found = snapshot(many.outputs)
+    times = {path: path.lstat().st_mtime_ns for path in found}
+    before = use_of(many.outputs / "runs")
+    dry = many.review("prune", "--keep", "2", "--dry-run")
     assert dry.returncode == 0, dry.stderr
     assert dry.stdout.splitlines()[-1] == "nothing was changed (--dry-run)"
-    assert "3 folders would be removed, " in dry.stdout
-    assert toy.runs == runs
-    result = toy.review("prune", "--keep", "2")
+    assert "2 folders would be removed, " in dry.stdout
+    assert snapshot(many.outputs) == found
+    assert {path: path.lstat().st_mtime_ns for path in found} == times
+    result = many.review("prune", "--keep", "2")
     assert result.returncode == 0, result.stderr
-    assert toy.runs == runs[3:]
-    assert "is among the newest 2" in told_of(result, runs[3])
-    freed = result.stdout.splitlines()[-1].removeprefix("3 folders removed, ").removesuffix(" freed")
-    assert two(freed) == pytest.approx(before - use_of(toy.outputs / "runs"), rel=0.01)
+    assert many.runs == runs[2:]
+    assert "is among the newest 2" in told_of(result, runs[2])
+    freed = result.stdout.splitlines()[-1].removeprefix("2 folders removed, ").removesuffix(" freed")
+    assert two(freed) == pytest.approx(before - use_of(many.outputs / "runs"), rel=0.01)
     assert f"{freed} would be freed" in dry.stdout
-    assert [tables_of(run) for run in toy.runs] == tables[3:]
-    for run in toy.runs:
+    assert [tables_of(run) for run in many.runs] == tables[2:]
+    for run in many.runs:
         check_wholeness(run)
-    assert runs[4].name in toy.review("list").stdout
-    assert "everything is fresh" in toy("seed=3", "plan=true").stdout
-    assert "not made before" not in toy("seed=0", "plan=true").stdout
-    assert toy.review("prune", "--keep", "0").returncode == 0
-    assert toy.runs == []
-    assert "0 folders removed, 0 bytes freed" in toy.review("prune", "--keep", "0").stdout
+    assert runs[3].name in many.review("list").stdout
+    assert "everything is fresh" in many("seed=2", "plan=true").stdout
+    assert "not made before" not in many("seed=0", "plan=true").stdout
+    assert many.review("prune", "--keep", "0").returncode == 0
+    assert many.runs == []
+    assert "0 folders removed, 0 bytes freed" in many.review("prune", "--keep", "0").stdout
 
 
 def test_what_a_kept_run_shares_is_not_counted_as_freed(toy):
@@ -92,32 +108,26 @@ def test_what_a_kept_run_shares_is_not_counted_as_freed(toy):
     check_wholeness(last)
 
 
-@pytest.mark.slow
-def test_a_run_at_work_or_paused_stays(toy):
-    toy("seed=1")
-    process = toy.start("doubling.pause_s=1.5")
-    wait_until(process, lambda: find_parts(toy))
-    busy = toy.runs[-1]
-    result = toy.review("prune", "--keep", "0")
+def test_a_run_at_work_or_paused_stays_and_one_that_was_killed_or_interrupted_goes(killed):
+    process = killed.start("doubling.pause_s=0.1")
+    wait_until(process, lambda: [part for part in find_parts(killed) if killed.runs[0] not in part.parents])
+    busy = killed.runs[1]
+    result = killed.review("prune", "--keep", "0")
+    assert result.returncode == 0, result.stderr
     assert "is at work" in told_of(result, busy)
-    assert toy.runs == [busy]
+    assert killed.runs == [busy]
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
-    facts = ledger_of(busy) | {"status": "paused"}
-    (busy / "run.json").write_text(json.dumps(facts))
-    assert "is paused, and waits for a person" in told_of(toy.review("prune", "--keep", "0"), busy)
     check_wholeness(busy)
-
-
-def test_killed_and_interrupted_runs_go(toy):
-    for number in (signal.SIGKILL, signal.SIGTERM):
-        process = toy.start(SLOWLY, f"counting.label=a{int(number)}")
-        wait_until(process, lambda: find_parts(toy))
-        process.send_signal(number)
-        process.communicate()
-        result = toy.review("prune", "--keep", "0")
-        assert result.returncode == 0, result.stderr
-        assert toy.runs == []
+    process = killed.start(SLOWLY)
+    wait_until(process, lambda: find_parts(killed))
+    process.send_signal(signal.SIGTERM)
+    process.communicate()
+    (busy / "run.json").write_text(json.dumps(ledger_of(busy) | {"status": "paused"}))
+    assert ledger_of(killed.runs[1])["status"] == "interrupted"
+    result = killed.review("prune", "--keep", "0")
+    assert "is paused, and waits for a person" in told_of(result, busy)
+    assert killed.runs == [busy]
 
 
 def test_what_was_measured_stays(tmp_path):
@@ -146,25 +156,24 @@ def test_what_was_measured_stays(tmp_path):
     )
 
 
-def test_what_a_kept_run_needs_stays_and_what_that_needs(toy, tmp_path):
-    scales = Command(toy.outputs, *CONFIG, "workflow=scales")
-    toy("counting.label=unneeded")
-    toy()
-    base = toy.runs[-1]
+def test_what_a_kept_run_needs_stays_and_what_that_needs(done, tmp_path):
+    scales = Command(done.outputs, *CONFIG, "workflow=scales")
+    (base,) = done.runs
+    done("counting.label=unneeded")
     option = base / "documents" / "amended.yaml"
     option.write_text("count: 3\nlabel: amended\nspoil: null\n")
-    toy(f"counting={os.path.relpath(option, ROOT)}")
-    middle = toy.runs[-1]
+    done(f"counting={os.path.relpath(option, ROOT)}")
+    middle = done.runs[-1]
     scales(f"weighing.what={middle}/tables")
     last = scales.runs[-1]
-    result = toy.review("prune", "--keep", "1")
+    result = done.review("prune", "--keep", "1")
     assert result.returncode == 0
-    assert toy.runs == [base, middle, last]
+    assert done.runs == [base, middle, last]
     assert f"is needed by {last.name}, which names {middle}/tables" in told_of(result, middle)
     assert f"is needed by {middle.name}, which names " in told_of(result, base)
     assert "everything is fresh" in scales(f"weighing.what={middle}/tables", "plan=true").stdout
     moved = Command(tmp_path / "moved")
-    shutil.move(toy.outputs, moved.outputs)
+    shutil.move(done.outputs, moved.outputs)
     assert moved.review("prune", "--keep", "1").returncode == 0
     assert [run.name for run in moved.runs] == [base.name, middle.name, last.name]
     shutil.rmtree(moved.runs[-1])
@@ -172,28 +181,20 @@ def test_what_a_kept_run_needs_stays_and_what_that_needs(toy, tmp_path):
     assert moved.runs == []
 
 
-def test_a_path_that_counts_from_within_a_run_is_understood(toy):
-    toy()
-    base = toy.runs[-1]
+def test_a_path_that_counts_from_within_a_run_is_understood(done):
+    base = done.runs[-1]
     (base / "documents" / "amended.yaml").write_text("count: 3\nlabel: amended\nspoil: null\n")
-    line = [sys.executable, "-m", "pipeline", "--config-dir", str(ROOT / "tests/pipeline/conf"), "workflow=toy"]
-    environment = {**toy.environment, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [*line, f"outputs={toy.outputs}", "counting=amended.yaml"],
-        cwd=base / "documents",
-        env=environment,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "which names amended.yaml" in told_of(toy.review("prune", "--keep", "1"), base)
-    assert len(toy.runs) == 2
+    within = Command(done.outputs, "--config-dir", str(ROOT / "tests/pipeline/conf"), "workflow=toy")
+    within.root = base / "documents"
+    assert within("counting=amended.yaml").returncode == 0
+    assert "which names amended.yaml" in told_of(done.review("prune", "--keep", "1"), base)
+    assert len(done.runs) == 2
 
 
-@pytest.mark.slow
 def test_sweeps_stay_unless_told_and_go_whole(toy):
     for name in ("old", "new"):
-        assert toy("-m", f"sweep={name}", "seed=0,1", f"counting.label={name}").returncode == 0
+        made = toy(*ALONE, f"sweep={name}", "seed=0,1", f"counting.label={name}", apart=True)
+        assert made.returncode == 0, made.stderr
     toy()
     sweeps = toy.outputs / "sweeps"
     result = toy.review("prune", "--keep", "0")
@@ -205,7 +206,7 @@ def test_sweeps_stay_unless_told_and_go_whole(toy):
     assert [each.name for each in sweeps.iterdir()] == ["new"]
     for job in (sweeps / "new").glob("[!.]*/"):
         check_wholeness(job)
-    assert "2 done" in toy("-m", "sweep=new", "seed=0,1", "counting.label=new", "plan=true").stdout
+    assert "2 done" in toy(*ALONE, "sweep=new", "seed=0,1", "counting.label=new", "plan=true").stdout
     scales = Command(toy.outputs, *CONFIG, "workflow=scales")
     job = next((sweeps / "new").glob("*seed=0*"))
     assert scales(f'weighing.what="{job}/tables"').returncode == 0
@@ -227,9 +228,8 @@ def test_a_sweep_at_work_stays(toy):
     assert not list((toy.outputs / "sweeps").iterdir())
 
 
-def test_links_are_not_followed_and_read_only_files_go(toy, tmp_path):
-    toy()
-    (run,) = toy.runs
+def test_links_are_not_followed_and_read_only_files_go(done, tmp_path):
+    (run,) = done.runs
     outside = tmp_path / "precious"
     outside.mkdir()
     (outside / "file").write_text("kept")
@@ -239,7 +239,7 @@ def test_links_are_not_followed_and_read_only_files_go(toy, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     shutil.copytree(run, elsewhere, symlinks=True)
     (run.parent / "2001-01-01_00-00-00").symlink_to(elsewhere)
-    result = toy.review("prune", "--keep", "0", before=obey_permissions)
+    result = done.review("prune", "--keep", "0", before=obey_permissions)
     assert result.returncode == 0, result.stderr
     assert "is a link to elsewhere; remove it by hand" in result.stdout
     assert not run.exists()
@@ -247,79 +247,51 @@ def test_links_are_not_followed_and_read_only_files_go(toy, tmp_path):
     assert (elsewhere / "run.json").exists()
 
 
-def test_what_cannot_be_read_is_left_alone(toy):
-    toy()
-    (run,) = toy.runs
+def test_what_cannot_be_read_is_left_alone(done):
+    (run,) = done.runs
     (run / "run.json").write_text("{}")
     (run.parent / "mine").mkdir()
     (run.parent / "note.txt").touch()
     before = snapshot(run.parent)
-    result = toy.review("prune", "--keep", "0")
+    result = done.review("prune", "--keep", "0")
     assert result.returncode == 0
     assert "has no run.json that can be read; look at it, and remove it by hand" in told_of(result, run)
     assert snapshot(run.parent) == before
 
 
-KILLED = """
-import os, sys
-from pipeline.review import __main__ as review, prune
-
-delete = prune._delete
-count = 0
-
-def die(folder):
-    global count
-    count += 1
-    if count == 3:
-        os._exit(9)
-    delete(folder)
-
-prune._delete = die
-review.main(sys.argv[1:])
-"""
+def die_at_the_third_folder():
+    """Have a process end, as if it was killed, when it has removed two folders."""
+    delete, count = prune._delete, iter(range(3))
+    prune._delete = lambda folder: os._exit(9) if next(count) == 2 else delete(folder)
 
 
-def test_killed_in_between_leaves_what_the_next_one_clears_up(toy):
-    toy("seed=0")
-    toy("seed=1")
-    first, last = toy.runs
-    line = [sys.executable, "-c", KILLED, "--outputs", str(toy.outputs), "prune", "--keep", "1"]
-    assert subprocess.run(line, cwd=ROOT, capture_output=True).returncode == 9
-    (hidden,) = toy.outputs.glob("runs/.pruned-*")
+def test_killed_in_between_leaves_what_the_next_one_clears_up(many):
+    first, *others = many.runs
+    assert many.review("prune", "--keep", "3", before=die_at_the_third_folder).returncode == 9
+    (hidden,) = many.outputs.glob("runs/.pruned-*")
     assert any(hidden.rglob("*"))
     assert not first.exists()
-    assert f"{first.name} " not in toy.review("list").stdout
-    assert "not made before" not in toy("seed=1", "plan=true").stdout
-    assert toy("seed=2").returncode == 0
+    assert f"{first.name} " not in many.review("list").stdout
+    assert "not made before" not in many("seed=2", "plan=true").stdout
+    assert many("seed=4").returncode == 0
     assert hidden.exists()
-    assert "left by a prune that was stopped" in toy.review("prune", "--keep", "2", "--dry-run").stdout
+    assert "left by a prune that was stopped" in many.review("prune", "--keep", "4", "--dry-run").stdout
     assert hidden.exists()
-    assert toy.review("prune", "--keep", "2").returncode == 0
+    assert many.review("prune", "--keep", "4").returncode == 0
     assert not hidden.exists()
-    assert last in toy.runs
+    assert many.runs[:3] == others
 
 
-def test_a_folder_that_cannot_be_removed_is_told(toy):
-    toy("seed=0")
-    (run,) = toy.runs
+def test_a_folder_that_cannot_be_removed_is_told(done):
+    (run,) = done.runs
     run.parent.chmod(0o555)
-    result = toy.review("prune", "--keep", "0", before=obey_permissions)
+    result = done.review("prune", "--keep", "0", before=obey_permissions)
     run.parent.chmod(0o755)
     assert result.returncode == 1
     (line,) = result.stderr.splitlines()
     assert f"cannot remove {run} (Permission denied); make {run.parent} writable" in line
     assert "0 folders removed, 0 bytes freed" in result.stdout
     check_wholeness(run)
-
-
-def test_dry_run_changes_nothing(toy):
-    toy("seed=0")
-    toy("seed=1")
-    before = snapshot(toy.outputs)
-    times = {path: path.lstat().st_mtime_ns for path in before}
-    assert toy.review("prune", "--keep", "1", "--dry-run").returncode == 0
-    assert snapshot(toy.outputs) == before
-    assert {path: path.lstat().st_mtime_ns for path in before} == times
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,16 @@
 import functools
 from pathlib import Path
 
+import numpy as np
+import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from pydantic import TypeAdapter
 
 from stages.plant.exoskeleton import Exoskeleton
+from stages.plant.machine import read_machine
 from stages.plant.plant import Plant
+from stages.plant.record_plant import Beginning
 from stages.rig.sim import SimulatedRig
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
@@ -48,3 +52,13 @@ def other_rig(exoskeleton: Exoskeleton, plant: str = "nominal") -> SimulatedRig:
     kept = [effect for effect in values["plant"]["effects"] if not effect.get("muscles")]
     values["plant"]["effects"] = kept
     return SimulatedRig.model_validate(values | {"exoskeleton": exoskeleton.model_dump()})
+
+
+def read_plant(name: str = "static_map", **changes: object):
+    """Return the machine of records that `plant=...` describes, with changes."""
+    return read_machine({**yaml.safe_load((CONF / "plant" / f"{name}.yaml").read_text()), **changes})
+
+
+def begin_surely(place: float, rate: float, error: float = 1e-6) -> Beginning:
+    """Return the beginning of a record that shows a place and a rate."""
+    return Beginning(*(np.array([each]) for each in (place, error, rate, error, error)))

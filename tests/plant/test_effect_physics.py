@@ -153,15 +153,21 @@ def relax(form, **parameters):
     return (plain - bent)[500:], np.arange(2500) * STEP_S
 
 
-def test_creep_relaxes_exponentially_and_as_stiff_as_pressure_makes_it():
-    lost, since = relax("creep-pressure_scaled", share=0.2, tau_s=0.8)
-    assert lost == pytest.approx(0.2 * FULL * 0.5 * 0.02 * np.exp(-since / 0.8), rel=0.01, abs=1e-3)
-
-
-def test_two_branches_relax_as_their_mean():
-    lost, since = relax("creep-two_branches", share=0.2, tau_s=0.5, ratio=8.0)
-    mean = 0.5 * (np.exp(-since / 0.5) + np.exp(-since / 4.0))
-    assert lost == pytest.approx(0.2 * FULL * 0.02 * mean, rel=0.01, abs=1e-3)
+@pytest.mark.parametrize(
+    ("form", "values", "fading"),
+    [
+        ("creep", {"tau_s": 0.8}, lambda since: np.exp(-since / 0.8)),
+        ("creep-pressure_scaled", {"tau_s": 0.8}, lambda since: 0.5 * np.exp(-since / 0.8)),
+        (
+            "creep-two_branches",
+            {"tau_s": 0.5, "ratio": 8.0},
+            lambda since: 0.5 * (np.exp(-since / 0.5) + np.exp(-since / 4.0)),
+        ),
+    ],
+)
+def test_creep_relaxes_exponentially_and_as_stiff_as_pressure_makes_it(form, values, fading):
+    lost, since = relax(form, share=0.2, **values)
+    assert lost == pytest.approx(0.2 * FULL * 0.02 * fading(since), rel=0.01, abs=1e-3)
 
 
 def test_force_relaxes_after_a_step_of_pressure():

@@ -3,7 +3,6 @@ import pytest
 
 from stages.plant import interaction, joint, muscle, operators, valve
 from stages.plant.chain import Chain
-from stages.plant.effect import list_effects
 from stages.plant.interaction import interact
 from stages.plant.participant import Intention, embody, intend, nobody, rest
 from stages.plant.plant import Plant
@@ -181,7 +180,3 @@ def test_changing_effects_compiles_nothing():
         move(with_effects(rich, *chosen))
     assert [len(kernel.signatures) for kernel in kernels] == before == [1, 1, 1, 1]
     assert [sum(kernel.stats.cache_misses.values()) for kernel in kernels] == hits
-
-
-def test_there_are_effects_to_choose():
-    assert {"none", "hysteresis", "coulomb_friction"} <= set(list_effects())

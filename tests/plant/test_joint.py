@@ -12,15 +12,16 @@ NOBODY = Person(0.0, 0.0, 0.0, 0.0)
 PENDULUM = JointConstants(0.4, 12.0, 0.0, 0.0, -3.0, 3.0, 1000.0, 5.0, 0.0, 1.0)
 
 
-def swing(joint, start, samples=1000, step=0.004, substeps=2):
-    """Motion of a joint with no muscle and nobody."""
+def hold(joint, start, samples=1000, person=NOBODY, intended=0.0, push=0.0):
+    """Motion of a joint without muscles which a person may hold."""
     none = np.zeros((samples, 0))
-    still = Intention(*(np.zeros((samples, 1)) for _ in range(3)))
+    still = np.zeros((samples, 1))
+    intention = Intention(still + intended, still, still + push)
     rig = configured()
     constants = collect_constants(rig.exoskeleton, rig.plant)
     no_muscles = type(constants)(*(column[:0] for column in constants))
     motion = integrate_joints(
-        none, none, none, still, np.array([start]), [joint], no_muscles, [], [NOBODY], step, substeps
+        none, none, none, intention, np.array([start]), [joint], no_muscles, [], [person], 0.004, 2
     )
     return motion[0][:, 0], motion[1][:, 0]
 
@@ -30,13 +31,13 @@ def energy(joint, angle, velocity):
 
 
 def test_a_free_pendulum_keeps_its_energy():
-    angle, velocity = swing(PENDULUM, 1.0)
+    angle, velocity = hold(PENDULUM, 1.0)
     assert energy(PENDULUM, angle, velocity) == pytest.approx(energy(PENDULUM, 1.0, 0.0), abs=1e-6)
     assert angle.min() == pytest.approx(-1.0, abs=1e-3)
 
 
 def test_a_small_swing_has_the_closed_form():
-    angle, _ = swing(PENDULUM._replace(viscous_nm_s_per_rad=0.5), 1e-3)
+    angle, _ = hold(PENDULUM._replace(viscous_nm_s_per_rad=0.5), 1e-3)
     decay, natural = 0.5 / (2 * 0.4), np.sqrt(12.0 / 0.4)
     damped = np.sqrt(natural**2 - decay**2)
     time = np.arange(1000) * 0.004
@@ -44,9 +45,9 @@ def test_a_small_swing_has_the_closed_form():
     assert angle == pytest.approx(truth, abs=2e-9)
 
 
-def test_dry_friction_dissipates_evenly_and_stops_the_swing():
+def test_dry_friction_dissipates_evenly_and_stops_the_hold():
     rubbing = PENDULUM._replace(coulomb_nm=0.4, coulomb_rad_per_s=0.02)
-    angle, velocity = swing(rubbing, 1.0, samples=6000)
+    angle, velocity = hold(rubbing, 1.0, samples=6000)
     stored = energy(rubbing, angle, velocity)
     assert (np.diff(stored) < 1e-7).all()
     turns = np.flatnonzero(np.diff(np.sign(velocity)) != 0)[:6]
@@ -57,7 +58,7 @@ def test_dry_friction_dissipates_evenly_and_stops_the_swing():
 
 def test_end_stops_hold():
     stopped = PENDULUM._replace(lower_rad=-0.2, upper_rad=1.2)
-    angle, velocity = swing(stopped, 1.0, samples=3000)
+    angle, velocity = hold(stopped, 1.0, samples=3000)
     assert -0.45 < angle.min() < -0.2
     assert energy(stopped, angle[-1], velocity[-1]) < energy(stopped, 1.0, 0.0)
 
@@ -113,46 +114,17 @@ def test_motion_agrees_with_an_adaptive_solver(generator, effects):
     assert velocity == pytest.approx(truth[2:4].T, abs=2e-5)
 
 
-def test_a_person_is_no_stronger_than_they_are():
-    rig = configured()
+@pytest.mark.parametrize(("strength", "height"), [(80.0, np.pi / 2), (20.0, np.arcsin(20.0 / 50.0))])
+def test_a_person_is_no_stronger_than_they_are(strength, height):
     joint = PENDULUM._replace(gravity_torque_nm=50.0, viscous_nm_s_per_rad=8.0)
-    constants = collect_constants(rig.exoskeleton, rig.plant)
-    no_muscles = type(constants)(*(column[:0] for column in constants))
-    none, horizontal = np.zeros((2000, 0)), np.full((2000, 1), np.pi / 2)
-    zeros = np.zeros((2000, 1))
-    held = {}
-    for strength in (20.0, 80.0):
-        person = [Person(60.0, 10.0, 3.0, strength)]
-        motion = integrate_joints(
-            none,
-            none,
-            none,
-            Intention(horizontal, zeros, zeros),
-            horizontal[0],
-            [joint],
-            no_muscles,
-            [],
-            person,
-            0.004,
-            2,
-        )
-        held[strength] = motion[0][-1, 0]
-    assert held[80.0] == pytest.approx(np.pi / 2, abs=1e-6)
-    assert held[20.0] == pytest.approx(np.arcsin(20.0 / 50.0), abs=1e-3)
+    angle, _ = hold(joint, np.pi / 2, 2000, Person(60.0, 10.0, 3.0, strength), intended=np.pi / 2)
+    assert angle[-1] == pytest.approx(height, abs=1e-6 if strength > 50.0 else 1e-3)
 
 
 def test_an_overcome_person_does_not_wind_up():
     joint = PENDULUM._replace(gravity_torque_nm=0.0, lower_rad=-1.0)
-    rig = configured()
-    constants = collect_constants(rig.exoskeleton, rig.plant)
-    no_muscles = type(constants)(*(column[:0] for column in constants))
-    none, zeros = np.zeros((2000, 0)), np.zeros((2000, 1))
     push = np.where(np.arange(2000)[:, None] < 1000, -60.0, 0.0)
-    person = [Person(60.0, 7.0, 3.0, 40.0)]
-    motion = integrate_joints(
-        none, none, none, Intention(zeros, zeros, push), np.zeros(1), [joint], no_muscles, [], person, 0.004, 2
-    )
-    angle = motion[0][:, 0]
+    angle, _ = hold(joint, 0.0, 2000, Person(60.0, 7.0, 3.0, 40.0), push=push)
     assert angle[999] < -0.95
     assert angle[1000:].max() < 0.5
     assert np.abs(angle[1400:]).max() < 0.02

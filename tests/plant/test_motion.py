@@ -1,9 +1,8 @@
-import time
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from stages.plant import motion
 from stages.plant.effect import DynamicEffect, find_effect, list_effects, list_forms
 from stages.plant.motion import SITE, MotionTerms, integrate, refine, turn
 from stages.plant.record_plant import collect
@@ -111,8 +110,6 @@ def test_zero_magnitude_is_absence_and_each_start_is_not(effect, generator):
         present = answer(signal, terms_of((effect, {**starts, effect.parameters[0].name: start})))
         assert np.isfinite(present).all()
         assert np.abs(present - absent).max() > 1e-4
-    for parameter in effect.parameters:
-        assert all(parameter.low <= start <= parameter.high for start in parameter.starts)
 
 
 def test_a_delay_shifts_the_response():
@@ -125,11 +122,11 @@ def test_a_delay_shifts_the_response():
 def test_combining_effects_compiles_nothing():
     signal = np.zeros(50)
     answer(signal)
-    began = time.perf_counter()
+    compiled = list(motion._integrate.signatures)
     for effect in FORMS:
         values = {parameter.name: parameter.starts[0] for parameter in effect.parameters}
         answer(signal, terms_of((effect, values)))
-    assert time.perf_counter() - began < 0.2
+    assert motion._integrate.signatures == compiled
 
 
 def test_an_effect_twice_or_of_another_machine_is_refused():

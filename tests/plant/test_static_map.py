@@ -2,25 +2,16 @@
 
 import numpy as np
 import pytest
-import yaml
-from pydantic import ValidationError
 
 from stages.plant.effect import ElementEffect, list_effects, list_forms
-from stages.plant.machine import read_machine
-from stages.plant.machines.static_map import StaticMap
-from tests.plant.machines import CONF
+from tests.plant.machines import read_plant
 
 STEP_S = 0.01
 FORMS = [form for name in list_effects() for form in list_forms(name) if isinstance(form, ElementEffect)]
 
 
-def read_spring(**changes):
-    told = yaml.safe_load((CONF / "plant" / "static_map.yaml").read_text())
-    return read_machine({**told, **changes})
-
-
 def test_the_spring_goes_with_the_way_that_is_named():
-    spring = read_spring(along="s_m", output="f_n")
+    spring = read_plant(along="s_m", output="f_n")
     assert spring.inputs == ("s_m",)
     assert spring.answer({"s_m": np.array([2.0])}, {"stiffness": 3.0, "offset": 1.0}) == pytest.approx([7.0])
 
@@ -32,7 +23,7 @@ def sweep(samples=2000):
 
 def settled(**changes):
     signals = sweep()
-    return read_spring(**changes).settle([{**signals, "force_n": 900.0 * signals["position_m"] - 4.0}], STEP_S)
+    return read_plant(**changes).settle([{**signals, "force_n": 900.0 * signals["position_m"] - 4.0}], STEP_S)
 
 
 def answer(plant, effects=(), constants=None):
@@ -48,7 +39,7 @@ def test_the_answer_is_a_sum_of_products():
         "bend": {"unit": "N/m2", "of": ["position_m"] * 2, "start": 0.0, "low": -9.0, "high": 9.0, "sd": 1.0},
         "zero": {"unit": "N", "of": [], "start": 0.0, "low": -9.0, "high": 9.0, "sd": 1.0},
     }
-    plant = read_spring(constants=constants)
+    plant = read_plant(constants=constants)
     assert plant.inputs == ("position_m", "pressure_kpa")
     signals = {"position_m": np.array([[0.1], [0.2]]), "pressure_kpa": np.array([[100.0], [300.0]])}
     found = plant.simulate(signals, STEP_S, np.zeros(1), {"area": 0.5, "bend": 7.0, "zero": -3.0})
@@ -68,7 +59,7 @@ def test_what_is_left_open_is_the_data_s_own():
 
 def test_before_there_are_data_its_bounds_are_open():
     with pytest.raises(ValueError, match="there are no data yet"):
-        _ = read_spring().parameters
+        _ = read_plant().parameters
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.name}-{form.form}")
@@ -106,38 +97,3 @@ def test_a_play_turns_within_its_width_and_may_begin_in_mid_turn():
         stop = min(max(stop + step / 0.1, -1.0), 1.0)
         expected.append(0.2 * stop)
     np.testing.assert_allclose(loop, expected, atol=1e-9)
-
-
-def test_an_amended_plant_simulates_as_fitted_and_reads_back():
-    plant = settled()
-    form = next(each for each in FORMS if each.name == "cubic_stiffness")
-    amended = plant.amend({"stiffness": 800.0, "offset": 1.0}, [(form.name, form.form, {"share": 0.2})])
-    again = read_machine(yaml.safe_load(yaml.safe_dump(amended.model_dump())))
-    assert isinstance(again, StaticMap)
-    constants = {each.name: each.prior_mean for each in again.parameters}
-    np.testing.assert_allclose(
-        answer(again, constants=constants), answer(plant, [(form, {"share": 0.2})], {"stiffness": 800.0, "offset": 1.0})
-    )
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"output": "position_m"}, "another signal"),
-        ({"kind": "static_mpa"}, "did you mean 'static_map'"),
-        ({"along_scale": -1.0}, "greater than 0"),
-        ({"effects": [{"name": "leakage", "per_s": 1.0}]}, "does not act at an element"),
-        ({"effects": [{"name": "creep", "share": 0.1, "paces": 1.0}] * 2}, "each name once"),
-        (
-            {"constants": {"k": {"unit": "1", "of": [], "start": 1.0, "low": 0.0, "high": None, "sd": 1.0}}},
-            "null for all",
-        ),
-        (
-            {"constants": {"k": {"unit": "1", "of": [], "start": 3.0, "low": 0.0, "high": 2.0, "sd": 1.0}}},
-            "low <= start",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused(changes, told):
-    with pytest.raises((ValidationError, ValueError), match=told):
-        read_spring(**changes)

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-import yaml
-from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
 from stages.plant.effect import find_effect
-from stages.plant.machine import read_machine
-from stages.plant.record_plant import HEAD, Beginning, read_beginning
-from tests.plant.machines import CONF
+from stages.plant.record_plant import HEAD, read_beginning
+from tests.plant.machines import begin_surely, read_plant
 
 STEP_S = 4.0
 CONSTANTS = {
@@ -26,19 +23,16 @@ RIM = find_effect("overflow", "rim")
 CUT = find_effect("saturation", "tank_reading")
 
 
-def read_tanks(**changes):
-    return read_machine({**yaml.safe_load((CONF / "plant" / "cascaded_tanks.yaml").read_text()), **changes})
-
-
 def begin(upper=UPPER, lower=LOWER, error=1e-3):
-    rate = 0.05 * np.sqrt(upper) - 0.04 * np.sqrt(lower)
-    return Beginning(*np.array([[lower + 0.3], [error], [rate], [error], [error]]))
+    return begin_surely(lower + 0.3, 0.05 * np.sqrt(upper) - 0.04 * np.sqrt(lower), error)
 
 
 def fill(pump, effects=(), begun=None, **changes):
     signals = {"pump_v": np.asarray(pump, dtype=float)[:, None]}
     constants = {**CONSTANTS, **changes}
-    return read_tanks().simulate(signals, STEP_S, np.zeros(1), constants, effects, begun or begin())[:, 0]
+    return read_plant("cascaded_tanks").simulate(signals, STEP_S, np.zeros(1), constants, effects, begun or begin())[
+        :, 0
+    ]
 
 
 def test_levels_rest_where_torricelli_says():
@@ -48,7 +42,8 @@ def test_levels_rest_where_torricelli_says():
     assert reading[-1] == pytest.approx(lower + 0.3, abs=1e-6)
     assert reading[0] == pytest.approx(6.3)
     np.testing.assert_allclose(
-        read_tanks().simulate({"pump_v": np.full((9, 1), 2.5)}, STEP_S, np.zeros(1), CONSTANTS), lower + 0.3
+        read_plant("cascaded_tanks").simulate({"pump_v": np.full((9, 1), 2.5)}, STEP_S, np.zeros(1), CONSTANTS),
+        lower + 0.3,
     )
 
 
@@ -75,7 +70,9 @@ def test_each_record_begins_where_its_own_first_readings_say(generator):
     measured = exact + 0.02 * generator.standard_normal(exact.shape)
     begun = read_beginning(list(measured[:HEAD].T), STEP_S)
     measured[HEAD:] = np.nan
-    found = read_tanks().simulate({"pump_v": pump, "level_v": measured}, STEP_S, np.zeros(1), CONSTANTS, (), begun)
+    found = read_plant("cascaded_tanks").simulate(
+        {"pump_v": pump, "level_v": measured}, STEP_S, np.zeros(1), CONSTANTS, (), begun
+    )
     np.testing.assert_allclose(found, exact, atol=0.05)
 
 
@@ -103,30 +100,3 @@ def test_a_reading_is_cut_and_the_level_is_not():
     plain, cut = fill(pump), fill(pump, [(CUT, {"share": 1.0, "lowest": 1.4, "highest": 2.0})])
     assert plain.min() < 7.0
     np.testing.assert_array_equal(cut, np.clip(plain, 7.0, 10.0))
-
-
-def test_an_amended_plant_simulates_as_fitted_and_reads_back():
-    settled = read_tanks().settle([], STEP_S)
-    amended = settled.amend(CONSTANTS, [(RIM.name, RIM.form, {"scale_over_rim": 1.0, "share_down": 0.4})])
-    again = read_machine(yaml.safe_load(yaml.safe_dump(amended.model_dump())))
-    constants = {each.name: each.prior_mean for each in again.parameters}
-    assert constants == CONSTANTS
-    pump = 4.0 + np.sin(0.05 * np.arange(800))[:, None]
-    np.testing.assert_array_equal(
-        again.simulate({"pump_v": pump}, STEP_S, np.zeros(1), constants, (), begin())[:, 0],
-        fill(pump[:, 0], [(RIM, {"scale_over_rim": 1.0, "share_down": 0.4})]),
-    )
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"output_scale": 0.0}, "greater than 0"),
-        ({"effects": [{"name": "creep", "share": 0.1}]}, "does not act at a tank"),
-        ({"effects": [{"name": "overflow", "scale_over_rim": 1.0, "share_down": 0.1}] * 2}, "sets the same term"),
-        ({"substeps": 0}, "greater than or equal to 1"),
-    ],
-)
-def test_what_cannot_be_is_refused(changes, told):
-    with pytest.raises(ValidationError, match=told):
-        read_tanks(**changes)

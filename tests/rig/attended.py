@@ -1,13 +1,16 @@
 """A rig without a machine: what it tells a desk, in a thread, at a hundred samples a second."""
 
+import contextlib
 import threading
 import time
 
 import numpy as np
+import pytest
 
+from stages.rig import clock
 from stages.rig.attendance import Moment, Proposal, StudyPaused, TrialDeclined
 from stages.rig.contract import Recording, Trial
-from stages.rig.desk import Desk, DeskSettings
+from stages.rig.desk import Desk, DeskSettings, Refused
 from tests.plant.machines import other_machine
 
 RATE_HZ = 100.0
@@ -79,9 +82,18 @@ class Study(threading.Thread):
                 self.ended.append(error)
                 return
 
+    def leave(self):
+        """Stop, and pause at the next question."""
+        self.desk.stop("the test is over")
+        while self.is_alive():
+            scene = self.desk.see()
+            with contextlib.suppress(Refused):
+                self.desk.decide(scene["choices"][-1] if scene["choices"] else "", "", scene["question"])
+            clock.sleep(0.01)
+
     def execute(self, trial):
         self.desk.propose(trial)
-        moments, why = self.move(trial, time.monotonic() + self.fill_s)
+        moments, why = self.move(trial, clock.now_s() + self.fill_s)
         if why:
             self.desk.judge(trial, None, f"stopped: {why}")
             raise AssertionError("a stopped trial was kept")
@@ -94,9 +106,9 @@ class Study(threading.Thread):
         moments = []
         first = -round(self.fill_s * RATE_HZ)
         for index in range(first, self.desk.machine.samples):
-            time.sleep(max(starts_at_s + index / RATE_HZ - time.monotonic(), 0.0))
+            clock.sleep(starts_at_s + index / RATE_HZ - clock.now_s())
             if why := self.desk.why_stop():
-                self.stopped_s = time.monotonic()
+                self.stopped_s = clock.now_s()
                 return moments, why
             moment = take(trial, self.desk.machine, index / RATE_HZ)
             self.desk.show(moment)
@@ -108,9 +120,26 @@ class Study(threading.Thread):
         return Recording(time_s, command, pressure, 0 * pressure, 0 * pressure, force, angle, 0 * angle)
 
 
-def wait_until(holds, within_s=3.0):
+def wait_until(holds, within_s=30.0):
+    """Wait for something that does not go by the clock of rigs."""
     end = time.monotonic() + within_s
     while not (found := holds()):
         assert time.monotonic() < end, "did not happen in time"
         time.sleep(0.002)
     return found
+
+
+@pytest.fixture
+def begin(turned):
+    """Begin a study of some trials, or of one, by a clock that passes while this thread sleeps by it only."""
+    turned.sleep(0.001)
+    begun = []
+
+    def begin(desk, *trials):
+        begun.append(Study(desk, *(trials or [make_trial(desk.machine)])))
+        turned.start(begun[-1])
+        return begun[-1]
+
+    yield begin
+    for each in begun:
+        each.leave()

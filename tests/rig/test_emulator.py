@@ -1,19 +1,16 @@
 """The emulated CPX-E answers the vendor's library as the device would, and its faults are what they say."""
 
-import json
-import os
+import select
 import socket
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
 
+from stages.rig import clock
 from stages.rig.contract import Trial
 from stages.rig.sim import SimulatedRig
 from tests.cpx_e.described import describe
-from tests.cpx_e.emulator import ROOT, Emulator
+from tests.cpx_e.turned import emulate
 from tests.plant.machines import configured
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
@@ -25,7 +22,6 @@ from cpx_io.cpx_system.cpx_e.eep import CpxEEp
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-pytestmark = pytest.mark.realtime
 MADE = {"EP": CpxEEp, "4AO": CpxE4AoUI, "4AI": CpxE4AiUI, "1CI": CpxE1Ci}
 
 
@@ -47,27 +43,10 @@ class Connected:
         self.cpx.shutdown()
 
 
-def wait_until(holds, within_s=1.0):
-    end = time.monotonic() + within_s
-    while not holds():
-        assert time.monotonic() < end, "did not happen in time"
-        time.sleep(0.002)
-
-
-@pytest.fixture(scope="module")
-def running():
-    with Emulator(describe()) as emulator:
-        yield emulator
-
-
 @pytest.fixture
-def emulator(running):
-    yield running
-    running.mend()
-    running.end()
-    with Connected(running) as device:
-        device.cpx.set_timeout(0)
-        device.outputs.write_channels([0] * 4)
+def emulator():
+    with emulate(describe()) as emulator:
+        yield emulator
 
 
 @pytest.fixture
@@ -89,7 +68,7 @@ def test_outputs_are_read_back_and_fill_the_muscles(emulator, device):
     device.outputs[1] = 2500
     assert device.outputs.read_channels() == [1000, 2500, 3000, 4000]
     assert emulator.state()["outputs_kpa"] == pytest.approx([40, 100, 120, 160])
-    time.sleep(0.5)
+    clock.sleep(0.5)
     assert 0.04 * np.array(device.pressures.read_channels()) == pytest.approx([40, 100, 120, 160], abs=2.5)
     assert min(device.forces.read_channels()) >= 0
 
@@ -132,14 +111,16 @@ def test_watchdog_vents_in_time_and_not_before(emulator, device):
     device.cpx.set_timeout(200)
     for _ in range(10):
         device.outputs.write_channels([2500] * 4)
-        time.sleep(0.05)
+        clock.sleep(0.05)
     assert emulator.state()["vented_at_s"] is None
     device.outputs.write_channels([2500] * 4)
     last = emulator.state()["last_request_at_s"]
-    before = emulator.state()["watchdog_count"]
-    wait_until(lambda: emulator.state()["watchdog_count"] > before)
+    clock.sleep(0.199)
+    assert emulator.state()["watchdog_count"] == 0
+    clock.sleep(0.01)
     state = emulator.state()
-    assert 0.2 < state["watchdog_fired_at_s"] - last < 0.25
+    assert state["watchdog_count"] == 1
+    assert 0.2 < state["watchdog_fired_at_s"] - last < 0.205
     assert state["vented_at_s"] == state["watchdog_fired_at_s"]
     assert state["outputs_kpa"] == [0.0] * 4
     assert device.outputs.read_channels() == [0] * 4
@@ -148,24 +129,23 @@ def test_watchdog_vents_in_time_and_not_before(emulator, device):
 def test_watchdog_counts_over_a_freeze(emulator, device):
     device.cpx.set_timeout(200)
     device.outputs.write_channels([2500] * 4)
-    before = emulator.state()["watchdog_count"]
     emulator.freeze()
-    time.sleep(0.3)
+    clock.sleep(0.3)
     emulator.thaw()
     assert device.outputs.read_channels() == [0] * 4
-    assert emulator.state()["watchdog_count"] == before + 1
+    assert emulator.state()["watchdog_count"] == 1
 
 
 def play(emulator, device, command, announce):
     """Write a command at the machine's rate and return what is read before each write."""
     counts = np.round(command / 0.04).astype(int).tolist()
     device.outputs.write_channels(counts[0])
-    time.sleep(0.3)
+    clock.sleep(0.3)
     step_s = 1.0 / emulator.machine["exoskeleton"]["sampling_rate_hz"]
     started = announce()
     read = []
     for k, each in enumerate(counts):
-        time.sleep(max(started + (k + 0.5) * step_s - time.monotonic(), 0.0))
+        clock.sleep(started + (k + 0.5) * step_s - clock.now_s())
         client = device.cpx.client
         words = client.readwrite_registers(read_address=45395, read_count=31, write_address=40003, values=each)
         read.append(words.registers)
@@ -187,23 +167,30 @@ def test_passive_trial_goes_as_in_simulation(emulator, device):
     command[30:70] += [20.0, 60.0, 10.0, 30.0]
     pressure, force, angle = play(emulator, device, command, lambda: emulator.trial("passive", "nobody", 100))
     expected = simulated("passive", "nobody", command)
-    off = np.abs(pressure - expected.pressure_kpa)  # single samples may be read late on a busy machine
+    off = np.abs(pressure - expected.pressure_kpa)
     assert 1.4826 * np.median(off, axis=0) == pytest.approx(0.4 * 2**0.5, rel=0.45)
-    assert np.quantile(off, 0.95) < 3.0
-    assert np.quantile(np.abs(angle - expected.joint_angle_rad), 0.95) < 0.005
+    assert off.max() < 3.0
+    assert np.abs(angle - expected.joint_angle_rad).max() < 0.005
     assert np.sqrt(((force - expected.force_n) ** 2).mean(axis=0)).max() < 4.5
 
 
 def test_cut_drops_clients_and_refuses_new_ones(emulator, device):
     emulator.fault("cut", for_s=0.2)
-    wait_until(lambda: emulator.state()["clients"] == 0)
+    assert emulator.state()["clients"] == 0
     with pytest.raises(ConnectionAbortedError):
         device.pressures.read_channels()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", emulator.port), timeout=0.1)
-    time.sleep(0.25)
+    clock.sleep(0.25)
     with Connected(emulator) as again:
         assert again.cpx.module_count() == 6
+
+
+def ask(emulator, client, request):
+    client.sendall(request)
+    while not select.select([client], [], [], 0.0)[0]:
+        emulator.serve()
+    return client.recv(300)
 
 
 @pytest.mark.parametrize(
@@ -213,14 +200,12 @@ def test_cut_drops_clients_and_refuses_new_ones(emulator, device):
 def test_garbage_is_an_answer_with_something_wrong(emulator, device, variant, header_holds):
     request = bytes.fromhex("000700000006 01 03 b15d 0004")
     with socket.create_connection(("127.0.0.1", emulator.port), timeout=1.0) as client:
-        client.sendall(request)
-        right = client.recv(300)
+        right = ask(emulator, client, request)
         assert right[:9] == bytes.fromhex("00070000000b 01 03 08")
         emulator.fault("garbage", variant=variant)
         wrong = []
         for _ in range(10):
-            client.sendall(request)
-            wrong.append(client.recv(300))
+            wrong.append(ask(emulator, client, request))
     assert all(each[:8] != right[:8] for each in wrong)
     assert all(each[header_holds] == right[header_holds] for each in wrong)
     if variant == "transaction":
@@ -234,12 +219,12 @@ def test_silent_and_slow(emulator, device):
     with pytest.raises(ModbusException):
         device.pressures.read_channels()
     assert emulator.state()["messages"] == before + 1
-    time.sleep(0.1)
+    clock.sleep(0.1)
     device.cpx.client.connect()
     emulator.fault("slow", delay_s=0.05)
-    begun = time.monotonic()
+    begun = clock.now_s()
     device.pressures.read_channels()
-    assert 0.05 < time.monotonic() - begun < 0.1
+    assert 0.05 < clock.now_s() - begun < 0.1
 
 
 def test_sensor_faults(emulator, device):
@@ -247,8 +232,8 @@ def test_sensor_faults(emulator, device):
     emulator.fault("sensor", channel="pam1.pressure", mode="frozen")
     emulator.fault("sensor", channel="pam2.force", mode="counts", counts=-32768)
     emulator.fault("sensor", channel="SFE.encoder", mode="counts", counts=123456, after_s=0.05)
-    time.sleep(0.02)
-    seen = [(device.pressures[0], device.pressures[1], device.forces[1]) for _ in range(20) if not time.sleep(0.01)]
+    clock.sleep(0.02)
+    seen = [(device.pressures[0], device.pressures[1], device.forces[1]) for _ in range(20) if not clock.sleep(0.01)]
     assert len({each[0] for each in seen}) == 1
     assert len({each[1] for each in seen}) > 5
     assert {each[2] for each in seen} == {-32768}
@@ -261,7 +246,7 @@ def test_overpressure_and_overspeed(emulator, device):
     emulator.fault("overpressure", muscle="pam3", kpa=400.0)
     emulator.fault("overspeed", joint="EFE", rad_per_s=5.0)
     first = device.encoders[1].read_value()
-    time.sleep(0.4)
+    clock.sleep(0.4)
     assert 0.04 * device.pressures[2] == pytest.approx(400.0, abs=5.0)
     assert 0.000628 * (device.encoders[1].read_value() - first) == pytest.approx(2.0, abs=0.3)
     assert emulator.state()["outputs_kpa"] == [0.0] * 4
@@ -272,27 +257,3 @@ def test_strange_requests_are_answered_with_an_error(emulator):
         emulator.fault("fire")
     with pytest.raises(RuntimeError, match="reference_rad"):
         emulator.trial("tracked", "p1", 100)
-
-
-def processes_of(group):
-    told = subprocess.run(["ps", "-eo", "pgid=,stat="], capture_output=True, text=True, check=True)
-    return sum(line.split()[0] == str(group) and "Z" not in line for line in told.stdout.splitlines())
-
-
-def test_nothing_is_left_behind_by_killing_a_frozen_one():
-    with Emulator(describe()) as emulator:
-        group = emulator.pid
-        assert processes_of(group) == 2
-        emulator.freeze()
-        emulator.kill()
-        wait_until(lambda: processes_of(group) == 0)
-
-
-def test_it_ends_with_its_stdin(tmp_path):
-    path = tmp_path / "machine.json"
-    path.write_text(json.dumps(describe()))
-    command = [sys.executable, "-m", "tests.cpx_e", str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT, env=os.environ) as server:
-        assert set(json.loads(server.stdout.readline())) == {"port", "control"}
-        server.stdin.close()
-        assert server.wait(timeout=5) == 0

@@ -1,20 +1,18 @@
 """Ten designed trials on an emulated device teach as much as on the simulated rig."""
 
-import os
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pandas as pd
 import pytest
+from hydra import compose, initialize_config_dir
 from scipy import stats
 
-from tests.cpx_e.emulator import ROOT, Emulator
+from pipeline.runner import run_study
+from tests.conftest import ROOT
 from tests.cpx_e.rig import describe_machine, describe_rig
+from tests.cpx_e.turned import emulate
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 
 STUDY = (
     "plant=nominal",
@@ -26,37 +24,33 @@ STUDY = (
     "subsampling.initial_trials=2",
     "active_loop.trials=10",
     "active_loop.controls=[]",
+    "stages=[bank,subsampling,hyperprior,hardware,active_loop,comparison]",
 )
 SEEDS = range(5)
-PATIENT = ("rig.device.watchdog_s=2.0", "rig.device.reply_s=0.8", "rig.guard.missed_share=0.6")
-"""What is learnt is asked here, not what stops a trial when the computer is late."""
 
 
-def identify(outputs, *arguments):
+def identify(outputs, *chosen):
     """Run the study; return the mean error rate of the models before and after ten trials."""
-    command = [sys.executable, "-m", "pipeline", *STUDY, *arguments, f"outputs={outputs}"]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert result.returncode == 0, result.stdout + result.stderr
+    arguments = [*STUDY, *chosen, f"outputs={outputs}"]
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composed = compose("config", overrides=arguments)
+    assert run_study(composed, arguments) == 0
     (table,) = outputs.glob("runs/*/tables/final_errors.parquet")
     errors = pd.read_parquet(table).query("tested_on == 'bank' and muscle == 'mean'").iloc[0]
     return errors["before"], errors["after"]
 
 
 def test_the_error_rate_is_that_of_the_simulated_rig_within_its_spread(tmp_path):
-    section = describe_rig("exoskeleton.trial_s=2.0", *PATIENT)
-    with Emulator(describe_machine(section)) as emulator:
+    with emulate(describe_machine(describe_rig("exoskeleton.trial_s=2.0"))) as emulator:
         before, after = identify(
             tmp_path / "emulated",
             "rig=festo_cpx",
-            *PATIENT,
             "rig._target_=tests.cpx_e.rig.ToldFestoCpx",
             "rig.device.host=127.0.0.1",
             f"rig.device.port={emulator.port}",
             f"+rig.control_port={emulator.control_port}",
         )
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        folders, seeds = [tmp_path / str(seed) for seed in SEEDS], [f"seed={seed}" for seed in SEEDS]
-        simulated = list(pool.map(identify, folders, seeds, [f"bank.seed={2000 + seed}" for seed in SEEDS]))
+    simulated = [identify(tmp_path / str(seed), f"seed={seed}", f"bank.seed={2000 + seed}") for seed in SEEDS]
     known = np.log([error for _, error in simulated])
     reach = stats.t.ppf(0.995, len(known) - 1) * known.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(known))
     told = f"{after:.4f}, simulated {np.exp(known.mean()):.4f} ({np.exp(known.min()):.4f} to {np.exp(known.max()):.4f})"

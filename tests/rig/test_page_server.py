@@ -3,8 +3,10 @@
 import asyncio
 import builtins
 import contextlib
+import itertools
 import json
 import socket
+import threading
 import time
 
 import numpy as np
@@ -15,9 +17,11 @@ from stages.rig.contract import RigError
 from stages.rig.pages import server as pages
 from stages.rig.pages.server import PageServer, encode
 from tests.rig.attended import Study, make_desk, make_trial, wait_until
+from tests.rig.attended import begin as begin
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed")
-pytestmark = pytest.mark.realtime
+LONGEST_S = 30.0
+"""Real time for which a message is waited for."""
 
 
 @contextlib.contextmanager
@@ -59,31 +63,52 @@ def path_of(url):
     return url[url.index("/", len("http://")) :]
 
 
+async def connect(url, **headers):
+    async with aiohttp.ClientSession() as session, session.ws_connect(url, headers=headers):
+        pass
+
+
 class Page:
     """A page without a browser."""
 
     def __init__(self, socket):
         self.socket = socket
+        self.asked = itertools.count()
 
     async def send(self, kind, **values):
         await self.socket.send_str(json.dumps({"kind": kind, **values}))
 
+    async def receive(self):
+        message = await self.socket.receive(timeout=LONGEST_S)
+        assert message.type is aiohttp.WSMsgType.TEXT, (message.type, message.data, message.extra)
+        return json.loads(message.data)
+
     async def hear(self, kind, holds=lambda _: True):
         """The next message of a kind for which something holds."""
         while True:
-            message = await self.socket.receive(timeout=3.0)
-            assert message.type is aiohttp.WSMsgType.TEXT, (message.type, message.data, message.extra)
-            told = json.loads(message.data)
+            told = await self.receive()
             if told["kind"] == "moment":
                 await self.send("seen")
             if told["kind"] == kind and holds(told):
                 return told
 
+    async def hear_phase(self, phase):
+        return await self.hear("scene", lambda each: each["phase"] == phase)
+
     async def hear_end(self):
         while True:
-            message = await self.socket.receive(timeout=3.0)
+            message = await self.socket.receive(timeout=LONGEST_S)
             if message.type is not aiohttp.WSMsgType.TEXT:
                 return message.data, message.extra
+
+    async def settle(self):
+        """Return once all that was sent was taken."""
+        page_s = float(next(self.asked))
+        await self.send("clock", page_s=page_s)
+        while True:
+            told = await self.receive()
+            if told["kind"] == "clock" and told["page_s"] == page_s:
+                return told
 
 
 def converse(server, talk, *roles, **headers):
@@ -96,7 +121,7 @@ def converse(server, talk, *roles, **headers):
                 await stack.enter_async_context(session.ws_connect(address(server, role, True), headers=headers))
                 for role in roles
             ]
-            return await asyncio.wait_for(talk(*map(Page, sockets)), 10.0)
+            return await asyncio.wait_for(talk(*map(Page, sockets)), 2 * LONGEST_S)
 
     return asyncio.run(run())
 
@@ -114,11 +139,6 @@ def test_a_page_opens_with_its_token_only(opened, role):
         assert (status, text.count("\n"), role in text) == (403, 1, True)
         with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
             asyncio.run(connect(f"http://127.0.0.1:{server.port}{wrong.replace('/', '/ws/', 1)}"))
-
-
-async def connect(url, **headers):
-    async with aiohttp.ClientSession() as session, session.ws_connect(url, headers=headers):
-        pass
 
 
 def test_tokens_are_long_and_differ(opened):
@@ -233,19 +253,20 @@ def test_closing_ends_it_and_frees_the_port(opened):
     again.close()
 
 
-def test_scenes_come_whenever_something_changes(opened):
+def test_scenes_come_whenever_something_changes(opened, begin, turned):
     desk, server = opened
     trial = make_trial(desk.machine)
 
     async def talk(participant, operator):
         first = await operator.hear("scene")
         assert (first["phase"], first["trial"]) == ("busy", None)
-        Study(desk, trial).start()
-        proposed = await operator.hear("scene", lambda each: each["phase"] == "proposed")
+        begin(desk, trial)
+        proposed = await operator.hear_phase("proposed")
         await operator.send("decide", word="accept", note="calm", question=proposed["question"])
-        for phase in ("countdown", "running", "judging"):
+        for phase, lasts_s in (("countdown", 0.31), ("running", 1.11), ("judging", 0.0)):
             for page in (participant, operator):
-                scene = await page.hear("scene", lambda each, phase=phase: each["phase"] == phase)
+                scene = await page.hear_phase(phase)
+            turned.sleep(lasts_s)
         return proposed, scene
 
     proposed, judged = converse(server, talk, "participant", "operator")
@@ -264,75 +285,79 @@ def test_the_participant_is_told_no_addresses(opened):
     assert not any("token" in str(each) for each in converse(server, talk, "participant").values())
 
 
-def test_the_participant_cannot_decide(opened):
-    desk, server = opened
-
-    async def talk(participant):
-        Study(desk, make_trial(desk.machine)).start()
-        scene = await participant.hear("scene", lambda each: each["phase"] == "proposed")
-        await participant.send("decide", word="accept", note="", question=scene["question"])
-        first = await participant.hear("refused")
-        await participant.send("automatic", on=True)
-        return first, await participant.hear("refused")
-
-    for refused in converse(server, talk, "participant"):
-        assert "only the operator" in refused["why"]
-    assert desk.see()["phase"] == "proposed"
-    assert not desk.see()["automatic"]
+DECIDE = {"kind": "decide", "word": "accept", "note": "", "question": 1}
+REFUSED = [
+    ("participant", DECIDE, "only the operator"),
+    ("participant", {"kind": "automatic", "on": True}, "only the operator"),
+    ("operator", DECIDE | {"question": 0}, "decided already"),
+    ("operator", DECIDE | {"word": "keep"}, "expected one of accept, skip, pause, got 'keep'"),
+    ("operator", DECIDE | {"note": "x" * 2001}, "2000 characters"),
+    ("operator", DECIDE, "participant page is not open"),
+]
 
 
-def test_a_decision_on_what_was_asked_before_is_refused(opened):
-    desk, server = opened
+@pytest.mark.parametrize(("role", "message", "why"), REFUSED, ids=range(len(REFUSED)))
+def test_a_decision_that_does_not_fit_is_refused(begin, role, message, why):
+    with shown(needed=["participant"]) as (desk, server):
 
-    async def talk(operator):
-        Study(desk, make_trial(desk.machine)).start()
-        scene = await operator.hear("scene", lambda each: each["phase"] == "proposed")
-        await operator.send("decide", word="accept", note="", question=scene["question"] - 1)
-        old = await operator.hear("refused")
-        await operator.send("decide", word="keep", note="", question=scene["question"])
-        wrong = await operator.hear("refused")
-        await operator.send("decide", word="accept", note="x" * 2001, question=scene["question"])
-        return old, wrong, await operator.hear("refused")
+        async def talk(page):
+            begin(desk)
+            assert (await page.hear_phase("proposed"))["question"] == DECIDE["question"]
+            await page.send(**message)
+            return await page.hear("refused")
 
-    old, wrong, long = converse(server, talk, "operator")
-    assert "decided already" in old["why"]
-    assert "expected one of accept, skip, pause, got 'keep'" in wrong["why"]
-    assert "2000 characters" in long["why"]
+        assert why in converse(server, talk, role)["why"]
+        assert desk.see()["phase"] == "proposed"
+        assert not desk.see()["automatic"]
 
 
-@pytest.mark.parametrize("role", ["participant", "operator"])
-def test_a_stop_arrives_within_a_fifth_of_a_second(role):
-    with shown(trial_s=5.0) as (desk, server):
-        study = Study(desk, make_trial(desk.machine))
+@pytest.mark.parametrize(
+    ("role", "why", "told"),
+    [
+        ("participant", "the strap hurts", "the strap hurts"),
+        ("operator", "the operator pressed stop", "the operator pressed stop"),
+        ("participant", [1], "the participant pressed stop"),
+    ],
+)
+def test_a_stop_ends_the_trial_with_its_next_sample(begin, turned, role, why, told):
+    with shown(trial_s=5.0, countdown_s=0.0) as (desk, server):
 
         async def talk(page):
             desk.go_on(True)
-            study.start()
+            study = begin(desk)
+            await page.hear_phase("running")
+            turned.sleep(0.2)
             await page.hear("moment", lambda each: each["time_s"] > 0.05)
-            pressed_s = time.monotonic()
-            await page.send("stop", why=f"the {role} pressed stop")
-            scene = await page.hear("scene", lambda each: each["phase"] == "judging")
-            return pressed_s, scene
+            pressed_s = turned.now_s()
+            await page.send("stop", why=why)
+            await page.settle()
+            turned.sleep(0.1)
+            return study.stopped_s - pressed_s, await page.hear_phase("judging")
 
-        pressed_s, scene = converse(server, talk, role)
-        assert study.stopped_s - pressed_s < 0.2
-        assert desk.why_stop() == f"the {role} pressed stop"
-        assert scene["outcome"]["stopped"] == f"stopped: the {role} pressed stop"
+        took_s, scene = converse(server, talk, role)
+        assert took_s < 0.011
+        assert desk.why_stop() == told
+        assert scene["outcome"]["stopped"] == f"stopped: {told}"
         assert not scene["automatic"]
 
 
-def test_a_stop_without_a_reason_stops_too():
-    with shown(trial_s=5.0) as (desk, server):
+@pytest.mark.realtime
+def test_a_stop_arrives_within_a_fifth_of_a_second():
+    for role in ("participant", "operator"):
+        with shown(trial_s=5.0, countdown_s=0.0) as (desk, server):
+            study = Study(desk, make_trial(desk.machine))
 
-        async def talk(page):
-            desk.go_on(True)
-            Study(desk, make_trial(desk.machine)).start()
-            await page.hear("moment")
-            await page.send("stop", why=[1])
-            await page.hear("scene", lambda each: each["phase"] == "judging")
+            async def talk(page, desk=desk, study=study):
+                desk.go_on(True)
+                study.start()
+                await page.hear("moment", lambda each: each["time_s"] > 0.05)
+                pressed_s = time.monotonic()
+                await page.send("stop")
+                await page.hear_phase("judging")
+                return study.stopped_s - pressed_s
 
-        converse(server, talk, "participant")
-        assert desk.why_stop() == "the participant pressed stop"
+            assert converse(server, talk, role) < 0.2
+            study.leave()
 
 
 def moment_at(time_s):
@@ -341,103 +366,94 @@ def moment_at(time_s):
 
 def test_a_slow_reader_gets_the_newest_sample_and_no_queue(opened):
     desk, server = opened
+    last = 5 * pages.MOST_ON_THE_WAY
 
     async def talk(slow, quick):
-        seen = 0
-        for index in range(60):
+        for index in range(last + 1):
             desk.show(moment_at(float(index)))
-            told = await quick.hear("moment", lambda each, index=index: each["time_s"] == index)
-            seen += 1
-        assert told["force_n"] == [None, 1.0, 2.0, 3.0]
+            told = await quick.hear("moment")
+            assert told["time_s"] == index
         for _ in range(pages.MOST_ON_THE_WAY):
             late = await slow.hear("moment")
-        return seen, late, await slow.hear("moment")
+        return told, late, await slow.hear("moment")
 
-    seen, late, newest = converse(server, talk, "participant", "operator")
-    assert (seen, newest["time_s"]) == (60, 59.0)
+    told, late, newest = converse(server, talk, "participant", "operator")
+    assert told["force_n"] == [None, 1.0, 2.0, 3.0]
+    assert newest["time_s"] == last
     assert late["time_s"] < 3 * pages.MOST_ON_THE_WAY
 
 
 def test_samples_come_no_faster_than_shown(opened):
     desk, server = opened
-    count = 0
+    heard, over = 15, threading.Event()
+
+    def show():
+        for index in itertools.takewhile(lambda _: not over.wait(0.001), itertools.count()):
+            desk.show(moment_at(float(index)))
 
     async def talk(page):
-        nonlocal count
-        end = time.monotonic() + 0.5
-        while time.monotonic() < end:
-            desk.show(moment_at(time.monotonic()))
-            await asyncio.sleep(0.002)
-        await page.send("clock", page_s=1.0)
-        while True:
-            told = json.loads((await page.socket.receive()).data)
-            if told["kind"] == "clock":
-                return
-            count += told["kind"] == "moment"
-            await page.send("seen")
+        begun_s = time.monotonic()
+        threading.Thread(target=show).start()
+        for _ in range(heard):
+            await page.hear("moment")
+        over.set()
+        return time.monotonic() - begun_s
 
-    converse(server, talk, "participant")
-    assert 1 <= count <= 0.5 * pages.SENT_HZ + 2
+    assert converse(server, talk, "participant") > (heard - 2) / pages.SENT_HZ
 
 
-def test_the_clock_is_that_of_the_rig(opened):
+def test_the_clock_is_that_of_the_rig(opened, turned):
     _, server = opened
+    turned.sleep(12.5)
 
     async def talk(page):
-        before = time.monotonic()
         await page.send("clock", page_s=12.5)
-        told = await page.hear("clock")
-        assert before <= told["heard_s"] <= told["sent_s"] <= time.monotonic()
-        return told
+        return await page.hear("clock")
 
-    assert converse(server, talk, "participant")["page_s"] == 12.5
+    now_s = turned.now_s()
+    assert converse(server, talk, "participant") == {"kind": "clock", "page_s": 12.5, "heard_s": now_s, "sent_s": now_s}
 
 
 MALFORMED = [
-    "",
-    "{",
-    "[]",
-    "[" * 20000,
-    '{"kind": "other"}',
-    '{"kind": "clock"}',
-    '{"kind": "clock", "page_s": NaN}',
-    '{"kind": "clock", "page_s": 1' + "0" * 400 + "}",
-    '{"kind": "drawn", "frames": 3, "starts_at_s": 0}',
-    '{"kind": "drawn", "frames": [[1, 2]], "starts_at_s": 0}',
-    '{"kind": "drawn", "frames": [["a", 2, 3]], "starts_at_s": 0}',
-    '{"kind": "pointer", "angle_rad": [1]}',
-    '{"kind": "pointer", "angle_rad": [1, null]}',
+    *(
+        ("participant", text)
+        for text in (
+            "",
+            "{",
+            "[]",
+            "[" * 20000,
+            '{"kind": "other"}',
+            '{"kind": "clock"}',
+            '{"kind": "clock", "page_s": NaN}',
+            '{"kind": "clock", "page_s": 1' + "0" * 400 + "}",
+            '{"kind": "drawn", "frames": 3, "starts_at_s": 0}',
+            '{"kind": "drawn", "frames": [[1, 2]], "starts_at_s": 0}',
+            '{"kind": "drawn", "frames": [["a", 2, 3]], "starts_at_s": 0}',
+            '{"kind": "pointer", "angle_rad": [1]}',
+            '{"kind": "pointer", "angle_rad": [1, null]}',
+        )
+    ),
+    ("operator", '{"kind": "decide"}'),
+    ("operator", '{"kind": "automatic", "on": 1}'),
+    ("operator", '{"kind": "drawn"}'),
+    ("operator", '{"kind": "pointer"}'),
 ]
 
 
-@pytest.mark.parametrize("text", MALFORMED, ids=range(len(MALFORMED)))
-def test_a_malformed_message_closes_its_page_alone(opened, text):
+@pytest.mark.parametrize(("role", "text"), MALFORMED, ids=range(len(MALFORMED)))
+def test_a_malformed_message_closes_its_page_alone(opened, role, text):
     desk, server = opened
 
     async def talk(bad, good):
         await bad.socket.send_str(text)
         code, why = await bad.hear_end()
         wait_until(lambda: desk.see()["pages"] == {"participant": 1, "operator": 0})
-        await good.send("clock", page_s=1.0)
-        await good.hear("clock")
+        await good.settle()
         return code, why
 
-    code, why = converse(server, talk, "participant", "participant")
+    code, why = converse(server, talk, role, "participant")
     assert code == pages.FORBIDDEN
     assert "expected" in why
-
-
-@pytest.mark.parametrize(
-    "text", ['{"kind": "decide"}', '{"kind": "automatic", "on": 1}', '{"kind": "drawn"}', '{"kind": "pointer"}']
-)
-def test_what_an_operators_page_does_not_send_closes_it(opened, text):
-    _, server = opened
-
-    async def talk(operator):
-        await operator.socket.send_str(text)
-        return await operator.hear_end()
-
-    assert converse(server, talk, "operator")[0] == pages.FORBIDDEN
 
 
 def test_a_huge_message_and_bytes_close_their_page(opened):
@@ -467,63 +483,61 @@ def test_the_number_of_open_pages_is_bounded(opened, monkeypatch):
     converse(server, talk, "operator", "operator")
 
 
-@pytest.mark.parametrize("way", ["closed", "silent"])
-def test_a_page_that_is_lost_stops_the_trial(way):
-    with shown(trial_s=5.0, needed=["participant"], lost_after_s=0.3) as (desk, server):
-        study = Study(desk, make_trial(desk.machine))
+def test_a_page_that_is_closed_stops_the_trial(begin, turned):
+    with shown(trial_s=5.0, needed=["participant"]) as (desk, server):
 
         async def talk(participant):
             desk.go_on(True)
-            study.start()
-            until = time.monotonic() + 0.8
-            while time.monotonic() < until:
+            study = begin(desk)
+            turned.sleep(0.8)
+            await participant.socket.close()
+            wait_until(lambda: desk.see()["pages"]["participant"] == 0)
+            closed_s = turned.now_s()
+            turned.sleep(0.1)
+            return study.stopped_s - closed_s
+
+        assert converse(server, talk, "participant") < 0.011
+        assert "was closed" in desk.why_stop()
+
+
+def test_a_page_that_is_silent_stops_the_trial(begin, turned):
+    with shown(trial_s=5.0, needed=["participant"], lost_after_s=0.3) as (desk, server):
+
+        async def talk(participant):
+            desk.go_on(True)
+            study = begin(desk)
+            for _ in range(4):
                 await participant.send("alive")
-                await asyncio.sleep(0.05)
-            assert desk.why_stop() == ""
-            if way == "closed":
-                await participant.socket.close()
-            lost_s = time.monotonic()
-            while not study.stopped_s:
-                await asyncio.sleep(0.005)
-            return study.stopped_s - lost_s
+                await participant.settle()
+                turned.sleep(0.29)
+                assert desk.why_stop() == ""
+            turned.sleep(0.1)
+            return study.stopped_s - turned.now_s() + 0.39
 
-        took_s = converse(server, talk, "participant")
-        assert took_s < {"closed": 0.2, "silent": 0.5}[way]
-        assert {"closed": "was closed", "silent": "was not heard for"}[way] in desk.why_stop()
+        assert 0.3 < converse(server, talk, "participant") < 0.32
+        assert "was not heard for 0.3 s" in desk.why_stop()
 
 
-def test_a_trial_is_not_accepted_without_the_pages_it_needs():
-    with shown(needed=["participant"]) as (desk, server):
-
-        async def talk(operator):
-            Study(desk, make_trial(desk.machine)).start()
-            scene = await operator.hear("scene", lambda each: each["phase"] == "proposed")
-            await operator.send("decide", word="accept", note="", question=scene["question"])
-            return await operator.hear("refused")
-
-        assert "participant page is not open" in converse(server, talk, "operator")["why"]
-
-
-def test_what_was_drawn_becomes_part_of_the_recording(opened):
+def test_what_was_drawn_becomes_part_of_the_recording(opened, begin, turned):
     desk, server = opened
-    study = Study(desk, make_trial(desk.machine))
 
     async def talk(participant):
         desk.go_on(True)
-        study.start()
-        scene = await participant.hear("scene", lambda each: each["phase"] == "running")
-        starts_at_s = scene["starts_at_s"]
-        while (shown_s := time.monotonic()) < starts_at_s + 1.0:
+        study = begin(desk)
+        turned.sleep(0.35)
+        starts_at_s = (await participant.hear_phase("running"))["starts_at_s"]
+        while (shown_s := turned.now_s()) < starts_at_s + 1.0:
             frames = [[shown_s, shown_s - starts_at_s, None], [shown_s - 60.0, 0.9, 0.9]]
             await participant.send("drawn", starts_at_s=starts_at_s, frames=frames)
             await participant.send("drawn", starts_at_s=starts_at_s - 1.0, frames=[[shown_s, 0.9, 0.9]])
-            await asyncio.sleep(0.02)
-        await participant.hear("scene", lambda each: each["phase"] == "busy")
+            await participant.settle()
+            turned.sleep(0.02)
+        turned.join(study)
+        return study.ended[0]
 
-    converse(server, talk, "participant")
-    recording = wait_until(lambda: study.ended)[0]
+    recording = converse(server, talk, "participant")
     late_s = (recording.reference_shown_s - recording.time_s)[:-5]
-    assert np.all((late_s >= -0.001) & (late_s < 0.2))
+    assert np.all((late_s >= -0.001) & (late_s < 0.021))
     assert np.isnan(recording.measured_shown_s).all()
 
 
@@ -532,8 +546,7 @@ def test_a_pointer_is_kept_within_the_joints_limits(opened):
 
     async def talk(participant):
         await participant.send("pointer", angle_rad=[0.3, 99.0])
-        await participant.send("clock", page_s=1.0)
-        await participant.hear("clock")
+        await participant.settle()
 
     converse(server, talk, "participant")
     np.testing.assert_allclose(desk.ask_pointer(), [0.3, desk.machine.joints[1].upper_rad])

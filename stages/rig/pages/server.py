@@ -27,6 +27,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from stages.rig import clock
 from stages.rig.attendance import Moment
 from stages.rig.contract import RigError
 from stages.rig.desk import ROLES, Desk, Frame, Refused
@@ -280,7 +281,7 @@ class PageServer:
             while page.answers:
                 answer = page.answers.popleft()
                 if answer["kind"] == "clock":
-                    answer["sent_s"] = time.monotonic()
+                    answer["sent_s"] = clock.now_s()
                 await page.connection.send_str(encode(answer))
             if self.desk.number != number:
                 number, scene = self._tell_scene(page.role)
@@ -337,9 +338,7 @@ class PageServer:
         elif kind == "seen":
             page.on_the_way = max(page.on_the_way - 1, 0)
         elif kind == "clock":
-            page.answers.append(
-                {"kind": "clock", "page_s": _number(message.get("page_s")), "heard_s": time.monotonic()}
-            )
+            page.answers.append({"kind": "clock", "page_s": _number(message.get("page_s")), "heard_s": clock.now_s()})
         elif kind in ("decide", "automatic"):
             self._decide(page, message)
         elif kind in ("drawn", "pointer"):
@@ -379,7 +378,7 @@ class PageServer:
             raise Malformed(f"drawn: expected at most {MOST_FRAMES} frames")
         if any(not isinstance(each, list) or len(each) != 3 for each in drawn):
             raise Malformed("drawn: expected three times for each frame")
-        now_s = time.monotonic()
+        now_s = clock.now_s()
         frames = [
             Frame(_number(shown_s), *(math.nan if each is None else _number(each) for each in times))
             for shown_s, *times in drawn

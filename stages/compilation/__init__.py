@@ -1,0 +1,1 @@
+"""Where compiled functions are kept between processes, and what makes a kept one stale."""

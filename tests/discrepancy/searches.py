@@ -1,0 +1,24 @@
+"""Searches as the workflow makes them, with the stated settings, in cells of whole records."""
+
+import numpy as np
+import yaml
+
+from stages.discrepancy.fitted_cell import prepare
+from stages.discrepancy.naming import SearchSettings
+from stages.discrepancy.search import search
+from tests.plant.machines import CONF
+
+STATED = yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text())
+SETTINGS = SearchSettings(**STATED["search"])
+
+
+def look(cell, seed=0):
+    """Return what the search finds in a cell, and the names."""
+    found = search([prepare(cell)], SETTINGS, np.random.default_rng(seed))
+    return found, [each.name for each in found.named]
+
+
+def read_values(state):
+    """Return the fitted constants, and the parameters of each effect by its name."""
+    constants, effects = state.current.fit.model.name_values(state.current.fit.values)
+    return constants, {form.name: values for form, values in effects}

@@ -1,0 +1,59 @@
+"""The command with toy workflows, and runs that are made once for all tests, to be looked at or copied."""
+
+import pytest
+
+from tests.conftest import Command
+from tests.faults import find_parts, tables_of, wait_until
+
+CONFIG = ("--config-dir", "tests/pipeline/conf")
+TOY = (*CONFIG, "workflow=toy", "figures=[png]")
+SLOWLY = "doubling.pause_s=0.15"
+ALONE = ("-m", "hydra.launcher.n_jobs=1")
+"""A sweep whose jobs follow each other, begun by the command's own process."""
+
+
+@pytest.fixture
+def toy(tmp_path):
+    """The command with the toy workflow."""
+    return Command(tmp_path / "outputs", *TOY)
+
+
+@pytest.fixture(scope="session")
+def finished_toy(make_once):
+    """The same with a finished run, made once for all and not to be changed."""
+
+    def run(folder):
+        result = Command(folder / "outputs", *TOY)()
+        assert result.returncode == 0, result.stderr
+
+    return Command(make_once("toy", run) / "outputs", *TOY)
+
+
+@pytest.fixture(scope="session")
+def reference(finished_toy):
+    """The tables of a run that nothing happened to."""
+    return tables_of(finished_toy.runs[0])
+
+
+@pytest.fixture
+def done(finished_toy, tmp_path):
+    """The command with the toy workflow and a finished run."""
+    return finished_toy.copy(tmp_path / "outputs")
+
+
+@pytest.fixture(scope="session")
+def killed_toy(make_once):
+    def kill(folder):
+        toy = Command(folder / "outputs", *TOY)
+        process = toy.start(SLOWLY)
+        wait_until(process, lambda: len(find_parts(toy)) >= 2)
+        process.kill()
+        process.communicate()
+
+    return Command(make_once("killed toy", kill) / "outputs", *TOY)
+
+
+@pytest.fixture
+def killed(killed_toy, tmp_path):
+    """The command with the toy workflow and a run of it, `SLOWLY`, that was killed after two parts or more."""
+    return killed_toy.copy(tmp_path / "outputs")

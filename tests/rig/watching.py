@@ -1,0 +1,55 @@
+"""Somebody who lets every trial begin and sees all of it, without a desk."""
+
+import numpy as np
+
+from stages.rig.attendance import TrialDeclined
+from stages.rig.contract import Trial
+
+
+class Watching:
+    """Keeps what is shown; stops a trial and has it repeated, or points at a posture, where that is wanted."""
+
+    note = ""
+
+    def __init__(self, stop_at_s=np.inf, points_at=None):
+        self.stop_at_s, self.points_at, self.moments = stop_at_s, points_at, []
+
+    def describe(self, exoskeleton, pointed): ...
+
+    def propose(self, trial):
+        self.moments = []
+
+    def begin(self, trial, starts_at_s):
+        self.starts_at_s = starts_at_s
+
+    def show(self, moment):
+        self.moments.append(moment)
+
+    def why_stop(self):
+        return "enough" if self.moments and self.moments[-1].time_s >= self.stop_at_s else ""
+
+    def ask_pointer(self):
+        return self.points_at
+
+    def judge(self, trial, recording, stopped):
+        if stopped:
+            raise TrialDeclined("repeat", trial.label, stopped=stopped)
+
+    def add_display(self, recording):
+        return recording
+
+    def tell(self, problem): ...
+
+    def collect(self):
+        """Return times, commands and pressures."""
+        return (np.array([getattr(each, name) for each in self.moments]) for name in SHOWN)
+
+
+SHOWN = ("time_s", "command_kpa", "pressure_kpa")
+
+
+def wave(rig, kind="free", level=120.0):
+    """A trial of pressures that rise and fall, higher on the second muscle of each joint."""
+    who = {"free": "experimenter", "passive": "nobody"}[kind]
+    rising = 1.0 + 0.4 * np.sin(np.linspace(0.0, 6.0, rig.samples))[:, None]
+    return Trial(kind, who, level * rising * [1.0, 2.0, 1.0, 2.0], label=f"{kind} 1")
