@@ -1,8 +1,10 @@
 """Studies of chosen stages for tests: composed and validated as by the command, stages run in memory."""
 
 import pickle
+from itertools import islice
 
 import pandas as pd
+import pytest
 from rich.console import Console
 
 from pipeline.config import Settings, read_study
@@ -49,3 +51,17 @@ def run_stage(study, stage, folder, tables, rig=None, context=Context):
         rig = study.build(study.target(stage))
     read = {name: tables[name] for name in stage.reads}
     return run_alone(stage, study.config(stage), folder, read, seed, context, rig)
+
+
+def stop_after(monkeypatch, jobs, run, *arguments):
+    """Run a stage that is killed when it has so many jobs done."""
+    asked = Context.spread
+
+    def stop(self, function, each):
+        yield from islice(asked(self, function, each), jobs)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Context, "spread", stop)
+        with pytest.raises(KeyboardInterrupt):
+            run(*arguments)

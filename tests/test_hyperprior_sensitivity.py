@@ -1,19 +1,16 @@
 """The hyperprior analysis against SciPy and statsmodels, with planted verdicts, and the stage on a small bank."""
 
-import pickle
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from pydantic import ValidationError
-from rich.console import Console
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
-from pipeline.context import Context, Record
+from pipeline.context import Context
 from stages.figures import draw_sensitivity
 from stages.gp import Hyperprior
 from stages.hyperprior_sensitivity import (
@@ -26,10 +23,17 @@ from stages.hyperprior_sensitivity import (
     hyperprior_sensitivity,
     judge,
 )
-from tests.conftest import ROOT
+from tests.composing import compose_values
 from tests.identification.data import HYPERPARAMETERS, LOOP, MUSCLES, make_bank, make_tables
+from tests.studies import PickledContext, run_alone, stop_after
 
-SECTION = {"mean_shifts": [0.5], "variance_factors": [0.1], "experiments": 3, "margin": 0.005, "loop": LOOP}
+SECTION = {
+    "mean_shifts": [0.5],
+    "variance_factors": [0.1],
+    "experiments": 2,
+    "margin": 0.005,
+    "loop": {**LOOP, "trials": 2},
+}
 NAMES = ("pam1", "pam2", "pam3")
 
 
@@ -180,13 +184,9 @@ def test_the_figure_has_a_point_for_each_experiment(generator):
     assert first.get_ylabel() == "error rate, average of the muscles (%)"
 
 
-def run_stage(folder, tables, **section):
-    stage = hyperprior_sensitivity
+def run(folder, tables, context=PickledContext, **section):
     cfg = Config(hyperprior_sensitivity=HyperpriorSensitivity(**{**SECTION, **section}), seed=0)
-    record = Record(folder / "parts", {table.name: table for table in stage.writes}, lambda: None)
-    ctx = Context(stage.name, folder, 0, record, Console(quiet=True))
-    found = stage.function(cfg=cfg, ctx=ctx, **tables)
-    return [table.check(frame, "in the test") for table, frame in zip(stage.writes, found, strict=True)]
+    return list(run_alone(hyperprior_sensitivity, cfg, folder, tables, context=context).values())
 
 
 @pytest.fixture(scope="module")
@@ -194,14 +194,14 @@ def small(tmp_path_factory):
     generator = np.random.default_rng(3)
     tables = {**make_tables(generator), "unseen_bank": make_bank(generator, movements=2)}
     folder = tmp_path_factory.mktemp("sensitivity")
-    priors, errors, comparison = run_stage(folder, tables)
+    priors, errors, comparison = run(folder, tables, Context)
     return SimpleNamespace(tables=tables, folder=folder, priors=priors, errors=errors, comparison=comparison)
 
 
 def test_the_stage_tells_every_setting_and_experiment(small):
-    assert len(small.errors) == 3 * 3 * 2 * len(MUSCLES)
+    assert len(small.errors) == 3 * 2 * 2 * len(MUSCLES)
     assert len(small.comparison) == 2 * 2 * (len(MUSCLES) + 1)
-    assert len(small.priors) == 3 * 3 * len(MUSCLES) * len(HYPERPARAMETERS)
+    assert len(small.priors) == 3 * 2 * len(MUSCLES) * len(HYPERPARAMETERS)
     assert list(small.errors["kind"].unique()) == ["table_1", "mean", "variance"]
     assert (small.folder / "figures" / "hyperprior_sensitivity.png").exists()
 
@@ -219,7 +219,7 @@ def test_every_experiment_has_means_of_its_own_and_variances_keep_those_of_table
 
 
 def test_a_variance_factor_of_nearly_one_is_table_1_again_and_sampled_means_are_another_group(small, tmp_path):
-    _, errors, _ = run_stage(tmp_path, small.tables, variance_factors=[1 - 1e-9], mean_shifts=[1e-9], experiments=2)
+    _, errors, _ = run(tmp_path, small.tables, variance_factors=[1 - 1e-9], mean_shifts=[1e-9], experiments=1)
     of = {kind: its["after"].to_numpy() for kind, its in errors.groupby("kind")}
     np.testing.assert_allclose(of["variance"], of["table_1"], rtol=1e-4)
     assert np.abs(of["mean"] / of["table_1"] - 1).min() > 1e-4
@@ -227,41 +227,26 @@ def test_a_variance_factor_of_nearly_one_is_table_1_again_and_sampled_means_are_
 
 def test_settings_do_not_depend_on_the_others_and_the_unseen_bank_may_be_absent(small, tmp_path):
     tables = {name: table for name, table in small.tables.items() if name != "unseen_bank"}
-    _, errors, comparison = run_stage(tmp_path, tables, mean_shifts=[2.0, 0.5], experiments=2)
+    _, errors, comparison = run(tmp_path, tables, mean_shifts=[2.0, 0.5], experiments=1)
     assert set(comparison["tested_on"]) == {"bank"}
-    same = small.errors.query("experiment < 3 and tested_on == 'bank'").reset_index(drop=True)
+    same = small.errors.query("experiment < 2 and tested_on == 'bank'").reset_index(drop=True)
     ours = errors.query("setting != 2.0").reset_index(drop=True)
     pd.testing.assert_frame_equal(ours, same)
 
 
 def test_a_killed_run_goes_on_and_a_copy_in_another_process_finds_the_same(small, tmp_path, monkeypatch):
-    asked = Context.spread
-
-    def stop_after_one(self, function, jobs):
-        yield next(asked(self, pickle.loads(pickle.dumps(function)), jobs))
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Context, "spread", stop_after_one)
-        with pytest.raises(KeyboardInterrupt):
-            run_stage(tmp_path, small.tables)
-    (landed,) = (tmp_path / "parts").iterdir()
+    stop_after(monkeypatch, 1, run, tmp_path, small.tables)
+    (landed,) = (tmp_path / "parts" / "hyperprior_sensitivity").iterdir()
     made = landed.stat().st_mtime_ns
-    priors, errors, comparison = run_stage(tmp_path, small.tables)
+    priors, errors, comparison = run(tmp_path, small.tables)
     assert landed.stat().st_mtime_ns == made
     pd.testing.assert_frame_equal(priors, small.priors)
     pd.testing.assert_frame_equal(errors, small.errors)
     pd.testing.assert_frame_equal(comparison, small.comparison)
 
 
-@pytest.fixture
-def stated():
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        composed = compose("config", overrides=["+hyperprior_sensitivity=stated", "budget=tiny"])
-    return OmegaConf.to_container(composed, resolve=True)
-
-
-def test_the_stated_settings_follow_the_budget_and_the_bank(stated):
+def test_the_stated_settings_follow_the_budget_and_the_bank():
+    stated = OmegaConf.to_container(compose_values("budget=tiny", "+hyperprior_sensitivity=stated"), resolve=True)
     section = HyperpriorSensitivity.model_validate(stated["hyperprior_sensitivity"])
     assert (section.experiments, section.loop.trials, section.loop.starts) == (1, 3, 2)
     MovementsEnough.model_validate(stated)

@@ -31,10 +31,11 @@ from stages.learned_models import (
 )
 from stages.signals import MODEL_INPUTS, Scaling
 from tests.identification.data import draw, make_tables
-from tests.studies import read_stages, run_stage
+from tests.studies import PickledContext, read_stages, run_stage
 
 FIRST = ["bank", "unseen_bank", "subsampling", "hyperprior", "hardware", "active_loop"]
 STAGES = [*FIRST, "learned_models"]
+SMALL = ("experiment=paper", "active_loop.controls=[random]", "learned_models.calibration.every=50")
 MUSCLES = ["pam1", "pam2", "pam3", "pam4"]
 
 
@@ -130,7 +131,7 @@ def marginalise_by_sklearn(x, y, theta, covariance, at, step=1e-4):
 def study(tmp_path_factory):
     """All tables of a tiny study."""
     folder = tmp_path_factory.mktemp("study")
-    configured, stages = read_stages(STAGES, "experiment=paper", "learned_models.calibration.every=50")
+    configured, stages = read_stages(STAGES, *SMALL)
     tables = {}
     for name in (*FIRST, "learned_models"):
         tables.update(run_stage(configured, stages[name], folder, tables))
@@ -341,12 +342,8 @@ def test_the_stage_tells_of_every_arm_and_test_set_and_draws(study):
 
 
 def test_without_an_unseen_bank_all_else_is_the_same(study, tmp_path):
-    configured, stages = read_stages(
-        [name for name in STAGES if name != "unseen_bank"],
-        "experiment=paper",
-        "learned_models.calibration.every=50",
-    )
-    found = run_stage(configured, stages["learned_models"], tmp_path, study.tables)
+    configured, stages = read_stages([name for name in STAGES if name != "unseen_bank"], *SMALL)
+    found = run_stage(configured, stages["learned_models"], tmp_path, study.tables, context=PickledContext)
     for name in ("chosen_often", "choice_concentration", "force_surfaces"):
         pd.testing.assert_frame_equal(found[name], study.tables[name])
     for name in ("coverage", "calibration"):

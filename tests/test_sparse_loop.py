@@ -7,27 +7,31 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from hydra import compose, initialize_config_dir
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_paired
 
-from pipeline.config import read_study
 from pipeline.errors import ConfigError
 from stages.gp import condition_sparse
 from stages.identification import MuscleSet, thin
 from stages.signals import error_rate
 from stages.sparse_comparison import compare_ways, join_exact, judge, label_lines, summarise
-from tests.conftest import ROOT
-from tests.test_no_force_leak import run_in_memory
+from tests.studies import PickledContext, read_stages, run_stage
 
+STAGES = [
+    "bank",
+    "subsampling",
+    "hyperprior",
+    "hardware",
+    "active_loop",
+    "comparison",
+    "sparse_loop",
+    "sparse_comparison",
+]
 SETTINGS = (
-    "budget=tiny",
     "+sparse_loop=all_samples",
     "+sparse_comparison=stated",
-    "workflow.stages=[bank,subsampling,hyperprior,hardware,active_loop,comparison,sparse_loop,sparse_comparison]",
-    "workflow.headline=[sparse_comparison]",
-    "~participant_differences",
-    "~tracking_delay",
+    "active_loop.controls=[random]",
+    "active_loop.trials=2",
     "sparse_loop.trials=2",
     "sparse_loop.first_iterations=15",
     "sparse_loop.iterations=5",
@@ -36,9 +40,7 @@ KEPT = 50  # one in 20 of a trial's 1000 samples
 
 
 def read(*overrides):
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        study, stages = read_study(compose("config", overrides=[*SETTINGS, *overrides]))
-    return study, {stage.name: stage for stage in stages}
+    return read_stages(STAGES, *SETTINGS, *overrides)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def before(tmp_path_factory):
     study, stages = read()
     folder, tables = tmp_path_factory.mktemp("before"), {}
     for name in ("bank", "subsampling", "hyperprior", "hardware"):
-        tables.update(run_in_memory(study, stages[name], folder, tables))
+        tables.update(run_stage(study, stages[name], folder, tables))
     return study, stages, tables
 
 
@@ -56,7 +58,7 @@ def after(before, tmp_path_factory):
     """The tables with the loop's."""
     study, stages, tables = before
     folder = tmp_path_factory.mktemp("after")
-    return {**tables, **run_in_memory(study, stages["sparse_loop"], folder, tables)}, folder
+    return {**tables, **run_stage(study, stages["sparse_loop"], folder, tables)}, folder
 
 
 def test_the_loop_never_sees_the_banks_force(before):
@@ -141,11 +143,11 @@ def test_a_killed_loop_goes_on_from_its_parts(before, after, tmp_path, monkeypat
     tracked = module.track
     monkeypatch.setattr(module, "track", stop_in_time)
     with pytest.raises(Stopped):
-        run_in_memory(study, loop, tmp_path, tables)
+        run_stage(study, loop, tmp_path, tables)
     parts = sorted(path.name for path in (tmp_path / "parts" / "sparse_loop").iterdir())
     assert parts == ["p1~1~random~01", "p1~1~y_y~01", "p1~1~y_y~02"]
     left[0] = 1
-    resumed = run_in_memory(study, loop, tmp_path, tables)
+    resumed = run_stage(study, loop, tmp_path, tables)
     assert left[0] == 0
     for name, frame in resumed.items():
         pd.testing.assert_frame_equal(frame, after[0][name])
@@ -153,19 +155,10 @@ def test_a_killed_loop_goes_on_from_its_parts(before, after, tmp_path, monkeypat
 
 def test_a_real_rig_executes_nothing_unless_asked(before, tmp_path):
     study, stages, tables = before
-    real = SimpleNamespace(real=True)
-    stand_in = SimpleNamespace(
-        slice=study.slice,
-        settings=study.settings,
-        config=study.config,
-        target=study.target,
-        build=lambda section: real,
-    )
-    found = run_in_memory(stand_in, stages["sparse_loop"], tmp_path, tables)
-    for table in stages["sparse_loop"].writes:
-        assert table.check(found[table.name], "here").empty
+    found = run_stage(study, stages["sparse_loop"], tmp_path, tables, rig=SimpleNamespace(real=True))
+    assert all(each.empty for each in found.values())
     empty = {**tables, **found, "learning_curve": pd.DataFrame(columns=["arm"])}
-    nothing = run_in_memory(study, stages["sparse_comparison"], tmp_path, empty)
+    nothing = run_stage(study, stages["sparse_comparison"], tmp_path, empty)
     assert all(each.empty for each in nothing.values())
 
 
@@ -173,10 +166,9 @@ def test_errors_are_those_of_the_models_and_exact_ones_stand_beside(before, afte
     study, stages, _ = before
     tables = after[0]
     for name in ("active_loop", "comparison"):
-        tables = {**tables, **run_in_memory(study, stages[name], tmp_path, tables)}
-    found = run_in_memory(study, stages["sparse_comparison"], tmp_path, tables)
-    curve = stages["sparse_comparison"].writes[0].check(found["sparse_curve"], "here")
-    compared = stages["sparse_comparison"].writes[1].check(found["sparse_comparison"], "here")
+        tables = {**tables, **run_stage(study, stages[name], tmp_path, tables, context=PickledContext)}
+    found = run_stage(study, stages["sparse_comparison"], tmp_path, tables)
+    curve, compared = found["sparse_curve"], found["sparse_comparison"]
     muscles = MuscleSet.read(tables["candidates"], tables["hyperprior"], tables["scaling"])
     start = thin(tables["hardware_recordings"], 20, ["position"])
     inputs, outputs = muscles.standardise(start)

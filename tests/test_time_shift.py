@@ -1,25 +1,23 @@
 """The time-shift analysis against SciPy and statsmodels, with planted verdicts, and the stage on a small bank."""
 
-import pickle
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from pydantic import ValidationError
-from rich.console import Console
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_paired
 
-from pipeline.context import Context, Record
+from pipeline.context import Context
 from stages.figures import draw_shift_curves
 from stages.time_shift import Config, TimeShift, TrialsEnough, compare_shifts, judge, summarise, time_shift
-from tests.conftest import ROOT
+from tests.composing import compose_values
 from tests.identification.data import LOOP, MUSCLES, make_bank, make_tables
+from tests.studies import PickledContext, run_alone, stop_after
 
-SECTION = {"amplitudes_s": [0.1, 0.3], "experiments": 3, "margin": 0.005, "loop": LOOP}
+SECTION = {"amplitudes_s": [0.1, 0.3], "experiments": 2, "margin": 0.005, "loop": {**LOOP, "trials": 2}}
 
 
 def make_curve(generator, costs, experiments=12, sd=0.001, tested_on=("bank",)):
@@ -120,16 +118,9 @@ def test_the_figure_has_a_panel_for_each_test_set_and_a_line_for_each_amplitude(
     np.testing.assert_allclose(np.asarray(lines[2].get_ydata(), dtype=float), expected.to_numpy())
 
 
-def make_context(folder, stage, **settings):
-    record = Record(folder / "parts", {table.name: table for table in stage.writes}, lambda: None)
-    return Context(stage.name, folder, 0, record, Console(quiet=True), **settings)
-
-
-def run_stage(folder, tables, **section):
+def run(folder, tables, context=PickledContext, **section):
     cfg = Config(time_shift=TimeShift(**{**SECTION, **section}), seed=0)
-    ctx = make_context(folder, time_shift)
-    found = time_shift.function(cfg=cfg, ctx=ctx, **tables)
-    return [table.check(frame, "in the test") for table, frame in zip(time_shift.writes, found, strict=True)]
+    return list(run_alone(time_shift, cfg, folder, tables, context=context).values())
 
 
 @pytest.fixture(scope="module")
@@ -137,14 +128,14 @@ def small(tmp_path_factory):
     generator = np.random.default_rng(3)
     tables = {**make_tables(generator), "unseen_bank": make_bank(generator, movements=2)}
     folder = tmp_path_factory.mktemp("time_shift")
-    curve, comparison = run_stage(folder, tables)
+    curve, comparison = run(folder, tables, Context)
     return SimpleNamespace(tables=tables, folder=folder, curve=curve, comparison=comparison)
 
 
 def test_the_stage_tells_every_trial_and_compares_every_amplitude(small):
-    assert len(small.curve) == 3 * 3 * 4 * 2 * len(MUSCLES)
+    assert len(small.curve) == 3 * 2 * 3 * 2 * len(MUSCLES)
     assert len(small.comparison) == 2 * 2 * 2
-    assert (small.comparison["n"] == 3).all()
+    assert (small.comparison["n"] == 2).all()
     largest = small.tables["unseen_bank"].groupby("muscle")["force_n"].max()
     unseen = small.curve.query("tested_on == 'unseen_bank'")
     np.testing.assert_allclose(unseen["rmse_n"], unseen["error_rate"] * unseen["muscle"].map(largest))
@@ -157,46 +148,32 @@ def test_experiments_are_paired(small):
     for amplitude_s in (0.1, 0.3):
         same = first[first["amplitude_s"] == amplitude_s]["error_rate"] - first[first["amplitude_s"] == 0]["error_rate"]
         assert (same == 0).all()
-    last = curve[curve["trial"] == 3]
+    last = curve[curve["trial"] == 2]
     assert (last[last["amplitude_s"] == 0.3]["error_rate"] != last[last["amplitude_s"] == 0]["error_rate"]).any()
     assert first[first["amplitude_s"] == 0]["error_rate"].nunique() == len(first) / 3
 
 
 def test_amplitudes_do_not_depend_on_the_others_and_the_unseen_bank_may_be_absent(small, tmp_path):
     tables = {name: table for name, table in small.tables.items() if name != "unseen_bank"}
-    curve, comparison = run_stage(tmp_path, tables, amplitudes_s=[0.3], experiments=2)
+    curve, comparison = run(tmp_path, tables, amplitudes_s=[0.3], experiments=1)
     assert set(comparison["tested_on"]) == {"bank"}
-    same = small.curve.query("amplitude_s != 0.1 and experiment < 3 and tested_on == 'bank'")
+    same = small.curve.query("amplitude_s != 0.1 and experiment < 2 and tested_on == 'bank'")
     pd.testing.assert_frame_equal(curve, same.reset_index(drop=True))
 
 
 def test_a_killed_run_goes_on_and_a_copy_in_another_process_finds_the_same(small, tmp_path, monkeypatch):
-    done, asked = [], Context.spread
-
-    def stop_after_two(self, function, jobs):
-        for result in asked(self, pickle.loads(pickle.dumps(function)), jobs):
-            done.append(result)
-            yield result
-            if len(done) == 2:
-                raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Context, "spread", stop_after_two)
-        with pytest.raises(KeyboardInterrupt):
-            run_stage(tmp_path, small.tables)
-    landed = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "parts").iterdir()}
-    assert sorted(landed) == ["0001", "0002"]
-    curve, comparison = run_stage(tmp_path, small.tables)
-    assert {name: (tmp_path / "parts" / name).stat().st_mtime_ns for name in landed} == landed
+    stop_after(monkeypatch, 1, run, tmp_path, small.tables)
+    landed = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "parts" / "time_shift").iterdir()}
+    assert sorted(landed) == ["0001"]
+    curve, comparison = run(tmp_path, small.tables)
+    assert {name: (tmp_path / "parts" / "time_shift" / name).stat().st_mtime_ns for name in landed} == landed
     pd.testing.assert_frame_equal(curve, small.curve)
     pd.testing.assert_frame_equal(comparison, small.comparison)
 
 
 @pytest.fixture
 def stated():
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        composed = compose("config", overrides=["+time_shift=stated", "budget=tiny"])
-    return OmegaConf.to_container(composed, resolve=True)
+    return OmegaConf.to_container(compose_values("budget=tiny", "+time_shift=stated"), resolve=True)
 
 
 def test_the_stated_settings_follow_the_budget(stated):

@@ -5,7 +5,6 @@ Draws are shifted and scaled so that their mean and covariance are theta and S e
 
 import numpy as np
 import pytest
-from scipy.special import logsumexp
 
 from stages.gp import UTILITIES, condition
 from stages.gp.utilities import PredictiveTerms
@@ -81,37 +80,6 @@ def test_y_y_theta_is_mutual_information_where_the_mean_carries_it(model, covari
         for m, v in zip(means.T, variances.T, strict=True)
     ]
     np.testing.assert_allclose(model.utility(points, "y_y_theta"), expected, rtol=0.05)
-
-
-def test_log_det_is_mutual_information_of_a_trajectory(model, covariance, generator):
-    time = np.linspace(0, 1, 12)
-    path = 1.3 * np.stack([np.sin(3 * time), np.cos(4 * time), np.sin(5 * time + 1)], axis=1)
-    wide = 4.0 * covariance
-    model = condition(model.inputs, model.posterior.outputs, THETA, make_prior(), covariance=wide)
-    draws = models_of_draws(model, wide, 1500, generator)
-    means, roots = zip(*(joint(each, path) for each in draws), strict=True)
-    means, roots = np.array(means), np.array(roots)
-    samples = means + np.einsum("kij,kj->ki", roots, generator.standard_normal(means.shape))
-    inverses = np.linalg.inv(roots)
-    whitened = np.einsum("kij,sj->ksi", inverses, samples) - np.einsum("kij,kj->ki", inverses, means)[:, None]
-    densities = -0.5 * (whitened**2).sum(axis=2) + np.log(np.diagonal(inverses, axis1=1, axis2=2)).sum(axis=1)[:, None]
-    information = np.mean(np.diag(densities) - (logsumexp(densities, axis=0) - np.log(len(draws))))
-    assert model.joint_information(path) == pytest.approx(information, rel=0.15)
-    assert model.joint_information(path) < 0.9 * model.utility(path, "y_y_theta").sum()
-
-
-def joint(model, path):
-    """Return mean and Cholesky factor of the outputs along a path, by the textbook."""
-
-    def kernel(left, right):
-        scaled = (left[:, None] - right[None]) / np.exp(model.theta[:3])
-        return np.exp(2 * model.theta[3] - 0.5 * (scaled**2).sum(axis=2))
-
-    noisy = kernel(model.inputs, model.inputs) + model.noise_variance * np.eye(len(model.inputs))
-    cross = kernel(path, model.inputs)
-    mean = cross @ np.linalg.solve(noisy, model.posterior.outputs)
-    covariance = kernel(path, path) - cross @ np.linalg.solve(noisy, cross.T)
-    return mean, np.linalg.cholesky(covariance + model.noise_variance * np.eye(len(path)))
 
 
 def test_log_det_of_one_point_is_its_information_through_the_mean(model, covariance, generator):

@@ -24,7 +24,7 @@ from stages.gp import (
 from stages.gp.estimation import find_map
 from stages.gp.posterior import LARGEST_LOG
 
-COMMON = settings(derandomize=True, deadline=None, max_examples=150)
+COMMON = settings(derandomize=True, deadline=None, max_examples=100)
 LONGEST_S = 20.0
 """Of one example: a search that does not end is a fault, a slow machine is not."""
 
@@ -268,7 +268,7 @@ def test_little_memory_changes_nothing_but_rounding(problem, memory_mb):
         np.testing.assert_allclose(small, whole, rtol=1e-5, atol=1e-9 * unit)
 
 
-@settings(COMMON, max_examples=60)
+@settings(COMMON, max_examples=50)
 @given(problems(), st.integers(1, 3), st.integers(0, 4), st.sampled_from([1, 2, 5]))
 def test_trajectories_are_sums_of_their_points_or_refused(problem, trajectories, samples, threads):
     model = answer(problem.condition)
@@ -299,7 +299,7 @@ def test_trajectories_are_sums_of_their_points_or_refused(problem, trajectories,
                 np.testing.assert_allclose(scores, expected, rtol=1e-5, atol=1e-9 * unit)
 
 
-@settings(COMMON, max_examples=60)
+@settings(COMMON, max_examples=50)
 @given(problems(most=6), st.sampled_from(sorted(UTILITIES)), st.data())
 def test_picks_are_distinct_rows_or_refused(problem, name, data):
     model = answer(problem.condition)
@@ -315,7 +315,7 @@ def test_picks_are_distinct_rows_or_refused(problem, name, data):
     assert count <= len(samples) or picks is None
 
 
-@settings(COMMON, max_examples=80)
+@settings(COMMON, max_examples=60)
 @given(problems(most=8), st.integers(0, 4), st.integers(0, 2))
 def test_the_map_is_above_every_start_and_says_its_slope(problem, starts, warm):
     posterior = LogPosterior(problem.x, problem.y, problem.prior, problem.mean) if fits(problem) else None
@@ -378,7 +378,7 @@ def test_an_interaction_goes_on_or_says_why_not(first, second, utility, points_p
     answer(lambda: after.ask(sources[0]))
 
 
-@settings(COMMON, max_examples=100)
+@settings(COMMON, max_examples=60)
 @given(problems(most=8), st.integers(0, 3), st.booleans())
 def test_a_fitted_model_is_sound_or_refused(problem, starts, warm):
     model = answer(

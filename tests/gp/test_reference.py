@@ -1,11 +1,9 @@
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from tests.reference_parity import main
+from tests.reference_parity import TOLERANCES, main
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT.parent / "shared" / "reference"
@@ -36,23 +34,13 @@ def check(tmp_path, capsys):
     return run
 
 
-def test_all_cases_and_loops_agree():
-    line = ["tests/reference_parity.py", "--cases", reference("cases.json"), "--loop", reference("loop.json")]
-    done = subprocess.run([sys.executable, *map(str, line)], cwd=ROOT, capture_output=True, text=True, timeout=120)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "OVER" not in done.stdout
-    quantities = (
-        "log posterior",
-        "gradient",
-        "hessian",
-        "variances",
-        "argmax",
-        "map search",
-        "loop picks",
-        "loop rmse",
-    )
-    for quantity in quantities:
-        assert f"\n{quantity}  " in f"\n{done.stdout}"
+def test_all_cases_and_loops_agree(capsys):
+    assert main(["--cases", str(reference("cases.json")), "--loop", str(reference("loop.json"))]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert "OVER" not in printed.out
+    for quantity in TOLERANCES:
+        assert f"\n{quantity}  " in f"\n{printed.out}"
 
 
 def test_an_unaltered_case_passes(case, check):
@@ -96,6 +84,8 @@ def test_a_number_that_is_missing_is_found(case, check):
 def test_an_altered_pick_is_found(tmp_path, capsys):
     loop = json.loads(reference("loop.json").read_text())
     loop["runs"] = [run for run in loop["runs"] if run["mode"] == "y_over_y"][:2]
+    for run in loop["runs"]:
+        run["chosen_index0"], run["rmse_per_iter"] = run["chosen_index0"][:6], run["rmse_per_iter"][:7]
     loop["runs"][0]["chosen_index0"][4] += 1
     file = tmp_path / "loop.json"
     file.write_text(json.dumps(loop))

@@ -86,8 +86,9 @@ def test_likelihood_and_predictions_are_those_of_the_whole_covariance(mean, gene
         np.testing.assert_allclose(sparse.predict_outputs(points)[1], variances + np.exp(2 * theta[4]), atol=1e-8)
 
 
-def test_blocks_add_up_to_the_whole(generator):
-    x, y, pseudo, theta = draw(generator, "constant", 2100)
+def test_blocks_add_up_to_the_whole(generator, monkeypatch):
+    monkeypatch.setattr(stages.gp.sparse, "BLOCK", 200)
+    x, y, pseudo, theta = draw(generator, "constant", 410)
     dense, posterior = Dense(x, y, pseudo, theta), SparsePosterior(x, y, None, "constant")
     sparse = SparseGP(posterior, pseudo, theta)
     assert sparse.log_likelihood == pytest.approx(dense.log_likelihood, rel=1e-10)
@@ -150,14 +151,14 @@ def test_data_many_lengths_apart_keep_their_digits(generator):
 
 
 @pytest.mark.parametrize("with_prior", [True, False])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_climb_with_one_more_pseudo_input_never_ends_below_its_start(seed, with_prior):
     generator = np.random.default_rng(seed)
-    x, y = make_data(generator, 200)
+    x, y = make_data(generator, 100)
     prior = make_prior() if with_prior else None
     posterior = SparsePosterior(x, y, prior)
     few = fit_sparse(x, y, 4, prior, generator=generator, starts=1)
-    for row in range(3):
+    for row in range(2):
         start = np.vstack([few.pseudo, x[row]]), few.theta
         more = fit_sparse(x, y, 5, prior, generator=generator, starts=0, warm_starts=[start])
         assert more.log_posterior > posterior.value(*start)
@@ -189,7 +190,7 @@ def test_a_fit_ends_where_the_likelihood_is_flat(mean, generator):
     assert np.abs(start.theta).max() > 30.0
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("with_prior", [True, False])
 def test_a_fit_beats_the_exact_gp_of_as_many_rows(seed, with_prior):
     generator = np.random.default_rng(seed)
@@ -208,7 +209,7 @@ def test_the_same_generator_gives_the_same_bytes():
     x, y = make_data(np.random.default_rng(0), 200)
 
     def result():
-        found = fit_sparse(x, y, 5, make_prior(), generator=np.random.default_rng(7), starts=2)
+        found = fit_sparse(x, y, 5, make_prior(), generator=np.random.default_rng(7), starts=2, iterations=30)
         return [each.tobytes() for each in (found.pseudo, found.theta, *found.predict(x))]
 
     assert result() == result()

@@ -67,8 +67,9 @@ def test_sensitivities_are_slopes_of_the_whole_covariances_predictions(mean, gen
         np.testing.assert_allclose(dv, slopes[:, 1].T, rtol=1e-5, atol=1e-6)
 
 
-def test_sensitivities_add_up_over_blocks(generator):
-    x, _, pseudo, theta, model = make_models(generator, "constant", count=2100)
+def test_sensitivities_add_up_over_blocks(generator, monkeypatch):
+    monkeypatch.setattr("stages.gp.sparse.BLOCK", 200)
+    x, _, pseudo, theta, model = make_models(generator, "constant", count=410)
     points = places(x, pseudo, generator)
     slopes = differences(lambda at: SparseGP(model.posterior, pseudo, at).predict(points), theta, 1e-5)
     for ours, theirs in zip(model.sensitivities(points), (slopes[:, 0].T, slopes[:, 1].T), strict=True):
