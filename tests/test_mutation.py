@@ -6,6 +6,7 @@ import pytest
 
 from tests.mutation.__main__ import ROOT, draw_all, read_safeguards
 from tests.mutation.mutants import AREAS, is_valid
+from tests.mutation.scratch import STEPS
 
 
 @pytest.fixture(scope="module")
@@ -36,3 +37,8 @@ def test_what_is_left_out_is_replaced_by_the_next_of_its_area(drawn):
 
 def test_there_are_25_safeguards():
     assert len(read_safeguards(ROOT)) == 25
+
+
+def test_the_steps_are_those_of_ci():
+    ci = (ROOT / "README.md").read_text() + (ROOT / ".ci" / "run").read_text()
+    assert [each.name for each in STEPS if f"-m {each.marker}" not in ci.replace('"', "")] == []

@@ -2,6 +2,8 @@
 
 import argparse
 import re
+import signal
+import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -81,6 +83,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", metavar="NAME", help="plant these of them")
     parser.add_argument("--until", choices=[each.name for each in STEPS], default=STEPS[-1].name, help="last step")
     given = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # so that nothing is left behind
     equivalents = yaml.safe_load((HERE / "equivalents.yaml").read_text()) or {}
     if len(equivalents) > MOST_EQUIVALENTS:
         parser.error(f"equivalents.yaml: expected at most {MOST_EQUIVALENTS}, got {len(equivalents)}")

@@ -33,7 +33,7 @@ IN_ORDER = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
 STEPS = (
     Step("near", "not slow and not realtime", IN_ORDER),
     Step("default", "not slow and not realtime", IN_ORDER),
-    Step("slow", "slow and not realtime", ("-n", "2", "--dist", "load"), "slow"),
+    Step("slow", "slow and not realtime", ("-n", "2", "--dist", "worksteal"), "slow"),
     Step("realtime", "realtime", (), "realtime"),
 )
 """As in README.md and .ci/run; of the README's line, the files nearest to a fault come before the others."""
