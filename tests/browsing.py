@@ -22,12 +22,12 @@ def browser():
 
 
 class Look:
-    """A page, what it asked for and what it complained of."""
+    """A page, what it asked for, what it complained of, and what its scripts failed with."""
 
     def __init__(self, browser, size, **how):
         across, down = size
         self.page = browser.new_page(viewport={"width": across, "height": down}, **how)
-        self.asked, self.complaints = [], []
+        self.asked, self.complaints, self.errors = [], [], []
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.on("console", lambda message: self.complaints.append(message.text))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))

@@ -1,28 +1,25 @@
-"""A whole study of ten designed trials, decided on and followed on pages in a browser."""
+"""A whole study of designed trials, decided on and followed on pages in a browser."""
 
-import contextlib
-import os
+import asyncio
 import re
-import shutil
-import subprocess
 import threading
 import time
 
 import pandas as pd
 import pytest
 
-from tests.conftest import ROOT, Command
+from tests import browsing
+from tests.browsing import browser as browser
+from tests.conftest import Command
+from tests.rig.attended import wait_until
 
-pytest.importorskip("aiohttp", reason="aiohttp is not installed")
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = [pytest.mark.realtime, pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")]
+aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed")
 
 STUDY = [
     "budget=tiny",
-    "bank.trajectories=14",
+    "bank.trajectories=8",
     "subsampling.initial_trials=1",
-    "active_loop.trials=10",
+    "active_loop.trials=5",
     "active_loop.controls=[]",
     "exoskeleton.trial_s=0.8",
     "rig.lead_in_s=0.2",
@@ -31,6 +28,7 @@ STUDY = [
     "desk=pages",
     "desk.port=0",
     "desk.countdown_s=0.1",
+    "desk.lost_after_s=5.0",
     "desk.result_s=0.0",
 ]
 KEYS = {"accept": "a", "skip": "s", "keep": "k", "repeat": "r", "reject": "x"}
@@ -41,114 +39,114 @@ ANSWERS = {
 
 
 class Served:
-    """The command, and the addresses that it tells."""
+    """A command in a process of its own, and the addresses that it tells."""
 
-    def __init__(self, command):
-        self.process = subprocess.Popen(
-            command.line(),
-            cwd=ROOT,
-            env={**command.environment, "PYTHONUNBUFFERED": "1"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
-            text=True,
-        )
-        self.printed = []
-        self.reading = threading.Thread(target=lambda: self.printed.extend(self.process.stdout), daemon=True)
+    def __init__(self, process):
+        self.process, self.printed = process, []
+        self.reading = threading.Thread(target=lambda: self.printed.extend(process.stdout), daemon=True)
         self.reading.start()
 
     def find(self, role):
-        until = time.monotonic() + 60
-        while time.monotonic() < until:
-            found = re.search(rf"{role}'s page: (\S+)", "".join(self.printed))
-            if found:
-                return found[1]
-            time.sleep(0.05)
-        raise AssertionError("".join(self.printed))
+        return wait_until(lambda: re.search(rf"{role}'s page: (\S+)", "".join(self.printed)), 60.0)[1]
 
     def close(self):
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self.process.wait(timeout=60)
-        self.process.kill()
-        self.process.wait()
+        """Return its exit code and its complaints, once it has ended or does not do so in time."""
+        watchdog = threading.Timer(60.0, self.process.kill)
+        watchdog.start()
         self.reading.join()
-        self.process.stdout.close()
-        return self.process.returncode
+        with self.process:
+            errors = self.process.stderr.read()
+        watchdog.cancel()
+        return self.process.returncode, errors
 
 
 @pytest.fixture
-def served(tmp_path):
-    command = Command(tmp_path / "outputs", *STUDY)
-    found = Served(command)
-    yield command, found
-    found.process.kill()
-    found.close()
+def serve(tmp_path):
+    """Start the study; it ends with the test."""
+    command, begun = Command(tmp_path / "outputs", *STUDY), []
+
+    def serve(**how):
+        begun.append(Served(command.start(**how)))
+        return command, begun[-1]
+
+    yield serve
+    for each in begun:
+        each.process.kill()
+        if not each.process.stderr.closed:
+            each.close()
 
 
 def read(run, table):
     return pd.read_parquet(run / "tables" / f"{table}.parquet")
 
 
-def test_a_study_of_ten_trials_is_driven_through_its_pages(served):
-    command, study = served
+def test_what_an_operator_never_saw_is_not_begun_and_a_signal_closes_the_study(serve):
+    command, study = serve()
+    address = study.find("participant").replace("/participant?", "/ws/participant?")
+
+    async def see_proposed():
+        async with aiohttp.ClientSession() as session, session.ws_connect(address) as socket:
+            while (await socket.receive_json(timeout=60.0)).get("phase") != "proposed":
+                pass
+            until = time.monotonic() + 0.5
+            while time.monotonic() < until:
+                assert (await socket.receive_json(timeout=60.0)).get("phase", "proposed") == "proposed"
+
+    asyncio.run(see_proposed())
+    assert study.process.poll() is None
+    assert not list((command.runs[0] / "parts").glob("*/0"))
+    study.process.terminate()
+    code, errors = study.close()
+    assert code == 143
+    assert "to continue, type: " in errors
+
+
+def answer(operator, waiting):
+    """Answer what the operator's page asks, if it asks anything, by a key and with a note."""
+    offered = operator.eval_on_selector_all(
+        "#choices button:not([disabled])", "all => all.map(each => each.dataset.word)"
+    )
+    if not offered:
+        time.sleep(0.02)
+        return
+    label = operator.text_content("#label")
+    usual = "accept" if "accept" in offered else "keep"
+    word = waiting[label].pop(0) if waiting.get(label) else usual
+    operator.fill("#note", f"{word} {label}" if label in ANSWERS else "")
+    operator.evaluate("document.activeElement.blur()")
+    operator.keyboard.press(KEYS[word])
+    operator.wait_for_function(f"() => !document.querySelector('#choices [data-word={word}]:not([disabled])')")
+
+
+@pytest.mark.realtime
+def test_a_study_is_driven_through_its_pages(browser, serve):
+    command, study = serve(anew=True)
     waiting = {label: list(words) for label, words in ANSWERS.items()}
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"] if os.getuid() == 0 else [])
-        participant, operator = (browser.new_page() for _ in range(2))
-        complaints = []
-        for page in (participant, operator):
-            page.on("pageerror", lambda error: complaints.append(str(error)))
-        participant.goto(study.find("participant"))
-        operator.goto(study.find("operator"))
-        until = time.monotonic() + 240
-        while study.process.poll() is None and time.monotonic() < until:
-            with contextlib.suppress(playwright.Error):  # the server goes with the study
-                offered = operator.eval_on_selector_all(
-                    "#choices button:not([disabled])", "all => all.map(each => each.dataset.word)"
-                )
-                if not offered:
-                    time.sleep(0.02)
-                    continue
-                label = operator.text_content("#label")
-                usual = "accept" if "accept" in offered else "keep"
-                word = waiting[label].pop(0) if waiting.get(label) else usual
-                operator.fill("#note", f"{word} {label}" if label in ANSWERS else "")
-                operator.evaluate("document.activeElement.blur()")
-                operator.keyboard.press(KEYS[word])
-                operator.wait_for_function(
-                    f"() => !document.querySelector('#choices [data-word={word}]:not([disabled])')"
-                )
-        browser.close()
-    assert study.close() == 0, "".join(study.printed)
-    assert complaints == []
+    looks = {role: browsing.Look(browser, (1280, 800)) for role in ("participant", "operator")}
+    for role, look in looks.items():
+        look.page.goto(study.find(role))
+    operator = looks["operator"].page
+    until = time.monotonic() + 240
+    while study.process.poll() is None and time.monotonic() < until:
+        try:
+            answer(operator, waiting)
+        except browsing.playwright.Error:  # the server goes with the study
+            time.sleep(0.02)
+    code, errors = study.close()
+    assert code == 0, errors
+    assert [each for look in looks.values() for each in look.errors] == []
     (run,) = command.runs
     decisions = read(run, "decisions").set_index(["trial", "attempt"])
     assert decisions.loc[1, "decision"].tolist() == ["skip", "reject", "keep"]
     assert decisions.loc[4, "decision"].tolist() == ["repeat", "keep"]
     assert decisions.loc[(1, 2), "note"] == "accept p1 experiment 1 y_y trial 1; reject p1 experiment 1 y_y trial 1"
-    assert len(decisions) == 13
+    assert len(decisions) == 8
     trials, recordings = read(run, "trials"), read(run, "active_recordings")
-    assert trials["trial"].tolist() == list(range(1, 11))
-    assert recordings.groupby("trial").ngroups == 10
+    assert trials["trial"].tolist() == list(range(1, 6))
+    assert recordings.groupby("trial").ngroups == 5
     assert len(list((run / "interrupted").iterdir())) == 2
     late_s = recordings["reference_shown_s"] - recordings["time_s"]
     assert late_s.notna().mean() > 0.95
     assert 0.0 <= late_s.median() < 0.1
     delays = read(run, "tracking_delays")
     assert delays["display_delay_s"].between(0.0, 0.1).all()
-
-
-def test_a_signal_closes_pages_and_study(served):
-    _, study = served
-    study.find("operator")
-    study.process.terminate()
-    assert study.close() == 143
-    assert "to continue, type: " in "".join(study.printed)
-
-
-def test_what_an_operator_never_saw_is_not_begun(served):
-    command, study = served
-    study.find("operator")
-    time.sleep(1.0)
-    assert study.process.poll() is None
-    assert not list((command.runs[0] / "parts").glob("*/0"))

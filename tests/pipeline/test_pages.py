@@ -67,7 +67,7 @@ def test_page_stands_alone_and_fits(pages, browser, kind):
     anchors = look.page.evaluate("[...document.querySelectorAll('nav a')].map(each => each.hash.slice(1))")
     assert anchors
     assert look.page.evaluate("names => names.filter(each => !document.getElementById(each))", anchors) == []
-    assert look.complaints == []
+    assert look.complaints + look.errors == []
 
 
 def test_a_request_to_elsewhere_is_refused(pages, browser, tmp_path):

@@ -255,7 +255,7 @@ def test_a_trial_from_its_proposal_to_its_result(still):
     assert room.desk.see()["history"] == [{"trial": "trial 4", "decision": "keep", "note": "arm at rest"}]
     operator.wait_text("arm at rest")
     for look in room.looks:
-        assert look.complaints == []
+        assert look.complaints + look.errors == []
         own = (f"http://127.0.0.1:{room.server.port}/", "data:")
         assert [each for each in look.asked if not each.startswith(own)] == []
 
@@ -339,7 +339,7 @@ def test_what_others_wrote_is_shown_as_it_is(still):
     room.wait(operator.page.locator("#history td").first.is_visible)
     assert operator.page.locator("#history td").all_inner_texts() == [HOSTILE, "skip", HOSTILE]
     assert operator.page.title() == "Operator"
-    assert operator.complaints == []
+    assert operator.complaints + operator.errors == []
 
 
 @pytest.mark.slow
