@@ -90,7 +90,7 @@ def sound():
 
 
 def test_a_hidden_effect_is_named_explained_drawn_and_simulated(pamid, tmp_path):
-    samples, meta = record_session(["hysteresis"], trials=6, seconds=1.2)
+    samples, meta = record_session(["hysteresis"], trials=8, seconds=2.0)
     result, verdict = judge(pamid, tmp_path / "rig", samples, meta)
     assert result.returncode == 0, result.stderr
     check_verdict(verdict, meta["muscles"])
