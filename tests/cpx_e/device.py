@@ -28,8 +28,6 @@ CONTROL, VALUE, MODULES, FAULTS, STATUS, ANSWER, ANSWERED, TIMEOUT = (
     46100,
 )
 CONTROL_BIT, WRITE_BIT, NUMBER_BITS = 1 << 15, 1 << 13, 0x0FFF | 1 << 12
-LOAD_VALUE = 24
-SET_COUNTER, BLOCK_COUNTER = 1 << 2, 1 << 3
 REMEMBERED = 2000
 TEND_S = 0.005
 
@@ -68,8 +66,6 @@ class Device:
         self.commands, self.sensors = machine.commands(), machine.sensors()
         self.places = {register: list(self.sensors).index(name) for name, (register, _) in self.sensors.items()}
         self.held: dict[str, int] = {}
-        self.counters: dict[int, dict[str, int]] = {}
-        self.ran_since: dict[str, float] = {}
         now = clock.now_s()
         self.requested_s = now
         self.messages = 0
@@ -148,8 +144,6 @@ class Device:
             out, into = first[position]
             if name == "4AO":
                 words |= {into + channel: self.written[out + channel] for channel in range(4)}
-            elif name == "1CI":
-                words |= {into + 6: self.written[out] & 0xFF}
         for name, (register, channel) in self.sensors.items():
             fault = bad.get(name, {"mode": None})
             count = counts[self.places[register]]
@@ -157,26 +151,9 @@ class Device:
             if isinstance(channel, Analog):
                 words[register] = (int(fault["counts"]) if fault["mode"] == "counts" else count) & 0xFFFF
             else:
-                count, status = self._count(channel.module, count & 0xFFFFFFFF)
-                count = int(fault["counts"]) & 0xFFFFFFFF if fault["mode"] == "counts" else count
-                words |= {register: count & 0xFFFF, register + 1: count >> 16, register + 4: status}
+                count = (int(fault["counts"]) if fault["mode"] == "counts" else count) & 0xFFFFFFFF
+                words |= {register: count & 0xFFFF, register + 1: count >> 16}
         return words
-
-    def _count(self, position: int, count: int) -> tuple[int, int]:
-        """Return what a counter module shows, and its status word; it can be set and blocked."""
-        order = self.written[self.machine.first_registers[position][0]]
-        known = self.counters.setdefault(position, {"offset": 0, "order": 0, "shown": count, "set": 0})
-        if order & SET_COUNTER and not known["order"] & SET_COUNTER:
-            number = 4828 + 64 * position + LOAD_VALUE
-            load = sum(self.parameters.get(number + place, 0) << 8 * place for place in range(4))
-            known |= {"offset": load - count, "set": 1}
-        if not order & BLOCK_COUNTER:
-            known["shown"] = (count + known["offset"]) & 0xFFFFFFFF
-        if not order & SET_COUNTER:
-            known["set"] = 0
-        known["order"] = order
-        blocked = bool(order & BLOCK_COUNTER)
-        return known["shown"], blocked << 11 | known["set"] << 12
 
     def _exchange_parameter(self, order: int) -> None:
         number = order & NUMBER_BITS

@@ -1,6 +1,6 @@
 """Modbus/TCP on sockets: frames in, the device's words out, with faults put into the bytes.
 
-Functions 3, 4, 6, 16, 23 and 43/14; everything else is answered with an exception.
+Functions 3, 4, 6, 16 and 23; everything else is answered with an exception.
 """
 
 from __future__ import annotations
@@ -15,9 +15,6 @@ import threading
 from stages.rig import clock
 from tests.cpx_e.device import Device, NoSuchRegister
 from tests.cpx_e.faults import Faults
-
-BASIC = [b"Festo", b"CPX-E-EP", b"1.0"]
-REGULAR = [*BASIC, b"http://www.festo.com", b"CPX-E", b"CPX-E-EP emulated"]
 
 
 class Refused(Exception):
@@ -164,8 +161,6 @@ class ModbusServer:
         if function == 23:
             self._write(body[4:])
             return self._read(*struct.unpack(">HH", body[:4]))
-        if function == 43 and body[0] == 14:
-            return _identify(body[1], body[2])
         raise Refused(1)
 
     def _read(self, address: int, count: int) -> bytes:
@@ -182,21 +177,6 @@ class ModbusServer:
         if self.faults.now("deaf"):
             return
         self.device.write(address, list(struct.unpack(f">{count}H", body[5:])))
-
-
-def _identify(wanted: int, first: int) -> bytes:
-    if wanted not in (1, 2, 3, 4):
-        raise Refused(3)
-    known = BASIC if wanted == 1 else REGULAR
-    if first >= len(known):
-        if wanted == 4:
-            raise Refused(2)
-        first = 0
-    shown = [(place, known[place]) for place in range(first, len(known))]
-    if wanted == 4:
-        shown = shown[:1]
-    objects = b"".join(bytes([place, len(text)]) + text for place, text in shown)
-    return bytes([14, wanted, 0x82, 0, 0, len(shown)]) + objects
 
 
 def _receive(client: socket.socket, size: int) -> bytes:
