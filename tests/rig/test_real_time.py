@@ -68,6 +68,13 @@ def command(emulator, tmp_path):
     return Command(tmp_path, *RUN, f"rig.device.port={emulator.port}", f"+rig.control_port={emulator.control_port}")
 
 
+@pytest.fixture
+def process(command):
+    with command.start() as process:
+        yield process
+        process.kill()
+
+
 def wait_for_pressure(emulator, process, after_s):
     begun, since = time.monotonic(), None
     while since is None or time.monotonic() - since < after_s:
@@ -126,8 +133,7 @@ def test_an_operators_stop_lets_the_muscles_down_and_the_trial_can_be_repeated(r
     assert not operator.is_alive()
 
 
-def test_a_signal_lets_the_muscles_down_and_keeps_what_was_measured(emulator, command, tmp_path):
-    process = command.start()
+def test_a_signal_lets_the_muscles_down_and_keeps_what_was_measured(emulator, process, tmp_path):
     wait_for_pressure(emulator, process, 0.8)
     sent = time.monotonic()
     os.kill(process.pid, signal.SIGTERM)
@@ -142,12 +148,11 @@ def test_a_signal_lets_the_muscles_down_and_keeps_what_was_measured(emulator, co
     assert len(pd.read_parquet(kept)) > 200
 
 
-def test_kill_9_has_the_watchdog_vent_and_leaves_what_was_measured(emulator, command, tmp_path):
-    process = command.start()
+def test_kill_9_has_the_watchdog_vent_and_leaves_what_was_measured(emulator, command, process, tmp_path):
     wait_for_pressure(emulator, process, 1.0)
     before = emulator.state(log=0)["watchdog_count"]
     process.kill()
-    process.communicate()
+    process.wait()
     time.sleep(WATCHDOG_S + 0.4)
     state = emulator.state()
     assert state["watchdog_count"] == before + 1
