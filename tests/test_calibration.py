@@ -10,15 +10,14 @@ import signal
 import numpy as np
 import pandas as pd
 import pytest
-from hydra import compose, initialize_config_dir
 
 from pipeline.choices import read_choices
 from pipeline.config import read_study
 from pipeline.errors import ConfigError
-from pipeline.runner import run_study
 from stages.rig import clock
 from stages.rig.contract import RigError
-from tests.conftest import ROOT
+from tests.composing import compose_values
+from tests.conftest import Command
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
 
@@ -64,27 +63,25 @@ class Person:
     """Does what a run asks for and types its command again, until it no longer asks."""
 
     def __init__(self, emulator, outputs, *overrides):
-        self.emulator, self.outputs = emulator, outputs
-        self.arguments = ["workflow=calibration", *list_overrides(emulator, outputs), *overrides]
-        with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-            self.composed = compose("config", overrides=self.arguments)
-        self.asked = []
+        self.emulator, self.command = emulator, Command(outputs, *list_overrides(emulator), *overrides)
+        self.asked, self.told = [], []
         self.hands = {}
         self.shown_kpa = 0.0
 
     @property
     def run(self):
         """The run's folder."""
-        (run,) = (self.outputs / "runs").iterdir()
+        (run,) = self.command.runs
         return run
 
     def type(self):
         """Type the command; return its exit code."""
         begun_s = self.emulator.state()["now_s"]
-        code = run_study(self.composed, self.arguments)
+        result = self.command()
+        self.told += result.stderr.splitlines()
         state = self.emulator.state(log=2000)
         self.shown_kpa = max((kpa[0] for at, kpa in state["log"] if at > begun_s), default=0.0)
-        return code
+        return result.returncode
 
     def obey(self):
         """Do what is asked for now, which takes a second."""
@@ -120,12 +117,12 @@ class Person:
         return pd.read_parquet(self.run / "tables" / f"calibration_{table}.parquet")
 
 
-def list_overrides(emulator, outputs):
+def list_overrides(emulator):
     return (
+        "workflow=calibration",
         "rig=festo_cpx",
         "rig.device.host=127.0.0.1",
         f"rig.device.port={emulator.port}",
-        f"outputs={outputs}",
         "figures=[png]",
         "calibration.record_s=0.3",
         "calibration.settle_s=0.5",
@@ -153,12 +150,11 @@ def build(person, *overrides):
     """Return the rig that a calibration left, as another study loads it."""
     file = person.run / "documents" / "calibrated.yaml"
     overrides, _ = read_choices([f"rig={file}", *overrides], ["rig"])
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        study, _ = read_study(compose("config", overrides=overrides))
+    study, _ = read_study(compose_values(*overrides))
     return study.build("rig")
 
 
-def test_a_rig_reads_the_truth_once_it_is_calibrated(emulator, tmp_path, capfd):
+def test_a_rig_reads_the_truth_once_it_is_calibrated(emulator, tmp_path):
     points = {
         "pam1.force": [0.0, 100.0, 0.0],
         "pam1.pressure": [0.0, 100.0, 200.0],
@@ -168,12 +164,11 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated(emulator, tmp_path, capfd):
     person = Person(emulator, tmp_path, *choose(points), "calibration.plausible_ratio=1.2")
     assert person.carry_out() == 0
     assert [each["point"] for each in person.asked] == [1, 2, 3, 4, 5, 6, 7, 8]
-    told = capfd.readouterr().err
-    assert len(told.strip().splitlines()) == 8
+    assert len(person.told) == 8
     assert re.search(
         r"calibration paused: recorded pam1.force at 0 N \(24000.0 counts, spread 0.0\); point 2 of 8, pam1.force at "
         r"100 N: hang 100 N on the load cell of pam1 and let it come to rest .* when that is done, type: ",
-        told,
+        person.told[1],
     )
     lines, changes = (person.read(each).set_index("channel") for each in ("lines", "changes"))
     assert set(lines["status"]) == {"calibrated"}
@@ -271,13 +266,13 @@ def test_what_determines_no_line_is_refused_and_stays_as_configured(emulator, tm
     assert not (person.run / "documents" / "calibrated.yaml").exists()
 
 
-def test_a_point_of_no_use_is_asked_for_again(emulator, tmp_path, capfd):
+def test_a_point_of_no_use_is_asked_for_again(emulator, tmp_path):
     person = Person(emulator, tmp_path, *choose({"pam1.force": [0.0, 100.0]}))
     person.type()
     person.obey()
     emulator.fault("sensor", channel="pam1.force", mode="counts", counts=32767)
     assert person.type() == 3
-    told = capfd.readouterr().err.splitlines()[-1]
+    told = person.told[-1]
     assert "of no use: the channel told no value (count 32767); point 1 of 2, pam1.force at 0 N: take every" in told
     person.obey()
     assert person.carry_out() == 0
@@ -322,8 +317,6 @@ def test_a_run_that_is_killed_goes_on_at_the_point_it_was_recording(emulator, tm
     ],
 )
 def test_what_does_not_fit_the_rig_is_refused_before_anything_is_asked(override, told):
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        composed = compose("config", overrides=["workflow=calibration", override])
     with pytest.raises(ConfigError) as caught:
-        read_study(composed)
+        read_study(compose_values("workflow=calibration", override))
     assert told in str(caught.value)

@@ -133,22 +133,19 @@ def apply_limits(
     limits: Limits,
     exoskeleton: Exoskeleton,
     co_contraction_kpa: Mapping[str, float] | None = None,
-    start_kpa: Array | None = None,
 ) -> tuple[Array, NDArray[Any]]:
     """Return the nearest command within the limits, sample after sample.
 
     Parameters
     ----------
     command_kpa : (T, M) ndarray
-        What is asked, kPa gauge.
+        What is asked, kPa gauge; the muscles are filled to the first sample beforehand.
     limits : mapping of str to PressureLimit
         By type of muscle.
     exoskeleton : Exoskeleton
         The machine.
     co_contraction_kpa : mapping of str to float or None
         By joint: as long as one side of it is commanded more than this, the other one is not; None for no ceiling.
-    start_kpa : (M,) ndarray or None
-        What is applied before the first sample; None where the muscles are filled to the first sample beforehand.
 
     Returns
     -------
@@ -161,7 +158,6 @@ def apply_limits(
     side = np.array([1 if muscle.role == "agonist" else -1 for muscle in exoskeleton.muscles])
     ceilings = co_contraction_kpa or {}
     ceiling = np.array([ceilings.get(name, np.inf) for name in exoskeleton.joint_names])
-    begun = np.full(len(rows), np.nan) if start_kpa is None else np.asarray(start_kpa, dtype=float)
     applied, codes = _limit(
         np.ascontiguousarray(command_kpa, dtype=float),
         low,
@@ -170,7 +166,6 @@ def apply_limits(
         np.array(exoskeleton.joint_of_muscle),
         side,
         ceiling,
-        begun,
     )
     return applied, np.array(CODES)[codes]
 
@@ -184,11 +179,10 @@ def _limit(
     joint: NDArray[np.int64],
     side: NDArray[np.int64],
     ceiling: Array,
-    start: Array,
 ) -> tuple[Array, NDArray[np.int64]]:
     applied, codes = wanted.copy(), np.zeros(wanted.shape, dtype=np.int64)
     count = wanted.shape[1]
-    before = start.copy()
+    before = np.full(count, np.nan)
     for k in range(wanted.shape[0]):
         for m in range(count):
             value = min(max(wanted[k, m], low[m]), high[m])

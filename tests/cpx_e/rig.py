@@ -18,6 +18,7 @@ from pydantic import TypeAdapter
 
 from stages.rig.contract import Trial
 from stages.rig.festo_cpx import FestoCpx
+from tests.cpx_e.turned import TurnedEmulator
 from tests.plant.machines import configured
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
@@ -36,6 +37,7 @@ class ToldFestoCpx(FestoCpx):
 
     def announce(self, trial: Trial) -> None:
         """Tell the emulated person."""
+        emulators = {each.control_port: each for each in TurnedEmulator.serving}
         content = hashlib.sha256(trial.label.encode() + trial.pressure_command_kpa.tobytes()).digest()
         request = {
             "do": "trial",
@@ -46,6 +48,9 @@ class ToldFestoCpx(FestoCpx):
             "lead_samples": self._lead_samples,
             "seed": int.from_bytes(content[:4], "big"),
         }
+        if self.control_port in emulators:
+            emulators[self.control_port].ask(**request)
+            return
         with socket.create_connection(("127.0.0.1", self.control_port), timeout=5.0) as control:
             lines = control.makefile("rw")
             lines.write(json.dumps(request) + "\n")

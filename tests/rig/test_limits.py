@@ -38,14 +38,6 @@ def test_a_step_becomes_the_steepest_ramp_that_arrives():
     assert (clipped[:, 0] == np.where((applied[:, 0] < command[:, 0]), "rate", "")).all()
 
 
-def test_a_start_bounds_the_first_sample():
-    command = np.full((40, 4), 100.0)
-    applied, clipped = apply_limits(command, LIMITS, EXOSKELETON, start_kpa=np.zeros(4))
-    assert applied[:3, 0].tolist() == [4.0, 8.0, 12.0]
-    assert clipped[0].tolist() == ["rate"] * 4
-    assert (applied[-1] == 100.0).all()
-
-
 def test_co_contraction_holds_the_lower_side_below_its_ceiling_within_all_rates(generator):
     command = generator.uniform(0.0, 260.0, (2000, 4))
     ceilings = {"SFE": 120.0, "EFE": 60.0}

@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 
@@ -15,7 +14,8 @@ from stages.rig.attendance import TrialDeclined
 from stages.rig.contract import TrialStopped, tidy
 from stages.rig.desk import Desk, DeskSettings
 from stages.rig.pacing import measure_pace
-from tests.cpx_e.emulator import ROOT, Emulator
+from tests.conftest import Command
+from tests.cpx_e.emulator import Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.rig.watching import wave
 
@@ -63,16 +63,15 @@ def rig(emulator, section):
     emulator.end()
 
 
-def run(emulator, outputs):
-    ports = f"rig.device.port={emulator.port}", f"+rig.control_port={emulator.control_port}"
-    command = [sys.executable, "-m", "pipeline", *RUN, *ports, f"outputs={outputs}"]
-    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+@pytest.fixture
+def command(emulator, tmp_path):
+    return Command(tmp_path, *RUN, f"rig.device.port={emulator.port}", f"+rig.control_port={emulator.control_port}")
 
 
 def wait_for_pressure(emulator, process, after_s):
     begun, since = time.monotonic(), None
     while since is None or time.monotonic() - since < after_s:
-        assert process.poll() is None, process.stdout.read()
+        assert process.poll() is None, process.stderr.read()
         assert time.monotonic() - begun < 60.0
         if since is None and max(emulator.state(log=0)["outputs_kpa"]) > 5.0:
             since = time.monotonic()
@@ -127,12 +126,12 @@ def test_an_operators_stop_lets_the_muscles_down_and_the_trial_can_be_repeated(r
     assert not operator.is_alive()
 
 
-def test_a_signal_lets_the_muscles_down_and_keeps_what_was_measured(emulator, tmp_path):
-    process = run(emulator, tmp_path)
+def test_a_signal_lets_the_muscles_down_and_keeps_what_was_measured(emulator, command, tmp_path):
+    process = command.start()
     wait_for_pressure(emulator, process, 0.8)
     sent = time.monotonic()
     os.kill(process.pid, signal.SIGTERM)
-    told, _ = process.communicate(timeout=30.0)
+    _, told = process.communicate(timeout=30.0)
     state = emulator.state()
     assert process.returncode == 143
     assert "bank interrupted: stopped by SIGTERM; what was measured until then: " in told
@@ -143,21 +142,19 @@ def test_a_signal_lets_the_muscles_down_and_keeps_what_was_measured(emulator, tm
     assert len(pd.read_parquet(kept)) > 200
 
 
-def test_kill_9_has_the_watchdog_vent_and_leaves_what_was_measured(emulator, tmp_path):
-    process = run(emulator, tmp_path)
+def test_kill_9_has_the_watchdog_vent_and_leaves_what_was_measured(emulator, command, tmp_path):
+    process = command.start()
     wait_for_pressure(emulator, process, 1.0)
     before = emulator.state(log=0)["watchdog_count"]
     process.kill()
-    process.wait()
-    process.stdout.close()
+    process.communicate()
     time.sleep(WATCHDOG_S + 0.4)
     state = emulator.state()
     assert state["watchdog_count"] == before + 1
     assert state["outputs_kpa"] == [0.0] * 4
     assert WATCHDOG_S - 0.05 <= state["watchdog_fired_at_s"] - state["last_request_at_s"] <= WATCHDOG_S + LATE_S
-    again = run(emulator, tmp_path)
-    told, _ = again.communicate(timeout=60.0)
-    assert again.returncode == 0, told
+    again = command()
+    assert again.returncode == 0, again.stderr
     kept = [*tmp_path.glob("runs/*/interrupted/*.parquet")]
     assert len(kept) == 1
     rows = pd.read_parquet(kept[0])
