@@ -1,6 +1,7 @@
 """Fixtures shared by all tests."""
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -40,7 +41,7 @@ def make_once(tmp_path_factory):
     may be slow: the other workers wait for it. If it raises, nothing stays, and the next one that asks makes it anew.
     """
     folder = tmp_path_factory.getbasetemp()
-    shared = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "made once"
+    shared = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "made-once"
     shared.mkdir(exist_ok=True)
 
     def make(name, maker):
@@ -86,10 +87,12 @@ class Command:
         """Start the command in a process of its own."""
         return self._start(self.line(*arguments), before, anew)
 
-    def __call__(self, *arguments: str, before=None, apart: bool = False) -> subprocess.CompletedProcess[str]:
-        typed = {*self.fixed, *arguments}
-        spreads = bool({"-m", "--multirun"} & typed) and not SEQUENTIALLY & typed
-        return self._run(self.line(*arguments), before, apart or spreads)
+    def __call__(self, *arguments: str, before=None, apart: bool | None = None) -> subprocess.CompletedProcess[str]:
+        return self._run(self.line(*arguments), before, apart)
+
+    def retype(self, line: str) -> subprocess.CompletedProcess[str]:
+        """Run a command as it was printed."""
+        return self._run(shlex.split(line))
 
     def review(self, *arguments: str, before=None) -> subprocess.CompletedProcess[str]:
         return self._run(self.review_line(*arguments), before)
@@ -107,9 +110,12 @@ class Command:
         shutil.copytree(self.outputs, folder, copy_function=copy)
         return made
 
-    def _run(self, line: list[str], before=None, apart: bool = False) -> subprocess.CompletedProcess[str]:
-        adds_code = self.environment.get("PYTHONPATH") != os.environ.get("PYTHONPATH")
-        if before is None and not apart and not self.anew and not adds_code:
+    def _run(self, line: list[str], before=None, apart: bool | None = None) -> subprocess.CompletedProcess[str]:
+        if apart is None:
+            spreads = {"-m", "--multirun"} & {*line[3:]} and not SEQUENTIALLY & {*line}
+            adds_code = self.environment.get("PYTHONPATH") != os.environ.get("PYTHONPATH")
+            apart = bool(spreads or adds_code or before or self.anew)
+        if not apart:
             return run_within(line, self.environment, self.root)
         with self._start(line, before) as process:
             try:
@@ -135,10 +141,14 @@ def pamid(tmp_path):
 
 @pytest.fixture(scope="session")
 def shared_run(make_once):
-    """The command with one finished run of the main job, tiny, made once for all; copy it to change anything."""
+    """The command with one finished run of the main job, tiny, made once for all; copy it to change anything.
+
+    What it printed lies in `printed.txt` beside its outputs.
+    """
 
     def run(folder):
         result = Command(folder / "outputs", *TINY)()
-        assert result.returncode == 0, result.stderr
+        assert (result.returncode, result.stderr) == (0, "")
+        (folder / "printed.txt").write_text(result.stdout)
 
     return Command(make_once("main run", run) / "outputs", *TINY)

@@ -1,19 +1,17 @@
 """Studies of chosen stages for tests: composed and validated as by the command, stages run in memory."""
 
 import pandas as pd
-from hydra import compose, initialize_config_dir
 from rich.console import Console
 
 from pipeline.config import Settings, read_study
 from pipeline.context import Context, Record
-from tests.conftest import ROOT
+from tests.composing import compose_values
 
 
 def read_stages(stages, *overrides):
     """Return the study of these stages, and the stages by name; sections of other stages are quoted, not refused."""
     line = ["budget=tiny", f"workflow.stages=[{','.join(stages)}]", "workflow.headline=[]", *overrides]
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        composed = compose("config", overrides=line)
+    composed = compose_values(*line)
     composed.workflow.metrics, composed.workflow.curves = {}, {}
     composed.workflow.quoted = [str(name) for name in composed if name not in Settings.model_fields]
     study, ordered = read_study(composed)

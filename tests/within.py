@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from multiprocessing import resource_tracker
 from pathlib import Path
 from unittest.mock import patch
 
@@ -25,6 +26,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
+from hydra.core.singleton import Singleton
 
 import pipeline.__main__
 import pipeline.review.__main__
@@ -67,6 +69,7 @@ def _live(line: Sequence[str], environment: Mapping[str, str], folder: Path, bef
     if before is not None:
         before()
     os.closerange(3, MOST_HANDLES)  # by which Popen knows that the process lives
+    resource_tracker._resource_tracker._fd = None  # that of the parent
     with open(1, "w", closefd=False) as sys.stdout, open(2, "w", buffering=1, closefd=False) as sys.stderr:
         _enter(line, environment, folder)
         sys.modules.pop(f"{line[2]}.__main__")
@@ -123,6 +126,7 @@ def _put_back() -> Iterator[None]:
     here, heard = Path.cwd(), {number: signal.getsignal(number) for number in WORDS}
     with (
         patch.dict(os.environ),
+        patch.object(Singleton, "_instances", dict(Singleton._instances)),
         patch.object(store, "repo", _branch(store.repo)),
         patch.object(composing, "hydra", composing.hydra),
         patch.object(config, "cfg", config.cfg),

@@ -8,7 +8,7 @@ from tests.faults import find_parts, tables_of, wait_until
 CONFIG = ("--config-dir", "tests/pipeline/conf")
 TOY = (*CONFIG, "workflow=toy", "figures=[png]")
 SLOWLY = "doubling.pause_s=0.15"
-ALONE = ("-m", "hydra/launcher=basic")
+ALONE = ("-m", "hydra.launcher.n_jobs=1")
 """A sweep whose jobs follow each other, begun by the command's own process."""
 
 

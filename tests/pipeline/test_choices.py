@@ -19,7 +19,7 @@ def more(tmp_path):
     return path
 
 
-def test_a_file_serves_as_an_option_and_is_noted_with_its_hash(toy, more):
+def test_a_file_serves_as_an_option_is_noted_with_its_hash_and_counts_by_its_bytes(toy, more):
     result = toy(f"counting={more}")
     assert result.returncode == 0, result.stderr
     (run,) = toy.runs
@@ -29,10 +29,6 @@ def test_a_file_serves_as_an_option_and_is_noted_with_its_hash(toy, more):
     assert ledger["given"] == [{"group": "counting", "file": str(more), "sha256": digest}]
     assert f"counting is {more} (SHA-256 {digest})" in (run / "log.txt").read_text()
     assert f"'counting={more}'" in ledger["command"]
-
-
-def test_other_bytes_in_the_file_are_another_configuration(toy, more):
-    toy(f"counting={more}")
     assert "everything is fresh" in toy(f"counting={more}", "plan=true").stdout
     more.write_text(MORE.replace("9", "10"))
     assert "config changed (counting.count 9 -> 10)" in toy(f"counting={more}", "plan=true").stdout

@@ -1,4 +1,4 @@
-"""``rerun=RUN``: tables made again by real processes, agreeing or not, here or from another machine."""
+"""``rerun=RUN``: tables made again agreeing or not, here or from another machine."""
 
 import json
 import shutil
@@ -7,8 +7,7 @@ import pytest
 
 from tests.conftest import Command
 from tests.faults import check_wholeness, find_parts, ledger_of, overwrite, tables_of, wait_until
-
-CONFIG = ("--config-dir", "tests/pipeline/conf")
+from tests.pipeline.conftest import ALONE, CONFIG
 
 
 @pytest.fixture
@@ -67,7 +66,6 @@ def test_a_drift_is_told_by_table_and_column(lab, rerun):
     assert ledger_of(lab.runs[2])["comparison"]["tables"]["verdicts"] == "3 rows then, 6 now"
 
 
-@pytest.mark.slow
 def test_what_changed_since_is_told(toy, rerun, tmp_path):
     package = tmp_path / "copied_toy"
     shutil.copytree("tests/pipeline/toy", package, ignore=shutil.ignore_patterns("__pycache__"))
@@ -138,9 +136,8 @@ def test_what_real_hardware_measured_is_taken_over(lab, rerun, tmp_path):
     assert len(lab.runs) == 3
 
 
-@pytest.mark.slow
 def test_a_job_of_a_sweep_and_a_run_from_elsewhere(toy, rerun, tmp_path):
-    assert toy("-m", "sweep=s", "seed=0,1", "doubling.digits=3").returncode == 0
+    assert toy(*ALONE, "sweep=s", "seed=0,1", "doubling.digits=3").returncode == 0
     (folder,) = (each for each in (toy.outputs / "sweeps" / "s").glob("*seed=1*"))
     for name in (f"s/{folder.name}", f"s/{folder.name[:25]}"):
         result = rerun(f"rerun={name}", "workers=1", "figures=[]")
@@ -156,14 +153,13 @@ def test_a_job_of_a_sweep_and_a_run_from_elsewhere(toy, rerun, tmp_path):
     assert ledger_of(run)["rerun_of"]["folder"] == str(tmp_path / "from elsewhere")
 
 
-def test_only_the_stages_of_the_run_are_made_again(toy, rerun):
-    toy()
-    toy("stages=[doubling]")
+def test_only_the_stages_of_the_run_are_made_again(done, rerun):
+    done("stages=[doubling]")
     result = rerun("rerun=latest")
     assert result.returncode == 0, result.stderr
     assert "3 of 3 tables have the same bytes" in result.stdout
-    assert set(ledger_of(toy.runs[-1])["stages"]) == {"counting", "doubling"}
-    assert {each["origin"] for each in ledger_of(toy.runs[-1])["stages"].values()} == {toy.runs[-1].name}
+    assert set(ledger_of(done.runs[-1])["stages"]) == {"counting", "doubling"}
+    assert {each["origin"] for each in ledger_of(done.runs[-1])["stages"].values()} == {done.runs[-1].name}
 
 
 def test_changed_and_missing_input_files_are_told(rerun, tmp_path):
@@ -196,9 +192,8 @@ def test_changed_and_missing_input_files_are_told(rerun, tmp_path):
     assert f"rerun={first.name}: weighing.what: expected the path of a file or folder, got '{data}'" in line
 
 
-@pytest.mark.slow
 def test_a_killed_repetition_goes_on_by_itself_and_is_taken_for_nothing_else(toy, rerun):
-    slowly = "doubling.pause_s=0.4"
+    slowly = "doubling.pause_s=0.15"
     toy(slowly)
     (first,) = toy.runs
     process = rerun.start("rerun=latest")
@@ -233,10 +228,9 @@ def test_a_killed_repetition_goes_on_by_itself_and_is_taken_for_nothing_else(toy
         (("rerun=tests/pipeline",), "expected the folder of a run, got one without run.json"),
     ],
 )
-def test_bad_input_is_one_line_and_writes_nothing(toy, rerun, arguments, told):
-    toy()
+def test_bad_input_is_one_line_and_writes_nothing(done, rerun, arguments, told):
     assert told in the_only_line(rerun(*arguments))
-    assert len(toy.runs) == 1
+    assert len(done.runs) == 1
 
 
 def test_a_run_that_is_not_whole_is_refused(toy, rerun):
@@ -261,9 +255,8 @@ def test_a_run_that_is_not_whole_is_refused(toy, rerun):
     assert len(toy.runs) == 2
 
 
-def test_an_edited_configuration_is_seen(toy, rerun):
-    toy()
-    config = toy.runs[0] / "config.yaml"
+def test_an_edited_configuration_is_seen(done, rerun):
+    config = done.runs[0] / "config.yaml"
     config.write_text(config.read_text().replace("count: 6", "count: 7"))
     result = rerun("rerun=latest")
     assert result.returncode == 1

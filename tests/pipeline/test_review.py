@@ -9,26 +9,29 @@ import pytest
 
 from tests.conftest import Command
 from tests.faults import ledger_of
+from tests.pipeline.conftest import ALONE, CONFIG
 
-SWEEP = ("-m", "sweep=s", "seed=0,1,2", "counting.count=3,4", "trying.fail_at=[1]")
+TRIALS = (*CONFIG, "workflow=trials", "figures=[png]")
+SWEEP = (*ALONE, "sweep=s", "seed=0,1,2", "counting.count=3,4", "trying.fail_at=[1]")
 
 
-@pytest.fixture(scope="module")
-def swept(tmp_path_factory):
+@pytest.fixture(scope="session")
+def swept(make_once):
     """Outputs with two runs and a sweep of six jobs of which two failed; not to be changed."""
-    command = Command(tmp_path_factory.mktemp("swept") / "outputs", "--config-dir", "tests/pipeline/conf")
-    assert command("workflow=trials", *SWEEP).returncode == 1
-    assert command("workflow=trials", "seed=5").returncode == 0
-    assert command("workflow=trials", "seed=6", "counting.label=other").returncode == 0
-    return command
+
+    def run(folder):
+        command = Command(folder / "outputs", *TRIALS)
+        assert command(*SWEEP).returncode == 1
+        assert command("seed=5").returncode == 0
+        assert command("seed=6", "counting.label=other").returncode == 0
+
+    return Command(make_once("swept", run) / "outputs", *TRIALS)
 
 
 @pytest.fixture
 def copied(swept, tmp_path):
     """The same outputs elsewhere, to be spoilt."""
-    command = Command(tmp_path / "copy", *swept.fixed)
-    shutil.copytree(swept.outputs, command.outputs)
-    return command
+    return swept.copy(tmp_path / "copy")
 
 
 def job(command, *parts, sweep="s"):
@@ -155,8 +158,8 @@ def test_sweep_writes_its_table_and_a_page_with_all_of_it(copied):
 
 
 def test_two_axes_make_a_grid_and_lists_are_values(tmp_path):
-    command = Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=trials")
-    assert command("-m", "sweep=g", "counting.count=3,5", "trying.fail_at=[],[7,8]", "seed=0,1").returncode == 0
+    command = Command(tmp_path / "outputs", *TRIALS)
+    assert command(*ALONE, "sweep=g", "counting.count=3,5", "trying.fail_at=[],[7,8]", "seed=0,1").returncode == 0
     shown = command.review("sweep", "latest").stdout
     assert "[7,8]" in shown
     page = (command.outputs / "sweeps" / "g" / "sweep.html").read_text()
@@ -189,7 +192,7 @@ def test_sweep_of_odd_jobs(copied):
 
 
 def test_one_job_and_no_metric(toy):
-    assert toy("-m", "sweep=one", "seed=3").returncode == 0
+    assert toy(*ALONE, "sweep=one", "seed=3").returncode == 0
     shown = toy.review("sweep", "one")
     assert shown.returncode == 0, shown.stderr
     assert "1 job (1 done)" in shown.stdout
@@ -199,10 +202,9 @@ def test_one_job_and_no_metric(toy):
     assert "expected two runs or more" in alone.stderr
 
 
-@pytest.mark.slow
 def test_jobs_with_different_workflows(toy):
     toy.fixed = tuple(each for each in toy.fixed if not each.startswith("workflow"))
-    assert toy("-m", "sweep=w", "workflow=toy,trials", "seed=0,1").returncode == 0
+    assert toy(*ALONE, "sweep=w", "workflow=toy,trials", "seed=0,1").returncode == 0
     shown = toy.review("sweep", "w")
     assert shown.returncode == 0, shown.stderr
     assert "trials" in shown.stdout
@@ -240,15 +242,14 @@ def test_compare_lists_differences_alone(swept, tmp_path):
     assert "library.pandas" in everything
 
 
-def test_compare_tells_equal_tables(toy):
-    toy()
-    toy("counting.label=other")
-    one, two = (each.name for each in toy.runs)
-    shown = toy.review("compare", one, two).stdout
+def test_compare_tells_equal_tables(done):
+    done("counting.label=other")
+    one, two = (each.name for each in done.runs)
+    shown = done.review("compare", one, two).stdout
     assert "total: the same to the byte in all runs that have it" in shown
     assert "the same to the byte in all: numbers, doubles, halves, total" in shown
     assert "Tables that differ: none" in shown
-    assert (toy.outputs / "reviews" / f"compare-{one}_vs_{two}.html").is_file()
+    assert (done.outputs / "reviews" / f"compare-{one}_vs_{two}.html").is_file()
 
 
 def test_runs_that_differ_in_seed_alone_are_one_line_with_a_band(swept):
@@ -304,10 +305,7 @@ def test_report_of_a_run_that_failed(toy):
 
 
 def test_report_is_of_the_last_attempt(toy):
-    toy("doubling.fail_at=3", "doubling.digits=4")
-    shutil.rmtree(toy.outputs)
-    job_of = (*toy.fixed, "sweep=j")
-    toy.fixed = job_of
+    toy.fixed = (*toy.fixed, "sweep=j")
     assert toy("doubling.fail_at=3").returncode == 1
     (folder,) = (toy.outputs / "sweeps" / "j").iterdir()
     assert ">failed<" in (folder / "report.html").read_text()
@@ -318,8 +316,8 @@ def test_report_is_of_the_last_attempt(toy):
 
 
 def test_killed_job_has_a_report(tmp_path):
-    command = Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=trials")
-    assert command("-m", "sweep=d", "seed=0,1", "trying.die_at=[1]").returncode == 1
+    command = Command(tmp_path / "outputs", *TRIALS)
+    assert command(*ALONE, "sweep=d", "seed=0,1", "trying.die_at=[1]").returncode == 1
     page = (job(command, "seed=1", sweep="d") / "report.html").read_text()
     assert ">killed<" in page
     assert "killed by SIGKILL" in page

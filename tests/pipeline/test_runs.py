@@ -1,10 +1,10 @@
-"""Plan, freshness, resume and reuse, with real processes that are really killed."""
+"""Plan, freshness, resume and reuse."""
 
 import json
 import shutil
-import signal
 
-from tests.faults import find_parts, ledger_of, tables_of, wait_until
+from tests.faults import find_parts, ledger_of, tables_of
+from tests.pipeline.conftest import SLOWLY
 
 
 def test_plan_says_why_and_writes_nothing(toy):
@@ -15,7 +15,7 @@ def test_plan_says_why_and_writes_nothing(toy):
     assert not toy.outputs.exists()
 
 
-def test_run_leaves_tables_figures_ledger_and_report(toy):
+def test_run_leaves_tables_figures_ledger_and_report(toy, reference):
     result = toy()
     assert result.returncode == 0, result.stderr
     (run,) = toy.runs
@@ -34,48 +34,38 @@ def test_run_leaves_tables_figures_ledger_and_report(toy):
     assert "The sum of all" in result.stdout
     assert str(run / "report.html") in result.stdout
     assert not (run / "parts").exists()
-
-
-def test_same_command_again_finds_everything_fresh(toy):
-    toy()
+    assert tables_of(run) == reference
     again = toy()
     assert again.returncode == 0
     assert "everything is fresh: nothing to run" in again.stdout
     assert len(toy.runs) == 1
 
 
-def test_same_seed_same_bytes(toy, tmp_path):
-    toy()
-    first = tables_of(toy.runs[0])
-    shutil.rmtree(toy.outputs)
-    toy()
-    assert tables_of(toy.runs[0]) == first
-    toy("seed=1")
-    assert tables_of(toy.runs[1])["numbers.parquet"] != first["numbers.parquet"]
+def test_another_seed_other_bytes(done, reference):
+    assert done("seed=1").returncode == 0
+    assert tables_of(done.runs[1])["numbers.parquet"] != reference["numbers.parquet"]
 
 
-def test_changed_key_reruns_just_the_stages_that_read_it(toy):
-    toy()
-    plan = toy("plan=true", "doubling.digits=2").stdout
+def test_changed_key_reruns_just_the_stages_that_read_it(done):
+    plan = done("plan=true", "doubling.digits=2").stdout
     assert "config changed (doubling.digits 16 -> 2)" in plan
     assert "counting  fresh" in plan
     assert "adding    wait   fresh if doubles and halves come out unchanged" in plan
-    toy("doubling.digits=2")
-    stages = ledger_of(toy.runs[1])["stages"]
-    assert stages["counting"]["origin"] == toy.runs[0].name
-    assert stages["doubling"]["origin"] == stages["adding"]["origin"] == toy.runs[1].name
-    assert (toy.runs[1] / "tables/numbers.parquet").stat().st_ino == (
-        toy.runs[0] / "tables/numbers.parquet"
+    done("doubling.digits=2")
+    stages = ledger_of(done.runs[1])["stages"]
+    assert stages["counting"]["origin"] == done.runs[0].name
+    assert stages["doubling"]["origin"] == stages["adding"]["origin"] == done.runs[1].name
+    assert (done.runs[1] / "tables/numbers.parquet").stat().st_ino == (
+        done.runs[0] / "tables/numbers.parquet"
     ).stat().st_ino
 
 
-def test_equal_content_cuts_off_downstream(toy):
-    toy()
-    result = toy("counting.label=other")
+def test_equal_content_cuts_off_downstream(done):
+    result = done("counting.label=other")
     assert result.returncode == 0
-    stages = ledger_of(toy.runs[1])["stages"]
-    assert stages["counting"]["origin"] == toy.runs[1].name
-    assert stages["doubling"]["origin"] == stages["adding"]["origin"] == toy.runs[0].name
+    stages = ledger_of(done.runs[1])["stages"]
+    assert stages["counting"]["origin"] == done.runs[1].name
+    assert stages["doubling"]["origin"] == stages["adding"]["origin"] == done.runs[0].name
 
 
 def test_changed_code_reruns_the_stage_and_says_which_file(toy, tmp_path):
@@ -92,15 +82,14 @@ def test_changed_code_reruns_the_stage_and_says_which_file(toy, tmp_path):
     assert len(toy.runs) == 2
 
 
-def test_single_stage_runs_again_on_the_tables_of_another_run(toy):
-    toy()
-    result = toy("stages=[adding]")
+def test_single_stage_runs_again_on_the_tables_of_another_run(done):
+    result = done("stages=[adding]")
     assert result.returncode == 0, result.stderr
     assert "adding    ran" in result.stdout
     assert "asked for by name" in result.stdout
-    stages = ledger_of(toy.runs[1])["stages"]
-    assert stages["adding"]["origin"] == toy.runs[1].name
-    assert stages["doubling"]["origin"] == toy.runs[0].name
+    stages = ledger_of(done.runs[1])["stages"]
+    assert stages["adding"]["origin"] == done.runs[1].name
+    assert stages["doubling"]["origin"] == done.runs[0].name
 
 
 def test_single_stage_refuses_stale_inputs_and_says_what_to_type(toy):
@@ -111,40 +100,29 @@ def test_single_stage_refuses_stale_inputs_and_says_what_to_type(toy):
     assert not toy.outputs.exists()
 
 
-def test_killed_run_continues_at_the_next_part_with_identical_tables(toy):
-    toy()
-    reference = tables_of(toy.runs[0])
-    shutil.rmtree(toy.outputs)
-    process = toy.start("doubling.pause_s=0.4")
-    wait_until(process, lambda: len(find_parts(toy)) >= 2)
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
-    (run,) = toy.runs
-    landed = {path.name: path.stat().st_mtime_ns for path in run.glob("parts/doubling-*/*")}
-    assert "killed" in toy.review("list").stdout
-    result = toy("doubling.pause_s=0.4")
+def test_killed_run_continues_at_the_next_part_with_identical_tables(killed, reference):
+    (run,) = killed.runs
+    assert len(find_parts(killed)) >= 2
+    assert "killed" in killed.review("list").stdout
+    result = killed(SLOWLY)
     assert result.returncode == 0, result.stderr
     assert f"resuming {run}" in result.stdout
-    assert toy.runs == [run]
-    assert len(landed) >= 2
-    log = (run / "log.txt").read_text()
-    assert log.count("counting: done") == 1
+    assert killed.runs == [run]
+    assert (run / "log.txt").read_text().count("counting: done") == 1
     assert tables_of(run) == reference
 
 
-def test_review_lists_shows_and_helps(toy):
-    assert "no runs in" in toy.review("list").stdout
-    toy()
-    name = toy.runs[0].name
-    assert name in toy.review("list").stdout
-    assert "doubles (6)" in toy.review("show", "latest").stdout
-    shown = toy.review("show", name[:10], "numbers", "--rows", "2").stdout
+def test_review_lists_shows_and_helps(done):
+    name = done.runs[0].name
+    assert name in done.review("list").stdout
+    assert "doubles (6)" in done.review("show", "latest").stdout
+    shown = done.review("show", name[:10], "numbers", "--rows", "2").stdout
     assert "draw" in shown
     assert "first 2 of 6 rows" in shown
-    wrong = toy.review("show", name, "nmbers")
+    wrong = done.review("show", name, "nmbers")
     assert wrong.returncode == 2
     assert "did you mean 'numbers'?" in wrong.stderr
-    missing = toy.review("show", "2001")
+    missing = done.review("show", "2001")
     assert missing.returncode == 2
     assert "no run '2001'" in missing.stderr
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shlex
 import shutil
 import signal
 import subprocess
@@ -12,15 +11,16 @@ from collections import Counter
 import pandas as pd
 import pytest
 
-from tests.conftest import ROOT, Command
+from tests.conftest import Command
 from tests.faults import check_wholeness, ledger_of, limit_file_size, tables_of, wait_until
+from tests.pipeline.conftest import ALONE, CONFIG
 
 
 class Sweeping(Command):
     """The command with a workflow whose jobs fail or die, and a file in which each begins and ends."""
 
-    def __init__(self, folder):
-        super().__init__(folder / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=trials", "-m", "sweep=s")
+    def __init__(self, folder, *fixed):
+        super().__init__(folder / "outputs", *CONFIG, "workflow=trials", "sweep=s", *fixed)
         self.log = folder / "log.txt"
         self.environment |= {"TOY_LOG": str(self.log)}
 
@@ -48,14 +48,20 @@ class Sweeping(Command):
 
 @pytest.fixture
 def sweeping(tmp_path):
-    return Sweeping(tmp_path)
+    """A sweep whose jobs are spread over processes."""
+    return Sweeping(tmp_path, "-m")
 
 
-def retype(sweeping, line):
-    """Run the command that a line ends with, as printed."""
-    command = shlex.split(line.split("type: ", 1)[1])
-    environment = sweeping.environment | {"TOY_MENDED": "yes"}
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
+@pytest.fixture
+def alone(tmp_path):
+    """A sweep whose jobs follow each other."""
+    return Sweeping(tmp_path, *ALONE)
+
+
+def mend(sweeping, line):
+    """Run the command that a line ends with, as printed, when what made jobs fail is mended."""
+    sweeping.environment |= {"TOY_MENDED": "yes"}
+    return sweeping.retype(line.split("type: ", 1)[-1])
 
 
 @pytest.mark.slow
@@ -66,10 +72,8 @@ def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping):
     wait_until(process, lambda: len(sweeping.count("ended")) >= 16)
     os.kill(find_workers(process.pid)[0], signal.SIGKILL)
     wait_until(process, lambda: len(sweeping.count("ended")) >= 36)
-    process.kill()
-    output, _ = process.communicate(timeout=60)
+    output, _ = kill_launcher(process)
     assert "a worker process was killed; its jobs begin again, and the sweep goes on" in output
-    wait_until_quiet(sweeping)
     done = {seed for seed in sweeping.count("begun") if ledger_of(sweeping.job(seed))["status"] == "done"}
     assert 32 <= len(done) < 61
     until_killed = sweeping.count("begun")
@@ -83,7 +87,7 @@ def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping):
     assert "3 of 64 jobs are not done; when that is mended, type: " in lines[-1]
     assert Counter(sweeping.table["status"]) == {"done": 61, "failed": 3}
     before = sweeping.count("begun")
-    again = retype(sweeping, lines[-1])
+    again = mend(sweeping, lines[-1])
     assert again.returncode == 0, again.stderr
     assert set(sweeping.table["status"]) == {"done"}
     assert sweeping.count("begun") - before == dict.fromkeys((3, 17, 40), 1)
@@ -93,18 +97,18 @@ def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping):
     assert broken_off <= 4
 
 
-def test_a_sweep_is_planned_run_extended_and_tabled(sweeping):
-    plan = sweeping("seed=0,1", "counting.count=2,3", "plan=true")
+def test_a_sweep_is_planned_run_extended_and_tabled(alone):
+    plan = alone("seed=0,1", "counting.count=2,3", "plan=true")
     assert plan.returncode == 0
     assert "4 jobs (4 not begun)" in plan.stdout
     assert "seed: 0, 1" in plan.stdout
-    assert not sweeping.outputs.exists()
-    assert sweeping("seed=0,1", "counting.count=2").returncode == 0
-    more = sweeping("seed=0,1", "counting.count=2,3")
+    assert not alone.outputs.exists()
+    assert alone("seed=0,1", "counting.count=2").returncode == 0
+    more = alone("seed=0,1", "counting.count=2,3")
     assert more.returncode == 0
     assert "4 jobs (2 done, 2 not begun)" in more.stdout
-    assert sweeping.count("ended") == {0: 2, 1: 2}
-    table = sweeping.table
+    assert alone.count("ended") == {0: 2, 1: 2}
+    table = alone.table
     assert sorted(table["counting.count"]) == ["2", "2", "3", "3"]
     assert set(table["status"]) == {"done"}
     assert table.loc["1", "score_m"].min() > table.loc["0", "score_m"].max()
@@ -120,51 +124,23 @@ def test_an_earlier_jobs_tables_are_shared_also_by_jobs_that_begin_together(swee
     assert len(inodes) == 1
 
 
-def test_the_first_failure_stops_the_rest_if_asked(sweeping):
-    result = sweeping("seed=range(6)", "trying.fail_at=[1]", "on_failure=stop", "hydra.launcher.n_jobs=1")
+def test_the_first_failure_stops_the_rest_if_asked(alone):
+    result = alone("seed=range(6)", "trying.fail_at=[1]", "on_failure=stop")
     assert result.returncode == 1
-    assert sweeping.count("begun") == {0: 1, 1: 1}
-    assert Counter(sweeping.table["status"]) == {"done": 1, "failed": 1, "not begun": 4}
+    assert alone.count("begun") == {0: 1, 1: 1}
+    assert Counter(alone.table["status"]) == {"done": 1, "failed": 1, "not begun": 4}
 
 
-@pytest.mark.slow
-def test_a_job_that_the_system_kills_is_told_and_loses_no_other(sweeping):
-    result = sweeping("seed=range(5)", "trying.die_at=[2]")
+def test_a_job_that_the_system_kills_is_told_and_loses_no_other(alone):
+    result = alone("seed=range(5)", "trying.die_at=[2]")
     assert result.returncode == 1
     assert "killed by SIGKILL" in result.stderr
     assert "perhaps for want of memory" in result.stderr
-    assert Counter(sweeping.table["status"]) == {"done": 4, "killed": 1}
-    assert sweeping.count("begun") == dict.fromkeys(range(5), 1)
-    again = retype(sweeping, result.stderr.splitlines()[-1])
+    assert Counter(alone.table["status"]) == {"done": 4, "killed": 1}
+    assert alone.count("begun") == dict.fromkeys(range(5), 1)
+    again = mend(alone, result.stderr.splitlines()[-1])
     assert again.returncode == 0
-    assert set(sweeping.table["status"]) == {"done"}
-
-
-@pytest.mark.slow
-def test_a_killed_worker_is_noticed_and_the_sweep_goes_on(sweeping):
-    process = sweeping.start("seed=range(6)", "trying.pause_s=1.0")
-    victim = wait_until(process, lambda: sweeping.count("begun") and find_workers(process.pid))[0]
-    os.kill(victim, signal.SIGKILL)
-    output, errors = process.communicate(timeout=120)
-    assert process.returncode == 0, errors
-    assert "a worker process was killed; its jobs begin again, and the sweep goes on" in output
-    assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
-
-
-@pytest.mark.slow
-def test_a_killed_launcher_leaves_nothing_at_work_and_nothing_is_done_twice(sweeping):
-    process = sweeping.start("seed=range(8)", "trying.pause_s=0.7")
-    wait_until(process, lambda: len(sweeping.count("ended")) >= 3)
-    process.kill()
-    process.communicate()
-    wait_until_quiet(sweeping)
-    done = [seed for seed in sweeping.count("begun") if ledger_of(sweeping.job(seed))["status"] == "done"]
-    assert len(done) >= 2
-    again = sweeping("seed=range(8)", "trying.pause_s=0.7")
-    assert again.returncode == 0, again.stderr
-    assert f"{len(done)} done" in again.stdout.splitlines()[0]
-    assert [sweeping.count("begun")[seed] for seed in done] == [1] * len(done)
-    assert set(sweeping.table["status"]) == {"done"}
+    assert set(alone.table["status"]) == {"done"}
 
 
 @pytest.mark.slow
@@ -182,18 +158,6 @@ def test_a_signal_ends_the_jobs_at_a_safe_point(sweeping, number, code):
 
 
 @pytest.mark.slow
-def test_two_processes_share_a_sweep(sweeping):
-    first = sweeping.start("seed=range(6)", "trying.pause_s=0.5")
-    wait_until(first, lambda: sweeping.count("begun"))
-    second = sweeping.start("seed=range(6)", "trying.pause_s=0.5")
-    for process in (first, second):
-        output, errors = process.communicate(timeout=120)
-        assert process.returncode == 0, errors + output
-    assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
-    assert set(sweeping.table["status"]) == {"done"}
-
-
-@pytest.mark.slow
 def test_a_full_disk_loses_nothing(sweeping):
     more = ("seed=0,1,2", "counting.count=30000")
     result = sweeping(*more, before=limit_file_size(200_000))
@@ -205,12 +169,11 @@ def test_a_full_disk_loses_nothing(sweeping):
     assert set(sweeping.table["status"]) == {"done"}
 
 
-@pytest.mark.slow
-def test_a_copied_sweep_is_whole_elsewhere(sweeping, tmp_path):
-    sweeping("seed=0,1", "trying.fail_at=[1]")
-    other = Sweeping(tmp_path / "other")
-    shutil.copytree(sweeping.outputs, other.outputs)
-    shutil.rmtree(sweeping.outputs)
+def test_a_copied_sweep_is_whole_elsewhere(alone, tmp_path):
+    alone("seed=0,1", "trying.fail_at=[1]")
+    other = Sweeping(tmp_path / "other", *ALONE)
+    shutil.copytree(alone.outputs, other.outputs)
+    shutil.rmtree(alone.outputs)
     (other.sweep / "sweep.parquet").unlink()
     other.environment |= {"TOY_MENDED": "yes"}
     result = other("seed=0,1,2", "trying.fail_at=[1]")
@@ -224,68 +187,55 @@ def test_one_job_after_the_other_without_the_parallel_launcher(sweeping):
     result = sweeping("seed=0,1", "hydra/launcher=basic")
     assert result.returncode == 0, result.stderr
     assert sweeping.log.read_text().splitlines() == ["begun 0", "ended 0", "begun 1", "ended 1"]
-
-
-@pytest.mark.slow
-def test_a_done_job_is_looked_at_again_if_asked(sweeping):
-    sweeping("seed=0,1")
-    again = sweeping("seed=0,1", "on_finished=refresh")
+    again = sweeping("seed=0,1", "hydra/launcher=basic", "on_finished=refresh")
     assert again.returncode == 0, again.stderr
     assert "(done before)" in again.stdout
     assert sweeping.count("begun") == {0: 1, 1: 1}
 
 
-def test_a_job_of_a_sweep_runs_by_itself(sweeping):
-    result = sweeping("seed=0,1", "trying.fail_at=[1]")
+def test_a_job_of_a_sweep_runs_by_itself(alone):
+    result = alone("seed=0,1", "trying.fail_at=[1]")
     assert result.returncode == 1
-    command = ledger_of(sweeping.job(1))["command"]
-    alone = subprocess.run(
-        shlex.split(command),
-        cwd=ROOT,
-        env=sweeping.environment | {"TOY_MENDED": "yes"},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert alone.returncode == 0, alone.stderr
-    assert ledger_of(sweeping.job(1))["status"] == "done"
+    mended = mend(alone, ledger_of(alone.job(1))["command"])
+    assert mended.returncode == 0, mended.stderr
+    assert ledger_of(alone.job(1))["status"] == "done"
 
 
-def test_a_wrong_value_in_one_job_fails_that_job_alone(sweeping):
-    result = sweeping("seed=0,-1,1")
+def test_a_wrong_value_in_one_job_fails_that_job_alone(alone):
+    result = alone("seed=0,-1,1")
     assert result.returncode == 1
     assert "seed: input should be greater than or equal to 0, got -1" in result.stderr
-    assert Counter(sweeping.table["status"]) == {"done": 2, "failed": 1}
-    assert set(tables_of(sweeping.job(0))) == {"numbers.parquet", "tried.parquet"}
+    assert Counter(alone.table["status"]) == {"done": 2, "failed": 1}
+    assert set(tables_of(alone.job(0))) == {"numbers.parquet", "tried.parquet"}
 
 
-def test_a_missing_value_or_a_stage_that_cannot_be_imported_fails_its_job_alone(sweeping, tmp_path):
+def test_a_missing_value_or_a_stage_that_cannot_be_imported_fails_its_job_alone(alone, tmp_path):
     package = tmp_path / "broken"
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "counting.py").write_text("import nothing_of_this_name\n")
-    sweeping.environment["PYTHONPATH"] = str(tmp_path)
-    result = sweeping("workflow=scales,count", "workflow.package=tests.pipeline.toy,broken", "hydra.launcher.n_jobs=1")
+    alone.environment["PYTHONPATH"] = str(tmp_path)
+    result = alone("workflow=scales,count", "workflow.package=tests.pipeline.toy,broken")
     assert result.returncode == 1, result.stderr
-    assert Counter(sweeping.table_of_jobs["status"]) == {"done": 1, "failed": 3}
+    assert Counter(alone.table_of_jobs["status"]) == {"done": 1, "failed": 3}
     for told in ("missing value: set it as weighing.what=...", "ModuleNotFoundError: No module named 'nothing_of_this"):
         assert told in result.stderr
     assert result.stderr.splitlines()[-1].startswith("3 of 4 jobs are not done; ")
 
 
 def test_help_runs_nothing(sweeping):
-    result = sweeping("--help")
+    result = sweeping("--help", apart=False)
     assert result.returncode == 0
     assert "== Choices of a group" in result.stdout
     assert not sweeping.outputs.exists()
 
 
-def test_a_folder_that_cannot_be_written_is_told_in_one_line(sweeping):
-    sweeping.sweep.parent.mkdir(parents=True)
-    sweeping.sweep.write_text("no folder")
-    result = sweeping("seed=0,1")
+def test_a_folder_that_cannot_be_written_is_told_in_one_line(alone):
+    alone.sweep.parent.mkdir(parents=True)
+    alone.sweep.write_text("no folder")
+    result = alone("seed=0,1")
     assert result.returncode == 2
-    assert result.stderr.startswith(f"cannot write to {sweeping.sweep} (Not a directory)")
+    assert result.stderr.startswith(f"cannot write to {alone.sweep} (Not a directory)")
     assert len(result.stderr.splitlines()) == 1
 
 
@@ -293,9 +243,7 @@ def test_a_folder_that_cannot_be_written_is_told_in_one_line(sweeping):
 def test_a_launcher_killed_between_jobs_leaves_nothing_at_work(sweeping):
     process = sweeping.start("seed=range(40)", "counting.count=2", "hydra.launcher.n_jobs=1")
     wait_until(process, lambda: len(sweeping.count("ended")) >= 3)
-    process.kill()
-    process.communicate()
-    wait_until_quiet(sweeping)
+    kill_launcher(process)
     ended = sweeping.count("ended")
     time.sleep(2.0)
     assert sweeping.count("ended") == ended
@@ -309,20 +257,18 @@ def test_a_killed_launchers_workers_end_also_while_they_wait(sweeping):
     wait_until(process, lambda: len(sweeping.count("ended")) == 3)
     process.kill()
     process.communicate(timeout=30)  # not before the workers have let go of what it prints to
-    deadline = time.monotonic() + 20.0
-    while any("LokyProcess" in _command(each) for each in workers):
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    wait_for_the_end_of(workers)
 
 
 @pytest.mark.slow
-def test_a_job_that_another_process_begins_meanwhile_is_no_failure(sweeping):
+def test_two_processes_share_a_sweep_and_what_the_other_begins_is_no_failure(sweeping):
     processes = [sweeping.start("seed=range(5)", "trying.pause_s=1.0", "on_failure=stop") for _ in range(2)]
     for process in processes:
         output, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors + output
         assert "failed" not in output
-    assert sweeping.count("begun") == dict.fromkeys(range(5), 1)
+    assert sweeping.count("begun") == sweeping.count("ended") == dict.fromkeys(range(5), 1)
+    assert set(sweeping.table["status"]) == {"done"}
 
 
 @pytest.mark.parametrize(
@@ -348,7 +294,7 @@ def test_a_job_that_another_process_begins_meanwhile_is_no_failure(sweeping):
 )
 def test_a_sweep_that_cannot_be_is_refused_in_one_line(sweeping, arguments, told):
     sweeping.fixed = tuple(each for each in sweeping.fixed if each != "sweep=s" or arguments[0][:5] != "sweep")
-    result = sweeping(*arguments)
+    result = sweeping(*arguments, apart=False)
     assert result.returncode == 2
     assert told in result.stderr
     assert len(result.stderr.splitlines()) == 1
@@ -369,22 +315,28 @@ def _command(pid):
         return "resource_tracker"
 
 
-def wait_until_quiet(sweeping):
-    """Wait until no job is at work any more."""
-    for _ in range(100):
-        found = subprocess.run(["pgrep", "-f", str(sweeping.outputs)], capture_output=True, text=True).stdout.split()
-        if not found:
-            return
+def wait_for_the_end_of(workers):
+    deadline = time.monotonic() + 20.0
+    while any("LokyProcess" in _command(each) for each in workers):
+        assert time.monotonic() < deadline
         time.sleep(0.1)
-    raise TimeoutError("jobs outlived their launcher")
 
 
-def test_ledger_of_a_job_says_what_it_took(sweeping):
-    sweeping("seed=0", "trying.pause_s=0.5")
-    facts = ledger_of(sweeping.job(0))
+def kill_launcher(process):
+    """Kill a launcher, and wait until none of its workers is there any more; return what it printed."""
+    workers = find_workers(process.pid)
+    process.kill()
+    printed = process.communicate(timeout=60)
+    wait_for_the_end_of(workers)
+    return printed
+
+
+def test_ledger_of_a_job_says_what_it_took(alone):
+    alone("seed=0", "trying.pause_s=0.5")
+    facts = ledger_of(alone.job(0))
     assert facts["seconds"] >= 0.5
     assert facts["metrics"]["score_m"] == {
-        "value": pytest.approx(pd.read_parquet(sweeping.job(0) / "tables" / "tried.parquet")["score"].item()),
+        "value": pytest.approx(pd.read_parquet(alone.job(0) / "tables" / "tried.parquet")["score"].item()),
         "unit": "m",
     }
-    assert json.loads((sweeping.job(0) / "run.json").read_text())["status"] == "done"
+    assert json.loads((alone.job(0) / "run.json").read_text())["status"] == "done"
