@@ -76,7 +76,7 @@ def tell(request, benchmark):
 def against(benchmark, sized):
     """Time a subject and a rival in turn; return the ratio of their medians."""
 
-    def ratio(subject, rival, rounds):
+    def ratio(subject, rival, rounds, short=3):
         rival()
         rivals, subjects = [], []
 
@@ -90,7 +90,7 @@ def against(benchmark, sized):
             subject()
             subjects.append(time.perf_counter() - start)
 
-        benchmark.pedantic(time_subject, setup=time_rival, rounds=sized(rounds), warmup_rounds=1)
+        benchmark.pedantic(time_subject, setup=time_rival, rounds=sized(rounds, short), warmup_rounds=1)
         subjects, rivals = subjects[1:], rivals[1:]
         benchmark.extra_info["rival_median_s"] = statistics.median(rivals)
         return statistics.median(subjects) / statistics.median(rivals)

@@ -35,7 +35,7 @@ def test_a_job_beside_its_work(tmp_path, benchmark, sized, tell):
 
 
 def test_jobs_at_once(tmp_path, benchmark, sized, tell):
-    arguments = ("workflow=trials", f"seed=range({sized(8, 4)})", "trying.busy_s=2.0")
+    arguments = ("workflow=trials", f"seed=range({sized(8, 4)})", f"trying.busy_s={sized(2.0, 1.0)}")
     serial = sweep(tmp_path / "serial", *arguments, "hydra.launcher.n_jobs=1")
     parallel = benchmark.pedantic(lambda: sweep(tmp_path / "parallel", *arguments, "hydra.launcher.n_jobs=2"), rounds=1)
     tell("two jobs at once / one after the other", parallel / serial)
