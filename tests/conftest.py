@@ -149,10 +149,14 @@ def pamid(tmp_path):
 
 @pytest.fixture(scope="session")
 def shared_run(make_once):
-    """The command with one finished run of the main job, tiny, made once for all; copy it to change anything."""
+    """The command with one finished run of the main job, tiny, made once for all; copy it to change anything.
+
+    What it printed lies in `printed.txt` beside its outputs.
+    """
 
     def run(folder):
         result = Command(folder / "outputs", *TINY)()
-        assert result.returncode == 0, result.stderr
+        assert (result.returncode, result.stderr) == (0, "")
+        (folder / "printed.txt").write_text(result.stdout)
 
     return Command(make_once("main run", run) / "outputs", *TINY)

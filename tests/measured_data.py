@@ -1,17 +1,14 @@
 """A small measured dataset for tests: two muscles of one joint whose every column follows from a formula."""
 
-import copy
-import functools
 import json
 
 import numpy as np
 import pandas as pd
 import pytest
-from hydra import compose, initialize_config_dir
 
 from pipeline.config import read_study
 from pipeline.errors import InputError
-from tests.conftest import ROOT
+from tests.composing import compose_values
 from tests.studies import run_stage
 
 RATE_HZ = 250.0
@@ -65,17 +62,9 @@ def write_dataset(folder, samples=None, meta=None):
     return folder
 
 
-@functools.cache
-def compose_discrepancy(*overrides):
-    """Return the composed configuration of the workflow; copy it to change anything."""
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        return compose("config", overrides=["workflow=discrepancy", *overrides])
-
-
 def read_measured(tmp_path, path, *overrides):
     """Return the tables that the stage makes of a path."""
-    composed = copy.deepcopy(compose_discrepancy(*overrides))
-    composed.measured = path if isinstance(path, list) else str(path)
+    composed = compose_values("workflow=discrepancy", f"measured={path}", *overrides)
     composed.workflow.stages, composed.workflow.headline = ["measurement"], []
     composed.workflow.quoted = [str(name) for name in composed]
     study, (stage,) = read_study(composed)

@@ -1,41 +1,19 @@
 """Studies of chosen stages for tests: composed and validated as by the command, stages run in memory."""
 
 import pickle
-from copy import deepcopy
-from functools import cache
 
 import pandas as pd
-from hydra import compose, initialize_config_dir
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from omegaconf import OmegaConf
 from rich.console import Console
 
 from pipeline.config import Settings, read_study
 from pipeline.context import Context, Record
-from tests.conftest import ROOT
-
-
-@cache
-def compose_once(*overrides):
-    """Return the configuration, for all who change nothing of it."""
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        return compose("config", overrides=list(overrides))
-
-
-def compose_tiny(*overrides):
-    """Return the configuration of the smallest budget; single settings are overridden where groups were composed."""
-    changes = [each for each in OverridesParser.create().parse_overrides(list(overrides)) if "." in each.key_or_group]
-    changed = [each.input_line for each in changes]
-    composed = deepcopy(compose_once("budget=tiny", *(each for each in overrides if each not in changed)))
-    for each in changes:
-        OmegaConf.update(composed, each.key_or_group, each.value(), force_add=each.is_add())
-    return composed
+from tests.composing import compose_values
 
 
 def read_stages(stages, *overrides):
     """Return the study of these stages, and the stages by name; sections of other stages are quoted, not refused."""
-    composed = compose_tiny(*overrides)
-    composed.workflow.stages, composed.workflow.headline = list(stages), []
+    line = ["budget=tiny", f"workflow.stages=[{','.join(stages)}]", "workflow.headline=[]", *overrides]
+    composed = compose_values(*line)
     composed.workflow.metrics, composed.workflow.curves = {}, {}
     composed.workflow.quoted = [str(name) for name in composed if name not in Settings.model_fields]
     study, ordered = read_study(composed)

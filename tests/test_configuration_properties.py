@@ -7,14 +7,14 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
 from pipeline.config import read_study
 from pipeline.errors import ConfigError
-from tests.conftest import ROOT, Command
+from tests.composing import compose_values
+from tests.conftest import Command
 
 REMOVED, ADDED = object(), object()
 OTHERS = [
@@ -60,8 +60,7 @@ NAMED_BY_THE_SECTION_THAT_IT_LISTS = {("workflow", "quoted")}
 @functools.cache
 def composed():
     """The default configuration as plain values, its interpolations as they are written."""
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        return OmegaConf.to_container(compose("config"))
+    return OmegaConf.to_container(compose_values())
 
 
 def find_leaves(node, path=()):
@@ -147,10 +146,8 @@ def type_override(key, value):
 
 
 def is_accepted(overrides):
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        values = compose("config", overrides=overrides)
     try:
-        read_study(values)
+        read_study(compose_values(*overrides))
     except ConfigError:
         return False
     return True

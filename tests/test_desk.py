@@ -1,20 +1,23 @@
 """A study whose trials an operator decides on in the terminal, as a person types."""
 
-import contextlib
-import os
+import queue
 import re
 import signal
 import subprocess
 import threading
-import time
+from unittest.mock import patch
 
 import pandas as pd
 import pytest
 
+from stages.rig import clock, fronts
+from stages.rig.terminal import Terminal
 from tests.conftest import Command
+from tests.rig.attended import wait_until
 
 SMALL = [
     "budget=tiny",
+    "figures=[]",
     "bank.trajectories=5",
     "subsampling.initial_trials=1",
     "active_loop.trials=2",
@@ -24,90 +27,96 @@ SMALL = [
     "desk.countdown_s=0.0",
     "desk.result_s=0.0",
 ]
-
-SHORT = ["exoskeleton.trial_s=1.5", "bank.trajectories=3", "stages=[bank]"]
+FIRST = "p1 experiment 1 y_y trial 1"
+DECISIONS = {
+    "bank 1": ["a", "r it slipped", "a", "k"],
+    FIRST: ["s too fast", "a", "x the strap came off", "a in order", "k calm"],
+}
+LONGEST_S = 120.0
+"""After which an operator who is asked nothing leaves."""
+TO_CONTINUE = "; to continue, type: "
 
 
 class Operator:
-    """Reads what the command prints and answers each question: by the trial's label, else with accept and keep."""
+    """Reads what the terminal prints and answers each question: by the trial's label, else with accept and keep."""
 
-    def __init__(self, command, answers=None, extra=()):
+    def __init__(self, answers=None):
         self.answers = {label: list(its) for label, its in (answers or {}).items()}
         self.printed, self.asked = [], []
-        self.process = subprocess.Popen(
-            command.line(*extra),
-            cwd=command.root,
-            env={**command.environment, "PYTHONUNBUFFERED": "1"},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self.errors = []
-        self.hearing = threading.Thread(target=lambda: self.errors.extend(self.process.stderr), daemon=True)
-        self.hearing.start()
+        self.lines, self.label = queue.SimpleQueue(), None
+        self.type, self.readline = self.lines.put, self.lines.get
 
-    def type(self, line):
-        self.process.stdin.write(f"{line}\n")
-        self.process.stdin.flush()
-
-    def attend(self):
-        watchdog = threading.Timer(120, self.process.kill)
+    def attend(self, command, *more):
+        """Sit at the terminal of a command in this process, until its input ends."""
+        watchdog = threading.Timer(LONGEST_S, self.type, [""])
         watchdog.start()
         try:
-            self.answer()
-            code = self.process.wait()
+            with patch.object(fronts, "Terminal", self.sit_at):
+                return command(*more)
         finally:
             watchdog.cancel()
-            self.process.kill()
-            self.hearing.join()
-            for pipe in (self.process.stdin, self.process.stdout, self.process.stderr):
-                with contextlib.suppress(BrokenPipeError):
-                    pipe.close()
-        return code
+            self.type("")
 
-    def watch(self, line):
-        """See a line before it is answered."""
+    def sit_at(self, desk):
+        self.desk = desk
+        return Terminal(desk, source=self, sink=self)
 
-    def answer(self):
-        label = None
-        for line in self.process.stdout:
-            self.watch(line)
+    def attend_process(self, command):
+        """Sit at the terminal of a command in a process of its own, where ^C is a signal."""
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        environment = {**command.environment, "PYTHONUNBUFFERED": "1"}
+        with subprocess.Popen(command.line(), cwd=command.root, env=environment, text=True, **pipes) as process:
+            watchdog = threading.Timer(LONGEST_S, process.kill)
+            watchdog.start()
+
+            def type_or_signal(line):
+                if line == "^C\n":
+                    process.send_signal(signal.SIGINT)
+                else:
+                    process.stdin.write(line)
+                    process.stdin.flush()
+
+            self.type = type_or_signal
+            for line in process.stdout:
+                self.write(line)
+            errors = process.stderr.read()
+            watchdog.cancel()
+        return subprocess.CompletedProcess(process.args, process.returncode, "".join(self.printed), errors)
+
+    def flush(self):
+        pass
+
+    def write(self, text):
+        for line in text.splitlines():
             self.printed.append(line)
             named = re.match(r"\d+ of \d+: (.*) \(.*, [\d.]+ s\)$", line)
-            label = named[1] if named else label
+            self.label = named[1] if named else self.label
             if "= accept" in line or "= repeat" in line:
-                usual = "a" if "= accept" in line else "k"
-                waiting = self.answers.get(label)
-                answer = waiting.pop(0) if waiting else usual
-                self.asked.append((label, answer))
-                if answer is None:
-                    self.process.stdin.close()
-                elif callable(answer):
-                    answer(self.process)
-                else:
-                    self.type(answer)
+                self.answer("a" if "= accept" in line else "k")
 
-
-@pytest.fixture
-def command(tmp_path):
-    return Command(tmp_path / "outputs", *SMALL)
+    def answer(self, usual):
+        waiting = self.answers.get(self.label)
+        answer = waiting.pop(0) if waiting else usual
+        self.asked.append((self.label, answer))
+        self.type("" if answer is None else f"{answer}\n")
 
 
 def read(run, table):
     return pd.read_parquet(run / "tables" / f"{table}.parquet")
 
 
-DECISIONS = {
-    "bank 1": ["a", "r it slipped", "a", "k"],
-    "p1 experiment 1 y_y trial 1": ["s too fast", "a", "x the strap came off", "a in order", "k calm"],
-}
+@pytest.fixture(scope="module")
+def decided(tmp_path_factory):
+    """A command whose study somebody decided on, and the operator."""
+    command, operator = Command(tmp_path_factory.mktemp("desk") / "outputs", *SMALL), Operator(DECISIONS)
+    result = operator.attend(command)
+    assert result.returncode == 0, result.stderr
+    return command, operator
 
 
-def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(command):
-    operator = Operator(command, DECISIONS)
-    assert operator.attend() == 0, operator.errors
-    (run,) = command.runs
+def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(decided):
+    command, operator = decided
+    run = command.runs[0]
     decisions = read(run, "decisions")
     assert decisions["decision"].tolist() == ["skip", "reject", "keep", "keep"]
     assert decisions["attempt"].tolist() == [1, 2, 3, 1]
@@ -130,90 +139,41 @@ def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(command):
     assert len(first_proposal) == 4
 
 
-@pytest.mark.slow
-def test_a_study_that_is_stopped_and_continued_is_the_same_study(tmp_path):
-    whole = Command(tmp_path / "whole", *SMALL)
-    assert Operator(whole, DECISIONS).attend() == 0
+def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_path):
+    whole, _ = decided
     broken = Command(tmp_path / "broken", *SMALL)
-    today = {**DECISIONS, "bank 3": ["q lunch"]}
-    operator = Operator(broken, today)
-    assert operator.attend() == 3
-    (line,) = operator.errors
-    assert "bank paused: the operator stopped for today; next is bank 3 (lunch); to continue, type: " in line
-    after = {**DECISIONS, "p1 experiment 1 y_y trial 1": DECISIONS["p1 experiment 1 y_y trial 1"][:3]}
-    after["p1 experiment 1 y_y trial 1"].append("q")
-    assert Operator(broken, after).attend() == 3
-    last = {"p1 experiment 1 y_y trial 1": ["a in order", "k calm"]}
-    operator = Operator(broken, last)
-    assert operator.attend() == 0, operator.errors
-    assert [label for label, _ in operator.asked] == [
-        *["p1 experiment 1 y_y trial 1"] * 2,
-        *["p1 experiment 1 y_y trial 2"] * 2,
-    ]
-    (run,), (reference,) = broken.runs, whole.runs
+
+    lost = Operator({**DECISIONS, "bank 2": [None]}).attend(broken)
+    assert lost.returncode == 3
+    assert "next is bank 2 (the terminal's input had ended)" in lost.stderr
+
+    signalled = Operator({"bank 3": ["^C"]}).attend_process(broken)
+    assert signalled.returncode == 130
+    assert f"stopped by Ctrl-C{TO_CONTINUE}" in signalled.stderr
+
+    paused = Operator({"bank 4": ["q lunch"]}).attend(broken)
+    assert paused.returncode == 3
+    (line,) = paused.stderr.splitlines()
+    assert f"bank paused: the operator stopped for today; next is bank 4 (lunch){TO_CONTINUE}" in line
+
+    assert Operator({FIRST: [*DECISIONS[FIRST][:3], "q"]}).attend(broken).returncode == 3
+
+    last = Operator({FIRST: ["a in order", "k calm"]})
+    result = last.attend(broken)
+    assert result.returncode == 0, result.stderr
+    second = FIRST.replace("trial 1", "trial 2")
+    assert [label for label, _ in last.asked] == [FIRST, FIRST, second, second]
+    (run,), reference = broken.runs, whole.runs[0]
     for path in sorted((reference / "tables").glob("*.parquet")):
         assert (run / "tables" / path.name).read_bytes() == path.read_bytes(), path.name
 
 
-def test_nobody_at_the_terminal_any_more_pauses_the_study(command):
-    operator = Operator(command, {"bank 2": [None]})
-    assert operator.attend() == 3
-    assert "bank paused: the operator stopped for today; next is bank 2 (the terminal's input had ended)" in "".join(
-        operator.errors
-    )
-
-
-def test_ctrl_c_at_a_question_ends_the_run_with_the_command_that_continues(command):
-    operator = Operator(command, {"bank 1": [lambda process: os.kill(process.pid, signal.SIGINT)]})
-    assert operator.attend() == 130
-    assert "stopped by Ctrl-C; to continue, type: " in "".join(operator.errors)
-
-
-@pytest.mark.slow
-def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(command, tmp_path):
-    still = Command(tmp_path / "still", *SMALL, *SHORT)
-    assert Operator(still).attend() == 0
-    real = Command(tmp_path / "real", *SMALL, *SHORT, "rig.realtime=true")
-
-    class Impatient(Operator):
-        stops = 1
-
-        def watch(self, line):
-            if line.startswith("running") and self.asked[-1][0] == "bank 1" and self.stops:
-                self.stops -= 1
-                time.sleep(1.6)  # the muscles are filled for a second first
-                self.type("")
-
-    operator = Impatient(real, {"bank 1": ["a", "r too early"]})
-    assert operator.attend() == 0, operator.errors
-    (run,), (reference,) = real.runs, still.runs
-    assert (run / "tables" / "bank.parquet").read_bytes() == (reference / "tables" / "bank.parquet").read_bytes()
-    (aside,) = (run / "interrupted").iterdir()
-    told = pd.read_parquet(aside)
-    (why,) = told["stopped_by"].unique()
-    assert re.fullmatch(
-        r"stopped 0\.\d+ s into the trial: the operator pressed Enter; to be repeated, says the operator: too early",
-        why,
-    )
-    assert "stopped" in "".join(operator.printed)
-
-
-@pytest.mark.parametrize("desk", [("desk=terminal",), ()], ids=["terminal", "none"])
-def test_a_pointer_needs_a_page_before_anything_is_recorded(pamid, desk):
-    result = pamid("budget=tiny", "participant=mouse", *desk)
-    assert result.returncode == 1
-    (line,) = [each for each in result.stderr.splitlines() if "failed" in each]
-    assert "points at postures" in line
-    assert "set desk=pages" in line
-    assert not list(pamid.outputs.glob("runs/*/parts/*/*"))
-
-
-def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(command):
-    label = "p1 experiment 1 y_y trial 1"
-    answers = {label: [*["s"] * 4, "a", "x no", "a", "x no", "a", "k"]}
-    operator = Operator(command, answers)
-    assert operator.attend() == 0, operator.errors
-    (run,) = command.runs
+def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(decided):
+    command, _ = decided
+    operator = Operator({FIRST: [*["s"] * 4, "a", "x no", "a", "x no", "a", "k"]})
+    result = operator.attend(command, "stages=[active_loop]")
+    assert result.returncode == 0, result.stderr
+    run = command.runs[-1]
     decisions = read(run, "decisions")
     skipped = decisions.loc[decisions["decision"] == "skip", "trajectory"]
     assert sorted(skipped) == sorted(set(skipped))
@@ -222,6 +182,48 @@ def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(c
     offers = [line for line in operator.printed if "= repeat" in line]
     assert ["= reject" in line for line in offers[-4:]] == [True, True, False, False]
     assert len(read(run, "trials")) == 2
+
+
+class Impatient(Operator):
+    """Stops bank 1 after 1.6 s, of which the first one fills the muscles."""
+
+    answer_then = "r too early"
+
+    def write(self, text):
+        super().write(text)
+        if text.startswith("running") and self.answers["bank 1"] == [self.answer_then]:
+            clock.sleep(1.6)
+            self.type("\n")
+            wait_until(lambda: self.desk.see()["stop"])
+
+
+def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(turned, tmp_path):
+    short = [*SMALL, "exoskeleton.trial_s=1.5", "bank.trajectories=3", "stages=[bank]"]
+    still, real = Command(tmp_path / "still", *short), Command(tmp_path / "real", *short, "rig.realtime=true")
+    for command, operator in ((still, Operator()), (real, Impatient({"bank 1": ["a", Impatient.answer_then]}))):
+        result = operator.attend(command)
+        assert result.returncode == 0, result.stderr
+        turned.sleep(0.1)  # the terminal's threads see that it was closed
+    (run,), (reference,) = real.runs, still.runs
+    assert (run / "tables" / "bank.parquet").read_bytes() == (reference / "tables" / "bank.parquet").read_bytes()
+    (aside,) = (run / "interrupted").iterdir()
+    told = pd.read_parquet(aside)
+    (why,) = told["stopped_by"].unique()
+    assert re.fullmatch(
+        r"stopped 0\.[56]\d s into the trial: the operator pressed Enter; to be repeated, says the operator: too early",
+        why,
+    )
+    assert "stopped" in "".join(operator.printed)
+
+
+@pytest.mark.parametrize("desk", [("desk=terminal",), ()], ids=["terminal", "none"])
+def test_a_pointer_needs_a_page_before_anything_is_recorded(pamid, desk):
+    result = Operator().attend(pamid, "budget=tiny", "participant=mouse", *desk)
+    assert result.returncode == 1
+    (line,) = [each for each in result.stderr.splitlines() if "failed" in each]
+    assert "points at postures" in line
+    assert "set desk=pages" in line
+    assert not list(pamid.outputs.glob("runs/*/parts/*/*"))
 
 
 def test_where_nothing_asks_an_operator_a_desk_is_refused(pamid):

@@ -33,13 +33,14 @@ GROUPS = (
 )
 
 
-def truth_of(rig):
-    return json.dumps(rig.record().truth, sort_keys=True)
-
-
 @pytest.fixture(scope="module")
 def rig():
     return HiddenSessions(5, None, None, None, 3)
+
+
+@pytest.fixture(scope="module")
+def session(rig):
+    return rig.record()
 
 
 @pytest.fixture(scope="module")
@@ -50,14 +51,15 @@ def recorded(tmp_path_factory):
     return {**tables, **run_stage(study, stages["measurement"], folder, tables)}
 
 
-def test_the_seal_tells_nothing_but_whether_the_truth_was_changed(rig, recorded):
-    assert recorded["seal"]["sha256"].item() == sha256(truth_of(rig).encode()).hexdigest()
+def test_the_seal_tells_nothing_but_whether_the_truth_was_changed(rig, session, recorded):
+    truth = json.dumps(session.truth, sort_keys=True)
+    assert recorded["seal"]["sha256"].item() == sha256(truth.encode()).hexdigest()
     text = " ".join(frame.astype(str).to_csv() for frame in recorded.values() if len(frame) < 1000)
     assert not any(name in text for name in ("friction", "hysteresis", "creep", *rig.hidden.effects))
 
 
-def test_a_session_is_measured_as_its_folder_would_be(rig, recorded, tmp_path):
-    write(rig.record(), tmp_path / "session")
+def test_a_session_is_measured_as_its_folder_would_be(session, recorded, tmp_path):
+    write(session, tmp_path / "session")
     study, stages = read_stages(
         ["measurement"], *GROUPS[2:3], f"+measured={tmp_path / 'session'}", "+rig.none=1", "~rig"
     )
@@ -69,8 +71,14 @@ def test_a_session_is_measured_as_its_folder_would_be(rig, recorded, tmp_path):
     assert read["measured_session"].drop(columns="source").equals(recorded["measured_session"].drop(columns="source"))
 
 
-def opened(recorded, folder, named, left=0.0):
-    study, stages = read_stages(STAGES, *GROUPS)
+@pytest.fixture(scope="module")
+def whole():
+    """The study of the whole demonstration, and its stages."""
+    return read_stages(STAGES, *GROUPS)
+
+
+def opened(whole, recorded, folder, named, left=0.0):
+    study, stages = whole
     muscles = ["pam1", "pam2", "pam3", "pam4"]
     channels = pd.DataFrame({"channel": "force_n", "muscle": muscles, "gap_over_floor": 2.0})
     probability = 0.8 * (1.0 - left)  # the doubt takes its part
@@ -87,25 +95,25 @@ def opened(recorded, folder, named, left=0.0):
     return found["comparison_with_truth"].set_index("muscle"), " ".join(found["outcome"]["outcome"])
 
 
-def test_what_was_named_is_compared_muscle_by_muscle(rig, recorded, tmp_path):
-    (hidden,) = rig.record().truth["effects"]
+def test_what_was_named_is_compared_muscle_by_muscle(session, whole, recorded, tmp_path):
+    (hidden,) = session.truth["effects"]
     assert hidden["channel"] == "force_n"
     first, *others = hidden["muscles"]
-    compared, told = opened(recorded, tmp_path, [(hidden["name"], first)])
+    compared, told = opened(whole, recorded, tmp_path, [(hidden["name"], first)])
     assert compared.loc[first, "right"]
     assert not compared.loc[others, "right"].any()
     assert compared.loc[first, "hidden_gap_over_floor"] == pytest.approx(hidden["gap_over_floor"][first], rel=0.02)
     assert "which is right." in told
-    assert "which is wrong." in opened(recorded, tmp_path, [("leakage", first)])[1]
-    compared, told = opened(recorded, tmp_path, [(hidden["name"], first)], left=0.9)
+    assert "which is wrong." in opened(whole, recorded, tmp_path, [("leakage", first)])[1]
+    compared, told = opened(whole, recorded, tmp_path, [(hidden["name"], first)], left=0.9)
     assert (compared["named"] == "").all()
     assert "no name in the library" in told
 
 
-def test_another_truth_than_the_sealed_one_is_refused(recorded, tmp_path):
+def test_another_truth_than_the_sealed_one_is_refused(whole, recorded, tmp_path):
     other = {**recorded, "seal": recorded["seal"].assign(sha256="0" * 64)}
     with pytest.raises(InputError, match="another truth"):
-        opened(other, tmp_path, [])
+        opened(whole, other, tmp_path, [])
 
 
 @pytest.mark.slow

@@ -2,13 +2,13 @@
 
 import json
 import signal
-import time
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from tests.conftest import Command
+from tests.conftest import TINY, Command
+from tests.faults import find_parts, tables_of, wait_until
 
 STAGES = [
     "bank",
@@ -45,21 +45,14 @@ TABLES = {
 }
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    """One finished run: the command, what it printed, and its folder."""
-    command = Command(tmp_path_factory.mktemp("main") / "outputs", "budget=tiny", "figures=[png,pdf]")
-    result = command()
-    assert result.returncode == 0, result.stderr
-    return command, result, command.runs[0]
+@pytest.fixture
+def run(shared_run):
+    """The folder of a finished run."""
+    return shared_run.runs[0]
 
 
 def read(run, table):
     return pd.read_parquet(run / "tables" / f"{table}.parquet")
-
-
-def bytes_of(run):
-    return {path.stem: path.read_bytes() for path in (run / "tables").glob("*.parquet")}
 
 
 def plan_of(command, *arguments):
@@ -72,8 +65,7 @@ def origins(run):
     return {name: record["origin"] for name, record in json.loads((run / "run.json").read_text())["stages"].items()}
 
 
-def test_runs_every_stage_and_leaves_every_table(finished):
-    _, result, run = finished
+def test_runs_every_stage_and_leaves_every_table(shared_run, run):
     assert list(origins(run)) == STAGES
     assert {path.stem for path in (run / "tables").glob("*.parquet")} == TABLES
     assert {path.name for path in (run / "figures").iterdir()} == {
@@ -84,15 +76,13 @@ def test_runs_every_stage_and_leaves_every_table(finished):
         "selected_interactions.png",
         "selected_interactions.pdf",
     }
-    assert "Error rate before and after" in result.stdout
-    assert result.stderr == ""
+    assert "Error rate before and after" in (shared_run.outputs.parent / "printed.txt").read_text()
     page = (run / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 3
     assert 'src="http' not in page
 
 
-def test_three_trials_of_three_arms_from_the_same_initial_data(finished):
-    _, _, run = finished
+def test_three_trials_of_three_arms_from_the_same_initial_data(run):
     trials, points, curve = read(run, "trials"), read(run, "points"), read(run, "learning_curve")
     assert list(trials["arm"].unique()) == ["y_y", "variance", "random"]
     assert trials.groupby("arm")["trial"].apply(list).map(lambda found: found == [1, 2, 3]).all()
@@ -107,8 +97,7 @@ def test_three_trials_of_three_arms_from_the_same_initial_data(finished):
     assert np.ptp(start.to_numpy(), axis=1).max() == 0
 
 
-def test_points_are_samples_of_the_recordings(finished):
-    _, _, run = finished
+def test_points_are_samples_of_the_recordings(run):
     points, recordings = read(run, "points"), read(run, "active_recordings")
     keys = ["participant", "experiment", "arm", "trial", "muscle", "time_s"]
     measured = ["pressure_kpa", "contraction", "contraction_velocity_per_s", "force_n"]
@@ -119,11 +108,10 @@ def test_points_are_samples_of_the_recordings(finished):
         np.testing.assert_array_equal(found[name], found[f"{name}_recorded"])
 
 
-def test_error_rates_are_those_of_a_model_rebuilt_from_the_tables(finished):
+def test_error_rates_are_those_of_a_model_rebuilt_from_the_tables(run):
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-    _, _, run = finished
     row = read(run, "learning_curve").query("arm == 'y_y' and muscle == 'pam3' and trial == 2").iloc[0]
     theta = read(run, "models").query("arm == 'y_y' and muscle == 'pam3' and trial == 2")["value"].to_numpy()
     points = read(run, "points").query("arm == 'y_y' and muscle == 'pam3' and trial <= 2")
@@ -145,45 +133,29 @@ def test_error_rates_are_those_of_a_model_rebuilt_from_the_tables(finished):
     assert row["error_rate"] == pytest.approx(rmse_n / test["force_n"].max(), rel=1e-6)
 
 
-def test_same_command_again_finds_everything_fresh(finished):
-    command, _, run = finished
-    again = command()
+def test_same_command_again_finds_everything_fresh(shared_run, run):
+    again = shared_run()
     assert again.returncode == 0
     assert "everything is fresh: nothing to run" in again.stdout
-    assert command.runs[0] == run
-
-
-def test_same_seed_same_bytes(finished, tmp_path):
-    _, _, run = finished
-    second = Command(tmp_path / "outputs", "budget=tiny")
-    assert second().returncode == 0
-    assert bytes_of(second.runs[0]) == bytes_of(run)
+    assert shared_run.runs == [run]
 
 
 @pytest.mark.slow
-def test_killed_in_the_loop_continues_at_the_next_trial_with_identical_tables(finished, tmp_path):
-    _, _, run = finished
-    command = Command(tmp_path / "outputs", "budget=tiny")
+def test_killed_in_the_loop_continues_at_the_next_trial_with_identical_tables(run, tmp_path):
+    command = Command(tmp_path / "outputs", *TINY)
     process = command.start()
-    for _ in range(2400):
-        landed = [part.name for each in command.runs for part in each.glob("parts/active_loop-*/p1*")]
-        if len(landed) >= 4:
-            break
-        assert process.poll() is None
-        time.sleep(0.02)
+    wait_until(process, lambda: len(find_parts(command, "active_loop")) >= 4)
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    assert len(landed) >= 4
     result = command()
     assert result.returncode == 0, result.stderr
     assert f"resuming {command.runs[0]}" in result.stdout
     assert len(command.runs) == 1
-    assert bytes_of(command.runs[0]) == bytes_of(run)
+    assert tables_of(command.runs[0]) == tables_of(run)
 
 
-def test_changed_key_reruns_just_the_stages_that_read_it(finished):
-    command, _, run = finished
-    plan = plan_of(command, "active_loop.points_per_trial=1")
+def test_changed_key_reruns_just_the_stages_that_read_it(shared_run):
+    plan = plan_of(shared_run, "active_loop.points_per_trial=1")
     assert "run config changed (active_loop.points_per_trial 2 -> 1)" in plan["active_loop"]
     assert [name for name in STAGES if plan[name].startswith("fresh")] == [
         "bank",
@@ -192,13 +164,9 @@ def test_changed_key_reruns_just_the_stages_that_read_it(finished):
         "hardware",
     ]
     assert plan["comparison"].startswith("wait")
-    assert command("active_loop.points_per_trial=1").returncode == 0
-    second = origins(command.runs[-1])
-    assert [name for name in STAGES if second[name] == run.name] == ["bank", "subsampling", "hyperprior", "hardware"]
 
 
-def test_another_seed_shares_the_bank(finished):
-    command, _, _ = finished
-    plan = plan_of(command, "seed=5")
+def test_another_seed_shares_the_bank(shared_run):
+    plan = plan_of(shared_run, "seed=5")
     assert plan["bank"].startswith("fresh")
     assert plan["subsampling"].startswith("run config changed (seed 0 -> 5)")

@@ -12,8 +12,9 @@ from omegaconf import OmegaConf
 
 from pipeline.config import read_study
 from pipeline.errors import ConfigError
+from tests.composing import compose_values
 from tests.conftest import ROOT
-from tests.measured_data import compose_discrepancy, make_meta, make_samples, refuse_measured, write_dataset
+from tests.measured_data import make_meta, make_samples, refuse_measured, write_dataset
 from tests.measured_data import read_measured as read
 from tests.studies import run_stage
 
@@ -115,7 +116,7 @@ def test_the_hardware_stages_recordings_serve_where_there_is_no_path(tmp_path):
 
 def test_nothing_measured_is_refused_before_anything_runs():
     with pytest.raises(ConfigError, match="got null; set measured=PATH"):
-        read_study(compose_discrepancy())
+        read_study(compose_values("workflow=discrepancy"))
 
 
 def test_foreign_names_and_units_are_converted(tmp_path):

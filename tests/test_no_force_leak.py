@@ -3,20 +3,18 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from rich.console import Console
 
 from pipeline.config import read_settings, validate
 from pipeline.context import Context, Record
 from pipeline.stage import load_stages, order_stages
-from tests.conftest import ROOT
+from tests.composing import compose_values
 
 
 @pytest.fixture(scope="module")
 def study():
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        values = OmegaConf.to_container(compose("config", overrides=["budget=tiny"]), resolve=True)
+    values = OmegaConf.to_container(compose_values("budget=tiny"), resolve=True)
     settings = read_settings(values)
     stages = order_stages(load_stages("stages", settings.workflow.stages))
     return validate(values, settings, stages), {stage.name: stage for stage in stages}

@@ -35,13 +35,21 @@ FIGURES = {
 }
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    """One finished run: the command, what it printed, and its folder."""
-    command = Command(tmp_path_factory.mktemp("paper") / "outputs", "experiment=paper", "budget=tiny")
-    result = command()
-    assert result.returncode == 0, result.stderr
-    return command, result, command.runs[0]
+STUDY = ("experiment=paper", "budget=tiny")
+
+
+@pytest.fixture(scope="session")
+def finished(make_once):
+    """One finished run, made once for all: the command, what it printed, and its folder."""
+
+    def run(folder):
+        result = Command(folder / "outputs", *STUDY)()
+        assert (result.returncode, result.stderr) == (0, "")
+        (folder / "printed.txt").write_text(result.stdout)
+
+    place = make_once("paper run", run)
+    command = Command(place / "outputs", *STUDY)
+    return command, (place / "printed.txt").read_text(), command.runs[0]
 
 
 def records_of(run):
@@ -49,7 +57,7 @@ def records_of(run):
 
 
 def test_every_figure_and_table_is_there(finished):
-    _, result, run = finished
+    _, _, run = finished
     records = records_of(run)
     for stage, tables in ANALYSES.items():
         assert tables <= set(records[stage]["tables"])
@@ -57,15 +65,14 @@ def test_every_figure_and_table_is_there(finished):
     page = (run / "report.html").read_text()
     assert page.count("data:image/png;base64,") == len(FIGURES)
     assert "the error falls on a real exoskeleton" in page
-    assert result.stderr == ""
 
 
 def test_claims_are_printed_whole_and_follow_from_what_was_measured(finished):
-    _, result, run = finished
+    _, printed, run = finished
     claims = pd.read_parquet(run / "tables/claims.parquet")
     assert claims["claim"].nunique() == 13
     for name in claims["claim"].unique():
-        assert name in result.stdout
+        assert name in printed
     judged = claims.set_index(["claim", "tested_on"])["verdict"]
     assert judged.loc["works_on_real_robot"].to_list() == ["not testable in simulation"]
     assert judged.loc[("error_falls", "bank")] == "not tested"  # one experiment shows nothing
@@ -82,8 +89,9 @@ def test_errors_on_the_unseen_bank_are_its_own(finished):
     assert (both["bank"] != both["unseen_bank"]).all()
 
 
-def test_one_analysis_reruns_alone_and_touches_nothing_else(finished):
-    command, _, run = finished
+def test_one_analysis_reruns_alone_and_touches_nothing_else(finished, tmp_path):
+    command = finished[0].copy(tmp_path / "outputs")
+    (run,) = command.runs
     before = tables_of(run)
     result = command("stages=[time_shift]", "time_shift.amplitudes_s=[0.2]")
     assert result.returncode == 0, result.stderr
@@ -97,6 +105,6 @@ def test_one_analysis_reruns_alone_and_touches_nothing_else(finished):
 @pytest.mark.slow
 def test_the_number_of_workers_changes_no_byte(finished, tmp_path):
     _, _, run = finished
-    command = Command(tmp_path / "outputs", "experiment=paper", "budget=tiny")
+    command = Command(tmp_path / "outputs", *STUDY)
     assert command("workers=2").returncode == 0
     assert tables_of(command.runs[0]) == tables_of(run)

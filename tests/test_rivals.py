@@ -17,8 +17,9 @@ from stages import rivals as module
 from stages.figures import draw_error_bars, draw_rival_curves
 from stages.rivals import Config, Rivals, compare_rivals, count_points, fit_law, predict_law, rivals
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
+from tests.composing import compose_values
 from tests.identification.data import HYPERPARAMETERS
-from tests.studies import PickledContext, compose_tiny, run_alone
+from tests.studies import PickledContext, run_alone
 
 LAW = np.array([6.0, -9.0, 1.2, -900.0, 150.0, -20.0])
 SECTION = {
@@ -408,7 +409,7 @@ def test_curves_have_a_panel_for_each_muscle_and_two_lines(generator):
 
 
 def test_the_stated_settings_follow_the_budget():
-    composed = compose_tiny("+rivals=stated")
+    composed = compose_values("budget=tiny", "+rivals=stated")
     section = Rivals.model_validate(OmegaConf.to_container(composed.rivals, resolve=True))
     assert section.starts == 2
 

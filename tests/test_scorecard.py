@@ -1,5 +1,7 @@
 """The scorecard: a small one of real sessions, and its counting on sessions whose answers are made up."""
 
+import functools
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -23,6 +25,7 @@ SAID = {
 }
 
 
+@functools.cache
 def study_of(*overrides):
     return read_stages(["blind_tests", "disguise", "scorecard"], *GROUPS, "rig.trials=12", *overrides)
 

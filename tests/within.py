@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from multiprocessing import resource_tracker
 from pathlib import Path
 from unittest.mock import patch
 
@@ -68,6 +69,7 @@ def _live(line: Sequence[str], environment: Mapping[str, str], folder: Path, bef
     if before is not None:
         before()
     os.closerange(3, MOST_HANDLES)  # by which Popen knows that the process lives
+    resource_tracker._resource_tracker._fd = None  # that of the parent
     with open(1, "w", closefd=False) as sys.stdout, open(2, "w", buffering=1, closefd=False) as sys.stderr:
         _enter(line, environment, folder)
         sys.modules.pop(f"{line[2]}.__main__")

@@ -1,4 +1,4 @@
-"""How muscles are filled before a trial: smoothly over most of the lead-in, then at rest until the trial begins.
+"""How muscles are filled before a trial: evenly over most of the lead-in, then at rest until the trial begins.
 
 The trial's first command flows in; the commands of the lead-in flow out. Nobody in the machine is filled against in
 milliseconds, as the limits on the rate alone would permit.
@@ -6,7 +6,6 @@ milliseconds, as the limits on the rate alone would permit.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,9 +13,6 @@ import numpy as np
 from stages.plant.exoskeleton import Muscle
 from stages.rig.limits import Limits
 from stages.signals.trajectories import Array
-
-STEEPEST = 0.5 * math.pi
-"""Largest rate of a raised cosine over its mean rate."""
 
 
 def fill(first_kpa: Array, samples: int, share: float) -> Array:
@@ -34,11 +30,15 @@ def fill(first_kpa: Array, samples: int, share: float) -> Array:
     Returns
     -------
     (L, M) ndarray
-        A raised cosine from vented to the first command, which then holds, kPa gauge. Each muscle keeps its share of
-        its first command, so that what pulls against each other stays within what the first command kept to.
+        At one rate from vented to the first command, which then holds, kPa gauge. All muscles have the same share of
+        their first commands at a time, so that what pulls against each other keeps to the limits that those keep to.
+
+    Notes
+    -----
+    Of all ways to fill in a time this one has the smallest rate; valves round its ends off.
     """
-    risen = np.minimum(np.arange(1, samples + 1) / max(round(share * samples), 1), 1.0)
-    return (0.5 - 0.5 * np.cos(np.pi * risen))[:, None] * first_kpa
+    risen = np.minimum(np.arange(samples) / max(round(share * samples), 1), 1.0)
+    return risen[:, None] * first_kpa
 
 
 def check_filling(lead_in_s: float, share: float, limits: Limits, muscles: Sequence[Muscle]) -> None:
@@ -51,7 +51,7 @@ def check_filling(lead_in_s: float, share: float, limits: Limits, muscles: Seque
     """
     for muscle in muscles:
         limit = limits[muscle.type]
-        shortest_s = STEEPEST * limit.high_kpa / limit.slew_kpa_per_s / share
+        shortest_s = limit.high_kpa / limit.slew_kpa_per_s / share
         if shortest_s > lead_in_s:
             raise ValueError(
                 f"lead_in_s: expected at least {shortest_s:.3g} s, in whose filling_share {muscle.name} can be filled "

@@ -10,7 +10,7 @@ from stages.discrepancy import Verified, confirm_effects, confirm_status, list_h
 from tests.discrepancy.simulated_records import move, slide
 from tests.discrepancy.toys import make_toy
 
-STEP_S, SAMPLES = 0.02, 3200
+STEP_S, SAMPLES = 0.02, 1600
 PARTS = ("parts.fitted=[est]", "parts.verification=[val]")
 
 
@@ -80,6 +80,7 @@ def judge_bench(pamid, path, frame, *overrides):
     return " ".join(told.stdout.split()), json.loads((pamid.runs[-1] / "verdict.json").read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [0.8, 0.0], ids=["there", "gone"])
 def test_a_loop_that_the_kept_record_lacks_is_named_and_not_confirmed(pamid, tmp_path, kept):
     parts = []
@@ -96,6 +97,7 @@ def test_a_loop_that_the_kept_record_lacks_is_named_and_not_confirmed(pamid, tmp
     assert ("Trials not fitted do not confirm it" in told) == (kept == 0.0)
 
 
+@pytest.mark.slow
 def test_a_wrong_column_gets_no_clean_bill(pamid, tmp_path, generator):
     way = np.convolve(generator.standard_normal(SAMPLES), np.ones(40) / 40.0, mode="same")
     frame = pd.DataFrame({"t": np.arange(SAMPLES) * STEP_S, "x": way, "F": generator.standard_normal(SAMPLES)})

@@ -77,8 +77,16 @@ def look_into(plant, recorded, **changes):
     return found.cells[0], names
 
 
-@pytest.mark.parametrize("planted", PLANTED)
-@both_seeds
+@pytest.mark.parametrize(
+    ("planted", "seed"),
+    [
+        ("an uneven lag", 1),
+        pytest.param("dry friction of a joint", 1, marks=pytest.mark.slow),
+        pytest.param("both frictions of a drive", 1, marks=pytest.mark.slow),
+        pytest.param("the largest rate of a lag", 2, marks=pytest.mark.slow),
+        pytest.param("the softening spring of a pendulum", 1, marks=pytest.mark.slow),
+    ],
+)
 def test_what_was_planted_is_named_with_its_size(planted, seed):
     (plant, make, given), sizes, constants = PLANTED[planted]
     state, names = look_into(plant, make(seed, **given))
@@ -109,6 +117,7 @@ def test_noise_that_pushes_a_drive_is_no_effect_where_samples_become_their_means
     assert state.ratio(state.nominal.raw) < 1.1
 
 
+@pytest.mark.slow
 def test_a_name_beside_a_spring_that_may_soften_no_further_is_doubted(monkeypatch):
     offered = WholeRecordCell.forms.fget
 
@@ -129,14 +138,8 @@ def test_a_name_beside_a_spring_that_may_soften_no_further_is_doubted(monkeypatc
 CLIPPED = {"first_order": (lag, "pressure_kpa"), "pam_joint": (joint, "angle_rad")}
 
 
-@pytest.mark.parametrize(
-    ("plant", "low", "high"),
-    [
-        ("first_order", None, 0.9),
-        pytest.param("pam_joint", 0.15, None, marks=pytest.mark.slow),
-        pytest.param("pam_joint", 0.1, 0.85, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("plant", "low", "high"), [("first_order", None, 0.9), ("pam_joint", 0.1, 0.85)])
 def test_a_reading_that_ends_at_one_side_or_both_is_named_with_its_ends(plant, low, high):
     make, output = CLIPPED[plant]
     signals, step_s = make(1, samples=2000)

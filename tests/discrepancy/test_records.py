@@ -31,7 +31,7 @@ PLANT = {
 }
 
 
-def write_record(path, share, seconds=192.0):
+def write_record(path, share, seconds=96.0):
     """Write a record of a mass on a spring, whose cube pulls by `share` of the linear part at the usual motion."""
     generator = np.random.default_rng(7)
     lines = np.arange(0.25, 5.0, 0.05)
@@ -59,7 +59,7 @@ def run(pamid, path, *overrides):
     """Run the workflow on a record of foreign columns; return its folder and its verdict."""
     columns = ["columns.time_s=t_ms", "units.time_s=ms", "+columns.force_n=F", "+columns.position_m=pos"]
     line = ["workflow=discrepancy", "measurement=records", f"measured={path}", *columns, "+units.position_m=mm"]
-    result = pamid(*line, "figures=[png]", *overrides)
+    result = pamid(*line, "figures=[]", *overrides)
     assert result.returncode == 0, result.stderr
     return pamid.runs[-1], json.loads((pamid.runs[-1] / "verdict.json").read_text())
 
@@ -82,20 +82,11 @@ def test_a_hidden_cubic_spring_is_named_and_the_amended_plant_lacks_nothing(pami
     assert constants["static_gain"]["start"] == pytest.approx(1.0 / STIFFNESS_N_PER_M, rel=0.01)
     assert constants["natural_frequency_hz"]["start"] == pytest.approx(HERTZ, rel=0.01)
     _, again = run(pamid, tmp_path / "run.csv", f"plant={amended}")
-    assert again["status"] == "no_discrepancy"
-    assert again["gap"]["before"] == pytest.approx(verdict["gap"]["after"], rel=0.05)
-
-
-@pytest.mark.slow
-def test_nothing_is_named_in_a_linear_record(pamid, tmp_path):
-    write_record(tmp_path / "run.csv", share=0.0)
-    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(PLANT))
-    folder, verdict = run(pamid, tmp_path / "run.csv", f"plant={tmp_path}/rig.yaml")
-    assert verdict["status"] == "no_discrepancy"
-    assert verdict["effects"] == []
-    assert sum(each["probability"] for each in verdict["ranking"]) == pytest.approx(1.0)
-    rows = pd.read_parquet(folder / "tables" / "verification.parquet")
+    assert (again["status"], again["effects"]) == ("no_discrepancy", [])
+    assert sum(each["probability"] for each in again["ranking"]) == pytest.approx(1.0)
+    rows = pd.read_parquet(pamid.runs[-1] / "tables" / "verification.parquet")
     assert set(rows["simulation"]) == {"measured upstream"}
+    assert again["gap"]["before"] == pytest.approx(verdict["gap"]["after"], rel=0.05)
 
 
 def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, tmp_path):
@@ -119,7 +110,7 @@ def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, t
 @pytest.mark.slow
 @pytest.mark.skipif(not RECORDED.exists(), reason=f"needs the recorded oscillator, {RECORDED}")
 def test_the_spring_of_a_recorded_oscillator_is_named_by_one_command(pamid):
-    result = pamid("workflow=discrepancy", "measurement=silverbox", f"measured={RECORDED}", "figures=[png]")
+    result = pamid("workflow=discrepancy", "measurement=silverbox", f"measured={RECORDED}", "figures=[]")
     assert result.returncode == 0, result.stderr
     (folder,) = pamid.runs
     verdict = json.loads((folder / "verdict.json").read_text())

@@ -46,7 +46,7 @@ def build(added=0.0, seed=1, noise=0.05, hole=None, samples=4800):
     return build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant())
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_hidden_loop_is_named_and_mended(seed):
     found, names = look(build(0.8 * slide(move(seed, 2400), 0.004), seed, samples=2400))
     assert names == ["hysteresis"]
@@ -56,12 +56,13 @@ def test_a_hidden_loop_is_named_and_mended(seed):
     assert after < 0.3 * before
 
 
+@pytest.mark.slow
 def test_a_hidden_cubic_is_named():
     way = move(4, 2400)
     assert look(build(2.0e5 * (way - way.mean()) ** 3, 4, samples=2400))[1][0] == "cubic_stiffness"
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_nothing_is_named_where_nothing_is_missing(seed):
     assert look(build(seed=seed, samples=2400))[1] == []
 

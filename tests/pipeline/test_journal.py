@@ -1,9 +1,6 @@
 """What a turn measures outlives the turn that does not land."""
 
-import os
-import signal
-import subprocess
-import sys
+import multiprocessing
 import time
 
 import numpy as np
@@ -73,28 +70,29 @@ def test_a_turn_that_measured_nothing_leaves_nothing(tmp_path):
     assert not (tmp_path / "run" / "interrupted").exists()
 
 
-KILLED = """
-import sys, time
-from tests.pipeline.test_journal import make_record, rows
-from pathlib import Path
-record = make_record(Path(sys.argv[1]))
-def make():
-    for turn in range(1000):
-        record.watch((1,))(rows(10 * turn))
-        if turn == 20:
-            print("there", flush=True)
-        time.sleep(0.01)
-record.part((1,), make)
-"""
+def make_turns(folder, there):
+    """Measure in one turn of a loop until the process is killed."""
+    record = make_record(folder)
+
+    def make():
+        for turn in range(1000):
+            record.watch((1,))(rows(10 * turn))
+            if turn == 20:
+                there.set()
+            time.sleep(0.01)
+
+    record.part((1,), make)
 
 
 def test_a_killed_process_leaves_what_it_handed_over(tmp_path):
-    process = subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path)], stdout=subprocess.PIPE, text=True)
-    assert process.stdout.readline() == "there\n"
-    time.sleep(0.2)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    process.stdout.close()
+    processes = multiprocessing.get_context("fork")
+    there = processes.Event()
+    process = processes.Process(target=make_turns, args=(tmp_path, there))
+    process.start()
+    assert there.wait(60)
+    time.sleep(0.1)
+    process.kill()
+    process.join()
     (left,) = interrupted(tmp_path)
     assert left.suffix == ".arrows"
     assert len(read_journal(left)) >= 200

@@ -1,25 +1,24 @@
 """Pages as a browser shows them: on a wide screen and on a phone, with nothing asked for elsewhere."""
 
-import os
-import shutil
 from pathlib import Path
 
 import pytest
 
+from tests import browsing
+from tests.browsing import HOSTILE
+from tests.browsing import browser as browser
 from tests.conftest import Command
+from tests.pipeline.conftest import ALONE, CONFIG
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+pytestmark = pytest.mark.slow
 WIDTHS = {"wide": (1280, 900), "phone": (390, 844)}
-HOSTILE = "<img src=//elsewhere.invalid/x><script>document.title='taken'</script>"
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory):
+def pages(browser, tmp_path_factory):
     """Paths of pages of every kind, by name."""
-    command = Command(tmp_path_factory.mktemp("pages") / "outputs", "--config-dir", "tests/pipeline/conf")
-    swept = command("workflow=trials", "-m", "sweep=s", "seed=0,1,2", "counting.count=3,9", "trying.fail_at=[1]")
+    command = Command(tmp_path_factory.mktemp("pages") / "outputs", *CONFIG)
+    swept = command("workflow=trials", *ALONE, "sweep=s", "seed=0,1,2", "counting.count=3,9", "trying.fail_at=[1]")
     assert swept.returncode == 1, swept.stderr
     assert command("workflow=toy", f'counting.label="{HOSTILE}"').returncode == 0
     assert command("workflow=toy", "doubling.fail_at=3").returncode == 1
@@ -34,24 +33,11 @@ def pages(tmp_path_factory):
     }
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as driver:
-        found = driver.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"] if os.getuid() == 0 else [])
-        yield found
-        found.close()
+class Look(browsing.Look):
+    """A page opened without network."""
 
-
-class Look:
-    """A page opened without network, what it asked for and what it complained of."""
-
-    def __init__(self, browser, path: Path, width: str = "wide"):
-        across, down = WIDTHS[width]
-        self.page = browser.new_page(viewport={"width": across, "height": down}, offline=True)
-        self.asked, self.complaints = [], []
-        self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.on("console", lambda message: self.complaints.append(message.text))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+    def __init__(self, browser, path: Path):
+        super().__init__(browser, WIDTHS["wide"], offline=True)
         self.page.goto(path.as_uri())
 
     def cells(self, column: int) -> list[str]:
@@ -60,32 +46,28 @@ class Look:
         return [rows.nth(index).locator("td").nth(column).inner_text() for index in range(rows.count())]
 
 
-@pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("kind", ["sweep", "comparison", "report", "failure"])
-def test_page_stands_alone_and_fits(pages, browser, kind, width):
-    look = Look(browser, pages[kind], width)
+def test_page_stands_alone_and_fits(pages, browser, kind):
+    look = Look(browser, pages[kind])
     assert {each for each in look.asked if not each.startswith("data:")} == {pages[kind].as_uri()}
-    assert look.complaints == []
     assert look.page.title() != "taken"
-    assert look.page.evaluate("document.documentElement.scrollWidth") <= WIDTHS[width][0]
-    beyond = look.page.evaluate(
-        """[...document.querySelectorAll("h1, h2, h3, p, dd, li, img, pre, .scroll, .failure")].filter(each => {
-            const box = each.getBoundingClientRect();
-            return each.checkVisibility() && (box.left < 0 || box.right > innerWidth || box.width === 0);
-        }).map(each => each.outerHTML.slice(0, 80))"""
-    )
-    assert beyond == []
+    for across, down in WIDTHS.values():
+        look.page.set_viewport_size({"width": across, "height": down})
+        assert look.page.evaluate("document.documentElement.scrollWidth") <= across
+        beyond = look.page.evaluate(
+            """[...document.querySelectorAll("h1, h2, h3, p, dd, li, img, pre, .scroll, .failure")].filter(each => {
+                const box = each.getBoundingClientRect();
+                return each.checkVisibility() && (box.left < 0 || box.right > innerWidth || box.width === 0);
+            }).map(each => each.outerHTML.slice(0, 80))"""
+        )
+        assert beyond == []
     pictures = look.page.evaluate("[...document.images].map(each => [each.naturalWidth > 0, each.alt !== ''])")
     assert all(drawn and told for drawn, told in pictures)
     assert bool(pictures) == (kind != "failure")
-
-
-@pytest.mark.parametrize("kind", ["sweep", "comparison", "report", "failure"])
-def test_links_within_a_page_lead_somewhere(pages, browser, kind):
-    look = Look(browser, pages[kind])
     anchors = look.page.evaluate("[...document.querySelectorAll('nav a')].map(each => each.hash.slice(1))")
     assert anchors
     assert look.page.evaluate("names => names.filter(each => !document.getElementById(each))", anchors) == []
+    assert look.complaints == []
 
 
 def test_a_request_to_elsewhere_is_refused(pages, browser, tmp_path):
@@ -96,7 +78,7 @@ def test_a_request_to_elsewhere_is_refused(pages, browser, tmp_path):
     assert any("Content Security Policy" in each for each in look.complaints)
 
 
-def test_jobs_are_sorted_and_filtered(pages, browser):
+def test_jobs_are_sorted_and_filtered_and_lead_to_their_reports(pages, browser):
     look = Look(browser, pages["sweep"])
     heads = look.page.locator("table.sortable thead th").all_inner_texts()
     score = heads.index("score_m (m)")
@@ -111,11 +93,6 @@ def test_jobs_are_sorted_and_filtered(pages, browser):
     look.page.get_by_role("searchbox").fill("failed count=9")
     assert len(look.cells(0)) == 1
     assert look.page.get_by_text("1 of 6 rows").is_visible()
-
-
-def test_a_job_leads_to_its_report(pages, browser):
-    look = Look(browser, pages["sweep"])
-    look.page.get_by_role("searchbox").fill("failed count=9")
     look.page.locator("table.sortable tbody a:visible").click()
     look.page.wait_for_url("**/report.html")
     assert look.page.get_by_text("ArithmeticError: cannot try 1").first.is_visible()

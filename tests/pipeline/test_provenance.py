@@ -6,28 +6,28 @@ import subprocess
 
 import pytest
 
+from pipeline import checkout
 from pipeline.checkout import LARGEST_PATCH
 from tests.conftest import ROOT, Command
-from tests.faults import find_parts, ledger_of, limit_file_size, wait_until
+from tests.faults import find_parts, ledger_of, limit_file_size, overwrite, wait_until
+from tests.pipeline.conftest import ALONE, SLOWLY, TOY
 
 COUNTING = "tests/pipeline/toy/counting.py"
-SLOWLY = "doubling.pause_s=0.4"
 
 
 class Checkout(Command):
-    """The command in a copy of the project."""
+    """The command beside a checkout."""
 
     def __init__(self, folder):
-        super().__init__(folder / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=toy")
-        self.root = folder / "project"
-        for each in ("pipeline", "conf", "tests/pipeline"):
-            shutil.copytree(ROOT / each, self.root / each, ignore=shutil.ignore_patterns("__pycache__"))
-        (self.root / "tests" / "__init__.py").touch()
-        (self.root / ".gitignore").write_text("__pycache__/\n")
+        super().__init__(folder / "outputs", *TOY)
+        self.place = folder / "project"
+        (self.place / COUNTING).parent.mkdir(parents=True)
+        (self.place / ".gitignore").write_text("__pycache__/\n")
+        shutil.copy(ROOT / COUNTING, self.place / COUNTING)
 
     def git(self, *arguments):
         line = ["git", "-c", "user.name=n", "-c", "user.email=n@localhost", *arguments]
-        return subprocess.run(line, cwd=self.root, check=True, capture_output=True).stdout
+        return subprocess.run(line, cwd=self.place, check=True, capture_output=True).stdout
 
     def commit(self):
         self.git("init", "-q")
@@ -36,18 +36,30 @@ class Checkout(Command):
         return self
 
     def change(self, text="# changed\n"):
-        with (self.root / COUNTING).open("a") as handle:
+        with (self.place / COUNTING).open("a") as handle:
             handle.write(text)
 
 
 @pytest.fixture
-def copied(tmp_path):
-    return Checkout(tmp_path)
+def copied(tmp_path, monkeypatch):
+    """A checkout that the code is taken to lie in."""
+    made = Checkout(tmp_path)
+    look = checkout.look_at_checkout.__wrapped__
+    monkeypatch.setattr(checkout, "look_at_checkout", lambda: look(made.place))
+    return made
 
 
-def test_a_clean_checkout_is_its_commit(copied):
+def test_a_run_tells_the_commit_that_its_code_is_of(tmp_path):
+    """With the whole project in the checkout, started in full."""
+    copied = Checkout(tmp_path)
+    for each in ("pipeline", "conf", "tests/pipeline"):
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / each, copied.place / each, ignore=ignored, dirs_exist_ok=True)
+    (copied.place / "tests" / "__init__.py").touch()
     copied.commit()
-    assert copied().returncode == 0
+    copied.root, copied.anew = copied.place, True
+    result = copied("counting.count=2")
+    assert result.returncode == 0, result.stderr
     (run,) = copied.runs
     facts = ledger_of(run)
     assert facts["git"] == {"commit": copied.git("rev-parse", "HEAD").decode().strip(), "clean": True}
@@ -72,10 +84,10 @@ def test_a_run_whose_changes_find_no_room_is_found_again(copied):
 def test_changes_lie_beside_the_tables_and_can_be_had_again(copied, tmp_path):
     copied.commit()
     copied.change("LABEL = 'grün'\n")
-    (copied.root / "picture.png").write_bytes(bytes(range(256)))
+    (copied.place / "picture.png").write_bytes(bytes(range(256)))
     copied.git("add", "picture.png")
-    (copied.root / "new folder").mkdir()
-    (copied.root / "new folder" / "note\n.txt").touch()
+    (copied.place / "new folder").mkdir()
+    (copied.place / "new folder" / "note\n.txt").touch()
     copied.git("config", "diff.noprefix", "true")
     copied.git("config", "diff.external", "false")
     assert copied().returncode == 0
@@ -92,18 +104,18 @@ def test_changes_lie_beside_the_tables_and_can_be_had_again(copied, tmp_path):
     }
     assert "Untracked: 'new folder/note\\n.txt'" in patch.read_text()
     again = tmp_path / "again"
-    subprocess.run(["git", "clone", "-q", copied.root, again], check=True)
+    subprocess.run(["git", "clone", "-q", copied.place, again], check=True)
     subprocess.run(["git", "checkout", "-q", git["commit"]], cwd=again, check=True)
     subprocess.run(["git", "apply", patch], cwd=again, check=True)
     for name in (COUNTING, "picture.png"):
-        assert (again / name).read_bytes() == (copied.root / name).read_bytes()
+        assert (again / name).read_bytes() == (copied.place / name).read_bytes()
 
 
 def test_a_large_change_is_cut_off_and_said(copied):
     copied.commit()
-    (copied.root / "large.bin").write_bytes(bytes(1) + b"x" * LARGEST_PATCH)
+    (copied.place / "large.bin").write_bytes(bytes(1) + b"x" * LARGEST_PATCH)
     lines = "".join(f"# {number}\n" for number in range(LARGEST_PATCH // 5))
-    (copied.root / "zebra.py").write_text(lines)
+    (copied.place / "zebra.py").write_text(lines)
     copied.git("add", "large.bin", "zebra.py")
     copied.change()
     assert copied().returncode == 0
@@ -133,28 +145,26 @@ def test_a_run_that_goes_on_with_other_code_says_both(copied):
     assert "+# changed" in (run / "changes-2.patch").read_text()
 
 
-@pytest.mark.slow
 def test_jobs_of_a_sweep_have_theirs(copied):
     copied.commit()
     copied.change()
-    assert copied("-m", "sweep=s", "seed=0,1").returncode == 0
-    assert copied("-m", "sweep=s", "seed=0,-1").returncode == 1
-    for seed in (0, 1, -1):
+    assert copied(*ALONE, "sweep=s", "seed=0,-1").returncode == 1
+    for seed in (0, -1):
         job = copied.outputs / "sweeps" / "s" / f"seed={seed},workflow=toy"
         assert ledger_of(job)["git"]["changes"]["file"] == "changes.patch"
         assert "+# changed" in (job / "changes.patch").read_text()
 
 
-@pytest.mark.slow
 def test_a_job_made_again_from_a_clean_checkout_keeps_no_changes_of_before(copied):
     copied.commit()
     copied.change()
-    assert copied("-m", "sweep=s").returncode == 0
+    assert copied(*ALONE, "sweep=s").returncode == 0
     (job,) = (copied.outputs / "sweeps" / "s").glob("[!.]*/")
     assert (job / "changes.patch").exists()
     copied.change("# and more\n")
     copied.git("commit", "-q", "-a", "-m", "more")
-    assert copied("-m", "sweep=s", "on_finished=refresh").returncode == 0
+    overwrite(job / "tables" / "total.parquet", b"")  # so that something is to be made again
+    assert copied(*ALONE, "sweep=s", "on_finished=refresh").returncode == 0
     assert ledger_of(job)["git"]["clean"] is True
     assert not (job / "changes.patch").exists()
 
@@ -174,7 +184,6 @@ def test_without_a_commit_there_is_nothing_to_tell(copied, state, tmp_path):
     assert ledger_of(copied.runs[0])["git"] is None
 
 
-def test_every_stage_says_whether_it_was_measured(toy):
-    toy()
-    records = ledger_of(toy.runs[0])["stages"]
+def test_every_stage_says_whether_it_was_measured(finished_toy):
+    records = ledger_of(finished_toy.runs[0])["stages"]
     assert [each["measured"] for each in records.values()] == [False] * 3

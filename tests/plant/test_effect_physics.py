@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from stages.plant.effect import find_effect
 from stages.plant.filters import lag, shift
 from stages.plant.muscle import compute_tension
-from stages.plant.operators import follow_bouc_wen, follow_play
+from stages.plant.operators import follow_bouc_wen
 from stages.plant.passage import predict_force, predict_pressure
 from tests.plant.columns import STEP_S, begin, constants
 
@@ -47,13 +47,6 @@ def loop_area(y, x):
     half = len(x) // 2
     y, x = y[half:], x[half:]
     return abs(float(np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(x))))
-
-
-def test_a_plays_loop_has_the_area_of_a_parallelogram():
-    x, radius = cycles(), 0.01
-    assert loop_area(follow_play(x[:, None], radius)[:, 0], x) == pytest.approx(
-        2 * radius * (2 * 0.05 - 2 * radius), rel=1e-4
-    )
 
 
 def test_plays_dissipate_the_sum_of_their_parallelograms_at_any_pressure():

@@ -48,11 +48,6 @@ def test_a_step_is_answered_by_an_exponential(height):
     assert fill(command)[-1] == pytest.approx(20.0 + 100.0 * height, abs=1e-4)
 
 
-def test_a_ramp_is_followed_late_by_the_time_constant():
-    time = np.arange(600) * STEP_S
-    assert fill(0.5 * time)[-1] == pytest.approx(20.0 + 50.0 * (time[-1] - LAG_S), abs=1e-3)
-
-
 def test_the_way_is_that_of_an_adaptive_solver(generator):
     time = np.arange(400) * STEP_S
     command = np.cumsum(generator.standard_normal(400)) / 10.0

@@ -3,20 +3,12 @@ import pytest
 from scipy.optimize import brentq
 
 from stages.plant.muscle import MuscleConstants, braid_coefficients, compute_tension
-from stages.plant.plant import collect_constants
-from tests.plant.machines import configured
+from tests.plant.columns import constants
 
 
-def tension(pressure, contraction, velocity, constants):
-    return compute_tension(*(np.full((1, 1), float(each)) for each in (pressure, contraction, velocity)), constants)[
-        0, 0
-    ]
-
-
-def constants_of(name):
-    rig = configured()
-    index = rig.exoskeleton.muscle_names.index(name)
-    return MuscleConstants(*(column[index : index + 1] for column in collect_constants(rig.exoskeleton, rig.plant)))
+def tension(pressure, contraction, velocity, muscle):
+    at = (np.full((1, 1), float(each)) for each in (pressure, contraction, velocity))
+    return compute_tension(*at, muscle)[0, 0]
 
 
 DATA_SHEET = [("pam1", 600.0, 6000.0), ("pam2", 800.0, 630.0), ("pam3", 600.0, 6000.0), ("pam4", 800.0, 630.0)]
@@ -24,12 +16,12 @@ DATA_SHEET = [("pam1", 600.0, 6000.0), ("pam2", 800.0, 630.0), ("pam3", 600.0, 6
 
 @pytest.mark.parametrize(("name", "pressure", "force"), DATA_SHEET)
 def test_largest_force_is_the_data_sheets(name, pressure, force):
-    assert tension(pressure, 0.0, 0.0, constants_of(name)) == pytest.approx(force, rel=0.01)
+    assert tension(pressure, 0.0, 0.0, constants(1, name)) == pytest.approx(force, rel=0.01)
 
 
 @pytest.mark.parametrize(("name", "pressure", "force"), DATA_SHEET)
 def test_largest_contraction_is_the_data_sheets(name, pressure, force):
-    muscle = constants_of(name)
+    muscle = constants(1, name)
     loaded = brentq(lambda c: tension(pressure, c, 0.0, muscle) - 1e-3 * force, 0.0, 0.3)
     assert loaded == pytest.approx(0.25, abs=0.01)
 
@@ -56,7 +48,7 @@ def test_without_rubber_and_taper_the_law_is_virtual_work_on_the_braid():
 
 @pytest.mark.parametrize("name", ["pam1", "pam2"])
 def test_force_is_linear_in_pressure_quadratic_in_contraction_and_damped(name):
-    muscle = constants_of(name)
+    muscle = constants(1, name)
     at_pressure = [tension(p, 0.1, 0.0, muscle) for p in (200, 300, 400, 500)]
     assert np.diff(at_pressure, 2) == pytest.approx(0.0, abs=1e-9)
     at_contraction = [tension(400, c, 0.0, muscle) for c in (0.02, 0.06, 0.10, 0.14, 0.18)]
@@ -67,4 +59,4 @@ def test_force_is_linear_in_pressure_quadratic_in_contraction_and_damped(name):
 
 
 def test_a_slack_muscle_does_not_push():
-    assert tension(10.0, 0.24, 0.0, constants_of("pam1")) == 0.0
+    assert tension(10.0, 0.24, 0.0, constants(1, "pam1")) == 0.0

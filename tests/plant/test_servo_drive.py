@@ -44,7 +44,6 @@ def test_a_sine_of_force_is_a_sine_of_motion(hertz):
 
 
 FRICTION = [
-    ("viscous_friction", "linear_damping", {"share": 0.4}, lambda v: 0.4 * v / 0.5),
     ("viscous_friction", "quadratic_drag", {"share": 0.4}, lambda v: 0.4 * v * abs(v) / 0.3),
     (
         "coulomb_friction",

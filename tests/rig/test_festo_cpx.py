@@ -362,4 +362,4 @@ def test_a_command_after_missed_samples_is_no_larger_a_step(emulator, section, m
     assert set(recording.clipped_by[40:60, 1]) == {"rate"}
     filling = np.diff([each.command_kpa for each in watching.moments if each.time_s < 0.0], axis=0)
     assert len(filling) == 200 - 1 - 4
-    assert filling.max() == pytest.approx(100.0 * np.sin(0.5 * np.pi / 160.0), rel=1e-3)
+    assert filling.max() == pytest.approx(100.0 / 160.0)

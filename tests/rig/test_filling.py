@@ -17,7 +17,7 @@ from tests.rig.watching import Watching
 FIRST = np.array([240.0, 600.0, 0.0, 430.0])
 """First commands, with large ones on both joints."""
 RATE_HZ, LEAD_S, SHARE = 100.0, 1.0, 0.8
-PROFILE = FIRST * (0.5 - 0.5 * np.cos(np.pi * np.minimum(np.arange(1, 101) / 80, 1.0)))[:, None]
+PROFILE = FIRST * np.minimum(np.arange(100) / 80, 1.0)[:, None]
 STEEPEST = np.diff(PROFILE, axis=0, prepend=0.0).max(axis=0)
 LET_DOWN_S = 0.12
 """The 0.1 s in which muscles are let down, and two samples."""
@@ -51,14 +51,14 @@ def emulator():
 
 
 @pytest.mark.parametrize(("samples", "share"), [(100, 0.8), (60, 0.5), (37, 1.0), (1, 0.8)])
-def test_the_profile_rises_smoothly_and_then_rests(samples, share):
+def test_the_profile_rises_evenly_and_then_rests(samples, share):
     filling = fill(FIRST, samples, share)
     rising = round(share * samples)
     assert filling.shape == (samples, 4)
-    assert (np.diff(filling, axis=0, prepend=0.0) >= 0.0).all()
-    np.testing.assert_allclose(filling[max(rising - 1, 0) :], FIRST + np.zeros((samples - max(rising - 1, 0), 1)))
-    assert (np.diff(filling, axis=0, prepend=0.0) <= 0.5 * np.pi * FIRST / rising + 1e-9).all() or samples == 1
-    assert np.abs(np.diff(filling, n=2, axis=0)).max(initial=0.0) <= 0.5 * (np.pi / rising) ** 2 * FIRST.max() * 1.001
+    assert not filling[0].any()
+    steps = np.diff(filling, axis=0, append=FIRST[None])
+    np.testing.assert_allclose(steps[:rising], FIRST / rising + np.zeros((rising, 1)))
+    np.testing.assert_allclose(steps[rising:], 0.0)
 
 
 def test_no_lead_in_begins_filled():
@@ -99,7 +99,7 @@ def test_the_simulated_person_holds_the_first_posture_while_the_muscles_are_fill
     ((command, motion),) = seen
     np.testing.assert_allclose(command[:100], PROFILE)
     assert np.abs(motion.joint_angle_rad[:100] - motion.joint_angle_rad[0]).max() < 0.2
-    assert motion.pressure_kpa[0].max() < 1.0
+    assert not motion.pressure_kpa[0].any()
     assert (np.diff(motion.pressure_kpa[:100], axis=0) <= 1.001 * STEEPEST).all()
 
 
@@ -117,7 +117,7 @@ def test_the_emulated_device_is_filled_over_most_of_the_lead_in_on_both_joints(e
     time_s, _, pressure = watching.collect()
     for m in (0, 1, 3):  # on both joints
         risen = pressure[time_s < 0.0, m] / FIRST[m]
-        assert ((risen > 0.05) & (risen < 0.95)).sum() > 0.65 * SHARE * LEAD_S * RATE_HZ
+        assert ((risen > 0.05) & (risen < 0.95)).sum() > 0.85 * SHARE * LEAD_S * RATE_HZ
         assert (risen[90:] > 0.98).all()
     np.testing.assert_allclose(recording.pressure_kpa[:10].mean(axis=0), FIRST, atol=3.0)
 

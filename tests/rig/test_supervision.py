@@ -281,7 +281,7 @@ def test_a_signal_waits_until_the_muscles_are_down():
             lambda s: s["channels"]["pam3"]["force"].update(zero_count=4000.0, sign=-1),
             "up to the ceiling of 2500.0 (guard.ceilings), got -21000; it would not be noticed",
         ),
-        (lambda s: s.update(lead_in_s=0.01), "lead_in_s: expected at least 0.123 s, in whose filling_share pam1"),
+        (lambda s: s.update(lead_in_s=0.01), "lead_in_s: expected at least 0.0781 s, in whose filling_share pam1"),
     ],
 )
 def test_a_rig_that_cannot_work_is_refused(change, message):
