@@ -169,8 +169,9 @@ def explain(error: Exception) -> str:
         return f"'{override.group(1)}' is no override: expected key=value, as in seed=1 or 'bank.trajectories=20'"
     if "Config group override must be a string or a list" in text:
         pairs = [each.partition("=")[::2] for each in sys.argv[1:] if "." not in each.partition("=")[0]]
-        names = re.compile(r"(?!(null|true|false)$)[a-z]\w*|\[.*\]", re.IGNORECASE)
-        wrong = [name for name, value in pairs if value and name != "outputs" and not names.fullmatch(value)]
+        names = re.compile(r"(?!(null|true|false)$)[a-z]\w*", re.IGNORECASE)
+        groups = list_groups(sys.argv[1:])
+        wrong = [name for name, value in pairs if value and name in groups and not names.fullmatch(value)]
         name = wrong[0] if wrong else "GROUP"
         return f"{name}: expected the name of a file in conf/{name}/"
     merged = re.search(r"Error merging override (\S+)", text)
