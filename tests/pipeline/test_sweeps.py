@@ -47,9 +47,11 @@ class Sweeping(Command):
 
 
 @pytest.fixture
-def sweeping(tmp_path):
-    """A sweep whose jobs are spread over processes."""
-    return Sweeping(tmp_path, "-m")
+def sweeping(request, tmp_path):
+    """A sweep whose jobs are spread over processes, in the slow step by a launcher that is started and ends in full."""
+    made = Sweeping(tmp_path, "-m")
+    made.anew = request.node.get_closest_marker("slow") is not None
+    return made
 
 
 @pytest.fixture
