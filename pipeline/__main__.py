@@ -170,7 +170,8 @@ def explain(error: Exception) -> str:
     if "Config group override must be a string or a list" in text:
         pairs = [each.partition("=")[::2] for each in sys.argv[1:] if "." not in each.partition("=")[0]]
         names = re.compile(r"(?!(null|true|false)$)[a-z]\w*", re.IGNORECASE)
-        wrong = [name for name, value in pairs if value and name != "outputs" and not names.fullmatch(value)]
+        groups = list_groups(sys.argv[1:])
+        wrong = [name for name, value in pairs if value and name in groups and not names.fullmatch(value)]
         name = wrong[0] if wrong else "GROUP"
         return f"{name}: expected the name of a file in conf/{name}/"
     merged = re.search(r"Error merging override (\S+)", text)

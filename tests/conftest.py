@@ -105,7 +105,7 @@ class Command:
     def review(self, *arguments: str, before=None) -> subprocess.CompletedProcess[str]:
         return self._run(self.review_line(*arguments), before)
 
-    def copy(self, folder: Path) -> "Command":
+    def copy(self, folder: Path, ignore=None) -> "Command":
         """Return the same command with a copy of its outputs, which have the same files in common."""
         made = type(self)(folder, *self.fixed)
         copies: dict[int, str] = {}
@@ -115,7 +115,7 @@ class Command:
             os.link(copies[number], target) if number in copies else shutil.copy2(source, target)
             copies.setdefault(number, target)
 
-        shutil.copytree(self.outputs, folder, copy_function=copy)
+        shutil.copytree(self.outputs, folder, ignore=ignore, copy_function=copy)
         return made
 
     def _run(self, line: list[str], before=None, apart: bool | None = None) -> subprocess.CompletedProcess[str]:

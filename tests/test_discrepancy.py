@@ -157,7 +157,7 @@ SPOILT = {
     "100 Hz": lambda samples: sessions.resample(samples, 100.0),
     "1000 Hz": lambda samples: sessions.resample(samples, 1000.0),
 }
-OF_TWO = ("a silent muscle", "constant pressure")
+OF_TWO = ("a silent muscle", "constant pressure", "a wild trial")
 QUICK = ("no force",)
 CASES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in SPOILT]
 

@@ -7,13 +7,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from pipeline.config import read_study
 from pipeline.errors import ConfigError
 from tests.composing import compose_values
-from tests.conftest import ROOT
 from tests.measured_data import make_meta, make_samples, refuse_measured, write_dataset
 from tests.measured_data import read_measured as read
 from tests.studies import run_stage
@@ -86,10 +84,7 @@ def test_reads_signals_of_an_oscillator_and_cuts_them_into_blocks(tmp_path):
 
 
 def test_the_hardware_stages_recordings_serve_where_there_is_no_path(tmp_path):
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        composed = compose("config", overrides=["workflow=discrepancy"])
-        others = compose("config", overrides=["budget=tiny", "bank.trajectories=4"])
-    composed = {**others, **composed}
+    composed = {**compose_values("budget=tiny", "bank.trajectories=4"), **compose_values("workflow=discrepancy")}
     composed["workflow"]["stages"] = ["bank", "subsampling", "hardware", "measurement"]
     composed["workflow"]["quoted"] = list(composed)
     composed["workflow"]["headline"] = []

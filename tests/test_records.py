@@ -35,7 +35,7 @@ def test_several_files_are_refused_with_how_to_bring_several_records(tmp_path):
     assert "runs: expected samples.parquet in this folder, got a.csv, b.csv; name one file, as measured=" in told
     assert told.endswith("several records go into one file, told apart by a column: columns.record=NAME")
     with pytest.raises(ConfigError, match="measured: expected one path, got 2; several records go into one file"):
-        read_measured(tmp_path, [f"{tmp_path}/runs/{name}.csv" for name in "ab"], *MAP)
+        read_measured(tmp_path, f"[{tmp_path}/runs/a.csv,{tmp_path}/runs/b.csv]", *MAP)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "mat"])

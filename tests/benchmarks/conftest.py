@@ -1,4 +1,7 @@
-"""Ratios of one run: every round times the rival right before the subject, so that both see the same machine."""
+"""Ratios of one run: every round times the rival right before the subject, so that both see the same machine.
+
+With --short each figure comes from fewer rounds and smaller sizes: it shows that all still runs, and slips of an order.
+"""
 
 import statistics
 import time
@@ -30,6 +33,26 @@ class Row:
         return "met" if self.stretch is None or self.figure > self.stretch else "met, and the stretch"
 
 
+def pytest_addoption(parser):
+    parser.addoption("--short", action="store_true", help="a few rounds of each benchmark, at its smaller sizes")
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "long: a size that --short leaves out")
+
+
+def pytest_collection_modifyitems(config, items):
+    left_out = [item for item in items if config.option.short and item.get_closest_marker("long")]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in left_out]
+
+
+@pytest.fixture(scope="session")
+def sized(request):
+    """Return ``sized(full, short)``, the one of two numbers (of rounds, of jobs) that this run is to take."""
+    return lambda full, short=3: short if request.config.option.short else full
+
+
 @pytest.fixture(autouse=True, scope="session")
 def one_thread():
     """The pipeline's own setting."""
@@ -50,10 +73,10 @@ def tell(request, benchmark):
 
 
 @pytest.fixture
-def against(benchmark):
+def against(benchmark, sized):
     """Time a subject and a rival in turn; return the ratio of their medians."""
 
-    def ratio(subject, rival, rounds):
+    def ratio(subject, rival, rounds, short=3):
         rival()
         rivals, subjects = [], []
 
@@ -67,7 +90,7 @@ def against(benchmark):
             subject()
             subjects.append(time.perf_counter() - start)
 
-        benchmark.pedantic(time_subject, setup=time_rival, rounds=rounds, warmup_rounds=1)
+        benchmark.pedantic(time_subject, setup=time_rival, rounds=sized(rounds, short), warmup_rounds=1)
         subjects, rivals = subjects[1:], rivals[1:]
         benchmark.extra_info["rival_median_s"] = statistics.median(rivals)
         return statistics.median(subjects) / statistics.median(rivals)

@@ -108,7 +108,10 @@ class Problem:
             model.predict(bank.reshape(-1, INPUTS), return_std=True)
 
 
-@pytest.fixture(scope="module", params=[30, 60, 120], ids="N={}".format)
+LONG = [pytest.param(count, marks=pytest.mark.long) for count in (60, 120)]
+
+
+@pytest.fixture(scope="module", params=[30, *LONG], ids="N={}".format)
 def problem(request):
     return Problem(request.param)
 

@@ -11,11 +11,10 @@ from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
 
-TRIALS = 10
 
-
-def test_a_hundred_turns_a_second_are_held(benchmark, tell):
+def test_a_hundred_turns_a_second_are_held(benchmark, sized, tell):
     """Over ten trials."""
+    trials = sized(10, 2)
     section = describe_rig()
     with Emulator(describe_machine(section)) as emulator:
         rig = build_rig(section, emulator.port, emulator.control_port)
@@ -25,12 +24,12 @@ def test_a_hundred_turns_a_second_are_held(benchmark, tell):
             with rig:
                 return [
                     tidy(rig.execute(Trial("free", "experimenter", command), np.random.default_rng(k)), rig)
-                    for k in range(TRIALS)
+                    for k in range(trials)
                 ]
 
         recorded = benchmark.pedantic(execute_trials, rounds=1)
     pace = measure_pace(pd.concat([pd.DataFrame(each).assign(trial=k) for k, each in enumerate(recorded)]), ["trial"])
-    assert pace.samples == TRIALS * 400
+    assert pace.samples == trials * 400
     tell("loop of the real rig at 100 Hz, median period", 1e3 * pace.p50_s, "ms")
     tell("loop of the real rig at 100 Hz, 99th percentile", 1e3 * pace.p99_s, "ms")
     tell("loop of the real rig at 100 Hz, overruns", 100.0 * pace.overruns / pace.samples, "%", limit=1.0)

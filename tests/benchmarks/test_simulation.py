@@ -46,7 +46,7 @@ def test_chain_against_a_numpy_loop(against, tell):
     tell("simulation / NumPy loop", against(compiled, loop, 50), "", 1 / 30)
 
 
-def test_whole_trial_in_real_time(benchmark, tell):
+def test_whole_trial_in_real_time(benchmark, sized, tell):
     """A trial with joints, person, effects and their feedback: how much quicker than it would last."""
     rig = configured("rich")
     from stages.rig import Trial
@@ -59,7 +59,7 @@ def test_whole_trial_in_real_time(benchmark, tell):
             rig.execute(trial, np.random.default_rng(0))
 
     execute()
-    benchmark.pedantic(execute, rounds=10)
+    benchmark.pedantic(execute, rounds=sized(10))
     seconds = benchmark.stats.stats.median
     tell("simulated trial (rich plant) / its duration", seconds / (rig.samples / rig.sampling_rate_hz))
 

@@ -62,18 +62,20 @@ def test_value_against_the_floor(problem, against, tell):
     tell(f"sparse GP: value alone / floor, N = {POINTS}, M = {PSEUDO}", ratio)
 
 
-def test_seconds_of_value_and_gradient(problem, benchmark, tell):
-    benchmark.pedantic(problem.derivatives, rounds=30, warmup_rounds=1)
+def test_seconds_of_value_and_gradient(problem, benchmark, sized, tell):
+    benchmark.pedantic(problem.derivatives, rounds=sized(30), warmup_rounds=1)
     tell("sparse GP: value and gradient", 1e3 * benchmark.stats.stats.median, "ms")
 
 
-def test_a_fit(problem, benchmark, tell):
+def test_a_fit(problem, benchmark, sized, tell):
+    iterations = sized(50, 10)
+
     def run():
         generator = np.random.default_rng(0)
-        return fit_sparse(problem.x, problem.y, PSEUDO, None, generator=generator, starts=1, iterations=50)
+        return fit_sparse(problem.x, problem.y, PSEUDO, None, generator=generator, starts=1, iterations=iterations)
 
     benchmark.pedantic(run, rounds=1)
-    tell("sparse GP: fit from one start, 50 iterations", benchmark.stats.stats.median, "s")
+    tell(f"sparse GP: fit from one start, {iterations} iterations", benchmark.stats.stats.median, "s")
 
 
 def test_memory_of_value_and_gradient(problem, benchmark, tell):

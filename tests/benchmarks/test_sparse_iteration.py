@@ -66,7 +66,9 @@ class Problem:
         return trajectory_utility(models, self.candidates, "y_y")
 
 
-@pytest.fixture(scope="module", params=[200, 1000], ids=lambda kept: f"N={kept * TRIALS}")
+@pytest.fixture(
+    scope="module", params=[200, pytest.param(1000, marks=pytest.mark.long)], ids=lambda kept: f"N={kept * TRIALS}"
+)
 def problem(request):
     return Problem(request.param)
 
@@ -80,8 +82,8 @@ def test_iteration_against_the_exact_one(problem, against, tell):
     tell(f"trial with sparse models, N = {size(problem)} / exact, N = {problem.pseudo_inputs}", ratio)
 
 
-def test_seconds_of_an_iteration(problem, benchmark, tell):
-    benchmark.pedantic(problem.iterate, rounds=ROUNDS, warmup_rounds=1)
+def test_seconds_of_an_iteration(problem, benchmark, sized, tell):
+    benchmark.pedantic(problem.iterate, rounds=sized(ROUNDS), warmup_rounds=1)
     tell(f"trial with sparse models, N = {size(problem)}", benchmark.stats.stats.median, "s")
 
 

@@ -32,7 +32,7 @@ def run(line):
 
 def test_help(bare, against, tell):
     ours = [sys.executable, "-m", "pipeline", "--help"]
-    tell("--help / bare Hydra's", against(lambda: run(ours), lambda: run([*bare, "--help"]), 10))
+    tell("--help / bare Hydra's", against(lambda: run(ours), lambda: run([*bare, "--help"]), 10, 2))
 
 
 def test_run_where_all_is_fresh(bare, tmp_path, against, tell):
@@ -41,4 +41,4 @@ def test_run_where_all_is_fresh(bare, tmp_path, against, tell):
     assert first.returncode == 0, first.stderr
     assert "everything is fresh" in command().stdout
     quiet = [*bare, "hydra.run.dir=.", "hydra.output_subdir=null"]
-    tell("run where all is fresh / bare Hydra's", against(lambda: run(command.line()), lambda: run(quiet), 10))
+    tell("run where all is fresh / bare Hydra's", against(lambda: run(command.line()), lambda: run(quiet), 10, 2))

@@ -8,10 +8,7 @@ import time
 
 from tests.conftest import ROOT, Command
 
-FEW, MANY = 4, 24
-ROUNDS = 3
-JOBS, BUSY_S = 8, 2.0
-LEDGERS = 1000
+FEW = 4
 
 
 def sweep(folder, *arguments):
@@ -23,22 +20,22 @@ def sweep(folder, *arguments):
     return time.perf_counter() - begun
 
 
-def test_a_job_beside_its_work(tmp_path, benchmark, tell):
+def test_a_job_beside_its_work(tmp_path, benchmark, sized, tell):
     """Of jobs of one quick stage, what each further one costs, above an empty Python."""
-    costs = []
-    for each in range(ROUNDS):
+    costs, more = [], sized(24, 14)
+    for each in range(sized(3, 1)):
         few, many = (
             sweep(tmp_path / f"{n}-{each}", "workflow=count", f"seed=range({n})", "hydra.launcher.n_jobs=1")
-            for n in (FEW, MANY)
+            for n in (FEW, more)
         )
-        costs.append((many - few) / (MANY - FEW))
+        costs.append((many - few) / (more - FEW))
     benchmark.pedantic(lambda: subprocess.run([sys.executable, "-c", "pass"], cwd=ROOT, check=True), rounds=5)
     above_s = statistics.median(costs) - benchmark.stats.stats.median
     tell("job of a toy stage, above Python's start-up", 1e3 * above_s, "ms", limit=150.0)
 
 
-def test_jobs_at_once(tmp_path, benchmark, tell):
-    arguments = ("workflow=trials", f"seed=range({JOBS})", f"trying.busy_s={BUSY_S}")
+def test_jobs_at_once(tmp_path, benchmark, sized, tell):
+    arguments = ("workflow=trials", f"seed=range({sized(8, 4)})", f"trying.busy_s={sized(2.0, 1.0)}")
     serial = sweep(tmp_path / "serial", *arguments, "hydra.launcher.n_jobs=1")
     parallel = benchmark.pedantic(lambda: sweep(tmp_path / "parallel", *arguments, "hydra.launcher.n_jobs=2"), rounds=1)
     tell("two jobs at once / one after the other", parallel / serial)
@@ -52,15 +49,16 @@ def test_jobs_at_once(tmp_path, benchmark, tell):
     assert tables[0] == tables[1]
 
 
-def test_review_of_many_jobs(tmp_path, benchmark, tell):
+def test_review_of_many_jobs(tmp_path, benchmark, sized, tell):
     """Of a sweep of many jobs, with its table and its page, and of all runs in a list."""
+    jobs = sized(1000, 200)
     command = Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "-m", "sweep=s")
     command.anew = True
     assert command("workflow=trials", "seed=0,1", "trying.fail_at=[1]").returncode == 1
     for first in [*(tmp_path / "outputs/sweeps/s").glob("[!.]*/")]:
         text = (first / "run.json").read_text()
         seed = next(each for each in first.name.split(",") if each.startswith("seed="))
-        for number in range(int(seed[-1]) + 2, LEDGERS, 2):
+        for number in range(int(seed[-1]) + 2, jobs, 2):
             name = first.name.replace(seed, f"seed={number}")
             shutil.copytree(first, first.parent / name)
             told = text.replace(first.name, name).replace(seed, f"seed={number}")
@@ -71,9 +69,9 @@ def test_review_of_many_jobs(tmp_path, benchmark, tell):
         assert result.returncode == 0, result.stderr
         return result.stdout
 
-    assert f"{LEDGERS} jobs ({LEDGERS // 2} done, {LEDGERS // 2} failed)" in review("sweep", "s")
-    benchmark.pedantic(lambda: review("sweep", "s"), rounds=3)
-    tell("review of a sweep of 1000 jobs", benchmark.stats.stats.median, "s", limit=3.0)
+    assert f"{jobs} jobs ({jobs // 2} done, {jobs // 2} failed)" in review("sweep", "s")
+    benchmark.pedantic(lambda: review("sweep", "s"), rounds=sized(3, 1))
+    tell(f"review of a sweep of {jobs} jobs", benchmark.stats.stats.median, "s", limit=3.0)
     begun = time.perf_counter()
-    assert f"first 40 of {LEDGERS} rows" in review("list", "--jobs")
-    tell("list of 1000 jobs", time.perf_counter() - begun, "s", limit=3.0)
+    assert f"first 40 of {jobs} rows" in review("list", "--jobs")
+    tell(f"list of {jobs} jobs", time.perf_counter() - begun, "s", limit=3.0)

@@ -1,4 +1,4 @@
-"""Utilities against mutual information by Monte Carlo, over draws of the hyperparameters from N(theta, S).
+"""Utilities against draws of the hyperparameters from N(theta, S), and against their formulas.
 
 Draws are shifted and scaled so that their mean and covariance are theta and S exactly.
 """
@@ -43,15 +43,6 @@ def model(covariance, generator):
     return condition(x, 20 * y, THETA, make_prior(), covariance=covariance)
 
 
-def marginal_entropy(means, variances):
-    """Entropy (nats) of a mixture of equal normals, by quadrature."""
-    deviation = np.sqrt(variances)
-    y = np.linspace((means - 9 * deviation).min(), (means + 9 * deviation).max(), 4001)
-    density = np.mean(np.exp(-0.5 * ((y[:, None] - means) / deviation) ** 2) / (np.sqrt(2 * np.pi) * deviation), axis=1)
-    logs = np.log(np.where(density > 0, density, 1.0))
-    return -np.sum(density * logs) * (y[1] - y[0])
-
-
 def test_spread_of_the_mean_is_its_variance_over_draws(model, covariance, generator):
     points = generator.uniform(-1.5, 1.5, (30, 3))
     covariance = 0.05 * covariance
@@ -63,23 +54,6 @@ def test_spread_of_the_mean_is_its_variance_over_draws(model, covariance, genera
     through_variance = np.einsum("bp,pq,bq->b", dv, covariance, dv) / (3 * variance)
     through_mean = model.predict_marginal(points)[1] - 4 / 3 * variance - through_variance
     np.testing.assert_allclose(through_mean, np.var(means, axis=0), rtol=0.02)
-
-
-def test_y_y_theta_is_mutual_information_where_the_mean_carries_it(model, covariance, generator):
-    points = generator.uniform(-1.5, 1.5, (200, 3))
-    dm, dv = model.sensitivities(points)
-    variance = model.predict(points)[1]
-    through_mean = np.einsum("bp,pq,bq->b", dm, covariance, dm)
-    through_variance = np.einsum("bp,pq,bq->b", dv, covariance, dv) / (3 * variance)
-    points = points[through_variance < 0.02 * through_mean][:8]
-    assert len(points) == 8
-    found = np.array([each.predict(points) for each in models_of_draws(model, covariance, 600, generator)])
-    means, variances = found[:, 0], found[:, 1] + model.noise_variance
-    expected = [
-        marginal_entropy(m, v) - np.mean(0.5 * np.log(2 * np.pi * np.e * v))
-        for m, v in zip(means.T, variances.T, strict=True)
-    ]
-    np.testing.assert_allclose(model.utility(points, "y_y_theta"), expected, rtol=0.05)
 
 
 def test_log_det_of_one_point_is_its_information_through_the_mean(model, covariance, generator):

@@ -104,11 +104,17 @@ def test_an_unknown_mean_is_refused():
         ([0.0], [-1.0], "expected finite means and positive variances"),
         ([0.0], [np.inf], "expected finite means and positive variances"),
         ([0.0], [5e-324], "expected finite means and positive variances"),
+        ([0.0], [np.nan], "expected finite means and positive variances"),
+        ([np.inf], [1.0], "expected finite means and positive variances"),
+        ([0.0], [1e-300], r"expected .*between 1e-100 and 1e\+100"),
+        ([0.0], [1e300], r"expected .*between 1e-100 and 1e\+100"),
+        ([1e51], [1.0], r"expected .*within 1e\+50"),
     ],
 )
 def test_a_hyperprior_that_makes_no_sense_is_refused(mean, variance, told):
-    with pytest.raises(ValueError, match=f"hyperprior: {told}"):
+    with pytest.raises(ValueError, match=f"hyperprior: {told}") as caught:
         Hyperprior(np.array(mean), np.array(variance))
+    assert str(caught.value).isprintable()
 
 
 def test_draws_follow_the_hyperprior(generator):

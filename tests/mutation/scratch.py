@@ -38,13 +38,14 @@ STEPS = (
 )
 """As in README.md and .ci/run; of the README's line, the files nearest to a fault come before the others."""
 NEAREST = 10
-FAR = 4
+FAR = 6
 """Steps of imports from which on they tell nothing."""
 TYPED = 2
 """As many steps is the runner away from a test that types the command of the toy workflow."""
 UNHARMED = "unharmed"
 LONGEST_S = 3600.0
 """For a step without a fault; with one, as much as it took without, twice and a minute more."""
+LATER = re.compile(r"^pytestmark = .*(slow|realtime)", re.MULTILINE)
 FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
 PASSED, NO_TESTS = 0, 5
 
@@ -181,27 +182,39 @@ def list_tests(root: Path) -> list[str]:
 
 
 def rank_tests(root: Path, fault: Fault) -> list[str]:
-    """Return all test files, those nearest to a fault first: by steps of imports, by their names, by what they name."""
-    module = fault.file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    """Return all test files, those nearest to a fault first; those last that hold nothing of the README's line.
+
+    A test is as near as what it imports, or as what it is named for, by steps of imports.
+    """
+    module = _name_module(fault.file).removesuffix(".__init__")
     folder = f"tests/{Path(AREAS[fault.area]).name}/"
     words = _words(fault.file.removeprefix(AREAS[fault.area]))
-    words_beside = {word for each in _imports().find_modules_that_directly_import(module) for word in _words(each)}
     within = {each for each in fault.within.split(".") if len(each) > 3}
 
-    def near(file: str) -> tuple[int, int]:
-        chain = _imports().find_shortest_chain(file.removesuffix(".py").replace("/", "."), module)
-        text, its = (root / file).read_text(), _words(Path(file).stem)
-        score = min(len(chain) - 1, FAR) if chain else FAR
+    def near(file: str) -> tuple[bool, int, int]:
+        text, stem = (root / file).read_text(), Path(file).stem.removeprefix("test_")
+        named_for = [each for each in _imports().modules if each.endswith(f".{stem}") and each != module]
+        score = min([_count_steps(_name_module(file), module), *(_count_steps(each, module) for each in named_for)])
         score = min(score, TYPED) if fault.area == "runner" and "toy" in text else score
-        score -= 2 * file.startswith(folder) + 2 * bool(words & its) + bool(words_beside & its)
-        return score - any(each in text for each in within), len(text)
+        score -= file.startswith(folder) + 2 * bool(words & _words(stem)) + any(each in text for each in within)
+        return bool(LATER.search(text)), score, len(text)
 
     return sorted(list_tests(root), key=near)
 
 
+def _name_module(file: str) -> str:
+    return file.removesuffix(".py").replace("/", ".")
+
+
+@cache
+def _count_steps(importer: str, imported: str) -> int:
+    chain = _imports().find_shortest_chain(importer, imported)
+    return min(len(chain) - 1, FAR) if chain else FAR
+
+
 def _words(name: str) -> set[str]:
-    """Return how the words of a path or module begin, by which ``runner`` and ``test_runs`` are akin."""
-    return {each[:3] for each in re.findall("[a-z]+", name)} - {"tes", "py", "ini", "sta", "pip"}
+    """Return how the words of a path begin, by which ``runner`` and ``test_runs`` are akin."""
+    return {each[:3] for each in re.findall("[a-z]+", name)} - {"py", "ini", "sta"}
 
 
 @cache

@@ -67,13 +67,6 @@ def test_refuses_before_anything_is_written(toy, arguments, told):
     assert not toy.outputs.exists()
 
 
-def test_refuses_unknown_keys_inside_a_target(pamid):
-    result = pamid("+rig.experimentor=1", "plan=true")
-    assert result.returncode == 2
-    assert "unknown key 'rig.experimentor': did you mean 'experimenter'?" in result.stderr
-    assert not pamid.outputs.exists()
-
-
 def test_a_key_of_another_option_is_told_with_that_option(pamid):
     result = pamid("plant=nominal", "plant.along=s_m", "plan=true")
     assert result.returncode == 2

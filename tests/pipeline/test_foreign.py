@@ -76,12 +76,19 @@ def test_a_column_of_text_and_missing_values_stay(tmp_path):
         ("# nothing\n", "No columns to parse"),
         ("t,F\n0,1\n" + "1,2\n" * 200 + "1,2,3\n", "Expected 2 fields in line 203, saw 3"),
         ("t\0,F\n0,1\n", "it holds no text"),
+        ("a,b\n1,2\n1,2,3\n", "Expected 2 fields in line 3, saw 3"),
+        (b"\xff\xfe\x00", "run.csv: cannot be read as CSV ("),
     ],
 )
 def test_text_that_is_no_table_is_refused_with_the_remedy(tmp_path, text, told):
     path = tmp_path / "run.csv"
-    path.write_text(text)
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
     assert told in refusal(path)
+
+
+def test_what_is_no_parquet_file_is_refused(tmp_path):
+    (tmp_path / "x.parquet").write_bytes(b"no")
+    assert "x.parquet: cannot be read as PARQUET (" in refusal(tmp_path / "x.parquet")
 
 
 def test_an_index_of_a_parquet_file_that_has_a_name_is_a_column(tmp_path):
@@ -89,6 +96,8 @@ def test_an_index_of_a_parquet_file_that_has_a_name_is_a_column(tmp_path):
     frame.to_parquet(tmp_path / "x.parquet")
     assert read_foreign(tmp_path / "x.parquet")["t"].tolist() == TIMES
     assert list(read_foreign(tmp_path / "x.parquet", ["F", "gone"])) == ["F"]
+    frame.set_axis([7, 3, 5]).to_parquet(tmp_path / "y.parquet")
+    pd.testing.assert_frame_equal(read_foreign(tmp_path / "y.parquet"), frame.reset_index(drop=True))
 
 
 def test_vectors_of_a_mat_file_are_columns_and_single_numbers_are_told(tmp_path):

@@ -6,7 +6,6 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.foreign import read_foreign, read_header
 from pipeline.inputs import read_json
 from tests.conftest import Command
 
@@ -76,43 +75,6 @@ def test_refuses_a_path_without_files_before_anything_is_written(scales, what, t
     assert told in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert not command.outputs.exists()
-
-
-@pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_reads_a_csv_file_whatever_separates_its_columns(tmp_path, separator):
-    frame = pd.DataFrame({"t, s": [0.0, 0.5], "F": [1.25, None]}) if separator != "," else pd.DataFrame({"F": [1.0]})
-    path = tmp_path / "x.csv"
-    frame.to_csv(path, sep=separator, index=False, encoding="utf-8-sig")
-    pd.testing.assert_frame_equal(read_foreign(path), frame)
-    assert list(read_header(path).names) == list(frame)
-
-
-def test_reads_a_parquet_file_whatever_its_index(tmp_path):
-    frame = pd.DataFrame({"F": [1.0, 2.0]}, index=[7, 3])
-    frame.to_parquet(tmp_path / "x.parquet")
-    pd.testing.assert_frame_equal(read_foreign(tmp_path / "x.parquet"), frame.reset_index(drop=True))
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "told"),
-    [
-        ("x.parquet", b"no", "x.parquet: cannot be read as PARQUET ("),
-        ("x.csv", b"\xff\xfe\x00", "x.csv: cannot be read as CSV ("),
-        ("x.csv", b"", "x.csv: cannot be read as CSV (No columns"),
-        ("x.csv", b"a,b\n1,2\n1,2,3\n", "Expected 2 fields in line 3, saw 3"),
-        (
-            "x.xlsx",
-            b"",
-            "expected a .parquet, .mat, .mcap, .csv, .tsv, .txt or .dat file, got 'x.xlsx'; save the sheet as CSV",
-        ),
-    ],
-)
-def test_refuses_what_is_no_table_in_one_line(tmp_path, name, content, told):
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError) as refused:
-        read_foreign(tmp_path / name)
-    assert told in str(refused.value)
-    assert "\n" not in str(refused.value)
 
 
 def test_refuses_what_is_no_json_with_its_line(tmp_path):

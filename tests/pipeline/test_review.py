@@ -7,6 +7,7 @@ import shutil
 import pandas as pd
 import pytest
 
+from pipeline.files import TEMPORARY_SUFFIX
 from tests.conftest import Command
 from tests.faults import ledger_of
 from tests.pipeline.conftest import ALONE, CONFIG
@@ -30,8 +31,8 @@ def swept(make_once):
 
 @pytest.fixture
 def copied(swept, tmp_path):
-    """The same outputs elsewhere, to be spoilt."""
-    return swept.copy(tmp_path / "copy")
+    """The same outputs elsewhere, to be spoilt; what another worker is writing there just now is left out."""
+    return swept.copy(tmp_path / "copy", ignore=shutil.ignore_patterns(f".*{TEMPORARY_SUFFIX}*"))
 
 
 def job(command, *parts, sweep="s"):

@@ -47,9 +47,11 @@ class Sweeping(Command):
 
 
 @pytest.fixture
-def sweeping(tmp_path):
-    """A sweep whose jobs are spread over processes."""
-    return Sweeping(tmp_path, "-m")
+def sweeping(request, tmp_path):
+    """A sweep whose jobs are spread over processes, in the slow step by a launcher that is started and ends in full."""
+    made = Sweeping(tmp_path, "-m")
+    made.anew = request.node.get_closest_marker("slow") is not None
+    return made
 
 
 @pytest.fixture
@@ -131,42 +133,16 @@ def test_the_first_failure_stops_the_rest_if_asked(alone):
     assert Counter(alone.table["status"]) == {"done": 1, "failed": 1, "not begun": 4}
 
 
-@pytest.mark.slow
-def test_a_job_that_the_system_kills_is_told_and_loses_no_other(sweeping):
-    result = sweeping("seed=range(5)", "trying.die_at=[2]")
+def test_a_job_that_the_system_kills_is_told_and_loses_no_other(alone):
+    result = alone("seed=range(5)", "trying.die_at=[2]")
     assert result.returncode == 1
     assert "killed by SIGKILL" in result.stderr
     assert "perhaps for want of memory" in result.stderr
-    assert Counter(sweeping.table["status"]) == {"done": 4, "killed": 1}
-    assert sweeping.count("begun") == dict.fromkeys(range(5), 1)
-    again = mend(sweeping, result.stderr.splitlines()[-1])
+    assert Counter(alone.table["status"]) == {"done": 4, "killed": 1}
+    assert alone.count("begun") == dict.fromkeys(range(5), 1)
+    again = mend(alone, result.stderr.splitlines()[-1])
     assert again.returncode == 0
-    assert set(sweeping.table["status"]) == {"done"}
-
-
-@pytest.mark.slow
-def test_a_killed_worker_is_noticed_and_the_sweep_goes_on(sweeping):
-    process = sweeping.start("seed=range(6)", "trying.pause_s=1.0")
-    victim = wait_until(process, lambda: sweeping.count("begun") and find_workers(process.pid))[0]
-    os.kill(victim, signal.SIGKILL)
-    output, errors = process.communicate(timeout=120)
-    assert process.returncode == 0, errors
-    assert "a worker process was killed; its jobs begin again, and the sweep goes on" in output
-    assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
-
-
-@pytest.mark.slow
-def test_a_killed_launcher_leaves_nothing_at_work_and_nothing_is_done_twice(sweeping):
-    process = sweeping.start("seed=range(8)", "trying.pause_s=0.7")
-    wait_until(process, lambda: len(sweeping.count("ended")) >= 3)
-    kill_launcher(process)
-    done = [seed for seed in sweeping.count("begun") if ledger_of(sweeping.job(seed))["status"] == "done"]
-    assert len(done) >= 2
-    again = sweeping("seed=range(8)", "trying.pause_s=0.7")
-    assert again.returncode == 0, again.stderr
-    assert f"{len(done)} done" in again.stdout.splitlines()[0]
-    assert [sweeping.count("begun")[seed] for seed in done] == [1] * len(done)
-    assert set(sweeping.table["status"]) == {"done"}
+    assert set(alone.table["status"]) == {"done"}
 
 
 @pytest.mark.slow
@@ -181,18 +157,6 @@ def test_a_signal_ends_the_jobs_at_a_safe_point(sweeping, number, code):
     assert {*sweeping.table["status"]} <= {"interrupted", "not begun", "done"}
     assert sweeping("seed=range(6)", "trying.pause_s=1.5").returncode == 0
     assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
-
-
-@pytest.mark.slow
-def test_two_processes_share_a_sweep(sweeping):
-    first = sweeping.start("seed=range(6)", "trying.pause_s=0.5")
-    wait_until(first, lambda: sweeping.count("begun"))
-    second = sweeping.start("seed=range(6)", "trying.pause_s=0.5")
-    for process in (first, second):
-        output, errors = process.communicate(timeout=120)
-        assert process.returncode == 0, errors + output
-    assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
-    assert set(sweeping.table["status"]) == {"done"}
 
 
 @pytest.mark.slow
@@ -299,13 +263,14 @@ def test_a_killed_launchers_workers_end_also_while_they_wait(sweeping):
 
 
 @pytest.mark.slow
-def test_a_job_that_another_process_begins_meanwhile_is_no_failure(sweeping):
+def test_two_processes_share_a_sweep_and_what_the_other_begins_is_no_failure(sweeping):
     processes = [sweeping.start("seed=range(5)", "trying.pause_s=1.0", "on_failure=stop") for _ in range(2)]
     for process in processes:
         output, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors + output
         assert "failed" not in output
-    assert sweeping.count("begun") == dict.fromkeys(range(5), 1)
+    assert sweeping.count("begun") == sweeping.count("ended") == dict.fromkeys(range(5), 1)
+    assert set(sweeping.table["status"]) == {"done"}
 
 
 @pytest.mark.parametrize(

@@ -44,11 +44,6 @@ def test_refuses_what_breaks_the_contract(tmp_path, change, told):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_names_missing_and_surplus_columns(tmp_path):
-    with pytest.raises(TableError, match="lacks force_n and has unknown force_kn; expected columns time_s, force_n"):
-        FORCES.write(GOOD.rename(columns={"force_n": "force_kn"}), tmp_path / "forces.parquet")
-
-
 def test_read_refuses_truncated_foreign_and_absent_files(tmp_path):
     path = tmp_path / "forces.parquet"
     with pytest.raises(TableError, match="is absent"):

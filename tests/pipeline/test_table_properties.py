@@ -245,12 +245,11 @@ def read_exactly_or_refuse(path, read=TABLE.read):
     return False
 
 
-@pytest.mark.parametrize("flip", ["one bit", "all bits"])
-def test_a_file_with_any_byte_flipped_is_noticed(flip, file):
+def test_a_file_with_any_byte_flipped_is_noticed(file):
     path, content = file
     refused = 0
     for at in range(len(content)):
-        mask = 255 if flip == "all bits" else 1 << at % 8
+        mask = (1, 255, 2, 4, 8, 16, 32, 64, 128)[at % 9]
         path.write_bytes(content[:at] + bytes([content[at] ^ mask]) + content[at + 1 :])
         refused += read_exactly_or_refuse(path, read_frame)
     assert refused > 0.97 * len(content)
