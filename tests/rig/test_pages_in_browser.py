@@ -61,25 +61,22 @@ class Look(browsing.Look):
     def picture(self):
         return self.page.evaluate("document.querySelector('canvas').toDataURL()")
 
-    def find_overflow(self):
-        """What lies beyond the page's sides."""
+    def find_beyond(self, *sides):
+        """What lies beyond the page in x, to the left or right, or in y, above or below."""
         return self.page.evaluate(
-            """[document.documentElement.scrollWidth > innerWidth && "page is wider",
-            ...[...document.querySelectorAll(
-                "h1, h2, p, dd, dt, li, button, textarea, canvas, figcaption, .ring, kbd, footer, table"
-            )].filter(each => {
-                const box = each.getBoundingClientRect();
-                return each.checkVisibility() && (box.left < -0.5 || box.right > innerWidth + 0.5);
-            }).map(each => each.outerHTML.slice(0, 80))].filter(Boolean)"""
-        )
-
-    def find_scrolling(self):
-        return self.page.evaluate(
-            """[document.documentElement.scrollHeight > innerHeight && "page is higher",
-            ...[...document.querySelectorAll("h1, p, dl, button, canvas, footer, .ring")].filter(each => {
-                const box = each.getBoundingClientRect();
-                return each.checkVisibility() && (box.top < -0.5 || box.bottom > innerHeight + 0.5);
-            }).map(each => each.outerHTML.slice(0, 80))].filter(Boolean)"""
+            """sides => sides.flatMap(side => {
+                const [begins, ends, scroll, inner, shown] = {
+                    x: ["left", "right", "scrollWidth", innerWidth,
+                        "h1, h2, p, dd, dt, li, button, textarea, canvas, figcaption, .ring, kbd, footer, table"],
+                    y: ["top", "bottom", "scrollHeight", innerHeight, "h1, p, dl, button, canvas, footer, .ring"],
+                }[side];
+                const beyond = [...document.querySelectorAll(shown)].filter(each => {
+                    const box = each.getBoundingClientRect();
+                    return each.checkVisibility() && (box[begins] < -0.5 || box[ends] > inner + 0.5);
+                }).map(each => each.outerHTML.slice(0, 80));
+                return document.documentElement[scroll] > inner ? [`page is larger in ${side}`, ...beyond] : beyond;
+            })""",
+            sides,
         )
 
 
@@ -374,9 +371,8 @@ def test_pages_fit_in_every_state(still, theme):
             for look in room.looks:
                 look.page.set_viewport_size({"width": across, "height": down})
             room.pass_time(POLLED_S)
-            for look in room.looks:
-                assert look.find_overflow() == []
-            assert participant.find_scrolling() == []
+            assert participant.find_beyond("x", "y") == []
+            assert operator.find_beyond("x") == []
         assert participant.page.evaluate("getComputedStyle(document.body).backgroundColor") == paper[theme]
         if phase == "proposed":
             operator.page.locator("button.accept").click()
