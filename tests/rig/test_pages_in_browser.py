@@ -25,6 +25,7 @@ OFFERED = """() => new Promise(resolve => {
     };
     requestAnimationFrame(count);
 })"""
+CLICK = "document.getElementById('stop').click()"
 HIDDEN = """Object.defineProperty(document, "hidden", {value: true});
 document.dispatchEvent(new Event("visibilitychange", {bubbles: true}))"""
 POLLED_S = 0.02
@@ -174,10 +175,10 @@ def test_a_browser_draws_frames_as_they_are_offered_and_soon(room):
 WAYS = {
     "participant's space": ("participant", lambda look: look.press(" "), 0.2),
     "participant's escape": ("participant", lambda look: look.press("Escape"), 0.2),
-    "participant's button": ("participant", lambda look: look.page.evaluate("stop.click()"), 0.2),
+    "participant's button": ("participant", lambda look: look.page.evaluate(CLICK), 0.2),
     "operator's space": ("operator", lambda look: look.press(" "), 0.2),
     "operator's escape": ("operator", lambda look: look.press("Escape"), 0.2),
-    "operator's button": ("operator", lambda look: look.page.evaluate("stop.click()"), 0.2),
+    "operator's button": ("operator", lambda look: look.page.evaluate(CLICK), 0.2),
     "hidden": ("participant", lambda look: look.page.evaluate(HIDDEN), 1.0),
     "elsewhere": ("participant", lambda look: look.page.goto("about:blank"), 1.0),
     "closed": ("participant", lambda look: look.page.close(), 1.0),
