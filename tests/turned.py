@@ -21,6 +21,8 @@ TURN_S = 1e-7
 """By which whoever sleeps is woken late, as by any real clock, so that rounding never wakes them early."""
 GLANCE_S = 0.0005
 """Real time after which a resting thread looks whether others are awake."""
+MISSED_S = 0.02
+"""Real time after which who waits looks again: of a notice just as a glance ends, `Condition.wait` says nothing."""
 STUCK_S = 120.0
 """Real time for which a thread may be awake while others rest, compilation included."""
 
@@ -65,10 +67,11 @@ class TurnedClock:
         """Wait as `Condition.wait`, but return whenever the clock was turned, too: who waits looks again."""
         begun_s = self._now_s
         until_s = float("inf") if for_s is None else begun_s + for_s
+        again_s = time.monotonic() + MISSED_S
         with self._resting(Rest(until_s, seen=-1)) as rest:
             while self._now_s == begun_s:
                 turns = self._turns
-                if condition.wait(GLANCE_S):
+                if condition.wait(GLANCE_S) or time.monotonic() > again_s:
                     return True
                 rest.seen = turns
                 self._turn()

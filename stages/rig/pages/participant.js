@@ -33,9 +33,10 @@ const line = new Line("participant", (message) => {
 });
 
 function takeScene(next) {
-  if (next.phase === "proposed" || next.starts_at_s !== scene.starts_at_s) report();
-  // a posture of the trial before is none of this one
-  if (["proposed", "countdown"].includes(next.phase)) moment = null;
+  const another = next.phase === "proposed" || next.starts_at_s !== scene.starts_at_s;
+  if (another) report();
+  // a posture of the trial before is none of this one, which may begin without a countdown
+  if (another || next.phase === "countdown") moment = null;
   if (next.phase === "proposed") posture = null;
   scene = next;
   const joints = scene.machine.joints ?? [];
