@@ -8,6 +8,8 @@ import pytest
 from tests.conftest import Command
 from tests.faults import tables_of
 
+pytestmark = pytest.mark.slow
+
 ANALYSES = {
     "rivals": {"rival_curve", "rival_comparison"},
     "learned_models": {"chosen_often", "choice_concentration", "force_surfaces", "coverage", "calibration"},
@@ -102,7 +104,6 @@ def test_one_analysis_reruns_alone_and_touches_nothing_else(finished, tmp_path):
     assert tables_of(run) == before
 
 
-@pytest.mark.slow
 def test_the_number_of_workers_changes_no_byte(finished, tmp_path):
     _, _, run = finished
     command = Command(tmp_path / "outputs", *STUDY)
