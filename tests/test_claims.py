@@ -20,21 +20,7 @@ from stages.claims import (
 from stages.comparison import pair_arms
 from stages.participant_differences import add_average, compare_participants
 from stages.rivals import compare_family
-
-
-def make_curve(generator, arms, sd=0.001, experiments=6, people=("p1", "p2"), start=0.07, offsets=None):
-    """Return error rates that fall from `start` to a mean of each arm's own."""
-    rows = [
-        (who, experiment, arm, trial, "bank", muscle, (start if trial == 0 else mean) + shift + sd * generator.normal())
-        for who in people
-        for shift in [(offsets or {}).get(who, 0.0)]
-        for experiment in range(1, experiments + 1)
-        for arm, mean in arms.items()
-        for trial in range(3)
-        for muscle in ("pam1", "pam2")
-    ]
-    names = ["participant", "experiment", "arm", "trial", "tested_on", "muscle", "error_rate"]
-    return pd.DataFrame(rows, columns=names)
+from tests.planted import make_curve
 
 
 def make_rival(generator, mean, name="linear", sd=0.001):
@@ -58,7 +44,7 @@ def judged(**tables):
 
 @pytest.mark.parametrize(("end", "verdict", "word"), [(0.03, "holds", "shown"), (0.09, "does not hold", "opposite")])
 def test_error_falls_or_rises(end, verdict, word, generator):
-    curve = make_curve(generator, {"y_y": end})
+    curve = make_curve(generator, {"y_y": end}, 6)
     row = judged(learning_curve=curve).loc[("error_falls", "")]
     assert row["verdict"] == verdict
     assert word in row["finding"]
@@ -70,7 +56,7 @@ def test_error_falls_or_rises(end, verdict, word, generator):
 
 
 def test_nothing_found_is_not_an_opposite(generator):
-    row = judged(learning_curve=make_curve(generator, {"y_y": 0.07}, sd=0.02)).loc[("error_falls", "")]
+    row = judged(learning_curve=make_curve(generator, {"y_y": 0.07}, 6, sd=0.02)).loc[("error_falls", "")]
     assert row["verdict"] == "does not hold"
     assert "no difference was found" in row["finding"]
 
@@ -78,7 +64,7 @@ def test_nothing_found_is_not_an_opposite(generator):
 @pytest.mark.parametrize(("rival", "verdict"), [(0.06, "holds"), (0.01, "does not hold")])
 def test_rivals_are_worse_or_better(rival, verdict, generator):
     curve = pd.concat([make_rival(generator, rival), make_rival(generator, rival, "sparse_gp")])
-    compared = compare_family(make_curve(generator, {"y_y": 0.03}), curve, ["pam1", "pam2"], "bank")
+    compared = compare_family(make_curve(generator, {"y_y": 0.03}, 6), curve, ["pam1", "pam2"], "bank")
     told = judged(rival_comparison=compared)
     assert list(told.index.get_level_values(0)) == [
         "beats_linear",
@@ -99,7 +85,7 @@ def test_rivals_are_worse_or_better(rival, verdict, generator):
     ],
 )
 def test_participants_are_comparable_or_not(offset, sd, verdict, word, generator):
-    curve = add_average(make_curve(generator, {"y_y": 0.03}, sd=sd, offsets={"p2": offset}))
+    curve = add_average(make_curve(generator, {"y_y": 0.03}, 6, sd=sd, offsets={"p2": offset}))
     compared = compare_participants(curve, ["p1", "p2"], ["mean", "pam1"], 0.01, [2, None])
     row = judged(participant_comparison=compared).loc[("participants_alike", "p1, p2")]
     assert (row["verdict"], row["n"]) == (verdict, 6)
@@ -108,7 +94,7 @@ def test_participants_are_comparable_or_not(offset, sd, verdict, word, generator
 
 @pytest.mark.parametrize(("random", "verdict"), [(0.04, "holds"), (0.02, "does not hold"), (0.03, "does not hold")])
 def test_choices_tell_more_or_less_than_random_ones(random, verdict, generator):
-    compared = pair_arms(make_curve(generator, {"y_y": 0.03, "random": random}), ["y_y", "random"], [2, None])
+    compared = pair_arms(make_curve(generator, {"y_y": 0.03, "random": random}, 6), ["y_y", "random"], [2, None])
     told = judged(paired_comparison=compared)
     assert (told["verdict"] == verdict).all()
     assert (told["n"] == 12).all()
@@ -219,9 +205,9 @@ def test_concentration_turns_with_its_p_value():
 @pytest.mark.parametrize(("real", "verdict"), [(False, "not testable in simulation"), (True, "holds")])
 def test_a_real_robot_is_judged_where_one_was_there(real, verdict, generator):
     rig = pd.DataFrame({"rig": ["Any"], "real": [real], "sampling_rate_hz": [250.0]})
-    told = judged(executed_by=rig, learning_curve=make_curve(generator, {"y_y": 0.03}))
+    told = judged(executed_by=rig, learning_curve=make_curve(generator, {"y_y": 0.03}, 6))
     assert told.loc[("works_on_real_robot", ""), "verdict"] == verdict
-    worse = judged(executed_by=rig, learning_curve=make_curve(generator, {"y_y": 0.09}))
+    worse = judged(executed_by=rig, learning_curve=make_curve(generator, {"y_y": 0.09}, 6))
     assert worse.loc[("works_on_real_robot", ""), "verdict"] == ("does not hold" if real else verdict)
 
 
@@ -235,7 +221,7 @@ def test_one_experiment_shows_nothing(generator):
 
 def test_a_claim_without_a_comparison_is_told_as_not_tested(generator):
     rig = pd.DataFrame({"rig": ["Any"], "real": [False], "sampling_rate_hz": [250.0]})
-    told = judged(executed_by=rig, learning_curve=make_curve(generator, {"y_y": 0.03})).reset_index()
+    told = judged(executed_by=rig, learning_curve=make_curve(generator, {"y_y": 0.03}, 6)).reset_index()
     assert set(told["claim"]) == set(PAPER)
     others = told[~told["claim"].isin(["error_falls", "works_on_real_robot"])]
     assert (others["verdict"] == "not tested").all()
@@ -255,7 +241,7 @@ def test_rules_agree_with_statsmodels(generator):
     assert judge_same(evidence).p == p_tost
     assert judge_same(evidence).verdict == "holds"
     assert judge_better(evidence).p == p_different
-    (case,) = weigh_fall(make_curve(generator, {"y_y": 0.03}))
+    (case,) = weigh_fall(make_curve(generator, {"y_y": 0.03}, 6))
     assert describe(case)["paper"].endswith("(5.1, Fig. 6)")
 
 

@@ -1,46 +1,18 @@
 """The comparison of arms against SciPy, with verdicts and advice that planted data turn either way."""
 
-import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
 
 from stages.comparison import keep_common, pair_arms, recommend, summarise, tell_final_errors
+from tests.planted import assert_holm, assert_paired, make_curve, values_of
 
 ARMS = ["y_y", "variance", "random"]
-KEYS = ["participant", "experiment", "arm", "trial", "tested_on", "muscle"]
-
-
-def make_curve(generator, means, experiments=4, sd=0.001, tests=("bank",)):
-    """Return error rates of each arm around a mean of its own after the first trial."""
-    rows = [
-        (who, experiment, arm, trial, tested_on, muscle, 0.07 if trial == 0 else mean + sd * generator.normal())
-        for who in ("p1", "p2")
-        for experiment in range(1, experiments + 1)
-        for arm, mean in means.items()
-        for trial in range(3)
-        for tested_on in tests
-        for muscle in ("pam1", "pam2")
-    ]
-    return pd.DataFrame(rows, columns=[*KEYS, "error_rate"])
-
-
-def final_of(curve, arm):
-    its = curve[(curve["arm"] == arm) & (curve["trial"] == curve["trial"].max())]
-    return its.groupby(["participant", "experiment"])["error_rate"].mean().to_numpy()
 
 
 def test_agrees_with_scipy_over_all_experiments(generator):
     curve = make_curve(generator, {"y_y": 0.036, "variance": 0.0365, "random": 0.037})
     told = pair_arms(curve, ARMS, [None]).set_index(["measure", "control"]).loc[("final", "random")]
-    first, second = final_of(curve, "y_y"), final_of(curve, "random")
-    expected = stats.ttest_rel(first, second)
-    assert told["n"] == 8
-    assert told["p_t"] == pytest.approx(expected.pvalue, rel=1e-9)
-    assert (told["low"], told["high"]) == pytest.approx(tuple(expected.confidence_interval()), rel=1e-9)
-    assert told["p_wilcoxon"] == pytest.approx(stats.wilcoxon(first, second).pvalue, rel=1e-9)
-    assert told["d_z"] == pytest.approx((first - second).mean() / (first - second).std(ddof=1))
-    assert told["wins"] == (first < second).sum()
+    assert_paired(told, *(values_of(curve[curve["arm"] == arm]) for arm in ("y_y", "random")))
 
 
 def test_the_curve_is_averaged_over_designed_trials(generator):
@@ -75,9 +47,7 @@ def test_each_size_and_test_set_is_a_family_and_the_largest_advises(generator):
         (name, n): 4 for name in ("bank", "unseen_bank") for n in (8, 20)
     }
     for _, family in told.groupby(["tested_on", "n"]):
-        ordered = np.sort(family["p_t"])
-        steps = np.minimum(1.0, np.maximum.accumulate(ordered * np.arange(4, 0, -1)))
-        np.testing.assert_allclose(np.sort(family["p_holm"]), steps, rtol=1e-12)
+        assert_holm(family, 4)
     few = pair_arms(curve[(curve["experiment"] <= 4) & (curve["tested_on"] == "bank")], ARMS, [None])
     its = told[(told["n"] == 8) & (told["tested_on"] == "bank")].reset_index(drop=True)
     pd.testing.assert_frame_equal(its, few)
@@ -92,7 +62,7 @@ def test_arms_are_compared_on_the_experiments_that_all_have(generator):
     summary = summarise(common, ["bank"], ["y_y", "random"], ["pam1", "pam2"])
     assert (summary["experiments"] == 4).all()
     final = tell_final_errors(summary, ["bank"], ["y_y", "random"], ["pam1", "pam2"]).set_index(["muscle", "arm"])
-    assert final.loc[("mean", "random"), "after"] == pytest.approx(final_of(common, "random").mean())
+    assert final.loc[("mean", "random"), "after"] == pytest.approx(values_of(common[common["arm"] == "random"]).mean())
     assert final.loc[("mean", "random"), "before"] == pytest.approx(0.07)
 
 

@@ -25,6 +25,7 @@ from stages.hyperprior_sensitivity import (
 )
 from tests.composing import compose_values
 from tests.identification.data import HYPERPARAMETERS, LOOP, MUSCLES, make_bank, make_tables
+from tests.planted import assert_holm
 from tests.studies import PickledContext, run_alone, stop_after
 
 SECTION = {
@@ -146,9 +147,7 @@ def test_holm_counts_the_muscles_and_their_average_of_one_setting_and_test_set(k
     costs = {**everywhere(kind, 0.5, 0.0005), **everywhere(kind, 0.1, 0.001)}
     told = compared(make_errors(generator, costs, sd=0.002, tested_on=("bank", "unseen_bank")))
     for _, family in told.groupby(["kind", "setting", "tested_on"]):
-        assert len(family) == 4
-        steps = np.maximum.accumulate(np.sort(family[p_value]) * np.arange(4, 0, -1))
-        np.testing.assert_allclose(np.sort(family["p_holm"]), np.minimum(1.0, steps), rtol=1e-12)
+        assert_holm(family, 4, p_value)
 
 
 def test_one_experiment_decides_nothing(generator):
