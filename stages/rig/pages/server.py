@@ -338,9 +338,7 @@ class PageServer:
         elif kind == "seen":
             page.on_the_way = max(page.on_the_way - 1, 0)
         elif kind == "clock":
-            page.answers.append(
-                {"kind": "clock", "page_s": _number(message.get("page_s")), "heard_s": clock.now_s()}
-            )
+            page.answers.append({"kind": "clock", "page_s": _number(message.get("page_s")), "heard_s": clock.now_s()})
         elif kind in ("decide", "automatic"):
             self._decide(page, message)
         elif kind in ("drawn", "pointer"):
