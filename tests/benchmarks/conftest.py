@@ -38,7 +38,7 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "long: a size that --short leaves out")
+    config.addinivalue_line("markers", "long: a size, or a figure, that --short leaves out")
 
 
 def pytest_collection_modifyitems(config, items):
