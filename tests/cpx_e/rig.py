@@ -51,7 +51,7 @@ class ToldFestoCpx(FestoCpx):
         if self.control_port in emulators:
             emulators[self.control_port].ask(**request)
             return
-        with socket.create_connection(("127.0.0.1", self.control_port), timeout=5.0) as control:
+        with socket.create_connection(("127.0.0.1", self.control_port), timeout=60.0) as control:
             lines = control.makefile("rw")
             lines.write(json.dumps(request) + "\n")
             lines.flush()
