@@ -33,13 +33,14 @@ def overwrite(path, content):
 
 def wait_until(process, arrived):
     """Wait for something that a living process is about to do; return what it was."""
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 120
     while time.monotonic() < deadline:
         found = arrived()
         if found:
             return found
         assert process.poll() is None, process.communicate()
         time.sleep(0.002)
+    process.kill()
     raise TimeoutError("it did not happen")
 
 
