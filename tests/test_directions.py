@@ -16,7 +16,8 @@ READS_THE_PATH_ITS_CONFIGURATION_NAMES = {
     ("stages.rig.replay", "pipeline.inputs"),
 }
 TAKES_RECORDINGS_FOR_TRIALS = {(f"stages.rig.{name}", "stages.recording") for name in ("replay", "placement")}
-SCIENCE = sorted(path.name for path in (ROOT / "stages").iterdir() if (path / "__init__.py").exists())
+WORKFLOWS = {"benchmark"}
+SCIENCE = sorted({path.parent.name for path in (ROOT / "stages").glob("*/__init__.py")} - WORKFLOWS)
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +88,13 @@ def test_science_flows_one_way(graph):
         others = [f"stages.{each}" for each in SCIENCE if each != folder and each not in known]
         found = imports_from(graph, f"stages.{folder}") - TAKES_RECORDINGS_FOR_TRIALS
         assert not [pair for pair in found for other in others if within(pair[1], other)], folder
+
+
+def test_what_searches_and_the_blinded_rig_share_no_code(graph):
+    rig = "stages.benchmark.blinded_rig"
+    found = imports_from(graph, "stages") | imports_from(graph, "pipeline")
+    ours = {pair for pair in found if within(pair[1], "stages") or within(pair[1], "pipeline")}
+    assert not [pair for pair in ours if within(pair[0], rig) != within(pair[1], rig)]
 
 
 def test_matplotlib_is_imported_inside_functions_only():

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import InputError
-from tests.hidden_rig.dataset import write
-from tests.hidden_rig.sessions import HiddenSessions
+from stages.benchmark.blinded_rig.dataset import write
+from stages.benchmark.blinded_rig.sessions import HiddenSessions
 from tests.studies import read_stages, run_stage
 
 STAGES = (

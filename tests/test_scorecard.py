@@ -9,9 +9,9 @@ from statsmodels.stats.proportion import proportion_confint
 
 from pipeline.errors import ConfigError
 from pipeline.sources import hash_sources
+from stages.benchmark.blinded_rig.scenarios import default_catalogue, named_scenario
+from stages.benchmark.blinded_rig.sessions import HiddenSessions
 from stages.scoring import bound_median, bound_rate
-from tests.hidden_rig.scenarios import default_catalogue, named_scenario
-from tests.hidden_rig.sessions import HiddenSessions
 from tests.studies import read_stages, run_stage
 
 GROUPS = ("rig=hidden", "+discrepancy=stated", "+blind_tests=small", "+disguise=stated", "+scorecard=stated")
@@ -220,9 +220,13 @@ def test_nonsense_is_refused(override, told):
 
 
 def test_what_the_rig_imports_counts_in_freshness():
-    files = hash_sources("stages", ["stages.blind_tests", "tests.hidden_rig.sessions"])
-    assert {"tests/hidden_rig/effects/muscle.py", "tests/hidden_rig/kernels.py", "stages/blind_tests.py"} <= set(files)
-    assert "tests/hidden_rig/__main__.py" not in files
+    files = hash_sources("stages", ["stages.blind_tests", "stages.benchmark.blinded_rig.sessions"])
+    assert {
+        "stages/benchmark/blinded_rig/effects/muscle.py",
+        "stages/benchmark/blinded_rig/kernels.py",
+        "stages/blind_tests.py",
+    } <= set(files)
+    assert "stages/benchmark/blinded_rig/__main__.py" not in files
 
 
 def test_a_name_gives_its_session_back():

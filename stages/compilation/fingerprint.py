@@ -15,7 +15,7 @@ import numpy as np
 
 
 def digest_calls(function: FunctionType) -> str:
-    """Return a digest of a function, the functions that it calls, and the constants that they read.
+    """Return a digest of a function, the functions that it calls, the constants that they read, and their modules.
 
     Names are looked up when this is called, so that a function may call what its file defines further down.
 
@@ -41,6 +41,7 @@ def _tell_function(function: FunctionType, told: set[int]) -> Iterator[str]:
         yield f"again {function.__qualname__}"
         return
     told.add(id(function))
+    yield f"{function.__module__}.{function.__qualname__}"
     dispatcher = function.__globals__.get(function.__name__)
     if getattr(dispatcher, "py_func", None) is function:
         yield _tell_options(dispatcher)

@@ -59,14 +59,16 @@ def run_machine(tmp_path, monkeypatch):
         (tmp_path / "laws_of_a_user.py").write_text(laws)
         (tmp_path / "machine_of_a_user.py").write_text(machine)
         importlib.invalidate_caches()
-        for name in ("laws_of_a_user", "machine_of_a_user"):
-            sys.modules.pop(name, None)
+        forget()
         simulate = importlib.import_module("machine_of_a_user").simulate
         return simulate(3.0), sum(simulate.stats.cache_hits.values()), simulate.py_func
 
+    def forget():
+        for name in ("laws_of_a_user", "machine_of_a_user", "moved_laws"):
+            sys.modules.pop(name, None)
+
     yield run
-    for name in ("laws_of_a_user", "machine_of_a_user"):
-        sys.modules.pop(name, None)
+    forget()
 
 
 def test_a_function_is_kept_until_something_it_calls_changes(run_machine):
@@ -82,6 +84,13 @@ def test_a_function_is_kept_until_something_it_calls_changes(run_machine):
         edited, kept, simulate = run_machine(**texts)
         assert (edited, kept) == (simulate(3.0), 0), what
         assert edited != found or "compiled" in what, what
+
+
+def test_a_function_that_calls_one_that_has_moved_is_compiled_anew(run_machine, tmp_path):
+    machine = MACHINE.replace("import laws_of_a_user as laws\n", "").replace("laws.square", "law")
+    found, _, _ = run_machine(LAWS, machine)
+    (tmp_path / "laws_of_a_user.py").rename(tmp_path / "moved_laws.py")
+    assert run_machine("", machine.replace("laws_of_a_user", "moved_laws"))[:2] == (found, 0)
 
 
 def test_functions_in_a_folder_of_its_own_serve_every_checkout(run_machine, tmp_path, monkeypatch):

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pandas as pd
 
-from tests.hidden_rig.dataset import simulate
-from tests.hidden_rig.scenarios import Scenario
+from stages.benchmark.blinded_rig.dataset import simulate
+from stages.benchmark.blinded_rig.scenarios import Scenario
 
 TWO = ("pam1", "pam2")
 

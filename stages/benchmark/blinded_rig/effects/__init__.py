@@ -1,5 +1,5 @@
 """Every hidden effect by its key."""
 
-from tests.hidden_rig.effects import cable, muscle, sensor, valve
+from stages.benchmark.blinded_rig.effects import cable, muscle, sensor, valve
 
 EFFECTS = {effect.key: effect for module in (valve, muscle, cable, sensor) for effect in module.EFFECTS}

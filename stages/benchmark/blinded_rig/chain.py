@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.hidden_rig.kernels import fill_first_order
-from tests.hidden_rig.machine import Array, Machine, build_machine, column
-from tests.hidden_rig.sensors import Noise, low_pass
-from tests.hidden_rig.signals import Effect, LoadCellSite, Signals, Site
+from stages.benchmark.blinded_rig.kernels import fill_first_order
+from stages.benchmark.blinded_rig.machine import Array, Machine, build_machine, column
+from stages.benchmark.blinded_rig.sensors import Noise, low_pass
+from stages.benchmark.blinded_rig.signals import Effect, LoadCellSite, Signals, Site
 
 RATE_HZ = 250.0
 OVERSAMPLED = 8
@@ -42,11 +42,11 @@ class Readings:
 
 def fine_time(samples: int) -> Array:
     """Fine time base, s from the trial's start, with the lead-in before zero."""
-    return STEP_S * (np.arange((samples + LEAD_SAMPLES) * OVERSAMPLED) - LEAD_SAMPLES * OVERSAMPLED)
+    return STEP_S * np.arange(-LEAD_SAMPLES * OVERSAMPLED, samples * OVERSAMPLED, dtype=float)
 
 
 def run_chain(machine: Machine, stimulus: Stimulus, carried: Carried, load_cell_site: LoadCellSite) -> Readings:
-    """Readings without noise; muscles whose size is zero pass untouched, to the bit."""
+    """Return readings without noise; muscles whose size is zero pass untouched, to the bit."""
     held = np.concatenate([np.repeat(stimulus.command_kpa[..., :1], LEAD_SAMPLES, -1), stimulus.command_kpa], -1)
     time_s = fine_time(stimulus.command_kpa.shape[-1])
     command = np.repeat(held, OVERSAMPLED, axis=-1)
@@ -90,7 +90,7 @@ def muscle_tension(signals: Signals) -> Array:
 
 
 def sense(signals: Signals, carried: Carried) -> None:
-    """Filters, gains and zeros of the sensors, and what ails their wires."""
+    """Apply filters, gains and zeros of the sensors, and what ails their wires."""
     machine = signals.machine
     signals.sensed_n = apply(signals, carried, "force_wire", signals.tension_n)
     zero = machine.force_zero_share * machine.full_force_n
@@ -103,7 +103,7 @@ def sense(signals: Signals, carried: Carried) -> None:
 
 
 def apply(signals: Signals, carried: Carried, site: Site, plain: Array) -> Array:
-    """The site's signal with every effect that sits there, in the order given."""
+    """Return the site's signal with every effect that sits there, in the order given."""
     attribute = ATTRIBUTES[site]
     for effect, size in carried:
         if effect.site == site and size.any():

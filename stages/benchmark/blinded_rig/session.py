@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.hidden_rig.chain import (
+from stages.benchmark.blinded_rig.chain import (
     OVERSAMPLED,
     RATE_HZ,
     Carried,
@@ -19,11 +19,18 @@ from tests.hidden_rig.chain import (
     read,
     run_chain,
 )
-from tests.hidden_rig.excitation import command_pressures
-from tests.hidden_rig.machine import JOINT_OF_MUSCLE, Array, Machine, arm_over_length, build_machine, sheet_column
-from tests.hidden_rig.person import move_joints
-from tests.hidden_rig.sensors import Noise, draw_noise, read_encoder
-from tests.hidden_rig.signals import LoadCellSite
+from stages.benchmark.blinded_rig.excitation import command_pressures
+from stages.benchmark.blinded_rig.machine import (
+    JOINT_OF_MUSCLE,
+    Array,
+    Machine,
+    arm_over_length,
+    build_machine,
+    sheet_column,
+)
+from stages.benchmark.blinded_rig.person import move_joints
+from stages.benchmark.blinded_rig.sensors import Noise, draw_noise, read_encoder
+from stages.benchmark.blinded_rig.signals import LoadCellSite
 
 TRIAL_S = 4.0
 REST_S = (12.0, 36.0)
@@ -55,7 +62,7 @@ class Session:
 def build_session(
     seed: int, trials: int, load_cell_site: LoadCellSite, *, varied: bool = True, noisy: bool = True
 ) -> Session:
-    """The session of a seed; ``varied=False``: the data sheet's machine; ``noisy=False``: ideal sensors."""
+    """Build a seed's session; ``varied=False``: the data sheet's machine; ``noisy=False``: ideal sensors."""
     for_machine, for_person, for_commands, for_noise, for_clock = (
         np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,))) for stream in range(5)
     )
@@ -75,6 +82,6 @@ def build_session(
 
 
 def observe(session: Session, carried: Carried) -> Readings:
-    """What the sensors show of the session with these effects."""
+    """Return what the sensors show of the session with these effects."""
     ideal = run_chain(session.machine, session.stimulus, carried, session.load_cell_site)
     return read(ideal, session.noise, session.machine, carried)

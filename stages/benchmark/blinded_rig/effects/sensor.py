@@ -6,9 +6,9 @@ at the site ``count``, at the sampling rate with the noise in.
 
 import numpy as np
 
-from tests.hidden_rig.kernels import fill_first_order, late_by
-from tests.hidden_rig.machine import Array
-from tests.hidden_rig.signals import Effect, Signals
+from stages.benchmark.blinded_rig.kernels import fill_first_order, late_by
+from stages.benchmark.blinded_rig.machine import Array
+from stages.benchmark.blinded_rig.signals import Effect, Signals
 
 WARM_UP_S = 130.0
 MAINS_HZ = 50.0
@@ -22,58 +22,58 @@ def warmed(s: Signals) -> Array:
 
 
 def offset_force(s: Signals, share: Array) -> Array:
-    """The load cell's zero."""
+    """Shift the load cell's zero."""
     return s.sensed_n + share * s.full_n
 
 
 def offset_pressure(s: Signals, kpa: Array) -> Array:
-    """The pressure sensor's zero."""
+    """Shift the pressure sensor's zero."""
     return s.sensed_kpa + kpa
 
 
 def gain_force(s: Signals, share: Array) -> Array:
-    """The load cell's gain."""
+    """Change the load cell's gain."""
     return s.sensed_n * (1.0 + s.hand * share)
 
 
 def gain_pressure(s: Signals, share: Array) -> Array:
-    """The pressure sensor's gain."""
+    """Change the pressure sensor's gain."""
     return s.sensed_kpa * (1.0 + s.hand * share)
 
 
 def drift_force(s: Signals, share: Array) -> Array:
-    """The load cell's zero moves as its bridge warms up over the session."""
+    """Move the load cell's zero as its bridge warms up over the session."""
     return s.sensed_n + share * s.full_n * warmed(s)
 
 
 def drift_pressure(s: Signals, kpa: Array) -> Array:
-    """The pressure sensor's zero moves as it warms up over the session."""
+    """Move the pressure sensor's zero as it warms up over the session."""
     return s.sensed_kpa + kpa * warmed(s)
 
 
 def force_late(s: Signals, seconds: Array) -> Array:
-    """The force channel arrives after the others."""
+    """Delay the force channel."""
     return late_by(s.sensed_n, seconds.ravel() / s.step_s)
 
 
 def count_force(s: Signals, share: Array) -> Array:
-    """A converter of few bits: the force in steps of ``share`` of full force."""
+    """Round the force to steps of ``share`` of full force, as a converter of few bits."""
     count = np.maximum(share, 1e-12) * s.full_n
     return np.round(s.sensed_n / count) * count
 
 
 def clip_force(s: Signals, share: Array) -> Array:
-    """The amplifier ends ``share`` of the range below the largest force."""
+    """Saturate the amplifier ``share`` of the range below the largest force."""
     return np.minimum(s.sensed_n, (1.0 - share) * s.sensed_n.max(axis=(1, 2), keepdims=True))
 
 
 def neighbour_pressure(s: Signals, share: Array) -> Array:
-    """The pressure of the other muscle on the joint leaks into the load cell."""
+    """Let the pressure of the other muscle on the joint leak into the load cell."""
     return s.sensed_n + s.hand * share * s.full_n * (s.pressure_kpa[NEIGHBOUR] - 250.0) / 250.0
 
 
 def other_joint(s: Signals, share: Array) -> Array:
-    """The other joint's angle bends the load cell's bracket."""
+    """Bend the load cell's bracket with the other joint's angle."""
     return s.sensed_n + s.hand * share * s.full_n * np.sin(2.0 * s.other_rad)
 
 
@@ -83,7 +83,7 @@ def hum(s: Signals, share: Array) -> Array:
 
 
 def valve_current(s: Signals, share: Array) -> Array:
-    """The valve's drive current, which follows the change of command, couples into the force wire."""
+    """Couple the valve's drive current, which follows the change of command, into the force wire."""
     current = s.command_kpa - fill_first_order(s.command_kpa, np.full(4, 0.02), s.step_s)
     return s.sensed_n + share * s.full_n * current / 100.0
 

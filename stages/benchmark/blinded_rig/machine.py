@@ -84,7 +84,7 @@ class Machine:
         return self.static_force(np.full(4, FULL_PRESSURE_KPA), np.zeros(4))
 
     def contraction(self, travel_rad: Array) -> Array:
-        """True contraction (4, ...) for the angle (4, ...) that each muscle's cable has travelled, rad."""
+        """Return the true contraction (4, ...) for the angle (4, ...) that each muscle's cable has travelled, rad."""
         slope = arm_over_length()
         zero = sheet_column("contraction_at_angle_0") + self.zero_error
         return column(zero, travel_rad) + column(slope * (1.0 + self.arm_error), travel_rad) * travel_rad
@@ -97,7 +97,7 @@ class Machine:
         return PASCAL_PER_KPA * pressure_kpa * area * (3.0 * length * np.cos(angle) ** 2 - 1.0) / np.sin(angle) ** 2
 
     def passive_force(self, contraction: Array) -> Array:
-        """What the sleeve and tube add whatever the pressure, N."""
+        """Return what the sleeve and tube add whatever the pressure, N."""
         share = sum(column(self.passive_share[:, k], contraction) * (contraction / 0.1) ** k for k in range(4))
         return column(self.full_force_n, contraction) * share
 
@@ -113,7 +113,7 @@ def column(values: Array, like: Array) -> Array:
 
 
 def build_machine(rng: np.random.Generator, varied: bool = True) -> Machine:
-    """The machine of one session; ``varied=False`` is the data sheet's own, with ideal sensors, from the same draws."""
+    """Build one session's machine; ``varied=False``: the data sheet's own, ideal sensors, from the same draws."""
     scale = 1.0 if varied else 0.0
 
     def vary(spread: float, size: int | tuple[int, int] = 4) -> Array:

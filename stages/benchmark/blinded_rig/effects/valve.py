@@ -5,7 +5,7 @@ Flows in: ``Signals``, sizes (4, 1, 1). Flows out: the command or the pressure, 
 
 import numpy as np
 
-from tests.hidden_rig.kernels import (
+from stages.benchmark.blinded_rig.kernels import (
     fill_first_order,
     fill_leaking,
     fill_limited,
@@ -13,8 +13,8 @@ from tests.hidden_rig.kernels import (
     fill_unevenly,
     late_by,
 )
-from tests.hidden_rig.machine import Array
-from tests.hidden_rig.signals import Effect, Signals
+from stages.benchmark.blinded_rig.machine import Array
+from stages.benchmark.blinded_rig.signals import Effect, Signals
 
 SOFT_DROP_KPA = 12.0
 TURBULENT_KPA = 150.0
@@ -26,7 +26,7 @@ def delay_command(s: Signals, seconds: Array) -> Array:
 
 
 def add_tube(s: Signals, seconds: Array) -> Array:
-    """A tube's volume and its turbulent resistance in series with the valve."""
+    """Set a tube's volume and its turbulent resistance in series with the valve."""
     tube = np.maximum(seconds.ravel(), 1e-6)
     return fill_through_tube(s.command_kpa, s.machine.valve_tau_s, tube, TURBULENT_KPA, s.step_s)
 
@@ -48,7 +48,7 @@ def leak(s: Signals, per_s: Array) -> Array:
 
 
 def sag_supply(s: Signals, share: Array) -> Array:
-    """The supply dips while the other muscles fill, and this muscle's pressure with it."""
+    """Dip the supply while the other muscles fill, and this muscle's pressure with it."""
     filling = np.maximum(np.gradient(s.pressure_kpa, s.step_s, axis=-1), 0.0)
     others = filling.sum(axis=0, keepdims=True) - filling
     return s.pressure_kpa - share * fill_first_order(0.1 * others, np.full(4, 0.06), s.step_s)

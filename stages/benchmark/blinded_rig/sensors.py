@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.signal import cont2discrete, lfilter, lfiltic, savgol_filter
 
-from tests.hidden_rig.machine import Array
+from stages.benchmark.blinded_rig.machine import Array
 
 COUNTS_PER_TURN = 16384
 ENCODER_SPEED_NOISE_RAD_PER_S = 0.02
@@ -32,7 +32,7 @@ class Noise:
     count_rad: float
 
     def silenced(self) -> "Noise":
-        """The same shapes without any noise, and an encoder that does not count."""
+        """Return the same shapes without any noise, and an encoder that does not count."""
         quiet = {name: np.full_like(value, "gain" in name) for name, value in vars(self).items() if name != "count_rad"}
         return Noise(**quiet, count_rad=0.0)
 
@@ -107,8 +107,8 @@ def second_order(rows: Array, corner_hz: float, step_s: float) -> Array:
 def discretise(corner_hz: float, step_s: float) -> tuple[Array, Array]:
     """Numerator and denominator at a step, the input taken as straight between samples."""
     natural = 2.0 * np.pi * corner_hz
-    system = ([natural**2], [1.0, np.sqrt(2.0) * natural, natural**2])
-    top, bottom, _ = cont2discrete(system, step_s, method="foh")
+    denominator = np.array([1.0, np.sqrt(2.0) * natural, natural**2])
+    top, bottom, _ = cont2discrete((np.array([natural**2]), denominator), step_s, method="foh")
     return top.ravel(), bottom
 
 

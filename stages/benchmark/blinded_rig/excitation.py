@@ -5,7 +5,7 @@ Flows in: a generator. Flows out: commands (4, trials, samples) at the sampling 
 
 import numpy as np
 
-from tests.hidden_rig.machine import DATA_SHEET, MUSCLES, Array
+from stages.benchmark.blinded_rig.machine import DATA_SHEET, MUSCLES, Array
 
 LOWEST_KPA = (15.0, 120.0)
 CEILING_KPA = {"agonist": (250.0, 500.0), "antagonist": (300.0, 600.0)}

@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from tests.hidden_rig.calibration import CHANNELS, NominalFit, Size, size_effect
-from tests.hidden_rig.chain import RATE_HZ, Readings
-from tests.hidden_rig.effects import EFFECTS
-from tests.hidden_rig.machine import (
+from stages.benchmark.blinded_rig.calibration import CHANNELS, NominalFit, Size, size_effect
+from stages.benchmark.blinded_rig.chain import RATE_HZ, Readings
+from stages.benchmark.blinded_rig.effects import EFFECTS
+from stages.benchmark.blinded_rig.machine import (
     BRAID_ANGLE_DEG,
     CONTRACTION_FACTOR,
     DATA_SHEET,
@@ -28,8 +28,8 @@ from tests.hidden_rig.machine import (
     VALVE_TAU_S,
     Array,
 )
-from tests.hidden_rig.scenarios import Scenario
-from tests.hidden_rig.session import TRIAL_S, Session, build_session, observe
+from stages.benchmark.blinded_rig.scenarios import Scenario
+from stages.benchmark.blinded_rig.session import TRIAL_S, Session, build_session, observe
 
 TIMING = "command u[k] is held over [t_k, t_k+1); sensors sample at t_k, before u[k] acts"
 GEOMETRY = "eps0 + sign*r/L0*joint_angle (constant moment arm)"
@@ -45,14 +45,14 @@ class Dataset:
 
 
 def simulate(scenario: Scenario) -> Dataset:
-    """The dataset of a scenario; sizes are set on noisy data even where ``noisy`` is false."""
+    """Simulate the dataset of a scenario; sizes are set on noisy data even where ``noisy`` is false."""
     refuse_nonsense(scenario)
     with threadpool_limits(1, user_api="blas"):
         return simulate_possible(scenario)
 
 
 def simulate_possible(scenario: Scenario) -> Dataset:
-    """The dataset of a scenario that makes sense."""
+    """Simulate the dataset of a scenario that makes sense."""
     session = build_session(scenario.seed, scenario.trials, scenario.load_cell_site)
     fit = NominalFit(session)
     carries = np.array([float(muscle in scenario.muscles) for muscle in MUSCLES])
@@ -161,7 +161,7 @@ def by_muscle(values: Array) -> dict[str, float]:
 
 
 def write(dataset: Dataset, folder: Path) -> None:
-    """Writes the folder, then the seal beside it.
+    """Write the folder, then the seal beside it.
 
     Raises
     ------

@@ -7,7 +7,7 @@ slow reversals and rhythm, tracked imperfectly and with a little tremor.
 import numpy as np
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from tests.hidden_rig.machine import Array
+from stages.benchmark.blinded_rig.machine import Array
 
 LOW_RAD = 0.09
 HIGH_RAD = (1.22, 1.08)
@@ -59,13 +59,13 @@ def rhythm(rng: np.random.Generator, time_s: Array, low: float, high: float) -> 
 
 
 def hold_and_go(rng: np.random.Generator, time_s: Array, low: float, high: float) -> Array:
-    """A long hold, one reach, a long hold."""
+    """Return a long hold, one reach, a long hold."""
     start, target = rng.uniform(low, high, 2)
     return start + (target - start) * reach(time_s, rng.uniform(1.0, 2.2), rng.uniform(0.5, 1.2))
 
 
 def track(rng: np.random.Generator, wanted_rad: Array, step_s: float) -> Array:
-    """What the person makes of a wanted path (samples,): smoothed, late, wandering, trembling."""
+    """Follow a wanted path (samples,) as a person does: smoothed, late, wandering, trembling."""
     natural = 2.0 * np.pi * rng.uniform(2.2, 3.2)
     decay = np.exp(-natural * step_s)
     late = lfilter([(1.0 - decay) ** 2], [1.0, -2.0 * decay, decay**2], wanted_rad - wanted_rad[0]) + wanted_rad[0]

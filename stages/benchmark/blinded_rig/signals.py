@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from tests.hidden_rig.machine import JOINT_OF_MUSCLE, Array, Machine
+from stages.benchmark.blinded_rig.machine import JOINT_OF_MUSCLE, Array, Machine
 
 Site = Literal[
     "command",

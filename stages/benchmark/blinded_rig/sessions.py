@@ -9,10 +9,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from tests.hidden_rig.dataset import Dataset, refuse_nonsense, simulate
-from tests.hidden_rig.effects import EFFECTS
-from tests.hidden_rig.machine import MUSCLES
-from tests.hidden_rig.scenarios import (
+from stages.benchmark.blinded_rig.dataset import Dataset, refuse_nonsense, simulate
+from stages.benchmark.blinded_rig.effects import EFFECTS
+from stages.benchmark.blinded_rig.machine import MUSCLES
+from stages.benchmark.blinded_rig.scenarios import (
     MAIN,
     NEARLY_ABSORBED,
     Magnitude,
@@ -60,15 +60,15 @@ class HiddenSessions:
         return [each.name for each in default_catalogue()]
 
     def record(self, name: str | None = None) -> Dataset:
-        """A session of this name, or the one that this rig hides."""
+        """Return the session of this name, or the one that this rig hides."""
         return simulate(self.hidden if name is None else replace(named_scenario(name), trials=self.trials))
 
     def effects(self) -> list[dict[str, object]]:
-        """What there is to hide: key, name in the study's library, channel, whether it has one form, or no name."""
+        """List what there is to hide: key, the library's name, channel, whether it has one form, or no name."""
         told = ("key", "name", "channel", "only_form", "outsider")
         return [{name: getattr(effect, name) for name in told} for effect in EFFECTS.values()]
 
     def record_quietly(self, key: str) -> tuple[Dataset, Dataset]:
-        """The same session without noise, with a strong effect and without any."""
+        """Return the same session without noise, with a strong effect and without any."""
         with_it = replace(scenario((key,), "strong", self.seed), trials=self.trials, noisy=False)
         return simulate(with_it), simulate(replace(with_it, effects=()))

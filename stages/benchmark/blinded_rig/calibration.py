@@ -13,12 +13,12 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
-from tests.hidden_rig.chain import RATE_HZ, Readings
-from tests.hidden_rig.machine import MUSCLES, Array
-from tests.hidden_rig.session import Session, observe
-from tests.hidden_rig.signals import Effect
+from stages.benchmark.blinded_rig.chain import RATE_HZ, Readings
+from stages.benchmark.blinded_rig.machine import MUSCLES, Array
+from stages.benchmark.blinded_rig.session import Session, observe
+from stages.benchmark.blinded_rig.signals import Effect
 
-TAU_S = (0.01, 0.2)
+LOG_TAU = (float(np.log(0.01)), float(np.log(0.2)))
 RATIOS = {"weak": 1.3, "medium": 2.5, "strong": 6.0}
 SHARE_OF_LARGEST = {"weak": 0.25, "medium": 0.5, "strong": 1.0}
 UNSEEN = 1.05
@@ -56,7 +56,7 @@ class NominalFit:
         def left(log_tau: float) -> float:
             return float(np.sqrt(np.mean(self.beyond_lag(muscle, np.exp(log_tau), pressure) ** 2)))
 
-        best = minimize_scalar(left, bounds=np.log(TAU_S), method="bounded", options={"xatol": 2e-3})
+        best = minimize_scalar(left, bounds=LOG_TAU, method="bounded", options={"xatol": 2e-3})
         return float(best.fun)
 
     def beyond_lag(self, muscle: int, tau_s: float, pressure: Array) -> Array:

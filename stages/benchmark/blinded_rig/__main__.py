@@ -1,4 +1,4 @@
-"""``python -m tests.hidden_rig FOLDER effect=hysteresis magnitude=medium seed=3 muscles=pam1``; ``--list`` shows what.
+"""``python -m stages.benchmark.blinded_rig FOLDER effect=hysteresis magnitude=medium seed=3``; ``--list`` shows what.
 
 Keys: effect (two joined by +, or none), magnitude (weak, medium, strong), seed, muscles (joined by +, or all), trials,
 load_cell_site (muscle_tip, joint_end), noise (on, off).
@@ -6,12 +6,15 @@ load_cell_site (muscle_tip, joint_end), noise (on, off).
 
 import sys
 from pathlib import Path
+from typing import get_args
 
-from tests.hidden_rig.dataset import simulate, write
-from tests.hidden_rig.effects import EFFECTS
-from tests.hidden_rig.machine import MUSCLES
-from tests.hidden_rig.scenarios import MAGNITUDES, TRIALS, Scenario, default_catalogue, load_cell_for
+from stages.benchmark.blinded_rig.dataset import simulate, write
+from stages.benchmark.blinded_rig.effects import EFFECTS
+from stages.benchmark.blinded_rig.machine import MUSCLES
+from stages.benchmark.blinded_rig.scenarios import MAGNITUDES, TRIALS, Scenario, default_catalogue, load_cell_for
+from stages.benchmark.blinded_rig.signals import LoadCellSite
 
+LOAD_CELL_SITES: tuple[LoadCellSite, ...] = get_args(LoadCellSite)
 DEFAULTS = {
     "effect": "none",
     "magnitude": "medium",
@@ -21,11 +24,11 @@ DEFAULTS = {
     "load_cell_site": "auto",
     "noise": "on",
 }
-CHOICES = {"magnitude": MAGNITUDES, "load_cell_site": ("auto", "muscle_tip", "joint_end"), "noise": ("on", "off")}
+CHOICES = {"magnitude": MAGNITUDES, "load_cell_site": ("auto", *LOAD_CELL_SITES), "noise": ("on", "off")}
 
 
 def parse(words: list[str]) -> Scenario:
-    """A scenario from ``key=value`` words.
+    """Read a scenario from ``key=value`` words.
 
     Raises
     ------
@@ -50,11 +53,11 @@ def parse(words: list[str]) -> Scenario:
     seed, site = int(asked["seed"]), asked["load_cell_site"]
     return Scenario(
         effects,
-        asked["magnitude"],
+        next(each for each in MAGNITUDES if each == asked["magnitude"]),
         seed,
         muscles,
         int(asked["trials"]),
-        load_cell_for(effects, seed) if site == "auto" else site,
+        next((each for each in LOAD_CELL_SITES if each == site), load_cell_for(effects, seed)),
         asked["noise"] == "on",
     )
 
@@ -70,7 +73,7 @@ def list_effects() -> str:
 
 
 def main(words: list[str]) -> int:
-    """Runs the command; 2 for words that are not understood."""
+    """Run the command; return 2 for words that are not understood."""
     if words == ["--list"]:
         print(list_effects())
         return 0

@@ -6,9 +6,9 @@ at the muscle's tip sees none of it. Cables that slide towards the muscle (short
 
 import numpy as np
 
-from tests.hidden_rig.kernels import lugre_state
-from tests.hidden_rig.machine import Array
-from tests.hidden_rig.signals import Effect, Signals
+from stages.benchmark.blinded_rig.kernels import lugre_state
+from stages.benchmark.blinded_rig.machine import Array
+from stages.benchmark.blinded_rig.signals import Effect, Signals
 
 SLIDING_PER_S = np.array([0.004, 0.003, 0.0035, 0.0045])[:, None, None]
 PRESLIDING = np.array([0.0010, 0.0008, 0.0009, 0.0011])
@@ -31,13 +31,13 @@ def capstan(s: Signals, wrap: Array) -> Array:
 
 
 def viscous(s: Signals, share: Array) -> Array:
-    """A thinning film, which shears the more easily the faster it moves; ``share`` is at .1 per second."""
+    """Add a thinning film, which shears the more easily the faster it moves; ``share`` is at .1 per second."""
     speed = s.velocity_per_s / 0.1
     return s.tension_n - share * s.full_n * 1.5 * speed / np.sqrt(1.0 + 1.25 * speed**2)
 
 
 def eccentric(s: Signals, share: Array) -> Array:
-    """An eccentric pulley: tension ripples with the joint's angle."""
+    """Add an eccentric pulley: tension ripples with the joint's angle."""
     return s.tension_n * (1.0 + share * np.cos(11.0 * s.travel_rad + 0.4))
 
 

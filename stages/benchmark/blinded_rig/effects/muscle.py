@@ -7,9 +7,9 @@ samples); a muscle that shortens against an effect loses tension.
 import numpy as np
 from scipy.special import expit
 
-from tests.hidden_rig.kernels import bouc_wen, fill_first_order
-from tests.hidden_rig.machine import Array, arm_over_length
-from tests.hidden_rig.signals import Effect, Signals
+from stages.benchmark.blinded_rig.kernels import bouc_wen, fill_first_order
+from stages.benchmark.blinded_rig.machine import Array, arm_over_length
+from stages.benchmark.blinded_rig.signals import Effect, Signals
 
 YIELD_CONTRACTION = np.array([0.011, 0.0095, 0.0105, 0.009])
 BRANCHES = ((0.12, 0.25), (0.6, 0.45), (2.5, 0.3))
@@ -32,7 +32,7 @@ def creep(s: Signals, share: Array) -> Array:
 
 
 def stretch_in_series(s: Signals, share: Array) -> Array:
-    """A tendon with a toe region lets the muscle shorten further; solved implicitly by Newton's method."""
+    """Let the muscle shorten further by a tendon with a toe region; solved implicitly by Newton's method."""
     joint_side, force = s.contraction, np.maximum(s.machine.static_force(s.acting_kpa, s.contraction), 0.0)
     for _ in range(6):
         stretched = joint_side + share * tendon_strain(force / s.full_n)
@@ -49,12 +49,12 @@ def tendon_strain(load: Array) -> Array:
 
 
 def tendon_compliance(load: Array) -> Array:
-    """Derivative of ``tendon_strain``."""
+    """Return the derivative of ``tendon_strain``."""
     return 0.75 + 0.25 / 0.06 * np.exp(-load / 0.06)
 
 
 def take_up(s: Signals, threshold_kpa: Array) -> Array:
-    """The sleeve takes up the first pressure, softly."""
+    """Let the sleeve take up the first pressure, softly."""
     soft = np.maximum(SOFT_SHARE * threshold_kpa, 1e-6)
     return soft * np.logaddexp(0.0, (s.acting_kpa - threshold_kpa) / soft)
 
@@ -66,7 +66,7 @@ def gate(s: Signals, threshold_kpa: Array) -> Array:
 
 
 def harden(s: Signals, share: Array) -> Array:
-    """A passive spring that hardens as sinh away from the middle of the range."""
+    """Add a passive spring that hardens as sinh away from the middle of the range."""
     return s.tension_n - share * s.full_n * np.sinh((s.contraction - 0.1) / 0.025)
 
 
@@ -76,19 +76,19 @@ def stiffen_at_end(s: Signals, share: Array) -> Array:
 
 
 def cam(s: Signals, share: Array) -> Array:
-    """The moment arm varies with the angle as an eccentric pulley's: r (1 + share cos(3 angle + 0.6))."""
+    """Vary the moment arm with the angle as an eccentric pulley does: r (1 + share cos(3 angle + 0.6))."""
     swing = np.sin(3.0 * s.travel_rad + 0.6) / 3.0
     return s.contraction + arm_over_length()[:, None, None] * s.hand * share * (swing - np.sin(0.6) / 3.0)
 
 
 def soften_with_work(s: Signals, share: Array) -> Array:
-    """The rubber softens with the work done since the trial began."""
+    """Soften the rubber with the work done since the trial began."""
     power = np.abs(s.tension_n * s.velocity_per_s) / s.full_n * (s.time_s >= 0.0)
     return s.tension_n * np.exp(-share * np.cumsum(power, axis=-1) * s.step_s / 0.03)
 
 
 def catch(s: Signals, share: Array) -> Array:
-    """The sleeve catches in a window of contraction while shortening under pressure."""
+    """Catch the sleeve in a window of contraction while it shortens under pressure."""
     window = np.exp(-(((s.contraction - 0.105) / 0.007) ** 2))
     shortening = 0.5 + 0.5 * np.tanh(s.velocity_per_s / 0.01)
     pressed = 0.5 + 0.5 * np.tanh((s.acting_kpa - 220.0) / 20.0)
@@ -96,12 +96,12 @@ def catch(s: Signals, share: Array) -> Array:
 
 
 def bulge(s: Signals, share: Array) -> Array:
-    """The bladder bulges between the strands: the pull bends with pressure."""
+    """Bend the pull with pressure, as a bladder that bulges between the strands."""
     return s.tension_n * (1.0 + s.hand * share * ((s.acting_kpa - 280.0) / 200.0) ** 2)
 
 
 def slacken(s: Signals, slack: Array) -> Array:
-    """A slack cable hangs until the muscle has shortened by ``slack``; a muscle that cannot passes no tension."""
+    """Hang a slack cable until the muscle has shortened by ``slack``; a muscle that cannot passes no tension."""
     soft = 0.002 * s.full_n
     looser = s.machine.static_force(s.acting_kpa, s.contraction + slack)
     loose = s.tension_n + looser - s.machine.static_force(s.acting_kpa, s.contraction)

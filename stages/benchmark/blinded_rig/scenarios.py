@@ -9,9 +9,9 @@ from itertools import product
 from typing import Literal
 from zlib import crc32
 
-from tests.hidden_rig.effects import EFFECTS
-from tests.hidden_rig.machine import MUSCLES
-from tests.hidden_rig.signals import LoadCellSite
+from stages.benchmark.blinded_rig.effects import EFFECTS
+from stages.benchmark.blinded_rig.machine import MUSCLES
+from stages.benchmark.blinded_rig.signals import LoadCellSite
 
 Magnitude = Literal["weak", "medium", "strong"]
 
@@ -60,12 +60,12 @@ def load_cell_for(effects: Sequence[str], seed: int) -> LoadCellSite:
 
 
 def scenario(effects: Sequence[str], magnitude: Magnitude, seed: int, muscles: Sequence[str] = MUSCLES) -> Scenario:
-    """A scenario of the catalogue's usual length, the load cell where the effect can show."""
+    """Return a scenario of the catalogue's usual length, the load cell where the effect can show."""
     return Scenario(tuple(effects), magnitude, seed, tuple(muscles), load_cell_site=load_cell_for(effects, seed))
 
 
 def named_scenario(name: str) -> Scenario:
-    """The scenario of a name, as ``hysteresis+transport_delay-medium-pam1-4000`` or ``none-1000``.
+    """Read a scenario's name, as ``hysteresis+transport_delay-medium-pam1-4000`` or ``none-1000``.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def catalogue(effects: Sequence[str], magnitudes: Sequence[Magnitude], seeds: Se
 
 
 def default_catalogue() -> list[Scenario]:
-    """The scorecard's 314: 60 none, 14 effects x 3 x 5, 20 outsiders, 12 pairs, 12 on one muscle."""
+    """Return the scorecard's 314: 60 none, 14 effects x 3 x 5, 20 outsiders, 12 pairs, 12 on one muscle."""
     outsiders = [key for key, effect in EFFECTS.items() if effect.outsider]
     none = [scenario((), "medium", SEEDS_OF["none"] + k) for k in range(60)]
     main = catalogue(MAIN, MAGNITUDES, range(SEEDS_OF["main"], SEEDS_OF["main"] + 5))

@@ -6,7 +6,7 @@ Arrays in, arrays out: signals are (muscles, trials, samples) and constants (mus
 import numpy as np
 from numba import njit
 
-from tests.hidden_rig.machine import Array
+from stages.benchmark.blinded_rig.machine import Array
 
 
 @njit(cache=True)
@@ -87,7 +87,7 @@ def fill_limited(target: Array, tau: Array, fastest: Array, step: float) -> Arra
 
 @njit(cache=True)
 def fill_through_tube(target: Array, tau: Array, tube_tau: Array, turbulence: float, step: float) -> Array:
-    """A tube of its own volume ahead of the lag; its flow grows less than the pressure drop, as turbulent flow does."""
+    """Set a tube of its own volume ahead of the lag; its flow grows less than the pressure drop, as if turbulent."""
     out = np.empty_like(target)
     for m in range(target.shape[0]):
         share = 1.0 - np.exp(-step / tau[m])

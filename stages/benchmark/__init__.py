@@ -1,0 +1,1 @@
+"""How often the discrepancy workflow is right: rigs whose truth is sealed."""
