@@ -116,6 +116,7 @@ class Bench:
         self.clean = Scratch(folder / "clean", root, self.commit)
         lines = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
         self.found = {(each["fault"], each["step"]): each for each in lines if each["commit"] == self.commit}
+        self.noticed = {(each["fault"], (each["test"] or "").partition("::")[0]) for each in lines}
 
     def source(self, fault: Fault) -> bytes:
         return (self.clean.root / fault.file).read_bytes()
@@ -138,7 +139,7 @@ class Bench:
         known = [self.found.get((name, step.name)) for step in steps]
         if all(known) or any(each and each["test"] for each in known):
             return
-        ranked = rank_tests(self.clean.root, fault)
+        ranked = sorted(rank_tests(self.clean.root, fault), key=lambda file: (name, file) not in self.noticed)
         scratch = Scratch(Path(tempfile.mkdtemp(dir=self.folder)), self.root, self.commit, fault)
         try:
             for step in [step for step, each in zip(steps, known, strict=True) if each is None]:
