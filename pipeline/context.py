@@ -276,7 +276,7 @@ class Context:
         """Keep a matplotlib figure, with the caption that the report prints beside the PNG."""
         figure.set_dpi(DOTS_PER_INCH)
         layout = figure.get_layout_engine()
-        if layout is not None:
+        if layout is not None and self.formats:
             layout.execute(figure)
             figure.set_layout_engine("none")  # every format has this layout, and is drawn once
         for suffix in self.formats:
