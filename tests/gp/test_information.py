@@ -1,4 +1,4 @@
-"""Utilities against draws of the hyperparameters from N(theta, S), and against their formulas.
+"""What hyperparameters spread, against draws of them from N(theta, S), and what limits of S leave.
 
 Draws are shifted and scaled so that their mean and covariance are theta and S exactly.
 """
@@ -6,8 +6,7 @@ Draws are shifted and scaled so that their mean and covariance are theta and S e
 import numpy as np
 import pytest
 
-from stages.gp import UTILITIES, condition
-from stages.gp.utilities import PredictiveTerms
+from stages.gp import condition
 from tests.gp.data import make_data, make_prior
 
 THETA = np.array([0.2, 0.3, 0.1, 0.2, np.log(0.3)])
@@ -93,32 +92,3 @@ def test_an_indefinite_covariance_scores_nothing(model, generator):
         held.utility(np.zeros((2, 3)), "y_y")
     with pytest.raises(ValueError, match=told):
         held.joint_information(np.zeros((2, 3)))
-
-
-def test_utilities_are_their_formulas(generator):
-    v, q = generator.uniform(0.1, 2.0, (2, 7))
-    terms = PredictiveTerms(v, q, 0.3)
-    vm = 4 / 3 * v + q
-    expected = {
-        "y_y": 0.5 * np.log((vm + 0.3) / (v + 0.3)),
-        "f_f": 0.5 * np.log(vm / v),
-        "f_y": 0.5 * np.log(vm / (v + 0.3)),
-        "y_y_theta": 0.5 * np.log(1 + q / (v + 0.3)),
-        "variance": v,
-    }
-    assert set(UTILITIES) == set(expected)
-    for name, values in expected.items():
-        np.testing.assert_allclose(UTILITIES[name](terms), values, rtol=1e-12)
-
-
-def test_y_y_without_hyperparameter_uncertainty_is_nearly_variance(generator):
-    v = generator.uniform(0.01, 2.0, 50)
-    terms = PredictiveTerms(v, np.zeros(50), 0.3)
-    assert (np.argsort(UTILITIES["y_y"](terms)) == np.argsort(v)).all()
-    assert (UTILITIES["y_y_theta"](terms) == 0).all()
-
-
-def test_an_unknown_utility_is_refused(model):
-    told = "utility: expected one of y_y, f_f, f_y, y_y_theta, variance, got 'entropy'"
-    with pytest.raises(ValueError, match=told):
-        model.utility(np.zeros((1, 3)), "entropy")

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import norm
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from stages.gp import Hyperprior, LogPosterior
-from tests.gp.data import differences, make_data, make_prior
+from tests.gp.data import Textbook, differences, make_data, make_prior
 
 MEANS = ("zero", "constant")
 
@@ -35,12 +35,7 @@ def test_hessian_is_the_slope_of_the_gradient(posterior, generator):
 
 def test_value_is_density_of_data_plus_density_of_hyperparameters(posterior, generator):
     for theta in thetas(posterior, generator):
-        lengths, signal, noise = np.exp(theta[:3]), np.exp(theta[3]), np.exp(theta[4])
-        scaled = posterior.inputs / lengths
-        squares = ((scaled[:, None] - scaled[None]) ** 2).sum(axis=2)
-        covariance = signal**2 * np.exp(-0.5 * squares) + noise**2 * np.eye(len(scaled))
-        mean = theta[5] if theta.size > 5 else 0.0
-        likelihood = multivariate_normal(np.full(len(scaled), mean), covariance).logpdf(posterior.outputs)
+        likelihood = Textbook(posterior.inputs, posterior.outputs, theta).log_likelihood
         prior = norm(posterior.prior.mean, np.sqrt(posterior.prior.variance)).logpdf(theta).sum()
         assert posterior.log_likelihood(theta) == pytest.approx(likelihood, abs=1e-9)
         assert posterior.value(theta) == pytest.approx(likelihood + prior, abs=1e-9)
