@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from stages.gp import UTILITIES, FactorisationError, LogPosterior, condition, fit
-from stages.gp.factor import RELATIVE_JITTERS, closest_rows, factorise
+from stages.gp import UTILITIES, FactorisationError, LogPosterior, SparseGP, SparsePosterior, condition, fit
+from stages.gp.factor import RELATIVE_JITTERS, factorise
 from tests.gp.data import make_data, make_prior
 
 THETA = np.array([0.1, 0.2, 0.0, 0.1, -2.0])
@@ -28,11 +28,12 @@ def assert_sound(model, points):
 
 def test_a_single_point_has_the_textbook_answer(generator):
     x, y = np.array([[0.5, -0.5, 1.0]]), np.array([0.7])
-    model = condition(x, y, THETA, make_prior())
     signal, noise = np.exp(0.2), np.exp(-4.0)
-    mean, variance = model.predict(x)
-    assert mean[0] == pytest.approx(0.7 * signal / (signal + noise), rel=1e-12)
-    assert variance[0] == pytest.approx(signal * noise / (signal + noise), rel=1e-9)
+    exact, sparse = condition(x, y, THETA, make_prior()), SparseGP(SparsePosterior(x, y), x, THETA)
+    for model, of_mean, of_variance in ((exact, 1e-12, 1e-9), (sparse, 1e-8, 1e-6)):
+        mean, variance = model.predict(x)
+        assert mean[0] == pytest.approx(0.7 * signal / (signal + noise), rel=of_mean)
+        assert variance[0] == pytest.approx(signal * noise / (signal + noise), rel=of_variance)
     assert_sound(fit(x, y, make_prior(), generator=generator), np.vstack([x, x + 1, x + 100]))
 
 
@@ -73,10 +74,6 @@ def test_rows_that_no_jitter_parts_are_named():
     )
     with pytest.raises(FactorisationError, match=told):
         factorise(impossible, inputs)
-
-
-def test_closest_rows_of_one_row_are_that_row():
-    assert closest_rows(np.zeros((1, 3))) == (0, 0, 0.0)
 
 
 @pytest.mark.parametrize(("shift", "jitter"), [(0.0, 0.0), (-5e-13, 1e-12), (-5e-11, 1e-10), (-5e-9, 1e-8)])

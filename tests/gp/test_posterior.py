@@ -79,14 +79,16 @@ def test_data_that_make_no_sense_are_refused(inputs, outputs, told):
         LogPosterior(inputs, outputs, make_prior())
 
 
-def test_a_hyperprior_of_another_length_is_refused():
-    with pytest.raises(ValueError, match="hyperprior: expected 6 entries for 3 inputs and a constant mean, got 5"):
-        LogPosterior(np.zeros((2, 3)), np.zeros(2), make_prior(), "constant")
-
-
-def test_an_unknown_mean_is_refused():
-    with pytest.raises(ValueError, match="mean: expected one of zero, constant, got 'linear'"):
-        LogPosterior(np.zeros((2, 3)), np.zeros(2), make_prior(), "linear")
+@pytest.mark.parametrize(
+    ("mean", "told"),
+    [
+        ("constant", "hyperprior: expected 6 entries for 3 inputs and a constant mean, got 5"),
+        ("linear", "mean: expected one of zero, constant, got 'linear'"),
+    ],
+)
+def test_a_mean_that_does_not_fit_is_refused(mean, told):
+    with pytest.raises(ValueError, match=told):
+        LogPosterior(np.zeros((2, 3)), np.zeros(2), make_prior(), mean)
 
 
 @pytest.mark.parametrize(
