@@ -1,7 +1,6 @@
 """Small data sets that the tests of the GP share, and what textbooks say of them."""
 
 import numpy as np
-from scipy.stats import multivariate_normal
 
 from stages.gp import Hyperprior
 from stages.gp.sparse import RELATIVE_JITTER
@@ -57,7 +56,8 @@ class Textbook:
 
     @property
     def log_likelihood(self):
-        return multivariate_normal(np.zeros(len(self.x)), self.covariance).logpdf(self.residual)
+        fit = self.residual @ np.linalg.solve(self.covariance, self.residual)
+        return -0.5 * (fit + np.linalg.slogdet(2 * np.pi * self.covariance)[1])
 
     def predict(self, points):
         """Return mean and variance of f."""

@@ -295,7 +295,7 @@ def test_picks_are_distinct_rows_or_refused(problem, name, data):
     assert count <= len(samples) or picks is None
 
 
-@settings(COMMON, max_examples=60)
+@settings(COMMON, max_examples=40)
 @given(problems(most=8), st.integers(0, 4), st.integers(0, 2))
 def test_the_map_is_above_every_start_and_says_its_slope(problem, starts, warm):
     posterior = LogPosterior(problem.x, problem.y, problem.prior, problem.mean) if fits(problem) else None

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.plant import interaction, joint, muscle, operators, valve
+from stages.plant import joint, muscle, operators, valve
 from stages.plant.chain import Chain
 from stages.plant.interaction import interact
 from stages.plant.participant import Intention, embody, intend, nobody, rest
@@ -45,18 +45,6 @@ def test_the_passes_converge():
     assert far[-1] < 0.05 * far[0]
     again = move(plant.model_copy(update={"relaxation_passes": 60}))
     assert np.abs(again.joint_angle_rad - settled.joint_angle_rad).max() < 1e-9
-
-
-def test_passes_without_drag_would_not_converge(monkeypatch):
-    def all_given(chain, pressure, contraction, rate):
-        given = chain.pull(pressure, contraction, rate)[1] - chain.pull_nominally(pressure, contraction, rate)
-        return given, np.zeros_like(given)
-
-    plant = configured("rich").plant
-    settled = move(plant.model_copy(update={"relaxation_passes": 40}))
-    monkeypatch.setattr(interaction, "split_deviation", all_given)
-    swinging = move(plant.model_copy(update={"relaxation_passes": 6}))
-    assert np.abs(swinging.joint_angle_rad - settled.joint_angle_rad).max() > 5e-3
 
 
 def test_settled_motion_is_that_of_the_tension_it_brings():
