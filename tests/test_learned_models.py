@@ -1,6 +1,5 @@
 """Choices, forces and calibration against other libraries and the definitions, with verdicts that planted data turn."""
 
-import pickle
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,7 +31,7 @@ from stages.learned_models import (
 from stages.signals import MODEL_INPUTS, Scaling
 from tests.identification.data import draw, make_tables
 from tests.planted import assert_holm
-from tests.studies import PickledContext, read_stages, run_stage
+from tests.studies import PickledContext, read_stages, run_alone, run_stage
 
 FIRST = ["bank", "unseen_bank", "subsampling", "hyperprior", "hardware", "active_loop"]
 STAGES = [*FIRST, "learned_models"]
@@ -342,9 +341,10 @@ def test_the_stage_tells_of_every_arm_and_test_set_and_draws(study):
     assert (tables["choice_concentration"]["p"] == 1).all()
 
 
-def test_without_an_unseen_bank_all_else_is_the_same(study, tmp_path):
-    configured, stages = read_stages([name for name in STAGES if name != "unseen_bank"], *SMALL)
-    found = run_stage(configured, stages["learned_models"], tmp_path, study.tables, context=PickledContext)
+def test_without_an_unseen_bank_all_else_is_the_same_and_found_by_other_processes_too(study, tmp_path):
+    stage = study.stages["learned_models"]
+    tables = {name: study.tables[name] for name in stage.reads if name != "unseen_bank"}
+    found = run_alone(stage, study.configured.config(stage), tmp_path, tables, context=PickledContext)
     for name in ("chosen_often", "choice_concentration", "force_surfaces"):
         pd.testing.assert_frame_equal(found[name], study.tables[name])
     for name in ("coverage", "calibration"):
@@ -352,20 +352,17 @@ def test_without_an_unseen_bank_all_else_is_the_same(study, tmp_path):
         pd.testing.assert_frame_equal(found[name], same)
 
 
-def test_a_copy_in_another_process_finds_the_same_and_only_the_first_experiments_count(study):
+def test_only_the_first_experiments_count(study):
     tables = study.tables
     recorded = {"pam2": RecordedModels.read(tables["hyperprior"], tables["scaling"], "pam2")}
     section = study.configured.config(study.stages["learned_models"]).learned_models.calibration
-    later = [tables[name].assign(experiment=section.experiments + 1) for name in ("models", "points")]
     models, points = (
-        pd.concat([tables[name], more], ignore_index=True)
-        for name, more in zip(("models", "points"), later, strict=True)
+        pd.concat([tables[name], tables[name].assign(experiment=section.experiments + 1)], ignore_index=True)
+        for name in ("models", "points")
     )
     (job,) = gather(recorded, {"bank": tables["bank"]}, models, points, section)
-    rows = measure_coverage(pickle.loads(pickle.dumps(job)))
-    assert rows == measure_coverage(job)
     expected = tables["coverage"].query("muscle == 'pam2' and tested_on == 'bank'")
-    assert [row[9] for row in rows] == list(expected["share"])
+    assert [row[9] for row in measure_coverage(job)] == list(expected["share"])
 
 
 SECTION = {
