@@ -42,14 +42,6 @@ def test_value_is_density_of_data_plus_density_of_hyperparameters(posterior, gen
         assert posterior.derivatives(theta)[0] == pytest.approx(likelihood + prior, abs=1e-9)
 
 
-def test_hyperprior_is_counted_once(posterior, generator):
-    theta = thetas(posterior, generator, 1)[0]
-    with_prior, without = posterior.derivatives(theta), posterior.likelihood_derivatives(theta)
-    assert with_prior[0] - without[0] == pytest.approx(posterior.prior.log_density(theta), abs=1e-9)
-    np.testing.assert_allclose(with_prior[1] - without[1], posterior.prior.gradient(theta), atol=1e-9)
-    np.testing.assert_allclose(with_prior[2] - without[2], -np.diag(posterior.prior.precision), atol=1e-9)
-
-
 def test_log_marginal_likelihood_and_gradient_are_those_of_scikit_learn(generator):
     x, y = make_data(generator, 25)
     posterior = LogPosterior(x, y, make_prior())

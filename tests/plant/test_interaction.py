@@ -4,7 +4,7 @@ import pytest
 from stages.plant import joint, muscle, operators, valve
 from stages.plant.chain import Chain
 from stages.plant.interaction import interact
-from stages.plant.participant import Intention, embody, intend, nobody, rest
+from stages.plant.participant import Intention, embody, intend
 from stages.plant.plant import Plant
 from stages.signals.pressures import pressure_profiles
 from tests.plant.machines import configured, other_machine, with_effects
@@ -102,22 +102,6 @@ def test_pressure_disturbs_the_person_who_then_compensates():
     assert gap.max() > 0.05
     assert abs(gap[-1]) < 0.1 * gap.max()
     assert np.abs(pushed[:, 1] - calm[:, 1]).max() < 1e-9
-
-
-def test_cable_and_joint_friction_slow_a_passive_limb():
-    rig = configured()
-    command = draw_command(8)
-    friction = [
-        {"name": "capstan_friction", "muscles": None, "friction_times_wrap": 0.3, "sliding_per_s": 0.01},
-        {"name": "coulomb_friction", "joints": None, "torque_nm": 1.0, "sliding_rad_per_s": 0.05},
-    ]
-    way = []
-    for effects_of in ([], friction):
-        plant = with_effects(rig.plant, *effects_of)
-        start = np.array([0.6, 0.6])
-        motion = interact(rig.exoskeleton, plant, command, rest(rig.exoskeleton, 1000), nobody(rig.exoskeleton), start)
-        way.append(np.abs(np.diff(motion.joint_angle_rad, axis=0)).sum(axis=0))
-    assert (way[1] < 0.8 * way[0]).all()
 
 
 def test_intention_is_delayed_scaled_and_shaky():
