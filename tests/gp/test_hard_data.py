@@ -35,20 +35,6 @@ def test_a_single_point_has_the_textbook_answer(generator):
     assert_sound(fit(x, y, make_prior(), generator=generator), np.vstack([x, x + 1, x + 100]))
 
 
-@pytest.mark.parametrize("mean", ["zero", "constant"])
-def test_duplicates_with_noise_count_as_repeated_measurements(mean, generator):
-    x, y = make_data(generator, 6)
-    theta = np.append(THETA, 0.3) if mean == "constant" else THETA
-    twice = condition(np.vstack([x, x]), np.append(y, y), theta, make_prior(mean=mean), mean)
-    halved = theta.copy()
-    halved[4] -= 0.5 * np.log(2)
-    once = condition(x, y, halved, make_prior(mean=mean), mean)
-    points = generator.uniform(-2, 2, (10, 3))
-    np.testing.assert_allclose(twice.predict(points), once.predict(points), rtol=1e-9)
-    assert twice.jitter == 0.0
-    assert twice.repair == ""
-
-
 def test_duplicates_without_noise_are_parted_by_jitter_that_is_recorded(generator):
     x, y = make_data(generator, 10)
     x[7], y[7] = x[2], y[2]
@@ -136,19 +122,6 @@ def test_data_that_were_not_standardised_still_fit(scale, of, generator):
     model = fit(x, y, make_prior(), generator=generator)
     assert np.isfinite(model.log_posterior)
     assert_sound(model, np.vstack([x, 1.1 * x]))
-
-
-@pytest.mark.parametrize("scale", [1e6, 1e9])
-def test_the_prediction_at_a_point_of_sparse_data_is_its_output(scale, generator):
-    x, y = make_data(generator, 10)
-    model = condition(scale * x, y, THETA, make_prior())
-    signal, noise = np.exp(2 * THETA[3]), np.exp(2 * THETA[4])
-    mean, variance = model.predict(scale * x)
-    np.testing.assert_allclose(mean, y * signal / (signal + noise), rtol=1e-9)
-    np.testing.assert_allclose(variance, signal * noise / (signal + noise), rtol=1e-9)
-    dm, dv = model.sensitivities(scale * x)
-    np.testing.assert_allclose(dm[:, :3], 0.0, atol=1e-9)
-    np.testing.assert_allclose(dv[:, :3], 0.0, atol=1e-9)
 
 
 def test_far_from_the_data_the_hyperprior_of_f_is_left(generator):

@@ -6,8 +6,8 @@ from threadpoolctl import threadpool_limits
 
 import stages.gp.sparse
 from stages.gp import FactorisationError, SparseGP, SparseMarginalGP, SparsePosterior, fit, fit_sparse
-from stages.gp.cross import DirectCross, ExpandedCross
-from tests.gp.data import Dense, differences, kernel, make_data, make_prior
+from stages.gp.cross import DirectCross
+from tests.gp.data import Dense, differences, make_data, make_prior
 
 MEANS = ("zero", "constant")
 
@@ -72,17 +72,6 @@ def test_gradient_is_the_slope_of_the_value(mean, with_prior, generator):
         )
         for ours, theirs in ((found.theta, by_theta), (found.pseudo.ravel(), by_pseudo)):
             np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-5 * np.abs(theirs).max())
-
-
-def test_both_ways_to_the_cross_covariance_agree(generator):
-    pseudo, columns = generator.standard_normal((5, 3)), generator.standard_normal((3, 40))
-    weights, block = generator.standard_normal((5, 30)), slice(10, 40)
-    first, second = (each(pseudo, columns, 1.7) for each in (ExpandedCross, DirectCross))
-    k = first.covariance(block, np.empty((5, 30)))
-    np.testing.assert_allclose(k, second.covariance(block, np.empty((5, 30))), rtol=1e-12)
-    np.testing.assert_allclose(k, kernel(pseudo, columns.T[block], np.array([0, 0, 0, np.log(1.7) / 2])), rtol=1e-12)
-    for ours, theirs in zip(first.slopes(block, weights), second.slopes(block, weights), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-12)
 
 
 def test_data_many_lengths_apart_keep_their_digits(generator):

@@ -130,13 +130,6 @@ def test_a_pressure_that_follows_contraction_determines_four_directions(generato
     np.testing.assert_allclose(model.predict(pressure, contraction), force, rtol=1e-9)
 
 
-def test_six_samples_leave_no_standard_error(generator):
-    model = LinearMuscleModel.fit(*draw(generator, 6))
-    assert model.rank == 6
-    assert np.isnan(model.residual_sd_n)
-    assert np.isnan(model.standard_errors).all()
-
-
 @COMMON
 @given(
     st.integers(1, 12).flatmap(

@@ -2,7 +2,6 @@
 
 import importlib
 import re
-import time
 from typing import get_args
 
 import numpy as np
@@ -231,17 +230,6 @@ def test_a_simulated_rig_records_through_its_sensors():
     assert clipped[:, 0] == pytest.approx(np.minimum(plain[:, 0], clipped[:, 0].max()))
     assert (clipped[:, 0] == clipped[:, 0].max()).mean() == pytest.approx(0.5, abs=0.05)
     assert np.array_equal(clipped[:, 1:], plain[:, 1:])
-
-
-def test_a_prediction_is_quick(generator):
-    signals = rough(generator, columns=16, samples=1000)
-    hysteresis = find_effect("hysteresis")
-    entry = [(hysteresis, begin(hysteresis))]
-    predict(signals, entry)
-    begun = time.process_time()
-    for _ in range(10):
-        predict(signals, entry)
-    assert (time.process_time() - begun) / 10 < 0.05
 
 
 def test_every_form_is_in_the_documentation():

@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from statsmodels.stats.weightstats import CompareMeans, DescrStatsW, ttost_ind, ttost_paired
 
 from stages.statistics import (
@@ -14,7 +11,6 @@ from stages.statistics import (
     power_of_paired_equivalence,
 )
 
-COMMON = settings(derandomize=True, deadline=None, max_examples=40)
 JUDGES = pytest.mark.parametrize("judge", [judge_equivalence, judge_paired_equivalence])
 
 
@@ -61,16 +57,6 @@ def test_the_smallest_n_is_the_first_with_enough_power(spread):
     told = judge_paired_equivalence(values, 0.0 * values, 0.7)
     powers = [power_of_paired_equivalence(0.7, sds[0], n) for n in range(2, 60)]
     assert told.n_needed == 2 + int(np.argmax(np.array(powers) >= 0.8))
-
-
-@COMMON
-@given(st.integers(2, 8).flatmap(lambda n: arrays(float, (2, n), elements=st.floats(-10, 10))), st.floats(0.01, 10))
-def test_a_wider_margin_makes_equivalence_likelier(values, margin):
-    for judge in (judge_equivalence, judge_paired_equivalence):
-        told, wider = judge(*values, margin), judge(*values, 2 * margin)
-        if told.verdict != "undefined":
-            assert wider.p_value <= told.p_value
-            assert wider.power >= told.power - 1e-9
 
 
 @pytest.mark.parametrize("margin", [0.0, -1.0, np.nan, np.inf, 1.7e308])
