@@ -1,5 +1,6 @@
 """Choices, forces and calibration against other libraries and the definitions, with verdicts that planted data turn."""
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -198,17 +199,20 @@ def test_intervals_hold_95_percent_where_the_model_is_right_and_not_where_it_is_
 
 def plant(generator, plain, marginal, experiments=6, sd=0.01, tests=("bank",), arms=("y_y",)):
     """Return `coverage` with shares around a mean of each model's own."""
-    rows = []
-    for who in ("p1", "p2"):
-        for experiment in range(1, experiments + 1):
-            for arm in arms:
-                for trial in (0, 5):
-                    for test in tests:
-                        for muscle in ("pam1", "pam2"):
-                            for model, mean, width in (("plain", plain, 10.0), ("marginal", marginal, 12.5)):
-                                share = float(np.clip(mean + sd * generator.standard_normal(), 0, 1))
-                                where = (who, experiment, arm, trial, test, muscle, model, 1000, 40)
-                                rows.append((*where, share, np.nan, np.nan, width))
+    means, widths = {"plain": plain, "marginal": marginal}, {"plain": 10.0, "marginal": 12.5}
+    keys = product(("p1", "p2"), range(1, experiments + 1), arms, (0, 5), tests, ("pam1", "pam2"), means)
+    rows = [
+        (
+            *key,
+            1000,
+            40,
+            np.clip(means[key[-1]] + sd * generator.standard_normal(), 0, 1),
+            np.nan,
+            np.nan,
+            widths[key[-1]],
+        )
+        for key in keys
+    ]
     return COVERAGE.check(pd.DataFrame(rows, columns=list(COVERAGE.columns)), "test")
 
 
