@@ -1,6 +1,6 @@
 """Choices, forces and calibration against other libraries and the definitions, with verdicts that planted data turn."""
 
-import pickle
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,7 +32,7 @@ from stages.learned_models import (
 from stages.signals import MODEL_INPUTS, Scaling
 from tests.identification.data import draw, make_tables
 from tests.planted import assert_holm
-from tests.studies import PickledContext, read_stages, run_stage
+from tests.studies import PickledContext, read_stages, run_alone, run_stage
 
 FIRST = ["bank", "unseen_bank", "subsampling", "hyperprior", "hardware", "active_loop"]
 STAGES = [*FIRST, "learned_models"]
@@ -199,17 +199,20 @@ def test_intervals_hold_95_percent_where_the_model_is_right_and_not_where_it_is_
 
 def plant(generator, plain, marginal, experiments=6, sd=0.01, tests=("bank",), arms=("y_y",)):
     """Return `coverage` with shares around a mean of each model's own."""
-    rows = []
-    for who in ("p1", "p2"):
-        for experiment in range(1, experiments + 1):
-            for arm in arms:
-                for trial in (0, 5):
-                    for test in tests:
-                        for muscle in ("pam1", "pam2"):
-                            for model, mean, width in (("plain", plain, 10.0), ("marginal", marginal, 12.5)):
-                                share = float(np.clip(mean + sd * generator.standard_normal(), 0, 1))
-                                where = (who, experiment, arm, trial, test, muscle, model, 1000, 40)
-                                rows.append((*where, share, np.nan, np.nan, width))
+    means, widths = {"plain": plain, "marginal": marginal}, {"plain": 10.0, "marginal": 12.5}
+    keys = product(("p1", "p2"), range(1, experiments + 1), arms, (0, 5), tests, ("pam1", "pam2"), means)
+    rows = [
+        (
+            *key,
+            1000,
+            40,
+            np.clip(means[key[-1]] + sd * generator.standard_normal(), 0, 1),
+            np.nan,
+            np.nan,
+            widths[key[-1]],
+        )
+        for key in keys
+    ]
     return COVERAGE.check(pd.DataFrame(rows, columns=list(COVERAGE.columns)), "test")
 
 
@@ -342,9 +345,10 @@ def test_the_stage_tells_of_every_arm_and_test_set_and_draws(study):
     assert (tables["choice_concentration"]["p"] == 1).all()
 
 
-def test_without_an_unseen_bank_all_else_is_the_same(study, tmp_path):
-    configured, stages = read_stages([name for name in STAGES if name != "unseen_bank"], *SMALL)
-    found = run_stage(configured, stages["learned_models"], tmp_path, study.tables, context=PickledContext)
+def test_without_an_unseen_bank_all_else_is_the_same_and_found_by_other_processes_too(study, tmp_path):
+    stage = study.stages["learned_models"]
+    tables = {name: study.tables[name] for name in stage.reads if name != "unseen_bank"}
+    found = run_alone(stage, study.configured.config(stage), tmp_path, tables, context=PickledContext)
     for name in ("chosen_often", "choice_concentration", "force_surfaces"):
         pd.testing.assert_frame_equal(found[name], study.tables[name])
     for name in ("coverage", "calibration"):
@@ -352,20 +356,17 @@ def test_without_an_unseen_bank_all_else_is_the_same(study, tmp_path):
         pd.testing.assert_frame_equal(found[name], same)
 
 
-def test_a_copy_in_another_process_finds_the_same_and_only_the_first_experiments_count(study):
+def test_only_the_first_experiments_count(study):
     tables = study.tables
     recorded = {"pam2": RecordedModels.read(tables["hyperprior"], tables["scaling"], "pam2")}
     section = study.configured.config(study.stages["learned_models"]).learned_models.calibration
-    later = [tables[name].assign(experiment=section.experiments + 1) for name in ("models", "points")]
     models, points = (
-        pd.concat([tables[name], more], ignore_index=True)
-        for name, more in zip(("models", "points"), later, strict=True)
+        pd.concat([tables[name], tables[name].assign(experiment=section.experiments + 1)], ignore_index=True)
+        for name in ("models", "points")
     )
     (job,) = gather(recorded, {"bank": tables["bank"]}, models, points, section)
-    rows = measure_coverage(pickle.loads(pickle.dumps(job)))
-    assert rows == measure_coverage(job)
     expected = tables["coverage"].query("muscle == 'pam2' and tested_on == 'bank'")
-    assert [row[9] for row in rows] == list(expected["share"])
+    assert [row[9] for row in measure_coverage(job)] == list(expected["share"])
 
 
 SECTION = {

@@ -1,8 +1,9 @@
-"""Small data sets that the tests of the GP share."""
+"""Small data sets that the tests of the GP share, and what textbooks say of them."""
 
 import numpy as np
 
 from stages.gp import Hyperprior
+from stages.gp.sparse import RELATIVE_JITTER
 
 
 def make_data(generator, count, dimensions=3, noise=0.1):
@@ -26,3 +27,60 @@ def differences(function, at, step):
         shift[index] = step
         rows.append((np.asarray(function(at + shift)) - np.asarray(function(at - shift))) / (2 * step))
     return np.array(rows)
+
+
+def kernel(left, right, theta):
+    """Return the covariance of f at one set of points with f at another."""
+    d = left.shape[1]
+    squares = (((left[:, None] - right[None]) / np.exp(theta[:d])) ** 2).sum(axis=2)
+    return np.exp(2 * theta[d] - 0.5 * squares)
+
+
+class Textbook:
+    """A Gaussian process by whole matrices and plain numpy."""
+
+    def __init__(self, x, y, theta):
+        d = x.shape[1]
+        self.x, self.theta, self.signal = x, theta, np.exp(2 * theta[d])
+        self.mean = theta[d + 2] if theta.size > d + 2 else 0.0
+        self.covariance = self.cover(x) + np.exp(2 * theta[d + 1]) * np.eye(len(x))
+        self.residual = y - self.mean
+
+    def cover(self, x):
+        """Return the covariance of f at the data."""
+        return kernel(x, x, self.theta)
+
+    def cross(self, points):
+        """Return the covariance of f at points with f at the data."""
+        return kernel(points, self.x, self.theta)
+
+    @property
+    def log_likelihood(self):
+        fit = self.residual @ np.linalg.solve(self.covariance, self.residual)
+        return -0.5 * (fit + np.linalg.slogdet(2 * np.pi * self.covariance)[1])
+
+    def predict(self, points):
+        """Return mean and variance of f."""
+        cross = self.cross(points)
+        weights = np.linalg.solve(self.covariance, cross.T)
+        return self.mean + weights.T @ self.residual, self.signal - np.einsum("bn,nb->b", cross, weights)
+
+
+class Dense(Textbook):
+    """A sparse Gaussian process by N x N matrices."""
+
+    def __init__(self, x, y, pseudo, theta):
+        self.pseudo = pseudo
+        super().__init__(x, y, theta)
+
+    def low_rank(self, left, right, theta):
+        among = kernel(self.pseudo, self.pseudo, theta)
+        among += RELATIVE_JITTER * among[0, 0] * np.eye(len(among))
+        return kernel(left, self.pseudo, theta) @ np.linalg.solve(among, kernel(self.pseudo, right, theta))
+
+    def cover(self, x):
+        low_rank = self.low_rank(x, x, self.theta)
+        return low_rank + np.diag(self.signal - np.diag(low_rank))
+
+    def cross(self, points):
+        return self.low_rank(points, self.x, self.theta)

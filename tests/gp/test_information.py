@@ -1,30 +1,12 @@
-"""Utilities against draws of the hyperparameters from N(theta, S), and against their formulas.
-
-Draws are shifted and scaled so that their mean and covariance are theta and S exactly.
-"""
+"""What measurements along a path tell of hyperparameters, where there is a closed form."""
 
 import numpy as np
 import pytest
 
-from stages.gp import UTILITIES, condition
-from stages.gp.utilities import PredictiveTerms
+from stages.gp import condition
 from tests.gp.data import make_data, make_prior
 
 THETA = np.array([0.2, 0.3, 0.1, 0.2, np.log(0.3)])
-
-
-def draw(theta, covariance, count, generator):
-    normal = generator.standard_normal((count, theta.size))
-    normal -= normal.mean(axis=0)
-    white = normal @ np.linalg.inv(np.linalg.cholesky(np.cov(normal.T, bias=True))).T
-    return theta + white @ np.linalg.cholesky(covariance).T
-
-
-def models_of_draws(model, covariance, count, generator):
-    data = model.posterior
-    return [
-        condition(data.inputs, data.outputs, theta, data.prior) for theta in draw(THETA, covariance, count, generator)
-    ]
 
 
 @pytest.fixture
@@ -41,19 +23,6 @@ def model(covariance, generator):
     """A model of outputs so large that lengths matter to the mean far more than to the variance."""
     x, y = make_data(generator, 40)
     return condition(x, 20 * y, THETA, make_prior(), covariance=covariance)
-
-
-def test_spread_of_the_mean_is_its_variance_over_draws(model, covariance, generator):
-    points = generator.uniform(-1.5, 1.5, (30, 3))
-    covariance = 0.05 * covariance
-    data = model.posterior
-    model = condition(data.inputs, data.outputs, THETA, data.prior, covariance=covariance)
-    means = [each.predict_mean(points) for each in models_of_draws(model, covariance, 400, generator)]
-    _, dv = model.sensitivities(points)
-    variance = model.predict(points)[1]
-    through_variance = np.einsum("bp,pq,bq->b", dv, covariance, dv) / (3 * variance)
-    through_mean = model.predict_marginal(points)[1] - 4 / 3 * variance - through_variance
-    np.testing.assert_allclose(through_mean, np.var(means, axis=0), rtol=0.02)
 
 
 def test_log_det_of_one_point_is_its_information_through_the_mean(model, covariance, generator):
@@ -93,32 +62,3 @@ def test_an_indefinite_covariance_scores_nothing(model, generator):
         held.utility(np.zeros((2, 3)), "y_y")
     with pytest.raises(ValueError, match=told):
         held.joint_information(np.zeros((2, 3)))
-
-
-def test_utilities_are_their_formulas(generator):
-    v, q = generator.uniform(0.1, 2.0, (2, 7))
-    terms = PredictiveTerms(v, q, 0.3)
-    vm = 4 / 3 * v + q
-    expected = {
-        "y_y": 0.5 * np.log((vm + 0.3) / (v + 0.3)),
-        "f_f": 0.5 * np.log(vm / v),
-        "f_y": 0.5 * np.log(vm / (v + 0.3)),
-        "y_y_theta": 0.5 * np.log(1 + q / (v + 0.3)),
-        "variance": v,
-    }
-    assert set(UTILITIES) == set(expected)
-    for name, values in expected.items():
-        np.testing.assert_allclose(UTILITIES[name](terms), values, rtol=1e-12)
-
-
-def test_y_y_without_hyperparameter_uncertainty_is_nearly_variance(generator):
-    v = generator.uniform(0.01, 2.0, 50)
-    terms = PredictiveTerms(v, np.zeros(50), 0.3)
-    assert (np.argsort(UTILITIES["y_y"](terms)) == np.argsort(v)).all()
-    assert (UTILITIES["y_y_theta"](terms) == 0).all()
-
-
-def test_an_unknown_utility_is_refused(model):
-    told = "utility: expected one of y_y, f_f, f_y, y_y_theta, variance, got 'entropy'"
-    with pytest.raises(ValueError, match=told):
-        model.utility(np.zeros((1, 3)), "entropy")

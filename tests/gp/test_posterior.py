@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import norm
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from stages.gp import Hyperprior, LogPosterior
-from tests.gp.data import differences, make_data, make_prior
+from tests.gp.data import Textbook, differences, make_data, make_prior
 
 MEANS = ("zero", "constant")
 
@@ -35,24 +35,11 @@ def test_hessian_is_the_slope_of_the_gradient(posterior, generator):
 
 def test_value_is_density_of_data_plus_density_of_hyperparameters(posterior, generator):
     for theta in thetas(posterior, generator):
-        lengths, signal, noise = np.exp(theta[:3]), np.exp(theta[3]), np.exp(theta[4])
-        scaled = posterior.inputs / lengths
-        squares = ((scaled[:, None] - scaled[None]) ** 2).sum(axis=2)
-        covariance = signal**2 * np.exp(-0.5 * squares) + noise**2 * np.eye(len(scaled))
-        mean = theta[5] if theta.size > 5 else 0.0
-        likelihood = multivariate_normal(np.full(len(scaled), mean), covariance).logpdf(posterior.outputs)
+        likelihood = Textbook(posterior.inputs, posterior.outputs, theta).log_likelihood
         prior = norm(posterior.prior.mean, np.sqrt(posterior.prior.variance)).logpdf(theta).sum()
         assert posterior.log_likelihood(theta) == pytest.approx(likelihood, abs=1e-9)
         assert posterior.value(theta) == pytest.approx(likelihood + prior, abs=1e-9)
         assert posterior.derivatives(theta)[0] == pytest.approx(likelihood + prior, abs=1e-9)
-
-
-def test_hyperprior_is_counted_once(posterior, generator):
-    theta = thetas(posterior, generator, 1)[0]
-    with_prior, without = posterior.derivatives(theta), posterior.likelihood_derivatives(theta)
-    assert with_prior[0] - without[0] == pytest.approx(posterior.prior.log_density(theta), abs=1e-9)
-    np.testing.assert_allclose(with_prior[1] - without[1], posterior.prior.gradient(theta), atol=1e-9)
-    np.testing.assert_allclose(with_prior[2] - without[2], -np.diag(posterior.prior.precision), atol=1e-9)
 
 
 def test_log_marginal_likelihood_and_gradient_are_those_of_scikit_learn(generator):
@@ -84,14 +71,16 @@ def test_data_that_make_no_sense_are_refused(inputs, outputs, told):
         LogPosterior(inputs, outputs, make_prior())
 
 
-def test_a_hyperprior_of_another_length_is_refused():
-    with pytest.raises(ValueError, match="hyperprior: expected 6 entries for 3 inputs and a constant mean, got 5"):
-        LogPosterior(np.zeros((2, 3)), np.zeros(2), make_prior(), "constant")
-
-
-def test_an_unknown_mean_is_refused():
-    with pytest.raises(ValueError, match="mean: expected one of zero, constant, got 'linear'"):
-        LogPosterior(np.zeros((2, 3)), np.zeros(2), make_prior(), "linear")
+@pytest.mark.parametrize(
+    ("mean", "told"),
+    [
+        ("constant", "hyperprior: expected 6 entries for 3 inputs and a constant mean, got 5"),
+        ("linear", "mean: expected one of zero, constant, got 'linear'"),
+    ],
+)
+def test_a_mean_that_does_not_fit_is_refused(mean, told):
+    with pytest.raises(ValueError, match=told):
+        LogPosterior(np.zeros((2, 3)), np.zeros(2), make_prior(), mean)
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,6 @@ from stages.gp import (
     Interaction,
     LogPosterior,
     condition,
-    fit,
-    subsample,
     trajectory_utility,
 )
 from stages.gp.estimation import find_map
@@ -231,23 +229,6 @@ def test_predictions_are_the_textbook_s_whatever_the_order_of_rows(problem, seed
     np.testing.assert_array_equal(model.predict_mean(problem.points).shape, found[0].shape)
 
 
-@COMMON
-@given(problems(), st.sampled_from([1e-300, 1e-9, 0.01, 0.1]))
-def test_little_memory_changes_nothing_but_rounding(problem, memory_mb):
-    try:
-        model = problem.condition()
-        model.utility(problem.points, "y_y")
-    except ValueError:
-        return
-    if Direct.of(problem, model.jitter) is None:
-        return
-    for name in UTILITIES:
-        whole, again, small = (model.utility(problem.points, name, memory) for memory in (64.0, 64.0, memory_mb))
-        assert whole.tobytes() == again.tobytes()
-        unit = model.hyperparameters.signal_variance if name == "variance" else 1.0
-        np.testing.assert_allclose(small, whole, rtol=1e-5, atol=1e-9 * unit)
-
-
 @settings(COMMON, max_examples=50)
 @given(problems(), st.integers(1, 3), st.integers(0, 4), st.sampled_from([1, 2, 5]))
 def test_trajectories_are_sums_of_their_points_or_refused(problem, trajectories, samples, threads):
@@ -279,23 +260,7 @@ def test_trajectories_are_sums_of_their_points_or_refused(problem, trajectories,
                 np.testing.assert_allclose(scores, expected, rtol=1e-5, atol=1e-9 * unit)
 
 
-@settings(COMMON, max_examples=50)
-@given(problems(most=6), st.sampled_from(sorted(UTILITIES)), st.data())
-def test_picks_are_distinct_rows_or_refused(problem, name, data):
-    model = answer(problem.condition)
-    if model is None:
-        return
-    samples = np.vstack([problem.points, problem.x])
-    outputs = np.resize(problem.y, len(samples))
-    count = data.draw(st.integers(0, len(samples) + 1))
-    picks = answer(lambda: subsample(model, samples, outputs, count, name))
-    if picks is not None:
-        assert len(set(picks.tolist())) == count
-        assert all(0 <= each < len(samples) for each in picks)
-    assert count <= len(samples) or picks is None
-
-
-@settings(COMMON, max_examples=60)
+@settings(COMMON, max_examples=40)
 @given(problems(most=8), st.integers(0, 4), st.integers(0, 2))
 def test_the_map_is_above_every_start_and_says_its_slope(problem, starts, warm):
     posterior = LogPosterior(problem.x, problem.y, problem.prior, problem.mean) if fits(problem) else None
@@ -356,21 +321,3 @@ def test_an_interaction_goes_on_or_says_why_not(first, second, utility, points_p
         np.testing.assert_array_equal(new, np.vstack([old, x[rows]]))
     assert np.isfinite(np.concatenate(after.thetas)).all()
     answer(lambda: after.ask(sources[0]))
-
-
-@settings(COMMON, max_examples=60)
-@given(problems(most=8), st.integers(0, 3), st.booleans())
-def test_a_fitted_model_is_sound_or_refused(problem, starts, warm):
-    model = answer(
-        lambda: fit(
-            problem.x,
-            problem.y,
-            problem.prior,
-            problem.mean,
-            generator=np.random.default_rng(1),
-            starts=starts,
-            warm_starts=[problem.theta] * warm,
-        )
-    )
-    if model is not None:
-        assert_sound(model, problem.points)

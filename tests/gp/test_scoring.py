@@ -38,10 +38,6 @@ def test_scores_are_those_of_a_loop(utility, models, bank):
         np.testing.assert_allclose(trajectory_utility(models, bank, utility, reduce), expected, rtol=1e-10)
 
 
-def test_sum_and_max_differ(models, bank):
-    assert (trajectory_utility(models, bank, "y_y", "sum") > trajectory_utility(models, bank, "y_y", "max")).all()
-
-
 @pytest.mark.parametrize("stride", [1, 7, 10, 50])
 def test_log_det_adds_up_over_muscles_and_takes_every_so_many_th_sample(stride, models, bank):
     expected = [
@@ -51,22 +47,17 @@ def test_log_det_adds_up_over_muscles_and_takes_every_so_many_th_sample(stride, 
     np.testing.assert_allclose(trajectory_utility(models, bank, "log_det", stride=stride), expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("utility", ["y_y", "variance"])
-def test_the_memory_bound_does_not_change_scores(utility, models, bank):
-    bank = [each[:2] for each in bank]
-    expected = trajectory_utility(models, bank, utility)
-    for memory_mb in (1e-6, 0.01, 0.1, 1.0, 1000.0):
-        found = trajectory_utility(models, bank, utility, memory_mb=memory_mb)
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize("utility", ["y_y", "log_det"])
-def test_threads_change_no_bit(utility, models, generator):
-    bank = [generator.standard_normal((10, 700, 3)) for _ in models]
+def test_threads_change_no_bit_and_the_memory_bound_no_score(utility, models, generator):
+    bank = [generator.standard_normal((10, 400, 3)) for _ in models]
+    before = [each.copy() for each in bank]
     expected = trajectory_utility(models, bank, utility)
     for threads in (2, 3, 8):
         found = trajectory_utility(models, bank, utility, threads=threads)
         assert found.tobytes() == expected.tobytes()
+    for memory_mb in (0.1, 1000.0):
+        np.testing.assert_allclose(trajectory_utility(models, bank, utility, memory_mb=memory_mb), expected, rtol=1e-12)
+    np.testing.assert_array_equal(bank, before)
 
 
 @pytest.mark.parametrize(
@@ -89,13 +80,6 @@ def test_working_memory_stays_within_its_bound_where_it_would_not(memory_mb, thr
     assert peak_mb(memory_mb) <= memory_mb < peak_mb(1e4)
 
 
-def test_scoring_leaves_the_bank_alone(models, bank):
-    before = [each.copy() for each in bank]
-    trajectory_utility(models, bank, "y_y")
-    for each, expected in zip(bank, before, strict=True):
-        assert (each == expected).all()
-
-
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -112,12 +96,9 @@ def test_arguments_that_make_no_sense_are_refused(change, told, models, bank):
 
 
 def test_candidates_that_do_not_fit_are_refused(models, bank):
-    with pytest.raises(ValueError, match=r"expected candidates \(R, T, D\) for each of 3 models, got 2"):
-        trajectory_utility(models, bank[:2], "y_y")
-    with pytest.raises(ValueError, match=r"expected candidates \(R, T, D\) for each of 3 models"):
-        trajectory_utility(models, [*bank[:2], bank[2][:5]], "y_y")
-    with pytest.raises(ValueError, match=r"expected candidates \(R, T, D\) for each of 3 models"):
-        trajectory_utility(models, [each[0] for each in bank], "y_y")
+    for each in (bank[:2], [*bank[:2], bank[2][:5]], [one[0] for one in bank]):
+        with pytest.raises(ValueError, match=rf"candidates \(R, T, D\) for each of 3 models, got {len(each)}"):
+            trajectory_utility(models, each, "y_y")
     with pytest.raises(ValueError, match=r"expected candidates \(R, T, D\) for each of 0 models"):
         trajectory_utility([], [], "y_y")
 

@@ -2,14 +2,12 @@ import re
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
 from threadpoolctl import threadpool_limits
 
 import stages.gp.sparse
-from stages.gp import FactorisationError, SparseGP, SparsePosterior, condition, fit, fit_sparse
-from stages.gp.cross import DirectCross, ExpandedCross
-from stages.gp.sparse import RELATIVE_JITTER
-from tests.gp.data import differences, make_data, make_prior
+from stages.gp import FactorisationError, SparseGP, SparseMarginalGP, SparsePosterior, fit, fit_sparse
+from stages.gp.cross import DirectCross
+from tests.gp.data import Dense, differences, make_data, make_prior
 
 MEANS = ("zero", "constant")
 
@@ -21,56 +19,11 @@ def one_thread():
         yield
 
 
-def kernel(left, right, theta):
-    lengths, signal = np.exp(theta[: left.shape[1]]), np.exp(theta[left.shape[1]])
-    squares = (((left[:, None] - right[None]) / lengths) ** 2).sum(axis=2)
-    return signal**2 * np.exp(-0.5 * squares)
-
-
-class Dense:
-    """The same model by N x N matrices and plain numpy."""
-
-    def __init__(self, x, y, pseudo, theta):
-        d = x.shape[1]
-        signal, noise = np.exp(2 * theta[d]), np.exp(2 * theta[d + 1])
-        self.mean = theta[d + 2] if theta.size > d + 2 else 0.0
-        self.pseudo, self.theta, self.x, self.signal = pseudo, theta, x, signal
-        self.among = kernel(pseudo, pseudo, theta) + RELATIVE_JITTER * signal * np.eye(len(pseudo))
-        low_rank = self.low_rank(x, x)
-        self.covariance = low_rank + np.diag(signal - np.diag(low_rank) + noise)
-        self.residual = y - self.mean
-        self.log_likelihood = multivariate_normal(np.zeros(len(y)), self.covariance).logpdf(self.residual)
-
-    def low_rank(self, left, right):
-        return kernel(left, self.pseudo, self.theta) @ np.linalg.solve(
-            self.among, kernel(self.pseudo, right, self.theta)
-        )
-
-    def predict(self, points):
-        cross = self.low_rank(points, self.x)
-        mean = self.mean + cross @ np.linalg.solve(self.covariance, self.residual)
-        return mean, self.signal - np.einsum("bn,nb->b", cross, np.linalg.solve(self.covariance, cross.T))
-
-
 def draw(generator, mean, count=40, pseudo_count=6):
     """Return data, pseudo-inputs off them and a theta."""
     x, y = make_data(generator, count)
     pseudo = generator.uniform(-2.0, 2.0, (pseudo_count, 3))
     return x, y, pseudo, make_prior(mean=mean).draw(1, generator)[0]
-
-
-@pytest.mark.parametrize("mean", MEANS)
-def test_pseudo_inputs_on_all_data_make_the_exact_gp(mean, generator):
-    prior = make_prior(mean=mean)
-    points = generator.uniform(-2, 2, (50, 3))
-    for theta in prior.draw(5, generator):
-        x, y = make_data(generator, 30)
-        exact, sparse = condition(x, y, theta, prior, mean), SparseGP(SparsePosterior(x, y, None, mean), x, theta)
-        assert sparse.log_likelihood == pytest.approx(exact.posterior.log_likelihood(theta), abs=1e-6)
-        for ours, theirs in zip(sparse.predict(points), exact.predict(points), strict=True):
-            np.testing.assert_allclose(ours, theirs, atol=1e-6)
-        with_prior = SparseGP(SparsePosterior(x, y, prior, mean), x, theta)
-        assert with_prior.log_posterior == pytest.approx(exact.posterior.value(theta), abs=1e-6)
 
 
 @pytest.mark.parametrize("mean", MEANS)
@@ -89,14 +42,18 @@ def test_likelihood_and_predictions_are_those_of_the_whole_covariance(mean, gene
 def test_blocks_add_up_to_the_whole(generator, monkeypatch):
     monkeypatch.setattr(stages.gp.sparse, "BLOCK", 200)
     x, y, pseudo, theta = draw(generator, "constant", 410)
-    dense, posterior = Dense(x, y, pseudo, theta), SparsePosterior(x, y, None, "constant")
-    sparse = SparseGP(posterior, pseudo, theta)
-    assert sparse.log_likelihood == pytest.approx(dense.log_likelihood, rel=1e-10)
-    for ours, theirs in zip(sparse.predict(x), dense.predict(x), strict=True):
+    dense, posterior = Dense(x, y, pseudo, theta), SparsePosterior(x, y, make_prior(mean="constant"), "constant")
+    model = SparseMarginalGP(posterior, pseudo, theta)
+    assert model.sparse.log_likelihood == pytest.approx(dense.log_likelihood, rel=1e-10)
+    for ours, theirs in zip(model.predict(x), dense.predict(x), strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-8)
     found = posterior.derivatives(pseudo, theta)
     slopes = differences(lambda at: posterior.value(pseudo, at), theta, 1e-5)
     np.testing.assert_allclose(found.theta, slopes, rtol=1e-5, atol=1e-5 * np.abs(slopes).max())
+    points = np.vstack([x[:20], pseudo, generator.uniform(-2, 2, (20, 3))])
+    slopes = differences(lambda at: SparseGP(posterior, pseudo, at).predict(points), theta, 1e-5)
+    for ours, theirs in zip(model.sensitivities(points), (slopes[:, 0].T, slopes[:, 1].T), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("with_prior", [True, False])
@@ -107,32 +64,14 @@ def test_gradient_is_the_slope_of_the_value(mean, with_prior, generator):
         posterior = SparsePosterior(x, y, make_prior(mean=mean) if with_prior else None, mean)
         found = posterior.derivatives(pseudo, theta)
         assert found.value == posterior.value(pseudo, theta)
+        density = posterior.prior.log_density(theta) if with_prior else 0.0
+        assert found.value - Dense(x, y, pseudo, theta).log_likelihood == pytest.approx(density, abs=1e-8)
         by_theta = differences(lambda at, p=posterior, z=pseudo: p.value(z, at), theta, 1e-5)
         by_pseudo = differences(
             lambda at, p=posterior, s=pseudo.shape, t=theta: p.value(at.reshape(s), t), pseudo.ravel(), 1e-5
         )
         for ours, theirs in ((found.theta, by_theta), (found.pseudo.ravel(), by_pseudo)):
             np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-5 * np.abs(theirs).max())
-
-
-def test_hyperprior_is_counted_once(generator):
-    x, y, pseudo, theta = draw(generator, "zero")
-    prior = make_prior()
-    with_prior, without = (SparsePosterior(x, y, each).derivatives(pseudo, theta) for each in (prior, None))
-    assert with_prior.value - without.value == pytest.approx(prior.log_density(theta), abs=1e-9)
-    np.testing.assert_allclose(with_prior.theta - without.theta, prior.gradient(theta), atol=1e-8)
-    np.testing.assert_array_equal(with_prior.pseudo, without.pseudo)
-
-
-def test_both_ways_to_the_cross_covariance_agree(generator):
-    pseudo, columns = generator.standard_normal((5, 3)), generator.standard_normal((3, 40))
-    weights, block = generator.standard_normal((5, 30)), slice(10, 40)
-    first, second = (each(pseudo, columns, 1.7) for each in (ExpandedCross, DirectCross))
-    k = first.covariance(block, np.empty((5, 30)))
-    np.testing.assert_allclose(k, second.covariance(block, np.empty((5, 30))), rtol=1e-12)
-    np.testing.assert_allclose(k, kernel(pseudo, columns.T[block], np.array([0, 0, 0, np.log(1.7) / 2])), rtol=1e-12)
-    for ours, theirs in zip(first.slopes(block, weights), second.slopes(block, weights), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-12)
 
 
 def test_data_many_lengths_apart_keep_their_digits(generator):
@@ -150,8 +89,7 @@ def test_data_many_lengths_apart_keep_their_digits(generator):
     np.testing.assert_allclose(found, slopes, rtol=1e-5, atol=1e-5 * np.abs(slopes).max())
 
 
-@pytest.mark.parametrize("with_prior", [True, False])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("seed", "with_prior"), [(0, True), (1, False)])
 def test_a_climb_with_one_more_pseudo_input_never_ends_below_its_start(seed, with_prior):
     generator = np.random.default_rng(seed)
     x, y = make_data(generator, 100)
@@ -179,22 +117,21 @@ def test_no_iterations_return_the_start(with_prior, generator):
 
 @pytest.mark.parametrize("mean", MEANS)
 def test_a_fit_ends_where_the_likelihood_is_flat(mean, generator):
-    x, y = make_data(generator, 300)
+    x, y = make_data(generator, 150)
     prior = make_prior(mean=mean)
-    found = fit_sparse(x, y, 8, prior, mean, generator=generator, starts=1, iterations=2000)
+    found = fit_sparse(x, y, 6, prior, mean, generator=generator, starts=1, iterations=2000)
     slopes = SparsePosterior(x, y, prior, mean).derivatives(found.pseudo, found.theta)
     assert slopes.value == found.log_posterior
     assert np.abs(slopes.theta).max() < 0.3
     assert np.abs(slopes.pseudo).max() < 1.0
-    start = SparsePosterior(x, y, prior, mean).derivatives(x[:8], prior.mean)
+    start = SparsePosterior(x, y, prior, mean).derivatives(x[:6], prior.mean)
     assert np.abs(start.theta).max() > 30.0
 
 
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("with_prior", [True, False])
+@pytest.mark.parametrize(("seed", "with_prior"), [(0, True), (1, False)])
 def test_a_fit_beats_the_exact_gp_of_as_many_rows(seed, with_prior):
     generator = np.random.default_rng(seed)
-    x, y = make_data(generator, 1000)
+    x, y = make_data(generator, 600)
     at, truth = make_data(generator, 500, noise=0.0)
     exact = fit(x[:15], y[:15], make_prior(), generator=generator)
     sparse = fit_sparse(x, y, 15, make_prior() if with_prior else None, generator=generator, starts=1)
@@ -215,15 +152,6 @@ def test_the_same_generator_gives_the_same_bytes():
     assert result() == result()
 
 
-def test_working_memory_does_not_leak_into_a_model(generator):
-    x, y, pseudo, theta = draw(generator, "zero")
-    posterior = SparsePosterior(x, y)
-    first = SparseGP(posterior, pseudo, theta)
-    before = first.predict(x)
-    posterior.derivatives(pseudo + 0.3, theta - 0.2)
-    np.testing.assert_array_equal(first.predict(x), before)
-
-
 def test_duplicate_pseudo_inputs_count_once(generator):
     x, y, pseudo, theta = draw(generator, "zero")
     posterior = SparsePosterior(x, y)
@@ -233,15 +161,6 @@ def test_duplicate_pseudo_inputs_count_once(generator):
         np.testing.assert_allclose(ours, theirs, atol=1e-6)
     slopes = posterior.derivatives(twice.pseudo, theta)
     np.testing.assert_allclose(slopes.theta, posterior.derivatives(pseudo, theta).theta, rtol=1e-4, atol=1e-3)
-
-
-def test_one_datum_has_the_textbook_answer():
-    x, y = np.array([[0.5, -0.5, 1.0]]), np.array([0.7])
-    theta = np.array([0.1, 0.2, 0.0, 0.1, -2.0])
-    mean, variance = SparseGP(SparsePosterior(x, y), x, theta).predict(x)
-    signal, noise = np.exp(0.2), np.exp(-4.0)
-    assert mean[0] == pytest.approx(0.7 * signal / (signal + noise), rel=1e-8)
-    assert variance[0] == pytest.approx(signal * noise / (signal + noise), rel=1e-6)
 
 
 @pytest.mark.parametrize("with_prior", [True, False])

@@ -57,27 +57,20 @@ def test_only_picked_outputs_are_read(model, recording):
     assert (subsample(model, x, hidden, 4, "y_y") == picks).all()
 
 
-def test_a_missing_output_of_a_pick_is_said(model, recording):
-    x, y = recording
-    with pytest.raises(ValueError, match="expected finite outputs, got nan in row 8"):
-        subsample(model, x, np.full_like(y, np.nan), 1, "y_y")
-
-
 def test_picking_nothing_leaves_nothing(model, recording):
     picks = subsample(model, *recording, 0, "y_y")
     assert picks.shape == (0,)
     assert picks.dtype == np.intp
 
 
-@pytest.mark.parametrize("count", [-1, 66])
-def test_more_picks_than_samples_are_refused(count, model, recording):
-    with pytest.raises(ValueError, match=f"count: expected between 0 and 65 picks, got {count}"):
-        subsample(model, *recording, count, "y_y")
-
-
-def test_outputs_that_do_not_belong_to_the_inputs_are_refused(model, recording):
+def test_what_makes_no_sense_is_refused(model, recording):
     x, y = recording
-    with pytest.raises(
-        ValueError, match=r"expected inputs \(N, D\) and outputs \(N,\), got shapes \(65, 3\) and \(60,\)"
+    shapes = r"expected inputs \(N, D\) and outputs \(N,\), got shapes \(65, 3\) and \(60,\)"
+    for outputs, count, told in (
+        (np.full_like(y, np.nan), 1, "expected finite outputs, got nan in row 8"),
+        (y, -1, "count: expected between 0 and 65 picks, got -1"),
+        (y, 66, "count: expected between 0 and 65 picks, got 66"),
+        (y[:60], 1, shapes),
     ):
-        subsample(model, x, y[:60], 1, "y_y")
+        with pytest.raises(ValueError, match=told):
+            subsample(model, x, outputs, count, "y_y")

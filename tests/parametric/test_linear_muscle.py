@@ -1,4 +1,4 @@
-"""The linear muscle law against planted coefficients, higher precision, scikit-learn, statsmodels and the plant."""
+"""The linear muscle law against planted coefficients, higher precision, statsmodels and the plant."""
 
 import mpmath
 import numpy as np
@@ -7,7 +7,6 @@ import statsmodels.api as sm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from sklearn.linear_model import LinearRegression
 
 from stages.parametric import COEFFICIENT_UNITS, LinearMuscleModel
 from stages.plant.muscle import MuscleConstants, braid_coefficients, compute_tension
@@ -41,16 +40,6 @@ def draw(generator, n=300, noise=0.0):
     return pressure, contraction, force
 
 
-def test_recovers_planted_coefficients(generator):
-    pressure, contraction, force = draw(generator)
-    model = LinearMuscleModel.fit(pressure, contraction, force)
-    np.testing.assert_allclose(model.coefficients, PLANTED, rtol=1e-10)
-    np.testing.assert_allclose(model.predict(pressure, contraction), force, rtol=1e-11, atol=1e-9)
-    assert (model.n, model.rank, model.repair) == (300, 6, "")
-    assert model.residual_sd_n < 1e-9
-    assert len(COEFFICIENT_UNITS) == 6
-
-
 def test_recovers_the_muscle_of_the_plant(generator):
     a, b = braid_coefficients(25.0)
     area, factor, linear, quadratic = 0.1, 1.2, 30.0, 200.0
@@ -62,6 +51,9 @@ def test_recovers_the_muscle_of_the_plant(generator):
     model = LinearMuscleModel.fit(pressure[:, 0], contraction[:, 0], force[:, 0])
     law = [area * a * factor**2, -2 * area * a * factor, area * (a - b), -quadratic, -linear, 0.0]
     np.testing.assert_allclose(model.coefficients, law, rtol=1e-9, atol=1e-9)
+    assert (model.n, model.rank, model.repair) == (200, 6, "")
+    assert model.residual_sd_n < 1e-9
+    assert len(COEFFICIENT_UNITS) == 6
 
 
 @pytest.mark.parametrize("offset", [0.0, 30.0])
@@ -82,30 +74,12 @@ def test_equals_normal_equations_in_fifty_digits(generator, offset):
     assert model.condition < 20
 
 
-def test_equals_scikit_learn(generator):
-    pressure, contraction, force = draw(generator, noise=5.0)
-    model = LinearMuscleModel.fit(pressure, contraction, force)
-    rival = LinearRegression(fit_intercept=False).fit(terms(pressure, contraction), force)
-    np.testing.assert_allclose(model.coefficients, rival.coef_, rtol=1e-8)
-    other = draw(generator)[:2]
-    np.testing.assert_allclose(model.predict(*other), rival.predict(terms(*other)), rtol=1e-9, atol=1e-9)
-
-
 def test_standard_errors_are_those_of_ordinary_least_squares(generator):
     pressure, contraction, force = draw(generator, 50, noise=5.0)
     model = LinearMuscleModel.fit(pressure, contraction, force)
     rival = sm.OLS(force, terms(pressure, contraction)).fit()
     np.testing.assert_allclose(model.standard_errors, rival.bse, rtol=1e-8)
     assert model.residual_sd_n == pytest.approx(np.sqrt(rival.mse_resid), rel=1e-10)
-
-
-def test_planted_coefficients_lie_within_their_intervals_as_often_as_they_should(generator):
-    pressure, contraction, force = draw(generator, 200)
-    inside = []
-    for _ in range(500):
-        model = LinearMuscleModel.fit(pressure, contraction, force + 5 * generator.standard_normal(200))
-        inside.append(np.abs(model.coefficients - PLANTED) < 1.972 * model.standard_errors)
-    assert (np.abs(np.mean(inside, axis=0) - 0.95) < 0.03).all()
 
 
 def test_one_pressure_determines_three_directions(generator):
@@ -156,13 +130,6 @@ def test_a_pressure_that_follows_contraction_determines_four_directions(generato
     np.testing.assert_allclose(model.predict(pressure, contraction), force, rtol=1e-9)
 
 
-def test_six_samples_leave_no_standard_error(generator):
-    model = LinearMuscleModel.fit(*draw(generator, 6))
-    assert model.rank == 6
-    assert np.isnan(model.residual_sd_n)
-    assert np.isnan(model.standard_errors).all()
-
-
 @COMMON
 @given(
     st.integers(1, 12).flatmap(
@@ -199,13 +166,6 @@ def test_units_change_coefficients_and_nothing_else(of_pressure, of_contraction,
     np.testing.assert_allclose(other.coefficients, model.coefficients * factor, rtol=1e-9)
     np.testing.assert_allclose(other.standard_errors, model.standard_errors * factor, rtol=1e-9)
     assert other.condition == pytest.approx(model.condition)
-
-
-def test_order_of_samples_and_a_second_copy_change_no_coefficient(generator):
-    data = np.stack(draw(generator, 50, noise=5.0))
-    model = LinearMuscleModel.fit(*data)
-    for other in (data[:, ::-1], np.tile(data, 2)):
-        np.testing.assert_allclose(LinearMuscleModel.fit(*other).coefficients, model.coefficients, rtol=1e-10)
 
 
 def test_predicts_any_shape_and_keeps_what_is_missing(generator):

@@ -8,7 +8,9 @@ import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from pydantic import TypeAdapter
+from scipy.integrate import solve_ivp
 
+from stages.plant.effect import find_effect
 from stages.plant.exoskeleton import Exoskeleton
 from stages.plant.machine import read_machine
 from stages.plant.plant import Plant
@@ -57,6 +59,19 @@ def other_rig(exoskeleton: Exoskeleton, plant: str = "nominal") -> SimulatedRig:
 def read_plant(name: str = "static_map", **changes: object):
     """Return the machine of records that `plant=...` describes, with changes."""
     return read_machine({**yaml.safe_load((CONF / "plant" / f"{name}.yaml").read_text()), **changes})
+
+
+def simulate(plant, signals, constants, effects=(), begun=None, step_s=0.01):
+    """Return the output of a machine for one record; effects are (name, form, values)."""
+    columns = plant.refine({name: np.asarray(each, dtype=float)[:, None] for name, each in signals.items()}, step_s)
+    placed = [(find_effect(name, form), values) for name, form, values in effects]
+    return plant.simulate(columns, step_s, np.zeros(1), constants, placed, begun)[:, 0]
+
+
+def solve(rates, start, time):
+    """Return the states at these times, by an adaptive integrator that meets every bend of the inputs."""
+    step = 0.5 * (time[1] - time[0])
+    return solve_ivp(rates, (time[0], time[-1]), start, t_eval=time, rtol=1e-8, atol=1e-10, max_step=step).y
 
 
 def begin_surely(place: float, rate: float, error: float = 1e-6) -> Beginning:

@@ -46,6 +46,15 @@ def test_every_value_has_a_comment_and_every_number_its_unit_and_source(path):
         ({"name": "hysteresis", "share": 0.1, "width": 0.1}, "effect hysteresis: missing key 'muscles'"),
         (HYSTERESIS | {"joints": ["SFE"]}, "effect hysteresis acts at the muscle: choose muscles, not joints"),
         ({"muscles": None}, "an effect needs a name"),
+        (HYSTERESIS | {"form": "bouc-wen"}, "effect hysteresis has no form 'bouc-wen': did you mean 'bouc_wen'?"),
+        (
+            {"name": "coulomb_friction", "form": "cable", "joints": None, "share": 0.1, "sliding_per_s": 0.02},
+            "effect coulomb_friction: missing key 'muscles'",
+        ),
+        (
+            {"name": "hysteresis", "form": "regulator", "muscles": None, "share": 0.1},
+            "effect hysteresis has no parameter 'share'",
+        ),
     ],
 )
 def test_a_wrong_effect_is_named_with_the_remedy(effect, message):

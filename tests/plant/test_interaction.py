@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from stages.plant import interaction, joint, muscle, operators, valve
+from stages.plant import joint, muscle, operators, valve
 from stages.plant.chain import Chain
 from stages.plant.interaction import interact
-from stages.plant.participant import Intention, embody, intend, nobody, rest
+from stages.plant.participant import Intention, embody, intend
 from stages.plant.plant import Plant
 from stages.signals.pressures import pressure_profiles
 from tests.plant.machines import configured, other_machine, with_effects
@@ -45,18 +45,6 @@ def test_the_passes_converge():
     assert far[-1] < 0.05 * far[0]
     again = move(plant.model_copy(update={"relaxation_passes": 60}))
     assert np.abs(again.joint_angle_rad - settled.joint_angle_rad).max() < 1e-9
-
-
-def test_passes_without_drag_would_not_converge(monkeypatch):
-    def all_given(chain, pressure, contraction, rate):
-        given = chain.pull(pressure, contraction, rate)[1] - chain.pull_nominally(pressure, contraction, rate)
-        return given, np.zeros_like(given)
-
-    plant = configured("rich").plant
-    settled = move(plant.model_copy(update={"relaxation_passes": 40}))
-    monkeypatch.setattr(interaction, "split_deviation", all_given)
-    swinging = move(plant.model_copy(update={"relaxation_passes": 6}))
-    assert np.abs(swinging.joint_angle_rad - settled.joint_angle_rad).max() > 5e-3
 
 
 def test_settled_motion_is_that_of_the_tension_it_brings():
@@ -114,22 +102,6 @@ def test_pressure_disturbs_the_person_who_then_compensates():
     assert gap.max() > 0.05
     assert abs(gap[-1]) < 0.1 * gap.max()
     assert np.abs(pushed[:, 1] - calm[:, 1]).max() < 1e-9
-
-
-def test_cable_and_joint_friction_slow_a_passive_limb():
-    rig = configured()
-    command = draw_command(8)
-    friction = [
-        {"name": "capstan_friction", "muscles": None, "friction_times_wrap": 0.3, "sliding_per_s": 0.01},
-        {"name": "coulomb_friction", "joints": None, "torque_nm": 1.0, "sliding_rad_per_s": 0.05},
-    ]
-    way = []
-    for effects_of in ([], friction):
-        plant = with_effects(rig.plant, *effects_of)
-        start = np.array([0.6, 0.6])
-        motion = interact(rig.exoskeleton, plant, command, rest(rig.exoskeleton, 1000), nobody(rig.exoskeleton), start)
-        way.append(np.abs(np.diff(motion.joint_angle_rad, axis=0)).sum(axis=0))
-    assert (way[1] < 0.8 * way[0]).all()
 
 
 def test_intention_is_delayed_scaled_and_shaky():

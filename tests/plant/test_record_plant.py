@@ -7,14 +7,17 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
+from stages.discrepancy.whole_record_cell import build_whole_records
 from stages.plant.declaration import Declared
-from stages.plant.effect import find_effect
+from stages.plant.effect import find_effect, list_effects, list_forms
 from stages.plant.element_plant import ElementPlant
 from stages.plant.listed import NominalConstant, constant
 from stages.plant.machine import read_machine
 from stages.plant.plant import Plant
+from stages.plant.record_plant import read_beginning
 from tests.discrepancy.oscillators import configured as configured_oscillator
-from tests.plant.machines import begin_surely, configured, read_plant
+from tests.discrepancy.simulated_records import drive, joint, lag, tabulate
+from tests.plant.machines import begin_surely, configured, read_plant, simulate
 
 
 class Constants(Declared):
@@ -156,3 +159,107 @@ def test_an_amended_plant_simulates_as_fitted_and_reads_back(kind, generator):
     np.testing.assert_array_equal(again.simulate(columns, *rest, (), begun), fitted)
     np.testing.assert_array_equal(amended.simulate(columns, *rest, (), begun), fitted)
     assert np.abs(fitted - plain).max() > 0.01 * np.ptp(plain)
+
+
+RECORDED = {
+    "first_order": (lag, {"gain": 100.0, "offset": 20.0, "time_constant_s": 0.35, "timing_s": 0.0}),
+    "pam_joint": (
+        joint,
+        {"gain": 0.5, "bias": 1.0, "stiffness": 20.0, "stiffening": 0.1, "damping": 4.0, "timing_s": 0.0},
+    ),
+    "servo_drive": (drive, {"mass": 50.0}),
+}
+GUESSES = [
+    # kind, seed, how it is recorded, shares by which guesses may err
+    ("first_order", 5, {"noise": 0.3}, {"gain": 0.01, "offset": 0.1, "time_constant_s": 0.02}),
+    ("first_order", 5, {"noise": 3.0}, {"gain": 0.01, "offset": 0.1, "time_constant_s": 0.02}),
+    ("servo_drive", 5, {"noise": 2e-4}, {"mass": 0.005}),
+    ("servo_drive", 5, {"noise": 2e-4, "coulomb": 15.0, "viscous": 150.0}, {"mass": 0.1}),
+    *(("pam_joint", seed, {}, dict.fromkeys(RECORDED["pam_joint"][1], 0.25)) for seed in (1, 4, 5)),
+]
+
+
+@pytest.mark.parametrize(("kind", "seed", "how", "shares"), GUESSES)
+def test_constants_are_guessed_from_a_noisy_record_and_friction_does_not_mislead(kind, seed, how, shares):
+    record, truth = RECORDED[kind]
+    signals, step_s = record(seed, **how)
+    plant = read_plant(kind, output_scale=None, pace_s=None).settle([signals], step_s)
+    for name, share in shares.items():
+        assert plant.starts[name] == pytest.approx(truth[name], rel=share, abs=1e-9)
+    assert plant.constants.timing_s.high == pytest.approx(step_s)
+    assert plant.output_scale == pytest.approx(0.5 * np.ptp(signals[plant.output]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "late", "near", "far"), [("first_order", 83, 0.6, 20.0), ("pam_joint", 700, 1e-3, 0.02)]
+)
+def test_a_record_that_begins_unsettled_is_taken_up_there(kind, late, near, far):
+    record, constants = RECORDED[kind]
+    signals, step_s = record(5, samples=1600)
+    plant = read_plant(kind).settle([signals], step_s)
+    signals = {name: values[late:] for name, values in signals.items()}
+    truth = signals[plant.output]
+    begun = read_beginning([truth[:50]], step_s)
+    errors = [(simulate(plant, signals, constants, (), each, step_s) - truth)[:50] for each in (begun, None)]
+    taken_up, at_rest = np.sqrt(np.mean(np.square(errors), axis=1))
+    assert taken_up < near
+    assert at_rest > far
+
+
+@pytest.mark.parametrize(
+    ("kind", "lost", "memory_of"),
+    [
+        ("first_order", "command_v", lambda starts: starts["time_constant_s"]),
+        ("pam_joint", "pressure_2_kpa", lambda starts: 2.0 / starts["damping"]),
+    ],
+)
+def test_after_a_gap_nothing_is_judged_until_it_is_forgotten(kind, lost, memory_of):
+    signals, step_s = RECORDED[kind][0](5, samples=1600)
+    signals[lost][500:520] = np.nan
+    cell = build_whole_records(*tabulate(signals, step_s), read_plant(kind, output_scale=None, pace_s=None))
+    memory = np.log(1e3) * memory_of(cell.plant.starts)
+    assert cell.plant.memory_s == pytest.approx(memory)
+    unjudged = np.flatnonzero(~cell.present.T.ravel()) * cell.step_s
+    assert unjudged[0] == pytest.approx(500 * step_s, abs=2 * cell.step_s)
+    assert unjudged[-1] == pytest.approx(520 * step_s + memory, abs=3 * cell.step_s)
+
+
+def sweep_element():
+    """A machine that is a spring, swept slowly and quickly."""
+    time = 0.01 * np.arange(2000)
+    way = 0.03 + 0.02 * np.sin(0.8 * time) + 0.004 * np.sin(3.1 * time)
+    return read_plant("static_map"), {"position_m": way, "force_n": 900.0 * way - 4.0}, 0.01, {"stiffness": 900.0}
+
+
+def shake_oscillator():
+    plant, source = configured_oscillator("silverbox"), np.random.default_rng(3)
+    signals = {each: 0.3 * source.standard_normal(400) for each in (*plant.inputs, plant.output)}
+    return plant, signals, 0.0016, {}
+
+
+def fill_lag():
+    signals, step_s = lag(5, samples=800)
+    return read_plant("first_order"), signals, step_s, {}
+
+
+SITES = {"lag": fill_lag, "motion": shake_oscillator, "element": sweep_element}
+FORMS = [form for name in list_effects() for form in list_forms(name) if form.site in SITES]
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.name}-{form.form}")
+def test_zero_magnitude_is_absence_and_each_start_is_not(form):
+    plant, signals, step_s, constants = SITES[form.site]()
+    settled = plant.settle([signals], step_s)
+    first, values = form.parameters[0], {each.name: each.starts[0] for each in form.parameters}
+
+    def answer(*effects):
+        told = {name: signals[name] for name in plant.inputs}
+        return simulate(settled, told, {**settled.starts, **constants}, effects, None, step_s)
+
+    plain = answer()
+    absent = answer((form.name, form.form, {**values, first.name: 0.0}))
+    np.testing.assert_allclose(absent, plain, rtol=0.0, atol=1e-9 if form.site == "element" else 0.0)
+    for start in first.starts:
+        present = answer((form.name, form.form, {**values, first.name: start}))
+        assert np.isfinite(present).all()
+        assert np.abs(present - plain).max() > 1e-4 * np.ptp(plain)

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from stages.plant.effect import find_effect
 from tests.discrepancy.simulated_records import drive
-from tests.plant.machines import begin_surely, read_plant
+from tests.plant.machines import begin_surely, read_plant, simulate, solve
 
 STEP_S = 0.01
 CONSTANTS = {"mass": 4.0, "force_offset": 0.5, "start_shift": 0.0, "start_rate_shift": 0.0, "timing_s": 0.0}
@@ -17,9 +15,7 @@ def read_drive(**changes):
 
 
 def move(force, effects=(), begun=None, between="linear", **changes):
-    plant = read_drive(between_samples=between)
-    signals = plant.refine({"force_n": np.asarray(force, dtype=float)[:, None]}, STEP_S)
-    return plant.simulate(signals, STEP_S, np.zeros(1), {**CONSTANTS, **changes}, effects, begun)[:, 0]
+    return simulate(read_drive(between_samples=between), {"force_n": force}, {**CONSTANTS, **changes}, effects, begun)
 
 
 def test_a_constant_force_draws_a_parabola():
@@ -62,10 +58,9 @@ def test_friction_agrees_with_an_adaptive_solver(name, form, values, slowed, gen
     def rates(now, state):
         return [state[1], (np.interp(now, time, force) + 0.5) / 4.0 - slowed(state[1])]
 
-    solved = solve_ivp(rates, (0.0, time[-1]), [0.0, 0.0], t_eval=time, rtol=1e-8, atol=1e-10, max_step=STEP_S / 2)
-    found = move(force, [(find_effect(name, form), values)], begun=begin_surely(0.0, 0.0))
+    found = move(force, [(name, form, values)], begun=begin_surely(0.0, 0.0))
     assert np.abs(found - move(force, begun=begin_surely(0.0, 0.0))).max() > 0.05
-    np.testing.assert_allclose(found, solved.y[0], atol=2e-4 * np.ptp(found))
+    np.testing.assert_allclose(found, solve(rates, [0.0, 0.0], time)[0], atol=2e-4 * np.ptp(found))
 
 
 @pytest.mark.parametrize("share", [0.4, -0.7, 1.0])
@@ -93,15 +88,6 @@ def test_samples_that_are_means_move_it_as_the_force_itself():
         np.abs(move(means, begun=begun, between=how, force_offset=0.0) - truth).max() for how in ("averaged", "linear")
     )
     assert averaged < 0.1 * straight
-
-
-@pytest.mark.parametrize("friction", [{}, {"coulomb": 15.0, "viscous": 150.0}])
-def test_the_mass_is_guessed_from_a_noisy_record_and_friction_does_not_mislead(friction):
-    signals, step_s = drive(5, noise=2e-4, **friction)
-    plant = read_drive(output_scale=None, pace_s=None).settle([signals], step_s)
-    assert plant.starts["mass"] == pytest.approx(50.0, rel=0.1 if friction else 0.005)
-    assert plant.constants.timing_s.high == pytest.approx(step_s)
-    assert plant.output_scale == pytest.approx(0.5 * np.ptp(signals["position_m"]))
 
 
 def test_values_of_the_configuration_are_kept():

@@ -62,15 +62,6 @@ def test_before_there_are_data_its_bounds_are_open():
         _ = read_plant().parameters
 
 
-@pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.name}-{form.form}")
-def test_without_magnitude_an_effect_is_absent_and_with_it_is_not(form):
-    plant = settled()
-    values = {each.name: each.starts[0] for each in form.parameters}
-    first = form.parameters[0].name
-    np.testing.assert_allclose(answer(plant, [(form, {**values, first: 0.0})]), answer(plant), atol=1e-9)
-    assert np.abs(answer(plant, [(form, values)]) - answer(plant)).max() > 1e-3 * plant.output_scale
-
-
 def test_forms_against_closed_forms():
     plant, way = settled(), sweep()["position_m"]
     x = (way - plant.along_middle) / plant.along_scale

@@ -26,14 +26,6 @@ def test_a_held_command_is_answered_exactly(generator, rise, fall):
     assert pressure == pytest.approx(solve_valve(command, rise, fall), rel=1e-7)
 
 
-def test_a_step_follows_its_closed_form_one_sample_later():
-    command = np.where(np.arange(100)[:, None] < 20, 100.0, 300.0)
-    pressure = respond(command, np.array([0.04]), np.array([0.04]), STEP)[:, 0]
-    since = np.maximum(np.arange(100) - 20, 0) * STEP
-    assert pressure == pytest.approx(300.0 - 200.0 * np.exp(-since / 0.04))
-    assert pressure[20] == 100.0 < pressure[21]
-
-
 def test_without_lag_pressure_is_the_previous_command(generator):
     command = generator.uniform(0, 100, (50, 2))
     pressure = respond(command, np.zeros(2), np.zeros(2), STEP)

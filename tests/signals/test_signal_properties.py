@@ -76,6 +76,8 @@ def test_the_error_is_its_definition_in_exact_arithmetic(values):
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf, 1e200])
 def test_absurd_forces_are_refused(value):
+    with pytest.raises(ValueError, match=r"one shape, not empty; got \(2,\) and \(3,\)"):
+        rmse([1.0, 2.0], [1.0, 2.0, value])
     for pair in ([value, 1.0], [1.0, value]):
         with pytest.raises(ValueError, match=r"expected values within 1e\+150"):
             error_rate(pair, [1.0, 1.0])

@@ -104,6 +104,9 @@ def assert_in_range(of, values, margin):
         assert "low" in missing or 0.95 <= told["confidence"] < 1
     if "power" in told:
         assert (comparison.verdict == "undefined") == bool(missing)
+        equal = comparison.verdict == "equivalent"
+        if not missing and min(abs(told["p_value"] - 0.05), abs(margin - max(-told["low"], told["high"]))) > 1e-9:
+            assert equal == (told["p_value"] < 0.05) == (-margin < told["low"] and told["high"] < margin)
         if not missing and comparison.n_needed is not None:
             assert (comparison.n_needed <= comparison.n_first) == (told["power"] >= 0.8)
 
@@ -123,6 +126,16 @@ def test_every_number_is_finite_or_all_that_need_a_spread_are_missing(of, data, 
 )
 def test_the_largest_and_the_smallest_values_are_in_range(of, first, second, margin, times):
     assert_in_range(of, (np.array(first * times), np.array(second * times)), margin)
+
+
+@EVERY
+@pytest.mark.parametrize("values", [([1.0], [1.0]), ([1.0, 1.0], [1.0, 1.0]), ([1.0, 1.0], [3.0, 3.0]), ([1.0], [3.0])])
+def test_without_a_spread_there_is_no_test(of, values):
+    comparison = of(*map(np.array, values))
+    told = numbers(comparison)
+    assert {name for name, value in told.items() if np.isnan(value)} == of.undefined[-1]
+    assert told.get("difference", told.get("estimate")) == values[0][0] - values[1][0]
+    assert (getattr(comparison, "n_needed", None), getattr(comparison, "verdict", "undefined")) == (None, "undefined")
 
 
 @EVERY

@@ -49,15 +49,6 @@ def test_agrees_with_the_enumeration_of_all_outcomes(again, generator):
         assert (every <= end + 1e-9).mean() >= share - 0.005
 
 
-def test_with_one_choice_each_it_is_pearsons_statistic(generator):
-    chosen = generator.integers(0, 8, 200)
-    told = judge_concentration([choices([each], options=8) for each in chosen], 8, 20_000, generator)
-    expected = stats.chisquare(np.bincount(chosen, minlength=8))
-    assert told.dispersion == pytest.approx(expected.statistic, rel=1e-12)
-    assert told.p_value == pytest.approx(expected.pvalue, abs=0.03)
-    assert told.expected == pytest.approx(7, rel=0.02)
-
-
 def test_p_values_are_uniform_where_choices_are_random_and_small_where_they_are_alike(generator):
     def experiments(alike):
         for _ in range(12):

@@ -73,13 +73,6 @@ def test_blocks_hold_the_true_share_where_values_depend_on_each_other(generator,
         assert 0.92 < np.mean(by_value) < 0.98
 
 
-@pytest.mark.parametrize(("half", "right"), [(1.96, True), (1.0, False)])
-def test_intervals_that_are_too_narrow_are_found(generator, half, right):
-    errors, ends = simulate(generator, 40, 50, 0.2), np.full(2000, half)
-    told = cover_blocks(errors, -ends, ends, np.repeat(np.arange(40), 50))
-    assert (told.low <= 0.95 <= told.high) == right
-
-
 @COMMON
 @given(intervals(st.one_of(st.floats(-1e300, 1e300), st.integers(-2, 2).map(float))), st.data())
 def test_shares_and_their_intervals_lie_within_0_and_1(drawn, data):

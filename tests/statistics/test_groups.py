@@ -7,8 +7,6 @@ from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
 
 from stages.statistics import compare_groups
 
-UNDEFINED = {"low", "high", "degrees_of_freedom", "effect_size", "p_value"}
-
 
 def test_agrees_with_scipy_and_statsmodels(generator):
     first, second = generator.normal(1.0, 0.3, 9), generator.normal(1.4, 0.9, 5)
@@ -35,27 +33,8 @@ def test_hedges_g_has_no_bias_and_a_sign(generator):
     assert told.effect_size == pytest.approx(1 / np.sqrt(np.pi))
 
 
-@pytest.mark.parametrize(("first", "second"), [([1.0], [1.0, 2.0]), ([1.0, 1.0], [2.0, 2.0, 2.0]), ([1.0], [3.0])])
-def test_no_p_value_where_there_is_none(first, second):
-    told = compare_groups(np.array(first), np.array(second))
-    assert {name for name, value in vars(told).items() if np.isnan(value)} == UNDEFINED
-    assert told.difference == np.mean(first) - np.mean(second)
-
-
 def test_one_group_without_spread_leaves_the_test_of_the_other():
     values = np.array([1.0, 2.0, 4.0])
     told, test = compare_groups(values, np.zeros(5)), stats.ttest_1samp(values, 0.0)
     assert told.p_value == pytest.approx(test.pvalue)
     assert told.degrees_of_freedom == pytest.approx(2)
-
-
-def test_rates_of_false_and_of_true_findings(generator):
-    """Unequal spreads and numbers, where Student's test finds far too much."""
-    first, second = generator.normal(0, 3.0, (4000, 4)), generator.normal(0, 1.0, (4000, 12))
-    found = stats.ttest_ind(first, second, axis=1, equal_var=False)
-    low, high = found.confidence_interval(0.95)
-    told = [compare_groups(*each) for each in zip(first[:200], second[:200], strict=True)]
-    np.testing.assert_allclose([each.p_value for each in told], found.pvalue[:200], rtol=1e-9)
-    np.testing.assert_allclose([(each.low, each.high) for each in told], np.stack([low, high], axis=1)[:200], rtol=1e-9)
-    assert 0.03 < np.mean(found.pvalue < 0.05) < 0.07
-    assert 0.93 < np.mean((low <= 0) & (high >= 0)) < 0.97

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
-from statsmodels.stats.weightstats import DescrStatsW
 
 from stages.statistics import adjust_benjamini_yekutieli, adjust_holm, compare_pairs
 
@@ -20,31 +19,6 @@ def pairs(values):
     return st.integers(2, 7).flatmap(lambda n: arrays(float, (2, n), elements=values))
 
 
-def test_agrees_with_scipy_and_statsmodels(generator):
-    first, second = generator.normal(1.0, 0.3, 8), generator.normal(1.4, 0.3, 8)
-    told = compare_pairs(first, second)
-    low, high = DescrStatsW(first - second).tconfint_mean(0.05)
-    assert told.n == 8
-    assert told.difference == pytest.approx(np.mean(first - second))
-    assert (told.low, told.high) == (pytest.approx(low), pytest.approx(high))
-    assert told.t_p_value == pytest.approx(stats.ttest_1samp(first - second, 0.0).pvalue)
-    assert told.effect_size == pytest.approx(np.mean(first - second) / np.std(first - second, ddof=1))
-    assert told.wins == np.sum(first < second)
-
-
-def test_exact_wilcoxon_of_eight_wins_is_two_in_two_to_the_eighth():
-    told = compare_pairs(np.arange(8.0), np.arange(8.0) + np.linspace(1, 2, 8))
-    assert told.wilcoxon_p_value == pytest.approx(2 / 2**8)
-    assert told.wins == 8
-
-
-@pytest.mark.parametrize("values", [[1.0], [1.0, 1.0]])
-def test_no_p_value_where_there_is_none(values):
-    told = compare_pairs(np.array(values), np.array(values))
-    assert np.isnan([told.low, told.high, told.effect_size, told.t_p_value, told.wilcoxon_p_value]).all()
-    assert told.difference == 0
-
-
 @COMMON
 @given(pairs(st.one_of(st.floats(-10, 10), st.integers(-3, 3).map(float))))
 def test_agrees_with_scipy_where_differences_differ(values):
@@ -52,6 +26,8 @@ def test_agrees_with_scipy_where_differences_differ(values):
     difference = values[0] - values[1]
     if np.ptp(difference) <= 1e-9:
         return
+    assert (told.n, told.wins) == (difference.size, np.sum(difference < 0))
+    np.testing.assert_allclose(told.difference, difference.mean(), rtol=1e-12, atol=1e-14)
     test = stats.ttest_1samp(difference, 0.0)
     interval = test.confidence_interval(0.95)
     # 1e-9 of the largest value: differences of range 1e-9 keep seven digits
@@ -76,36 +52,17 @@ def test_integers_of_any_kind_are_numbers(values):
         np.testing.assert_equal(vars(compare_pairs(*values.astype(dtype))), vars(compare_pairs(*values.astype(float))))
 
 
-def test_false_positive_rate_is_the_nominal_one(generator):
-    first, second = generator.normal(size=(2, 20_000, 8))
-    found = stats.ttest_rel(first, second, axis=1).pvalue
-    told = [compare_pairs(*each).t_p_value for each in zip(first[:100], second[:100], strict=True)]
-    np.testing.assert_allclose(told, found[:100], rtol=1e-9)
-    assert np.mean(found < 0.05) == pytest.approx(0.05, abs=4 * np.sqrt(0.05 * 0.95 / 20_000))
-
-
-def test_holm_steps_down_and_keeps_nan():
-    p_values = np.array([0.01, np.nan, 0.04, 0.03])
-    adjusted = adjust_holm(p_values)
-    np.testing.assert_allclose(adjusted, [0.03, np.nan, 0.06, 0.06])
-    np.testing.assert_allclose(adjusted[[0, 2, 3]], multipletests(p_values[[0, 2, 3]], method="holm")[1], rtol=1e-12)
-
-
 @COMMON
 @given(
     arrays(float, st.integers(0, 12), elements=st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1.0, np.nan, 0.01])))
 )
-def test_holm_is_the_step_down_rule(p_values):
+@example(np.array([0.01, np.nan, 0.04, 0.03]))
+def test_holm_is_the_step_down_rule_of_statsmodels_and_keeps_nan(p_values):
     adjusted = adjust_holm(p_values)
     known = ~np.isnan(p_values)
     np.testing.assert_array_equal(np.isnan(adjusted), ~known)
-    count = int(known.sum())
-    if not count:
-        return
-    ordered = np.sort(p_values[known])
-    steps = np.minimum(1.0, np.maximum.accumulate(ordered * np.arange(count, 0, -1)))
-    np.testing.assert_allclose(np.sort(adjusted[known]), steps, rtol=1e-12)
-    assert (adjusted[known] >= p_values[known]).all()
+    expected = multipletests(p_values[known], method="holm")[1] if known.any() else []
+    np.testing.assert_allclose(adjusted[known], expected, rtol=1e-12)
     order = np.random.default_rng(0).permutation(p_values.size)
     np.testing.assert_array_equal(adjust_holm(p_values[order]), adjusted[order])
 

@@ -1,7 +1,5 @@
 """Signed ranks against SciPy, and by enumeration."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -36,15 +34,6 @@ def test_the_interval_is_the_test_inverted(generator, n):
         assert stats.wilcoxon(first - outside).pvalue <= 0.05
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, 6, 7, 10])
-def test_rank_sums_are_counted(n):
-    sums = np.array(list(product([0, 1], repeat=n))) @ np.arange(1, n + 1)
-    below = np.array([np.mean(sums <= each) for each in range(sums.max() + 1)])
-    found, tail = _trim(n)
-    assert found == int((below <= 0.025).sum()) - 1
-    assert np.isnan(tail) if n < 6 else tail == pytest.approx(below[found])
-
-
 def test_counted_and_normal_rank_sums_meet(monkeypatch):
     exact = _trim.__wrapped__(MOST_EXACT)
     monkeypatch.setattr("stages.statistics.signed_rank.MOST_EXACT", 10)
@@ -68,13 +57,6 @@ def test_the_interval_holds_the_typical_difference_as_often_as_it_says(n, count,
     held = np.mean((found[:, 0] <= 2.0) & (found[:, 1] >= 2.0))
     assert held == pytest.approx(told[0].confidence, abs=4 * np.sqrt(0.05 * 0.95 / count))
     assert found[:, 2].mean() == pytest.approx(2.0, abs=0.02)
-
-
-@pytest.mark.parametrize("values", [[1.0], [1.0, 1.0]])
-def test_nothing_where_nothing_differs(values):
-    told = compare_ranks(np.array(values) + 1, np.array(values))
-    assert told.estimate == 1.0
-    assert np.isnan([told.low, told.high, told.confidence, told.effect_size, told.p_value]).all()
 
 
 def test_five_pairs_bound_nothing():
