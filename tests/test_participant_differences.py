@@ -7,22 +7,16 @@ from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind
 
 from stages.participant_differences import add_average, compare_participants, summarise
+from tests import planted
 from tests.planted import assert_holm
 
 MUSCLES = ["mean", "pam1", "pam2"]
 
 
 def make_curve(generator, means, experiments=8, sd=0.002):
-    """Return error rates of each participant around a mean of their own."""
-    rows = [
-        (who, experiment, trial, muscle, mean + (0.05 if trial == 0 else 0.0) + sd * generator.standard_normal())
-        for who, mean in means.items()
-        for experiment in range(1, experiments + 1)
-        for trial in (0, 1)
-        for muscle in ("pam1", "pam2")
-    ]
-    curve = pd.DataFrame(rows, columns=["participant", "experiment", "trial", "muscle", "error_rate"])
-    return add_average(curve.assign(arm="y_y", tested_on="bank"))
+    """Return error rates of each participant around a mean of their own, with their average over muscles."""
+    curve = planted.make_curve(generator, {"y_y": 0.0}, experiments, sd, people=tuple(means), start=0.05, offsets=means)
+    return add_average(curve)
 
 
 def compared(curve, margin=0.01, sizes=(None,)):
@@ -34,14 +28,14 @@ def test_agrees_with_scipy_and_statsmodels_on_the_last_trial(generator):
     curve = make_curve(generator, {"p1": 0.036, "p2": 0.039})
     told = compared(curve)
     row = told.loc[("p1", "p2", "pam1")]
-    last = curve[(curve["trial"] == 1) & (curve["muscle"] == "pam1")]
+    last = curve[(curve["trial"] == 2) & (curve["muscle"] == "pam1")]
     first, second = (last.loc[last["participant"] == who, "error_rate"].to_numpy() for who in ("p1", "p2"))
     expected = stats.ttest_ind(first, second, equal_var=False)
     assert row["p_welch"] == pytest.approx(expected.pvalue, rel=1e-9)
     assert (row["low"], row["high"]) == pytest.approx(tuple(expected.confidence_interval(0.95)), rel=1e-9)
     assert row["p_tost"] == pytest.approx(ttost_ind(first, second, -0.01, 0.01, usevar="unequal")[0], rel=1e-9)
     assert (row["n_first"], row["n_second"]) == (8, 8)
-    its = curve[(curve["trial"] == 1) & (curve["muscle"] != "mean") & (curve["participant"] == "p1")]
+    its = curve[(curve["trial"] == 2) & (curve["muscle"] != "mean") & (curve["participant"] == "p1")]
     assert told.loc[("p1", "p2", "mean"), "first_mean"] == pytest.approx(its["error_rate"].mean(), rel=1e-12)
 
 

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from pipeline.context import Context
 from stages.figures import draw_shift_curves
 from stages.time_shift import Config, TimeShift, TrialsEnough, compare_shifts, summarise, time_shift
+from tests import planted
 from tests.composing import compose_values
 from tests.identification.data import LOOP, MUSCLES, make_bank, make_tables
 from tests.planted import assert_holm, assert_paired
@@ -21,19 +22,10 @@ SECTION = {"amplitudes_s": [0.1, 0.3], "experiments": 2, "margin": 0.005, "loop"
 
 def make_curve(generator, costs, experiments=12, sd=0.001, tested_on=("bank",)):
     """Return error rates where each amplitude costs so much after every trial, on top of what experiments share."""
-    rows = []
-    for name in tested_on:
-        for experiment in range(1, experiments + 1):
-            shared = 0.05 + 0.01 * generator.standard_normal()
-            before = shared + 0.03
-            for amplitude_s, cost in {0.0: 0.0, **costs}.items():
-                for trial in range(3):
-                    for muscle in ("pam1", "pam2"):
-                        noise = sd * generator.standard_normal() if trial and amplitude_s else 0.0
-                        rate = shared + cost + noise if trial else before
-                        rows.append((amplitude_s, experiment, trial, name, muscle, 100 * rate, rate))
-    columns = ["amplitude_s", "experiment", "trial", "tested_on", "muscle", "rmse_n", "error_rate"]
-    return pd.DataFrame(rows, columns=columns).sort_values("amplitude_s", kind="stable", ignore_index=True)
+    means = {0.0: 0.05, **{amplitude_s: 0.05 + cost for amplitude_s, cost in costs.items()}}
+    curve = planted.make_curve(generator, means, experiments, sd / 2.0, tested_on, people=("p1",), start=0.08)
+    curve["error_rate"] += curve["experiment"].map(pd.Series(0.01 * generator.standard_normal(experiments + 1)))
+    return curve.rename(columns={"arm": "amplitude_s"}).assign(rmse_n=100.0 * curve["error_rate"])
 
 
 def compared(curve, margin=0.005):

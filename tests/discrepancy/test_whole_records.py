@@ -191,8 +191,9 @@ def test_a_resonance_that_the_input_sets_off_is_no_noise(generator, pulled):
 
 
 @pytest.mark.slow
-def test_a_hidden_overflow_is_named():
-    assert look(build_tanks(seed=1, rim=6.0))[1] == ["overflow"]
+@pytest.mark.parametrize(("hidden", "named"), [({"seed": 1, "rim": 6.0}, ["overflow"]), ({"seed": 3}, [])], ids=str)
+def test_a_hidden_overflow_is_named_and_nothing_without_it(hidden, named):
+    assert look(build_tanks(**hidden))[1] == named
 
 
 @pytest.mark.slow
@@ -201,11 +202,6 @@ def test_a_reading_that_is_cut_is_named_with_its_level():
     found, names = look(build_tanks(seed=2, cut=level))
     assert names == ["saturation"]
     assert 5.0 * read_values(found.cells[0])[1]["saturation"]["highest"] == pytest.approx(level, rel=0.01)
-
-
-@pytest.mark.slow
-def test_tanks_without_an_effect_have_none_named():
-    assert look(build_tanks(seed=3))[1] == []
 
 
 def test_records_of_tanks_that_begin_at_other_levels_leave_noise_alone():
