@@ -21,7 +21,7 @@ def test_dry_friction_is_named_and_nothing_in_a_linear_oscillator(rub, told, gen
 @pytest.fixture(scope="module")
 def linear():
     """Signals and blocks of three records without any effect."""
-    return shake(np.random.default_rng(20260701), lambda x, w: 0.0 * x, records=3, samples=1500)
+    return shake(np.random.default_rng(20260701), lambda x, w: 0.0 * x, records=3)
 
 
 def test_a_gap_in_the_input_is_not_judged_until_its_motion_has_died(linear):

@@ -48,7 +48,7 @@ def build(added=0.0, seed=1, noise=0.05, hole=None, samples=4800):
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_hidden_loop_is_named_and_mended(seed):
-    found, names = look(build(0.8 * slide(move(seed, 2400), 0.004), seed, samples=2400))
+    found, names = look(build(0.8 * slide(move(seed, 1600), 0.004), seed, samples=1600))
     assert names == ["hysteresis"]
     state = found.cells[0]
     after, before = (np.sqrt(each.raw.sum() / state.samples.sum()) for each in (state.current, state.nominal))
@@ -64,7 +64,7 @@ def test_a_hidden_cubic_is_named():
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_nothing_is_named_where_nothing_is_missing(seed):
-    assert look(build(seed=seed, samples=2400))[1] == []
+    assert look(build(seed=seed, samples=1600))[1] == []
 
 
 @pytest.mark.parametrize(("high", "told"), [(280.0, "high"), (400.0, "")])
