@@ -4,15 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.discrepancy import (
-    summarise_unexplained,
-    tell,
-    tell_bounds,
-    tell_few,
-    tell_floor,
-    tell_scales,
-    tell_unconfirmed,
-)
+from stages.discrepancy import summarise_unexplained, tell, tell_bounds, tell_floor, tell_scales
 from tests.plant.machines import configured, read_plant
 
 GAP = {
@@ -89,21 +81,11 @@ def test_a_verdict_says_what_its_numbers_say(verdict, said, unsaid):
     assert [words for words in unsaid if words in text] == []
 
 
-def test_a_gap_that_opened_trials_lack_is_told():
-    (sentence,) = tell_unconfirmed(0.37)
-    assert "a flexible model would take away 37 %; those opened at the end show none" in sentence
-
-
 def test_scales_are_told_in_units():
     (told,) = tell_scales(read_plant(along_scale=0.02, output_scale=150.0, pace_s=0.5))
     assert told.endswith("a scale of force is 150 N, a scale of position is 0.02 m and a pace is 0.5 s.")
     assert tell_scales(read_plant()) == []
     assert tell_scales(configured().plant) == []
-
-
-@pytest.mark.parametrize(("fitted", "told"), [(2, 1), (5, 1), (6, 0)])
-def test_few_trials_are_told(fitted, told):
-    assert len(tell_few(fitted, 1)) == told
 
 
 def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
