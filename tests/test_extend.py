@@ -32,6 +32,8 @@ def tree(tmp_path_factory):
     row = re.search(r"^```markdown\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)[1]
     with (tree / "docs" / "plant.md").open("a") as table:
         table.write(row)
+    config = tree / "conf" / "config.yaml"
+    config.write_text(config.read_text().replace("figures: [png, pdf]", "figures: []"))
     return tree
 
 

@@ -118,9 +118,9 @@ def test_another_truth_than_the_sealed_one_is_refused(whole, recorded, tmp_path)
 
 @pytest.mark.slow
 def test_the_amended_simulator_is_identified(pamid):
-    result = pamid("experiment=hidden_effect", "seed=3", "budget=tiny")
+    result = pamid("experiment=hidden_effect", "seed=3", "budget=tiny", "rig.trials=6")
     assert result.returncode == 0, result.stderr
     assert "The seal holds" in result.stdout
     (run,) = pamid.runs
-    result = pamid(f"plant={run / 'documents' / 'amended.yaml'}", "budget=tiny")
+    result = pamid(f"plant={run / 'documents' / 'amended.yaml'}", "budget=tiny", "figures=[]")
     assert result.returncode == 0, result.stderr

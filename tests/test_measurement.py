@@ -16,8 +16,7 @@ from tests.measured_data import make_meta, make_samples, refuse_measured, write_
 from tests.measured_data import read_measured as read
 from tests.studies import run_stage
 
-DATA = Path("/work/shared/data")
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no recordings of others in {DATA}")
+EXOSKELETON = Path("/work/shared/data/exoskeleton_example")
 
 
 def refusal(tmp_path, samples=None, meta=None, *overrides):
@@ -25,12 +24,19 @@ def refusal(tmp_path, samples=None, meta=None, *overrides):
     return refuse_measured(tmp_path, write_dataset(tmp_path / "dataset", samples, meta), *overrides)
 
 
-def spoil(column, rows, value):
-    samples = make_samples()
-    if column != "muscle":
-        samples[column] = samples[column].astype(type(value))
-    samples.loc[rows, column] = value
-    return samples
+def put(column, rows, value):
+    """Return a change of samples: another value in some rows."""
+
+    def change(samples):
+        changed = samples if column == "muscle" else samples.astype({column: type(value)})
+        changed.loc[rows, column] = value
+        return changed
+
+    return change
+
+
+def scale(column, factor):
+    return lambda samples: samples.assign(**{column: factor * samples[column]})
 
 
 def test_a_dataset_comes_out_as_it_was_measured(tmp_path):
@@ -57,30 +63,14 @@ def test_a_dataset_comes_out_as_it_was_measured(tmp_path):
     assert tables["measured_signals"].empty
 
 
-@needs_data
+@pytest.mark.skipif(not EXOSKELETON.is_dir(), reason=f"no recorded session in {EXOSKELETON}")
 def test_reads_a_session_of_the_exoskeleton(tmp_path):
-    tables = read(tmp_path, DATA / "exoskeleton_example")
-    samples = pd.read_parquet(DATA / "exoskeleton_example/samples.parquet").sort_values(["trial", "muscle", "time_s"])
+    tables = read(tmp_path, EXOSKELETON)
+    samples = pd.read_parquet(EXOSKELETON / "samples.parquet").sort_values(["trial", "muscle", "time_s"])
     np.testing.assert_array_equal(tables["measured"]["force_n"], samples["force_n"])
-    told = json.loads((DATA / "exoskeleton_example/meta.json").read_text())
+    told = json.loads((EXOSKELETON / "meta.json").read_text())
     assert list(tables["measured_trials"]["start_s"]) == told["trial_start_s"]
     assert list(tables["measured_muscles"]["moment_arm_m"]) == [0.042, 0.036, 0.036, 0.032]
-
-
-@needs_data
-def test_reads_signals_of_an_oscillator_and_cuts_them_into_blocks(tmp_path):
-    path = DATA / "silverbox/silverbox.parquet"
-    tables = read(tmp_path, path, "measurement=silverbox")
-    file, long = pd.read_parquet(path), tables["measured_signals"]
-    for signal, name in (("drive_v", "u"), ("response_v", "y")):
-        np.testing.assert_array_equal(long.loc[long["signal"] == signal, "value"], file[name].astype(float))
-    assert list(long["record"].unique()) == ["arrow_test", "gap", "multisine"]
-    assert tables["measured_session"]["sampling_rate_hz"].iloc[0] == pytest.approx(610.3516, abs=1e-4)
-    trials = tables["measured_trials"]
-    assert trials.groupby("record")["samples"].sum().to_dict() == file["part"].value_counts().to_dict()
-    assert trials.groupby("record")["samples"].agg(np.ptp).max() <= 1
-    assert list(trials["trial"]) == list(range(48))
-    assert tables["measured"].empty
 
 
 def test_the_hardware_stages_recordings_serve_where_there_is_no_path(tmp_path):
@@ -174,16 +164,14 @@ def test_trials_of_unequal_length_and_gaps_stay_as_they_are(tmp_path):
 
 
 def test_derivatives_do_not_reach_across_gaps(tmp_path):
-    samples = make_samples().drop(columns="contraction_velocity_per_s")
-    hole = (samples["trial"] == 0) & (samples["muscle"] == "pam1") & samples["time_s"].between(0.2, 0.24)
-    samples.loc[hole, "contraction"] = np.nan
-    samples.loc[
-        (samples["trial"] == 0) & (samples["muscle"] == "pam1") & (samples["time_s"] > 0.24), "contraction"
-    ] += 0.1
-    found = read(tmp_path, write_dataset(tmp_path / "dataset", samples))["measured"]
-    pam1 = found[(found["trial"] == 0) & (found["muscle"] == "pam1")]
-    assert list(pam1["contraction_velocity_per_s"].isna()) == list(pam1["contraction"].isna())
-    assert pam1["contraction_velocity_per_s"].abs().max() < 0.25
+    samples = make_samples(trials=1, muscles=("pam1",)).drop(columns="contraction_velocity_per_s")
+    hole = samples["time_s"].between(0.2, 0.24)
+    samples["contraction"] = (samples["contraction"] + 0.1 * (samples["time_s"] > 0.24)).mask(hole)
+    meta = make_meta(muscles={"pam1": make_meta()["muscles"]["pam1"]})
+    found = read(tmp_path, write_dataset(tmp_path / "dataset", samples, meta))["measured"]
+    assert found["contraction"].isna().sum() == hole.sum() == 11
+    assert list(found["contraction_velocity_per_s"].isna()) == list(found["contraction"].isna())
+    assert found["contraction_velocity_per_s"].abs().max() < 0.25
 
 
 @pytest.mark.parametrize("how", ["no rows", "no values in column force_n"])
@@ -215,53 +203,37 @@ def test_a_clock_that_runs_through_the_session_tells_when_trials_start(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("samples", "told"),
+    ("change", "told"),
     [
-        (make_samples().drop(columns="force_n"), "samples.parquet: no column force_n; "),
+        (lambda samples: samples.drop(columns="force_n"), "samples.parquet: no column force_n; "),
         (
-            make_samples().rename(columns={"pressure_kpa": "pressure_kPa"}),
+            lambda samples: samples.rename(columns={"pressure_kpa": "pressure_kPa"}),
             "did you mean 'pressure_kPa'?; say which with",
         ),
-        (spoil("force_n", [5], "n/a"), "column force_n: expected numbers, got 'n/a' in row 5"),
+        (put("force_n", [5], "n/a"), "column force_n: expected numbers, got 'n/a' in row 5"),
+        (put("pressure_kpa", [1, 2, 8, 9], np.inf), "expected finite numbers, got inf in rows 1, 2, 8 and"),
+        (put("muscle", [3], "pam9"), "meta.json has no muscle 'pam9' of row 3; it has pam"),
+        (put("time_s", [4], np.nan), "column time_s: expected a value in every row, got none in row 4"),
+        (put("trial", [4], 0.5), "column trial: expected whole numbers from 0, got others in row 4"),
+        (put("muscle", [4], None), "column muscle: expected text, got nothing in row 4"),
+        (lambda samples: pd.concat([samples, samples.head(2)]), "column time_s: rows 600, 601 repeat"),
+        (lambda samples: samples.iloc[::-1], "column time_s: time goes back in rows 2, 3, 4 and"),
+        (put("force_n", [0], 1e6), "expected -2000 to 20000 N, got 1e+06 in row 0; remove what is no"),
+        (scale("pressure_kpa", 1000.0), "in rows 0, 1, 2 and 597 more; set units.pressure_kpa=Pa"),
+        (scale("pressure_kpa", 0.01), "set units.pressure_kpa=bar, or units.pressure_kpa=kPa if they are right"),
+        (scale("force_n", 0.001), "set units.force_n=kN"),
+        (scale("contraction", 100.0), "set units.contraction=percent"),
+        (scale("time_s", 1000.0), "set units.time_s=ms"),
+        (scale("force_n", np.nan), "expected values of both for some muscle, got none"),
+        (lambda samples: samples.iloc[:0], "expected samples, got no rows"),
         (
-            spoil("pressure_kpa", [1, 2, 8, 9], np.inf),
-            "pressure_kpa: expected finite numbers, got inf in rows 1, 2, 8 and",
-        ),
-        (spoil("muscle", [3], "pam9"), "meta.json has no muscle 'pam9' of row 3; it has pam"),
-        (spoil("time_s", [4], np.nan), "column time_s: expected a value in every row, got none in row 4"),
-        (spoil("trial", [4], 0.5), "column trial: expected whole numbers from 0, got others in row 4"),
-        (spoil("muscle", [4], None), "column muscle: expected text, got nothing in row 4"),
-        (pd.concat([make_samples(), make_samples().head(2)], ignore_index=True), "column time_s: rows 600, 601 repeat"),
-        (make_samples().iloc[::-1].reset_index(drop=True), "column time_s: time goes back in rows 2, 3, 4 and"),
-        (
-            spoil("time_s", [40, 41], 0.081),
-            "expected steps of 0.004 s within 0.01 of it, got a deviation of 0.25 in rows",
-        ),
-        (
-            spoil("force_n", [0], 1e6),
-            "column force_n: expected -2000 to 20000 N, got 1e+06 in row 0; remove what is no",
-        ),
-        (
-            make_samples().assign(pressure_kpa=1000.0 * make_samples()["pressure_kpa"]),
-            "in rows 0, 1, 2 and 597 more; set units.pressure_kpa=Pa",
-        ),
-        (
-            make_samples().assign(pressure_kpa=0.01 * make_samples()["pressure_kpa"]),
-            "set units.pressure_kpa=bar, or units.pressure_kpa=kPa if they are right",
-        ),
-        (make_samples().assign(force_n=0.001 * make_samples()["force_n"]), "set units.force_n=kN"),
-        (make_samples().assign(contraction=100.0 * make_samples()["contraction"]), "set units.contraction=percent"),
-        (make_samples().assign(time_s=1000.0 * make_samples()["time_s"]), "set units.time_s=ms"),
-        (make_samples().assign(force_n=np.nan), "expected values of both for some muscle, got none"),
-        (make_samples().iloc[:0], "expected samples, got no rows"),
-        (
-            make_samples().drop(columns=["contraction", "joint_angle_rad"]),
+            lambda samples: samples.drop(columns=["contraction", "joint_angle_rad"]),
             "no column contraction and no joint_angle_rad, of which one is needed",
         ),
     ],
 )
-def test_refuses_samples_in_one_line(tmp_path, samples, told):
-    message = refusal(tmp_path, samples)
+def test_refuses_samples_in_one_line(tmp_path, change, told):
+    message = refusal(tmp_path, change(make_samples()).reset_index(drop=True))
     assert told in message
     assert "samples.parquet" in message
 
@@ -282,7 +254,6 @@ def without(muscle, key):
             "has no muscle 'pam2' of rows 1, 3, 5 and 297 more",
         ),
         (make_meta(load_cell_site="tip"), "load_cell_site: input should be 'muscle_tip', 'joint_end'"),
-        (make_meta(sampling_rate_hz="fast"), "sampling_rate_hz: input should be a valid number"),
         (make_meta(sampling_rate_hz=100.0), "expected steps of 0.01 s (100 Hz are stated), got 0.004 s; correct"),
         (make_meta(trial_start_s=[0.0, 5.0]), "trial_start_s: expected one for each of 3 trials, got 2"),
         (make_meta(trial_start_s=[0.0, 5.0, 4.0]), "trial_start_s: expected each trial to start after the one before"),
@@ -321,9 +292,7 @@ def test_a_rounded_clock_is_borne_on_request(tmp_path):
     samples["time_s"] = (samples["time_s"] * 250.0 / 300.0).round(3)
     folder = write_dataset(tmp_path / "dataset", samples, make_meta(sampling_rate_hz=300.0))
     assert "resample it, or raise measurement.largest_jitter" in refuse_measured(tmp_path, folder)
-    tables = read(tmp_path, folder, "measurement.largest_jitter=0.25")
-    assert list(tables["measured_trials"]["samples"]) == [100] * 3
-    assert tables["measured"]["force_n"].notna().all()
+    assert read(tmp_path, folder, "measurement.largest_jitter=0.25")["measured"]["force_n"].notna().all()
 
 
 def test_another_gap_than_a_gap_is_refused(tmp_path):
@@ -341,23 +310,12 @@ def test_small_pressures_are_believed_when_their_unit_is_stated(tmp_path):
     assert found["pressure_kpa"].max() == pytest.approx(samples["pressure_kpa"].max())
 
 
-@pytest.mark.slow
-def test_by_the_command_bad_input_ends_in_one_line_and_overwrites_nothing(pamid, tmp_path):
-    folder = write_dataset(tmp_path / "dataset")
-    assert pamid("workflow=discrepancy", "stages=[measurement]", f"measured={folder}").returncode == 0
-    kept = {path: path.read_bytes() for path in pamid.runs[0].rglob("*") if path.is_file()}
-    before = (folder / "samples.parquet").read_bytes()
+def test_the_plan_tells_each_column_and_the_command_what_is_missing_in_a_line(pamid, tmp_path):
+    folder = write_dataset(tmp_path / "dataset", make_samples().drop(columns="force_n"))
     plan = pamid("workflow=discrepancy", f"measured={folder}", "plan=true").stdout
-    assert re.search(r"force_n +<- force_n\n", plan)
-    make_samples().drop(columns="force_n").to_parquet(folder / "samples.parquet")
-    plan = pamid("workflow=discrepancy", f"measured={folder}", "plan=true").stdout
-    assert "input measured/samples.parquet changed" in plan
-    assert "force_n                    <- MISSING (force_n); say which with columns.force_n=NAME" in plan
+    assert re.search(r"pressure_kpa +<- pressure_kpa\n", plan)
+    assert re.search(r"force_n +<- MISSING \(force_n\); say which with columns.force_n=NAME", plan)
     result = pamid("workflow=discrepancy", f"measured={folder}")
     assert result.returncode == 1
     (line,) = result.stderr.strip().splitlines()
     assert line.startswith(f"measurement failed: {folder}/samples.parquet: no column force_n; ")
-    assert {path: path.read_bytes() for path in kept} == kept
-    (folder / "samples.parquet").write_bytes(before)
-    plan = pamid("workflow=discrepancy", f"measured={folder}", "plan=true").stdout
-    assert re.search(r"measurement +fresh", plan)

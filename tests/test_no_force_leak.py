@@ -12,11 +12,6 @@ def read(run, table):
     return pd.read_parquet(run / "tables" / f"{table}.parquet")
 
 
-def test_candidates_have_no_force(shared_run):
-    for name in ("candidates", "references", "initial_trials"):
-        assert not [column for column in read(shared_run.runs[0], name).columns if "force" in column]
-
-
 def test_picks_are_the_same_with_the_force_of_the_bank_set_to_nan(shared_run, tmp_path):
     (run,) = shared_run.runs
     study, stages = read_stages(["bank", *UNTIL_CHOSEN])

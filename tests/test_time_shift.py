@@ -10,7 +10,8 @@ from pydantic import ValidationError
 
 from pipeline.context import Context
 from stages.figures import draw_shift_curves
-from stages.time_shift import Config, TimeShift, TrialsEnough, compare_shifts, judge, summarise, time_shift
+from stages.time_shift import Config, TimeShift, TrialsEnough, compare_shifts, summarise, time_shift
+from tests import planted
 from tests.composing import compose_values
 from tests.identification.data import LOOP, MUSCLES, make_bank, make_tables
 from tests.planted import assert_holm, assert_paired
@@ -21,19 +22,10 @@ SECTION = {"amplitudes_s": [0.1, 0.3], "experiments": 2, "margin": 0.005, "loop"
 
 def make_curve(generator, costs, experiments=12, sd=0.001, tested_on=("bank",)):
     """Return error rates where each amplitude costs so much after every trial, on top of what experiments share."""
-    rows = []
-    for name in tested_on:
-        for experiment in range(1, experiments + 1):
-            shared = 0.05 + 0.01 * generator.standard_normal()
-            before = shared + 0.03
-            for amplitude_s, cost in {0.0: 0.0, **costs}.items():
-                for trial in range(3):
-                    for muscle in ("pam1", "pam2"):
-                        noise = sd * generator.standard_normal() if trial and amplitude_s else 0.0
-                        rate = shared + cost + noise if trial else before
-                        rows.append((amplitude_s, experiment, trial, name, muscle, 100 * rate, rate))
-    columns = ["amplitude_s", "experiment", "trial", "tested_on", "muscle", "rmse_n", "error_rate"]
-    return pd.DataFrame(rows, columns=columns).sort_values("amplitude_s", kind="stable", ignore_index=True)
+    means = {0.0: 0.05, **{amplitude_s: 0.05 + cost for amplitude_s, cost in costs.items()}}
+    curve = planted.make_curve(generator, means, experiments, sd / 2.0, tested_on, people=("p1",), start=0.08)
+    curve["error_rate"] += curve["experiment"].map(pd.Series(0.01 * generator.standard_normal(experiments + 1)))
+    return curve.rename(columns={"arm": "amplitude_s"}).assign(rmse_n=100.0 * curve["error_rate"])
 
 
 def compared(curve, margin=0.005):
@@ -59,8 +51,9 @@ def test_planted_costs_turn_the_verdict(cost, sd, verdict, generator):
 
 def test_each_amplitude_and_test_set_has_its_own_verdict(generator):
     curve = make_curve(generator, {0.1: 0.0, 1.0: 0.02}, tested_on=("bank", "unseen_bank"))
-    verdicts = compared(curve)["verdict"]
-    assert len(verdicts) == 8
+    told = compared(curve)
+    assert_holm(told, 8)
+    verdicts = told["verdict"]
     assert (verdicts.loc[0.1] == "equivalent").all()
     assert (verdicts.loc[1.0] == "worse with shift").all()
 
@@ -79,16 +72,10 @@ def test_agrees_with_scipy_and_statsmodels(generator):
         assert row["n"] == 12
 
 
-def test_holm_counts_every_row(generator):
-    told = compared(make_curve(generator, {0.1: 0.0005, 0.3: 0.001}, sd=0.002, tested_on=("bank", "unseen_bank")))
-    assert_holm(told, 8)
-
-
 def test_one_experiment_decides_nothing(generator):
     told = compared(make_curve(generator, {0.3: 0.02}, experiments=1))
     assert (told["verdict"] == "undecided").all()
     assert told[["low", "high", "d_z", "p_t", "p_holm", "p_tost", "power", "n_needed"]].isna().all(axis=None)
-    assert judge(0.1, np.nan, np.nan) == "undecided"
 
 
 def test_curves_are_means_over_experiments_of_averages_over_muscles(generator):
@@ -163,7 +150,7 @@ def test_a_killed_run_goes_on_and_a_copy_in_another_process_finds_the_same(small
     pd.testing.assert_frame_equal(comparison, small.comparison)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def stated():
     return OmegaConf.to_container(compose_values("budget=tiny", "+time_shift=stated"), resolve=True)
 
@@ -179,9 +166,6 @@ def test_the_stated_settings_follow_the_budget(stated):
     [
         ({"amplitudes_s": [0.3, 0.1]}, r"the smallest first, got \[0.3, 0.1\]; set time_shift.amplitudes_s=\[0.1, 0.3"),
         ({"amplitudes_s": []}, "at least 1 item"),
-        ({"amplitudes_s": [0.0]}, "greater than 0"),
-        ({"experiments": 0}, "greater than or equal to 1"),
-        ({"margin": 0.0}, "greater than 0"),
         ({"amplitude": 1.0}, "Extra inputs"),
         ({"loop": {**LOOP, "trial": 3}}, "Extra inputs"),
     ],
@@ -195,11 +179,9 @@ def test_nonsense_is_refused(changed, message):
     ("section", "changed", "message"),
     [
         ("time_shift", {"amplitudes_s": [0.003]}, r"from one sample, 0\.004 s, to a trial, 4 s, got \[0\.003\]"),
-        ("time_shift", {"amplitudes_s": [0.1, 4.1]}, "to a trial, 4 s"),
         ("bank", {"trajectories": 4}, r"time_shift\.loop\.trials: expected at most 2"),
     ],
 )
 def test_what_does_not_fit_the_recordings_is_refused(stated, section, changed, message):
-    stated[section].update(changed)
     with pytest.raises(ValidationError, match=message):
-        TrialsEnough.model_validate(stated)
+        TrialsEnough.model_validate({**stated, section: {**stated[section], **changed}})

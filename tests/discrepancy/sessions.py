@@ -27,12 +27,6 @@ def write_session(folder, samples, meta):
     return folder
 
 
-def shorten_some(samples):
-    """Trials of unequal lengths."""
-    longest = 0.6 + 0.1 * samples["trial"]
-    return samples[samples["time_s"] < longest]
-
-
 def lose_stretches(samples):
     """Stretches without force, pressure or contraction, other ones in each trial."""
     spoilt = samples.copy()
@@ -59,26 +53,11 @@ def hold_pressure(samples):
     )
 
 
-def drop_command(samples):
-    """The command was not recorded."""
-    return samples.drop(columns="pressure_command_kpa")
-
-
 def spoil_trial(samples):
     """In one trial the load cell was loose."""
     wild = samples["trial"] == 1
     noise = np.random.default_rng(5).normal(0.0, 300.0, len(samples))
     return samples.assign(force_n=samples["force_n"].where(~wild, 2.5 * samples["force_n"] + noise))
-
-
-def lose_force(samples):
-    """The load cell was not plugged in."""
-    return samples.assign(force_n=0.0)
-
-
-def shorten_all(samples):
-    """Trials of half a second."""
-    return samples[samples["time_s"] < 0.5]
 
 
 def resample(samples, rate_hz):

@@ -31,7 +31,7 @@ PLANTED = {
         {"mass": pytest.approx(50.0, rel=0.02)},
     ),
     "an uneven lag": (
-        ("first_order", lag, {"asymmetry": 0.3, "samples": 2000}),
+        ("first_order", lag, {"asymmetry": 0.3, "samples": 1400}),
         {"valve_asymmetry": pytest.approx(0.3, abs=0.02)},
         {},
     ),
@@ -59,12 +59,12 @@ PLAIN = {
         {"mass": pytest.approx(50.0, rel=1e-3)},
     ),
     "a lag": (
-        ("first_order", lag, {"samples": 2000}),
+        ("first_order", lag, {"samples": 1400}),
         {},
         {"time_constant_s": pytest.approx(0.35, rel=0.01), "gain": pytest.approx(100.0, rel=0.002)},
     ),
     "a joint": (
-        ("pam_joint", joint, {"samples": 2000}),
+        ("pam_joint", joint, {"samples": 1400}),
         {},
         {"gain": pytest.approx(0.5, rel=0.02), "damping": pytest.approx(4.0, rel=0.02)},
     ),

@@ -9,28 +9,11 @@ from stages.discrepancy.cell import list_starts
 from stages.discrepancy.fitted_cell import prepare, refine, resume
 from stages.discrepancy.fitting import Model
 from stages.discrepancy.flexible import Leftover
-from stages.discrepancy.naming import SearchSettings
 from stages.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.discrepancy.screening import screen
 from stages.discrepancy.search import search
+from tests.discrepancy.searches import SETTINGS
 from tests.discrepancy.toys import KINK, LINE, WAVE, make_toy
-
-SETTINGS = SearchSettings(
-    smallest_gap=1.15,
-    least_gain=0.04,
-    least_share=0.1,
-    later_share=0.2,
-    later_gain=1.0,
-    later_rest=0.33,
-    unexplained_share=0.25,
-    imitation_share=0.05,
-    temper=2.0,
-    shortlist=5,
-    most_effects=3,
-    absorbed=0.99,
-    none_prior=0.5,
-    certain=0.5,
-)
 
 
 def run(*toys):
@@ -56,10 +39,15 @@ def test_nothing_is_named_where_nothing_is_missing(seed, wander):
     assert left["y"].unknown < 0.5
 
 
-def test_two_effects_are_named_both():
-    found, _ = run(make_toy(1, [(WAVE.effect, 0.5), (KINK.effect, 2.5)]))
+def test_two_effects_are_named_both_also_by_a_search_that_is_resumed():
+    state = prepare(make_toy(1, [(WAVE.effect, 0.5), (KINK.effect, 2.5)]))
+    kept = resume(state.cell, state.nominal.fit.values, state.noise, state.nominal.residual, state.leftover)
+    found, again = (search([each], SETTINGS, np.random.default_rng(0)) for each in (state, kept))
     assert {each.name for each in found.named} == {"wave", "kink"}
     assert len(found.steps) == 3
+    assert again.named == found.named
+    values = [each.cells[0].current.fit.values for each in (again, found)]
+    np.testing.assert_allclose(*values, rtol=1e-6)
 
 
 def test_an_effect_that_the_constants_imitate_is_told_absorbed_and_not_named():
@@ -124,18 +112,6 @@ def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt, 
     single = clean[0].named
     many = replace(clean[0], named=[*single * (names - 1), replace(single[0], shown=shown)])
     assert sum_doubt(weigh_remainder(many, SETTINGS, np.random.default_rng(1))) == pytest.approx(doubt, abs=0.05)
-
-
-def test_a_search_resumed_from_what_was_kept_finds_the_same():
-    toys = make_toy(1, [(WAVE.effect, 0.5), (KINK.effect, 2.5)]), make_toy(2, element="second")
-    states = [prepare(each) for each in toys]
-    again = [
-        resume(each.cell, each.nominal.fit.values, each.noise, each.nominal.residual, each.leftover) for each in states
-    ]
-    first, second = (search(each, SETTINGS, np.random.default_rng(0)) for each in (states, again))
-    assert first.named == second.named
-    for one, other in zip(first.cells, second.cells, strict=True):
-        np.testing.assert_allclose(one.current.fit.values, other.current.fit.values, rtol=1e-6)
 
 
 def test_a_second_channel_is_looked_at_though_no_gap_was_seen_in_it():
