@@ -8,18 +8,18 @@ import pytest
 
 from pipeline import checkout
 from pipeline.checkout import LARGEST_PATCH
-from tests.conftest import ROOT, Command
+from tests.conftest import ROOT
 from tests.faults import find_parts, ledger_of, limit_file_size, overwrite, wait_until
-from tests.pipeline.conftest import ALONE, SLOWLY, TOY
+from tests.pipeline.conftest import ALONE, SLOWLY, Toy
 
 COUNTING = "tests/pipeline/toy/counting.py"
 
 
-class Checkout(Command):
+class Checkout(Toy):
     """The command beside a checkout."""
 
     def __init__(self, folder):
-        super().__init__(folder / "outputs", *TOY)
+        super().__init__(folder / "outputs")
         self.place = folder / "project"
         (self.place / COUNTING).parent.mkdir(parents=True)
         (self.place / ".gitignore").write_text("__pycache__/\n")
