@@ -55,17 +55,15 @@ def run_within(line: Sequence[str], environment: Mapping[str, str], folder: Path
 
 
 def start_forked(
-    line: Sequence[str], environment: Mapping[str, str], folder: Path, before: Callable[[], object] | None
+    line: Sequence[str],
+    environment: Mapping[str, str],
+    folder: Path,
+    before: Callable[[], object] | None,
+    pipes: Mapping[str, object],
 ) -> subprocess.Popen[str]:
     """Start ``PYTHON -m MODULE ...`` in a process forked off this one, which calls `before` first."""
-    return subprocess.Popen(
-        line,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        restore_signals=False,
-        preexec_fn=partial(_live, line, environment, folder, before),
-    )
+    live = partial(_live, line, environment, folder, before)
+    return subprocess.Popen(line, restore_signals=False, preexec_fn=live, **pipes)
 
 
 def _live(line: Sequence[str], environment: Mapping[str, str], folder: Path, before: Callable[[], object] | None):
@@ -75,7 +73,11 @@ def _live(line: Sequence[str], environment: Mapping[str, str], folder: Path, bef
             before()
         os.closerange(3, MOST_HANDLES)  # by which Popen knows that the process lives
         resource_tracker._resource_tracker._fd = None  # that of the parent
-        with open(1, "w", closefd=False) as sys.stdout, open(2, "w", buffering=1, closefd=False) as sys.stderr:
+        sys.stdin = open(0, closefd=False)
+        with (
+            open(1, "w", buffering=1, closefd=False) as sys.stdout,
+            open(2, "w", buffering=1, closefd=False) as sys.stderr,
+        ):
             _enter(line, environment, folder)
             sys.modules.pop(f"{line[2]}.__main__")
             sys.path[:0] = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
