@@ -7,16 +7,18 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import patch
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy is imported, whose threads wait for each other busily
 
 import numpy as np
 import pytest
 from filelock import FileLock
+from hydra._internal.core_plugins.file_config_source import FileConfigSource
 
 from tests.stalls import RealTime, StallWatch
 from tests.turned import turned  # noqa: F401 (a fixture)
-from tests.within import run_within, start_forked
+from tests.within import load_once, run_within, start_forked
 
 ROOT = Path(__file__).resolve().parent.parent
 TINY = ("budget=tiny", "figures=[png,pdf]")
@@ -33,6 +35,12 @@ def pytest_collection_finish(session):
     """Let collections of garbage pass over what was imported: statsmodels asks for one at every family of p-values."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _files_of_the_configuration_are_parsed_once():
+    with patch.object(FileConfigSource, "load_config", load_once):
+        yield
 
 
 @pytest.fixture

@@ -73,8 +73,8 @@ def _live(line: Sequence[str], environment: Mapping[str, str], folder: Path, bef
             before()
         os.closerange(3, MOST_HANDLES)  # by which Popen knows that the process lives
         resource_tracker._resource_tracker._fd = None  # that of the parent
-        sys.stdin = open(0, closefd=False)
         with (
+            open(0, closefd=False) as sys.stdin,
             open(1, "w", buffering=1, closefd=False) as sys.stdout,
             open(2, "w", buffering=1, closefd=False) as sys.stderr,
         ):
@@ -105,16 +105,12 @@ def _exit_code(main: Callable[[], int | None]) -> int:
 
 @contextmanager
 def _without_what_only_takes_time() -> Iterator[None]:
-    """Leave out that the disk is waited for, and that Hydra composes once more for its mode and parses files again."""
-    with (
-        patch.object(os, "fsync"),
-        patch.object(Hydra, "get_mode", return_value=None),
-        patch.object(FileConfigSource, "load_config", _load_once),
-    ):
+    """Leave out that the disk is waited for, and that Hydra composes everything once to ask for its mode."""
+    with patch.object(os, "fsync"), patch.object(Hydra, "get_mode", return_value=None):
         yield
 
 
-def _load_once(source: FileConfigSource, config_path: str, load=FileConfigSource.load_config) -> ConfigResult:
+def load_once(source: FileConfigSource, config_path: str, load=FileConfigSource.load_config) -> ConfigResult:
     """Return a copy of what a file of the configuration held when it was parsed, as long as it is the same file."""
     try:
         facts = os.stat(os.path.join(source.path, source._normalize_file_name(config_path)))

@@ -59,7 +59,7 @@ def test_killed_at_twenty_random_instants(toy, reference):
 
 
 def test_killed_in_the_middle_of_writing_a_table(toy):
-    many = "counting.count=300000"
+    many = "counting.count=100000"
     process = toy.start(many, "doubling.fail_at=0", before=slow_down_disk)
     wait_until(process, lambda: [path for path in find_temporaries(toy) if path.suffix == ".parquet"])
     process.kill()
@@ -71,7 +71,7 @@ def test_killed_in_the_middle_of_writing_a_table(toy):
     again = toy(many, "doubling.fail_at=0")
     assert f"resuming {run}" in again.stdout
     assert not find_temporaries(toy)
-    assert len(pd.read_parquet(run / "tables/numbers.parquet")) == 300000
+    assert len(pd.read_parquet(run / "tables/numbers.parquet")) == 100000
 
 
 def test_killed_in_the_middle_of_writing_a_part(toy, reference):
@@ -85,7 +85,7 @@ def test_killed_in_the_middle_of_writing_a_part(toy, reference):
 
 
 def test_full_disk(toy):
-    result = toy("counting.count=100000", "doubling.fail_at=0", before=limit_file_size(200_000))
+    result = toy("counting.count=30000", "doubling.fail_at=0", before=limit_file_size(200_000))
     assert result.returncode == 1
     line = the_only_line(result.stderr)
     assert f"cannot write to {toy.runs[0]}: File too large" in line
@@ -93,9 +93,9 @@ def test_full_disk(toy):
     assert line.endswith("doubling.fail_at=0")
     assert tables_of(toy.runs[0]) == {}
     assert not find_temporaries(toy)
-    again = toy("counting.count=100000", "doubling.fail_at=0")
+    again = toy("counting.count=30000", "doubling.fail_at=0")
     assert f"resuming {toy.runs[0]}" in again.stdout
-    assert len(pd.read_parquet(toy.runs[0] / "tables/numbers.parquet")) == 100000
+    assert len(pd.read_parquet(toy.runs[0] / "tables/numbers.parquet")) == 30000
 
 
 def test_full_file_system(toy, reference):
