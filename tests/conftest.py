@@ -7,16 +7,18 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import patch
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy is imported, whose threads wait for each other busily
 
 import numpy as np
 import pytest
 from filelock import FileLock
+from hydra._internal.core_plugins.file_config_source import FileConfigSource
 
 from tests.stalls import RealTime, StallWatch
 from tests.turned import turned  # noqa: F401 (a fixture)
-from tests.within import run_within, start_forked
+from tests.within import load_once, run_within, start_forked
 
 ROOT = Path(__file__).resolve().parent.parent
 TINY = ("budget=tiny", "figures=[png,pdf]")
@@ -33,6 +35,12 @@ def pytest_collection_finish(session):
     """Let collections of garbage pass over what was imported: statsmodels asks for one at every family of p-values."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _files_of_the_configuration_are_parsed_once():
+    with patch.object(FileConfigSource, "load_config", load_once):
+        yield
 
 
 @pytest.fixture
@@ -91,9 +99,9 @@ class Command:
     def review_line(self, *arguments: str) -> list[str]:
         return [sys.executable, "-m", "pipeline.review", "--outputs", str(self.outputs), *arguments]
 
-    def start(self, *arguments: str, before=None, anew: bool = False) -> subprocess.Popen[str]:
+    def start(self, *arguments: str, before=None, anew: bool = False, stdin=None) -> subprocess.Popen[str]:
         """Start the command in a process of its own."""
-        return self._start(self.line(*arguments), before, anew)
+        return self._start(self.line(*arguments), before, anew, stdin)
 
     def __call__(self, *arguments: str, before=None, apart: bool | None = None) -> subprocess.CompletedProcess[str]:
         return self._run(self.line(*arguments), before, apart)
@@ -132,13 +140,11 @@ class Command:
                 process.kill()
         return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
 
-    def _start(self, line: list[str], before=None, anew: bool = False) -> subprocess.Popen[str]:
+    def _start(self, line: list[str], before=None, anew: bool = False, stdin=None) -> subprocess.Popen[str]:
+        pipes = {"stdin": stdin, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         if not anew and not self.anew:
-            return start_forked(line, self.environment, self.root, before)
-        pipe = subprocess.PIPE
-        return subprocess.Popen(
-            line, cwd=self.root, env=self.environment, stdout=pipe, stderr=pipe, text=True, preexec_fn=before
-        )
+            return start_forked(line, self.environment, self.root, before, pipes)
+        return subprocess.Popen(line, cwd=self.root, env=self.environment, preexec_fn=before, **pipes)
 
 
 @pytest.fixture

@@ -57,10 +57,9 @@ OTHERS = [
 NAMED_BY_THE_SECTION_THAT_IT_LISTS = {("workflow", "quoted")}
 
 
-@functools.cache
-def composed():
-    """The default configuration as plain values, its interpolations as they are written."""
-    return OmegaConf.to_container(compose_values())
+PLAIN = OmegaConf.to_container(compose_values())
+"""The default configuration as plain values, its interpolations as they are written."""
+COMPOSED = OmegaConf.create(PLAIN)
 
 
 def find_leaves(node, path=()):
@@ -77,24 +76,30 @@ def find_leaves(node, path=()):
 
 def changed(path, other):
     """The configuration with one key changed, and the key."""
-    values = copy.deepcopy(composed())
+    first, *_ = path
+    values = PLAIN | {first: copy.deepcopy(PLAIN[first])}
     *above, last = path
     node = functools.reduce(lambda each, part: each[part], above, values)
     if other is ADDED:
-        node[f"{last}_more"] = 1
-        return values, f"{last}_more"
-    if other is REMOVED:
+        last = f"{last}_more"
+        node[last] = 1
+    elif other is REMOVED:
         del node[last]
     else:
         node[last] = other
-    return values, last
+    whole = copy.copy(COMPOSED)  # of which the sections stay the same
+    for key in {first, last} if len(path) == 1 else {first}:
+        whole.pop(key, None)
+        if key in values:
+            whole[key] = values[key]
+    return whole, last
 
 
 def check(path, other):
     """Accept, or be refused properly."""
     values, key = changed(path, other)
     try:
-        read_study(OmegaConf.create(values))
+        read_study(values)
     except ConfigError as refusal:
         text = str(refusal)
         assert len(text.splitlines()) == 1
@@ -102,7 +107,7 @@ def check(path, other):
         assert str(key) in text or (key == "name" and row in text)
 
 
-LEAVES = list(find_leaves(composed()))
+LEAVES = list(find_leaves(PLAIN))
 
 
 @given(st.sampled_from(LEAVES), st.sampled_from(OTHERS))

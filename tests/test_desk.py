@@ -63,9 +63,7 @@ class Operator:
 
     def attend_process(self, command):
         """Sit at the terminal of a command in a process of its own, where ^C is a signal."""
-        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-        environment = {**command.environment, "PYTHONUNBUFFERED": "1"}
-        with subprocess.Popen(command.line(), cwd=command.root, env=environment, text=True, **pipes) as process:
+        with command.start(stdin=subprocess.PIPE) as process:
             watchdog = threading.Timer(LONGEST_S, process.kill)
             watchdog.start()
 
@@ -105,18 +103,21 @@ def read(run, table):
     return pd.read_parquet(run / "tables" / f"{table}.parquet")
 
 
-@pytest.fixture(scope="module")
-def decided(tmp_path_factory):
-    """A command whose study somebody decided on, and the operator."""
-    command, operator = Command(tmp_path_factory.mktemp("desk") / "outputs", *SMALL), Operator(DECISIONS)
-    result = operator.attend(command)
-    assert result.returncode == 0, result.stderr
-    return command, operator
+@pytest.fixture(scope="session")
+def decided(make_once):
+    """A command whose study somebody decided on, made once for all and not to be changed."""
+
+    def decide(folder):
+        operator = Operator(DECISIONS)
+        result = operator.attend(Command(folder / "outputs", *SMALL))
+        assert result.returncode == 0, result.stderr
+        (folder / "printed.txt").write_text("\n".join(operator.printed))
+
+    return Command(make_once("decided", decide) / "outputs", *SMALL)
 
 
 def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(decided):
-    command, operator = decided
-    run = command.runs[0]
+    (run,) = decided.runs
     decisions = read(run, "decisions")
     assert decisions["decision"].tolist() == ["skip", "reject", "keep", "keep"]
     assert decisions["attempt"].tolist() == [1, 2, 3, 1]
@@ -135,12 +136,10 @@ def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(decided):
     assert told["stopped_by"].unique() == ["rejected by the operator: the strap came off"]
     assert len(told) == len(read(run, "active_recordings")) / 2
     assert len(read(run, "bank")["trajectory"].unique()) == 5
-    first_proposal = [line for line in operator.printed if "tells most: utility y_y" in line]
-    assert len(first_proposal) == 4
+    assert (decided.outputs.parent / "printed.txt").read_text().count("tells most: utility y_y") == 4
 
 
 def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_path):
-    whole, _ = decided
     broken = Command(tmp_path / "broken", *SMALL)
 
     lost = Operator({**DECISIONS, "bank 2": [None]}).attend(broken)
@@ -163,13 +162,13 @@ def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_pa
     assert result.returncode == 0, result.stderr
     second = FIRST.replace("trial 1", "trial 2")
     assert [label for label, _ in last.asked] == [FIRST, FIRST, second, second]
-    (run,), reference = broken.runs, whole.runs[0]
+    (run,), (reference,) = broken.runs, decided.runs
     for path in sorted((reference / "tables").glob("*.parquet")):
         assert (run / "tables" / path.name).read_bytes() == path.read_bytes(), path.name
 
 
-def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(decided):
-    command, _ = decided
+def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(decided, tmp_path):
+    command = decided.copy(tmp_path / "outputs")
     operator = Operator({FIRST: [*["s"] * 4, "a", "x no", "a", "x no", "a", "k"]})
     result = operator.attend(command, "stages=[active_loop]")
     assert result.returncode == 0, result.stderr

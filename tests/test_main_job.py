@@ -133,13 +133,6 @@ def test_error_rates_are_those_of_a_model_rebuilt_from_the_tables(run):
     assert row["error_rate"] == pytest.approx(rmse_n / test["force_n"].max(), rel=1e-6)
 
 
-def test_same_command_again_finds_everything_fresh(shared_run, run):
-    again = shared_run()
-    assert again.returncode == 0
-    assert "everything is fresh: nothing to run" in again.stdout
-    assert shared_run.runs == [run]
-
-
 @pytest.mark.slow
 def test_killed_in_the_loop_continues_at_the_next_trial_with_identical_tables(run, tmp_path):
     command = Command(tmp_path / "outputs", *TINY)

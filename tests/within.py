@@ -5,6 +5,7 @@ changes is put back afterwards. A forked one can be killed, limited and sent sig
 stake, or other code than this, a command is started in full instead.
 """
 
+import copy
 import logging
 import os
 import runpy
@@ -21,12 +22,14 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from unittest.mock import patch
 
+from hydra._internal.core_plugins.file_config_source import FileConfigSource
 from hydra._internal.hydra import Hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
 from hydra.core.singleton import Singleton
+from hydra.plugins.config_source import ConfigResult
 
 import pipeline.__main__
 import pipeline.review.__main__
@@ -35,6 +38,7 @@ from pipeline.interruption import WORDS
 
 MAINS = {"pipeline": pipeline.__main__.main, "pipeline.review": pipeline.review.__main__.main}
 MOST_HANDLES = 1024
+_LOADED: dict[tuple, ConfigResult] = {}
 
 Plugins.instance()  # stores options of config groups when it is first asked for
 
@@ -51,30 +55,33 @@ def run_within(line: Sequence[str], environment: Mapping[str, str], folder: Path
 
 
 def start_forked(
-    line: Sequence[str], environment: Mapping[str, str], folder: Path, before: Callable[[], object] | None
+    line: Sequence[str],
+    environment: Mapping[str, str],
+    folder: Path,
+    before: Callable[[], object] | None,
+    pipes: Mapping[str, object],
 ) -> subprocess.Popen[str]:
     """Start ``PYTHON -m MODULE ...`` in a process forked off this one, which calls `before` first."""
-    return subprocess.Popen(
-        line,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        restore_signals=False,
-        preexec_fn=partial(_live, line, environment, folder, before),
-    )
+    live = partial(_live, line, environment, folder, before)
+    return subprocess.Popen(line, restore_signals=False, preexec_fn=live, **pipes)
 
 
 def _live(line: Sequence[str], environment: Mapping[str, str], folder: Path, before: Callable[[], object] | None):
     """Be the process of a command line, to the end: nothing is executed in its place."""
-    if before is not None:
-        before()
-    os.closerange(3, MOST_HANDLES)  # by which Popen knows that the process lives
-    resource_tracker._resource_tracker._fd = None  # that of the parent
-    with open(1, "w", closefd=False) as sys.stdout, open(2, "w", buffering=1, closefd=False) as sys.stderr:
-        _enter(line, environment, folder)
-        sys.modules.pop(f"{line[2]}.__main__")
-        sys.path[:0] = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
-        code = _exit_code(partial(runpy.run_module, line[2], run_name="__main__", alter_sys=True))
+    with _without_what_only_takes_time():
+        if before is not None:
+            before()
+        os.closerange(3, MOST_HANDLES)  # by which Popen knows that the process lives
+        resource_tracker._resource_tracker._fd = None  # that of the parent
+        with (
+            open(0, closefd=False) as sys.stdin,
+            open(1, "w", buffering=1, closefd=False) as sys.stdout,
+            open(2, "w", buffering=1, closefd=False) as sys.stderr,
+        ):
+            _enter(line, environment, folder)
+            sys.modules.pop(f"{line[2]}.__main__")
+            sys.path[:0] = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+            code = _exit_code(partial(runpy.run_module, line[2], run_name="__main__", alter_sys=True))
     os._exit(code)
 
 
@@ -101,6 +108,18 @@ def _without_what_only_takes_time() -> Iterator[None]:
     """Leave out that the disk is waited for, and that Hydra composes everything once to ask for its mode."""
     with patch.object(os, "fsync"), patch.object(Hydra, "get_mode", return_value=None):
         yield
+
+
+def load_once(source: FileConfigSource, config_path: str, load=FileConfigSource.load_config) -> ConfigResult:
+    """Return a copy of what a file of the configuration held when it was parsed, as long as it is the same file."""
+    try:
+        facts = os.stat(os.path.join(source.path, source._normalize_file_name(config_path)))
+    except OSError:
+        return load(source, config_path)
+    key = (source.provider, source.path, config_path, facts.st_ino, facts.st_mtime_ns, facts.st_size)
+    if key not in _LOADED:
+        _LOADED[key] = load(source, config_path)
+    return copy.deepcopy(_LOADED[key])
 
 
 @contextmanager

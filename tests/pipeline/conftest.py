@@ -1,21 +1,34 @@
 """The command with toy workflows, and runs that are made once for all tests, to be looked at or copied."""
 
+from unittest.mock import patch
+
 import pytest
 
 from tests.conftest import Command
 from tests.faults import find_parts, tables_of, wait_until
 
 CONFIG = ("--config-dir", "tests/pipeline/conf")
-TOY = (*CONFIG, "workflow=toy", "figures=[png]")
+TOY = (*CONFIG, "workflow=toy", "figures=[]")
 SLOWLY = "doubling.pause_s=0.15"
 ALONE = ("-m", "hydra.launcher.n_jobs=1")
 """A sweep whose jobs follow each other, begun by the command's own process."""
 
 
+class Toy(Command):
+    """The command with the toy workflow, which pauses only where it is started and not waited for."""
+
+    def __init__(self, outputs, *fixed):
+        super().__init__(outputs, *(fixed or TOY))
+
+    def _run(self, *line, **how):
+        with patch.dict(self.environment, TOY_UNDISTURBED="yes"):
+            return super()._run(*line, **how)
+
+
 @pytest.fixture
 def toy(tmp_path):
     """The command with the toy workflow."""
-    return Command(tmp_path / "outputs", *TOY)
+    return Toy(tmp_path / "outputs")
 
 
 @pytest.fixture(scope="session")
@@ -23,10 +36,10 @@ def finished_toy(make_once):
     """The same with a finished run, made once for all and not to be changed."""
 
     def run(folder):
-        result = Command(folder / "outputs", *TOY)()
+        result = Toy(folder / "outputs")("figures=[png]")
         assert result.returncode == 0, result.stderr
 
-    return Command(make_once("toy", run) / "outputs", *TOY)
+    return Toy(make_once("toy", run) / "outputs")
 
 
 @pytest.fixture(scope="session")
@@ -44,13 +57,13 @@ def done(finished_toy, tmp_path):
 @pytest.fixture(scope="session")
 def killed_toy(make_once):
     def kill(folder):
-        toy = Command(folder / "outputs", *TOY)
+        toy = Toy(folder / "outputs")
         process = toy.start(SLOWLY)
         wait_until(process, lambda: len(find_parts(toy)) >= 2)
         process.kill()
         process.communicate()
 
-    return Command(make_once("killed toy", kill) / "outputs", *TOY)
+    return Toy(make_once("killed toy", kill) / "outputs")
 
 
 @pytest.fixture

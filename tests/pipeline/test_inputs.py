@@ -20,42 +20,35 @@ def scales(tmp_path):
     return Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=scales"), folder
 
 
-def test_changed_bytes_at_the_same_path_rerun_the_stage_and_the_plan_says_which(scales):
+def test_bytes_alone_make_a_stage_stale_and_the_plan_says_of_which_file(scales, tmp_path):
     command, folder = scales
-    what = f"weighing.what={folder}"
-    assert command(what).returncode == 0
-    assert pd.read_parquet(command.runs[0] / "tables/weights.parquet")["bytes"].tolist() == [3, 1]
-    plan = command(what, "plan=true").stdout
-    assert "weighing  fresh" in plan
-    assert "weighs 2 files" in plan
-    (folder / "a.txt").write_text("AAA")
-    assert "input weighing.what/a.txt changed" in command(what, "plan=true").stdout
-    assert command(what).returncode == 0
-    assert len(command.runs) == 2
-    (folder / "a.txt").write_text("aaa")
-    assert "everything is fresh" in command(what, "plan=true").stdout
+    other = tmp_path / "other.txt"
+    other.write_text("oo")
+    arguments = f"weighing.what={folder}", f"weighing.others=[{other}]"
 
+    def plan():
+        return command(*arguments, "plan=true").stdout
 
-def test_touched_and_hidden_files_make_nothing_stale_but_new_and_lost_ones_do(scales):
-    command, folder = scales
-    what = f"weighing.what={folder}"
-    command(what)
+    assert command(*arguments).returncode == 0
+    assert pd.read_parquet(command.runs[0] / "tables/weights.parquet")["bytes"].tolist() == [3, 1, 2]
     os.utime(folder / "a.txt", (0, 0))
     (folder / ".hidden").write_text("x")
-    assert "weighing  fresh" in command(what, "plan=true").stdout
+    assert "weighing  fresh" in plan()
+    assert "weighs 2 files" in plan()
     (folder / "c.txt").write_text("c")
-    assert "input weighing.what/c.txt is new" in command(what, "plan=true").stdout
+    assert "input weighing.what/c.txt is new" in plan()
     (folder / "c.txt").unlink()
+    other.write_text("OO")
+    assert "input weighing.others.0/other.txt changed" in plan()
+    other.write_text("oo")
+    (folder / "a.txt").write_text("AAA")
+    assert "input weighing.what/a.txt changed" in plan()
+    assert command(*arguments).returncode == 0
+    assert len(command.runs) == 2
+    (folder / "a.txt").write_text("aaa")
+    assert "everything is fresh" in plan()
     (folder / "b.txt").unlink()
-    assert "input weighing.what/b.txt is no longer there" in command(what, "plan=true").stdout
-
-
-def test_files_in_lists_count_too(scales):
-    command, folder = scales
-    arguments = f"weighing.what={folder}", f"weighing.others=[{folder / 'a.txt'}]"
-    command(*arguments)
-    (folder / "a.txt").write_text("other")
-    assert "input weighing.others.0/a.txt changed" in command(*arguments, "plan=true").stdout
+    assert "input weighing.what/b.txt is no longer there" in plan()
 
 
 @pytest.mark.parametrize(

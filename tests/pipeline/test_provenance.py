@@ -8,18 +8,18 @@ import pytest
 
 from pipeline import checkout
 from pipeline.checkout import LARGEST_PATCH
-from tests.conftest import ROOT, Command
-from tests.faults import find_parts, ledger_of, limit_file_size, overwrite, wait_until
-from tests.pipeline.conftest import ALONE, SLOWLY, TOY
+from tests.conftest import ROOT
+from tests.faults import ledger_of, limit_file_size, overwrite
+from tests.pipeline.conftest import ALONE, Toy
 
 COUNTING = "tests/pipeline/toy/counting.py"
 
 
-class Checkout(Command):
+class Checkout(Toy):
     """The command beside a checkout."""
 
     def __init__(self, folder):
-        super().__init__(folder / "outputs", *TOY)
+        super().__init__(folder / "outputs")
         self.place = folder / "project"
         (self.place / COUNTING).parent.mkdir(parents=True)
         (self.place / ".gitignore").write_text("__pycache__/\n")
@@ -130,13 +130,9 @@ def test_a_large_change_is_cut_off_and_said(copied):
 
 def test_a_run_that_goes_on_with_other_code_says_both(copied):
     copied.commit()
-    process = copied.start(SLOWLY)
-    wait_until(process, lambda: len(find_parts(copied)) >= 2)
-    process.kill()
-    process.communicate()
+    copied("doubling.fail_at=3")
     copied.change()
-    result = copied(SLOWLY)
-    assert "resuming" in result.stdout
+    assert "resuming" in copied("doubling.fail_at=3").stdout
     (run,) = copied.runs
     facts = ledger_of(run)
     assert facts["git"]["clean"] is True
@@ -145,28 +141,21 @@ def test_a_run_that_goes_on_with_other_code_says_both(copied):
     assert "+# changed" in (run / "changes-2.patch").read_text()
 
 
-def test_jobs_of_a_sweep_have_theirs(copied):
+def test_jobs_of_a_sweep_have_theirs_and_none_of_before_when_made_again_from_a_clean_checkout(copied):
     copied.commit()
     copied.change()
-    assert copied(*ALONE, "sweep=s", "seed=0,-1").returncode == 1
-    for seed in (0, -1):
-        job = copied.outputs / "sweeps" / "s" / f"seed={seed},workflow=toy"
+    sweep = (*ALONE, "sweep=s", "seed=0,-1")
+    assert copied(*sweep).returncode == 1
+    jobs = [copied.outputs / "sweeps" / "s" / f"seed={seed},workflow=toy" for seed in (0, -1)]
+    for job in jobs:
         assert ledger_of(job)["git"]["changes"]["file"] == "changes.patch"
         assert "+# changed" in (job / "changes.patch").read_text()
-
-
-def test_a_job_made_again_from_a_clean_checkout_keeps_no_changes_of_before(copied):
-    copied.commit()
-    copied.change()
-    assert copied(*ALONE, "sweep=s").returncode == 0
-    (job,) = (copied.outputs / "sweeps" / "s").glob("[!.]*/")
-    assert (job / "changes.patch").exists()
     copied.change("# and more\n")
     copied.git("commit", "-q", "-a", "-m", "more")
-    overwrite(job / "tables" / "total.parquet", b"")  # so that something is to be made again
-    assert copied(*ALONE, "sweep=s", "on_finished=refresh").returncode == 0
-    assert ledger_of(job)["git"]["clean"] is True
-    assert not (job / "changes.patch").exists()
+    overwrite(jobs[0] / "tables" / "total.parquet", b"")  # so that something is to be made again
+    assert copied(*sweep, "on_finished=refresh").returncode == 1
+    assert ledger_of(jobs[0])["git"]["clean"] is True
+    assert not (jobs[0] / "changes.patch").exists()
 
 
 @pytest.mark.parametrize("state", ["no checkout", "no commit", "no git"])

@@ -16,7 +16,7 @@ def test_plan_says_why_and_writes_nothing(toy):
 
 
 def test_run_leaves_tables_figures_ledger_and_report(toy, reference):
-    result = toy()
+    result = toy("figures=[png]")
     assert result.returncode == 0, result.stderr
     (run,) = toy.runs
     assert set(tables_of(run)) == {"numbers.parquet", "doubles.parquet", "halves.parquet", "total.parquet"}

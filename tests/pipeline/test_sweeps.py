@@ -1,6 +1,5 @@
 """Sweeps by Hydra's multirun: resumed, extended, killed at every level, by two processes at once; nothing is lost."""
 
-import json
 import os
 import shutil
 import signal
@@ -119,7 +118,7 @@ def test_a_sweep_is_planned_run_extended_and_tabled(alone):
 
 
 def test_an_earlier_jobs_tables_are_shared_also_by_jobs_that_begin_together(sweeping):
-    assert sweeping("trying.pause_s=0.1,0.2,0.3,0.4").returncode == 0
+    assert sweeping("trying.pause_s=0.1,0.2,0.3").returncode == 0
     origins = {ledger_of(each)["stages"]["counting"]["origin"] for each in sweeping.sweep.glob("[!.]*/")}
     assert len(origins) == 1
     inodes = {(each / "tables" / "numbers.parquet").stat().st_ino for each in sweeping.sweep.glob("[!.]*/")}
@@ -133,16 +132,34 @@ def test_the_first_failure_stops_the_rest_if_asked(alone):
     assert Counter(alone.table["status"]) == {"done": 1, "failed": 1, "not begun": 4}
 
 
-def test_a_job_that_the_system_kills_is_told_and_loses_no_other(alone):
-    result = alone("seed=range(5)", "trying.die_at=[2]")
+def test_jobs_that_fail_or_are_killed_lose_no_other_and_are_made_again_alone_or_together(alone):
+    result = alone("seed=0,1,2,-1", "trying.fail_at=[1]", "trying.die_at=[2]", "trying.pause_s=0.05")
     assert result.returncode == 1
+    assert "ArithmeticError: cannot try 1" in result.stderr
     assert "killed by SIGKILL" in result.stderr
     assert "perhaps for want of memory" in result.stderr
-    assert Counter(alone.table["status"]) == {"done": 4, "killed": 1}
-    assert alone.count("begun") == dict.fromkeys(range(5), 1)
+    assert "seed: input should be greater than or equal to 0, got -1" in result.stderr
+    assert Counter(alone.table["status"]) == {"done": 1, "failed": 2, "killed": 1}
+    assert alone.count("begun") == dict.fromkeys(range(3), 1)
+    page = (alone.job(2) / "report.html").read_text()
+    assert ">killed<" in page
+    assert "killed by SIGKILL" in page
+
+    assert set(tables_of(alone.job(0))) == {"numbers.parquet", "tried.parquet"}
+    facts = ledger_of(alone.job(0))
+    assert facts["seconds"] >= 0.05
+    assert facts["metrics"]["score_m"] == {
+        "value": pytest.approx(pd.read_parquet(alone.job(0) / "tables" / "tried.parquet")["score"].item()),
+        "unit": "m",
+    }
+
+    mended = mend(alone, ledger_of(alone.job(1))["command"])
+    assert mended.returncode == 0, mended.stderr
+    assert ledger_of(alone.job(1))["status"] == "done"
     again = mend(alone, result.stderr.splitlines()[-1])
-    assert again.returncode == 0
-    assert set(alone.table["status"]) == {"done"}
+    assert again.returncode == 1
+    assert Counter(alone.table["status"]) == {"done": 3, "failed": 1}
+    assert alone.count("begun") == {0: 1, 1: 2, 2: 2}
 
 
 @pytest.mark.slow
@@ -193,22 +210,6 @@ def test_one_job_after_the_other_without_the_parallel_launcher(sweeping):
     assert again.returncode == 0, again.stderr
     assert "(done before)" in again.stdout
     assert sweeping.count("begun") == {0: 1, 1: 1}
-
-
-def test_a_job_of_a_sweep_runs_by_itself(alone):
-    result = alone("seed=0,1", "trying.fail_at=[1]")
-    assert result.returncode == 1
-    mended = mend(alone, ledger_of(alone.job(1))["command"])
-    assert mended.returncode == 0, mended.stderr
-    assert ledger_of(alone.job(1))["status"] == "done"
-
-
-def test_a_wrong_value_in_one_job_fails_that_job_alone(alone):
-    result = alone("seed=0,-1,1")
-    assert result.returncode == 1
-    assert "seed: input should be greater than or equal to 0, got -1" in result.stderr
-    assert Counter(alone.table["status"]) == {"done": 2, "failed": 1}
-    assert set(tables_of(alone.job(0))) == {"numbers.parquet", "tried.parquet"}
 
 
 def test_a_missing_value_or_a_stage_that_cannot_be_imported_fails_its_job_alone(alone, tmp_path):
@@ -331,14 +332,3 @@ def kill_launcher(process):
     printed = process.communicate(timeout=60)
     wait_for_the_end_of(workers)
     return printed
-
-
-def test_ledger_of_a_job_says_what_it_took(alone):
-    alone("seed=0", "trying.pause_s=0.5")
-    facts = ledger_of(alone.job(0))
-    assert facts["seconds"] >= 0.5
-    assert facts["metrics"]["score_m"] == {
-        "value": pytest.approx(pd.read_parquet(alone.job(0) / "tables" / "tried.parquet")["score"].item()),
-        "unit": "m",
-    }
-    assert json.loads((alone.job(0) / "run.json").read_text())["status"] == "done"

@@ -69,14 +69,6 @@ def test_counts_the_cores_that_may_be_used():
     assert 1 <= count_cores() <= (os.cpu_count() or 1)
 
 
-def test_the_number_of_workers_changes_no_byte(split, reference):
-    result = split()
-    assert result.returncode == 0, result.stderr
-    assert tables_of(split.runs[0]) == reference
-    again = split("workers=1")
-    assert "everything is fresh" in again.stdout
-
-
 def test_a_fault_in_a_worker_is_told_with_its_traceback_and_mended_runs_go_on(split):
     result = split("squaring.fail_at=5")
     assert result.returncode == 1
@@ -85,17 +77,18 @@ def test_a_fault_in_a_worker_is_told_with_its_traceback_and_mended_runs_go_on(sp
     assert "in square" in (split.runs[0] / "log.txt").read_text()
 
 
-def test_a_killed_worker_loses_nothing(split, reference):
+def test_a_killed_worker_loses_nothing_and_the_number_of_workers_changes_no_byte(split, reference):
     result = split("squaring.die_at=4")
     assert result.returncode == 1
     (line,) = result.stderr.strip().splitlines()
     assert "a worker process was killed" in line
     assert "workers=1" in line
     assert ledger_of(split.runs[0])["status"] == "failed"
-    again = split("squaring.die_at=4", "workers=1")
+    again = split("squaring.die_at=4")
     assert again.returncode == 0, again.stderr
     assert f"resuming {split.runs[0]}" in again.stdout
     assert tables_of(split.runs[0]) == reference
+    assert "everything is fresh" in split("squaring.die_at=4", "workers=1").stdout
 
 
 @pytest.mark.slow

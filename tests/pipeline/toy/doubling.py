@@ -1,5 +1,9 @@
-"""Doubles: reads `numbers`, writes `doubles` and `halves` in parts, slowly or wrongly if asked."""
+"""Doubles: reads `numbers`, writes `doubles` and `halves` in parts, slowly or wrongly if asked.
 
+It pauses for somebody who comes between; not where the environment says that nobody does.
+"""
+
+import os
 import time
 from contextlib import suppress
 from typing import Literal
@@ -52,7 +56,8 @@ def doubling(cfg: Config, numbers, ctx):
             def make(number=number, draw=draw):
                 if number == cfg.doubling.fail_at:
                     raise ArithmeticError(f"cannot double {number}")
-                PAUSES[cfg.doubling.deaf](cfg.doubling.pause_s)
+                if "TOY_UNDISTURBED" not in os.environ:
+                    PAUSES[cfg.doubling.deaf](cfg.doubling.pause_s)
                 return {
                     "doubles": pd.DataFrame({"number": [number], "double": [round(2 * draw, cfg.doubling.digits)]}),
                     "halves": pd.DataFrame({"number": [number], "half": [round(draw / 2, cfg.doubling.digits)]}),
