@@ -89,7 +89,6 @@ class Machine(BaseModel):
     channels: dict[str, Channels]
     encoders: dict[str, Counter]
     seed: int = 0
-    port: int = 0
 
     @property
     def first_registers(self) -> list[tuple[int, int]]:

@@ -182,10 +182,3 @@ def test_faults_of_the_machine_are_what_they_say(emulator, device):
     seen = [(device.pressures[0], device.pressures[1]) for _ in range(20) if not clock.sleep(0.01)]
     assert len({each[0] for each in seen}) == 1
     assert len({each[1] for each in seen}) > 5
-
-
-def test_strange_requests_are_answered_with_an_error(emulator):
-    with pytest.raises(RuntimeError, match="no fault 'fire'"):
-        emulator.fault("fire")
-    with pytest.raises(RuntimeError, match="reference_rad"):
-        emulator.trial("tracked", "p1", 100)
