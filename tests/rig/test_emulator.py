@@ -17,7 +17,6 @@ from cpx_io.cpx_system.cpx_e.e4aiui import CpxE4AiUI
 from cpx_io.cpx_system.cpx_e.e4aoui import CpxE4AoUI
 from cpx_io.cpx_system.cpx_e.eep import CpxEEp
 from pymodbus.client import ModbusTcpClient
-from pymodbus.exceptions import ModbusException
 
 MADE = {"EP": CpxEEp, "4AO": CpxE4AoUI, "4AI": CpxE4AiUI, "1CI": CpxE1Ci}
 KPA, RAD, N = 0.03125, 6.283185307e-4, np.array([0.1, 0.025, 0.1, 0.025])
@@ -140,45 +139,3 @@ def test_passive_trial_goes_as_in_simulation(emulator, device):
     assert off.max() < 3.0
     assert np.abs(angle - expected.joint_angle_rad).max() < 0.005
     assert np.sqrt(((force - expected.force_n) ** 2).mean(axis=0)).max() < 4.5
-
-
-def test_faults_of_the_link_are_what_they_say(emulator, device):
-    emulator.fault("silent", for_s=0.15)
-    before = emulator.state()["messages"]
-    with pytest.raises(ModbusException):
-        device.pressures.read_channels()
-    assert emulator.state()["messages"] == before + 1
-    clock.sleep(0.1)
-    device.cpx.client.connect()
-    emulator.fault("slow", delay_s=0.05)
-    begun = clock.now_s()
-    device.pressures.read_channels()
-    assert 0.05 < clock.now_s() - begun < 0.1
-    emulator.mend()
-    emulator.fault("garbage", variant="transaction")
-    with pytest.raises(ModbusException):
-        device.cpx.client.read_holding_registers(45405, count=4)
-    emulator.mend()
-    emulator.fault("cut", for_s=0.2)
-    assert emulator.state()["clients"] == 0
-    assert not ModbusTcpClient("127.0.0.1", port=emulator.port, timeout=0.1).connect()
-    clock.sleep(0.25)
-    again = Connected(emulator)
-    assert again.cpx.module_count() == 6
-    again.cpx.shutdown()
-
-
-def test_faults_of_the_machine_are_what_they_say(emulator, device):
-    emulator.fault("overpressure", muscle="pam3", kpa=400.0)
-    emulator.fault("overspeed", joint="EFE", rad_per_s=5.0)
-    first = device.encoders[1].read_value()
-    clock.sleep(0.4)
-    assert KPA * device.pressures[2] == pytest.approx(400.0, abs=5.0)
-    assert RAD * (device.encoders[1].read_value() - first) == pytest.approx(2.0, abs=0.3)
-    assert emulator.state()["outputs_kpa"] == [0.0] * 4
-    device.outputs.write_channels(HALF)
-    emulator.fault("sensor", channel="pam1.pressure", mode="frozen")
-    clock.sleep(0.02)
-    seen = [(device.pressures[0], device.pressures[1]) for _ in range(20) if not clock.sleep(0.01)]
-    assert len({each[0] for each in seen}) == 1
-    assert len({each[1] for each in seen}) > 5

@@ -19,6 +19,8 @@ from tests.plant.machines import CONF, other_rig
 ARMS = {"elbow": "festo_cpx", "arm": "festo_cpx_arm"}
 """Option of exoskeleton, and of rig that goes with it: one joint and four; each rig's own tests have two."""
 RATE_HZ, TRIAL_S = 100.0, 1.0
+MOST = {"MAS-40": (250.0, 4000.0), "MAS-10": (700.0, 10000.0)}
+"""What may be commanded, by type of muscle, kPa, and how fast that may change, kPa/s."""
 REPLAY = {
     name: value
     for name, value in yaml.safe_load((CONF / "rig" / "replay.yaml").read_text()).items()
@@ -149,14 +151,28 @@ def test_an_exception_in_the_block_releases(rig, error):
 
 def clipped(rig):
     asked = command(rig)
-    asked[50:] = 900.0
+    asked[50:, pulling(rig)] = 900.0
     return Trial("passive", "nobody", asked)
+
+
+def pulling(rig):
+    """The agonist of the first joint, and the antagonist of the second if there is one."""
+    return [0, 3] if len(rig.joints) > 1 else [0]
 
 
 def test_what_clipped_the_command_is_recorded(rig, generator):
     asked = clipped(rig).pressure_command_kpa
     with rig:
         found = rig.execute(clipped(rig), generator)
-    assert {"pressure", "rate"} <= set(found.clipped_by[50:].ravel())
-    assert (found.pressure_command_kpa < asked)[60:].all()
-    assert set(found.clipped_by[:50].ravel()) == {""}
+    pulled = pulling(rig)
+    kinds = [rig.exoskeleton.muscles[each].type for each in pulled]
+    high, slew = np.array([MOST[each] for each in kinds]).T
+    applied, clipped_by = found.pressure_command_kpa[:, pulled], found.clipped_by[:, pulled]
+    np.testing.assert_allclose(np.diff(applied, axis=0).max(axis=0), slew / RATE_HZ)
+    assert (applied[70:] == high).all()
+    assert set(clipped_by[:50].ravel()) == {""}
+    assert set(clipped_by[50]) == {"rate"}
+    assert set(clipped_by[70:].ravel()) == {"pressure"}
+    assert (found.pressure_kpa[:, pulled] < high + 5.0).all()
+    calm = np.delete(np.arange(len(rig.muscles)), pulled)
+    np.testing.assert_allclose(found.pressure_command_kpa[:, calm], asked[:, calm])
