@@ -11,7 +11,7 @@ from typing import Any
 
 from stages.rig import clock
 from tests.cpx_e.faults import Faults
-from tests.cpx_e.machine import INPUTS_FROM, OUTPUTS_FROM, WIDTHS, Counter, Machine
+from tests.cpx_e.machine import INPUTS_FROM, OUTPUTS_FROM, WIDTHS, Machine
 from tests.cpx_e.physics import Plant
 
 CONTROL, VALUE, MODULES, FAULTS, STATUS, ANSWER, ANSWERED, TIMEOUT = (
@@ -60,6 +60,7 @@ class Device:
         self.answer, self.answered = 0, 0
         self.parameters: dict[int, int] = {}
         self.commands, self.sensors = machine.commands(), machine.sensors()
+        self.outputs = [at for at, name in zip(machine.first_registers, modules, strict=True) if name == "4AO"]
         self.held: dict[str, int] = {}
         now = clock.now_s()
         self.requested_s = now
@@ -135,10 +136,7 @@ class Device:
         raise NoSuchRegister(address)
 
     def _read_inputs(self) -> dict[int, int]:
-        words: dict[int, int] = {}
-        for (out, into), name in zip(self.machine.first_registers, self.machine.device.modules, strict=True):
-            if name == "4AO":
-                words |= {into + channel: self.written[out + channel] for channel in range(4)}
+        words = {into + channel: self.written[out + channel] for out, into in self.outputs for channel in range(4)}
         counts = dict(zip(self.sensors, self.plant.counts, strict=True))
         bad = self.faults.now("sensor")
         frozen = [each["channel"] for each in bad if each["mode"] == "frozen"]
@@ -146,7 +144,7 @@ class Device:
         counts |= self.held | {each["channel"]: each["counts"] for each in bad if each["mode"] == "counts"}
         for name, (register, channel) in self.sensors.items():
             words[register] = counts[name] & 0xFFFF
-            if isinstance(channel, Counter):
+            if channel.rad_per_count:
                 words[register + 1] = counts[name] >> 16 & 0xFFFF
         return words
 

@@ -124,6 +124,8 @@ class Physics:
         self.machine = machine
         self.generator = np.random.default_rng(machine.seed)
         self.models = [machine.plant.model_of(muscle) for muscle in machine.exoskeleton.muscles]
+        self.pressure_noise_kpa = np.array([each.pressure_noise_kpa for each in self.models])
+        self.force_noise_n = np.array([each.force_noise_n for each in self.models])
         self.channels = [channel for _, channel in machine.sensors().values()]
         self.run_rad = np.zeros(len(machine.exoskeleton.joints))
         self.now: Idle | Moving = Idle(machine, _middle(machine), np.zeros(len(self.models)))
@@ -145,8 +147,8 @@ class Physics:
         """Return the counts of all sensors; an encoder that runs away does so at a speed."""
         exoskeleton, encoder = self.machine.exoskeleton, self.machine.plant.encoder
         draw = self.generator.standard_normal
-        pressure = self.now.pressure + draw(len(self.models)) * [each.pressure_noise_kpa for each in self.models]
-        force = self.now.force + draw(len(self.models)) * [each.force_noise_n for each in self.models]
+        pressure = self.now.pressure + draw(len(self.models)) * self.pressure_noise_kpa
+        force = self.now.force + draw(len(self.models)) * self.force_noise_n
         runs = np.array([run_rad_per_s.get(name, 0.0) for name in exoskeleton.joint_names])
         self.run_rad = np.where(runs == 0.0, 0.0, self.run_rad + runs / exoskeleton.sampling_rate_hz)
         angle = self.now.angle + encoder.noise_rad * draw(len(runs)) + self.run_rad

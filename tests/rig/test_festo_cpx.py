@@ -22,13 +22,13 @@ from pymodbus.client import ModbusTcpClient
 
 WATCHDOG_S = 0.4
 SHORT = (
-    "exoskeleton.trial_s=1.6",
-    "rig.lead_in_s=0.6",
+    "exoskeleton.trial_s=1.2",
+    "rig.lead_in_s=0.4",
     f"rig.device.watchdog_s={WATCHDOG_S}",
     "rig.device.reply_s=0.15",
 )
-FAULT_S = 1.2
-"""When something goes wrong: 0.6 s into the trial."""
+FAULT_S = 0.8
+"""When something goes wrong: 0.4 s into the trial."""
 LET_DOWN_S = 0.12
 """Time from the notice of a fault to commands of 0, where the link lives: the ramp and two samples."""
 RETRIED_S = 0.15 + 0.01
@@ -66,7 +66,7 @@ def stop(rig, emulator, folder, fault):
     rows = pd.read_parquet(kept)
     assert list(rows.columns) == [*RECORDING_COLUMNS, "stopped_by"]
     assert set(rows["stopped_by"]) == {str(caught.value)}
-    assert len(rows) > 4 * 100
+    assert len(rows) > 4 * 70
     assert "find out why before anybody goes on" in str(caught.value)
     assert "\n" not in str(caught.value)
     return caught.value, rows, emulator.state()
@@ -120,7 +120,7 @@ def test_a_signal_lets_the_muscles_down_first(rig, emulator, number):
     before = signal.signal(number, lambda *_: heard.append(emulator.state()))
     try:
         emulator.clock.after(FAULT_S, lambda: signal.raise_signal(number))
-        with pytest.raises(TrialStopped, match=r"0.6\d s into the trial: (Ctrl-C|SIGTERM); the muscles were let down"):
+        with pytest.raises(TrialStopped, match=r"0.4\d s into the trial: (Ctrl-C|SIGTERM); the muscles were let down"):
             execute(rig)
     finally:
         signal.signal(number, before)
@@ -142,7 +142,7 @@ def test_what_the_watchdog_vented_while_we_slept_is_not_filled_again(rig, emulat
     send, look, pace = ModbusTcpClient.write_registers, Supervisor.look, festo_cpx.pace
 
     def sleep_once(place):
-        if place == where and len(written) > 130 and not slept:
+        if place == where and len(written) > 80 and not slept:
             clock.sleep(1.6 * WATCHDOG_S)
             slept.append(len(written))
 
