@@ -32,6 +32,12 @@ TRUE = {
     "pam1.command": {"kpa_per_count": 0.0295, "zero_count": -150.0},
     "SFE.encoder": {"rad_per_count": 6.4e-4, "zero_count": 1234.0, "sign": -1},
 }
+REFUSED = {
+    "pam2.force": "are the same at all points .* pam4.force follows them: are",
+    "pam3.force": r"the counts are the same at all points \(512.0 to 512.0\); is the channel dead\?",
+    "pam4.force": r"expected points of use at two known values at least, got 0 of 2, as the channel was at its end "
+    r"\(count 32100, range -500 to 32000\)",
+}
 
 
 @pytest.fixture(scope="module")
@@ -169,19 +175,28 @@ def build(person, *overrides):
     return study.build("rig")
 
 
-def test_a_rig_reads_the_truth_once_it_is_calibrated(emulator, tmp_path):
+def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configured(emulator, tmp_path):
     points = {
         "pam1.force": [0.0, 100.0, 0.0],
         "pam1.pressure": [0.0, 100.0, 200.0],
         "pam1.command": [100.0, 200.0],
         "SFE.encoder": [0.0, 1.0],
+        **{name: [0.0, 100.0] for name in REFUSED},
     }
-    person = Person(emulator, tmp_path, *choose(points), "calibration.plausible_ratio=1.2")
+    chosen = "calibration.plausible_ratio=1.2", "calibration.attempts=1"
+    person = Person(emulator, tmp_path, *choose(points), *chosen)
+    person.hands = {
+        "pam2.force": ("pam4.force", None),
+        "pam3.force": ("pam3.force", 512),
+        "pam4.force": ("pam4.force", 32100),
+    }
     assert person.carry_out() == 0
-    assert [each["point"] for each in person.asked] == [1, 2, 3, 4, 5, 6, 7, 8]
-    assert len(person.told) == 8
+    assert [each["point"] for each in person.asked] == [*range(1, 15)]
+    assert len(person.told) == 14
     lines, changes = (person.read(each).set_index("channel") for each in ("lines", "changes"))
-    assert set(lines["status"]) == {"calibrated"}
+    assert lines["status"].to_dict() == dict.fromkeys(TRUE, "calibrated") | dict.fromkeys(REFUSED, "refused")
+    for name, told in REFUSED.items():
+        assert re.search(told, lines.loc[name, "told"])
     for name, true in TRUE.items():
         (per_count,) = (value for key, value in true.items() if key.endswith("_per_count"))
         assert lines.loc[name, "per_count"] == pytest.approx(per_count, rel=0.005)
@@ -191,7 +206,7 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated(emulator, tmp_path):
     assert list(changes.index[changes["plausible"]]) == ["pam1.pressure", "pam1.command"]
     rig = build(person)
     assert rig.exoskeleton.sampling_rate_hz == 100.0
-    assert rig.channels["pam2"].force.n_per_count == 0.025
+    assert rig.channels["pam2"].force.n_per_count == 0.025  # as configured
     person.load("pam1.force", 80.0)
     person.load("SFE.encoder", 0.6)
     with rig:
@@ -245,31 +260,6 @@ def test_a_ceiling_or_a_sensor_at_its_end_lets_the_muscle_down(emulator, section
         assert emulator.state()["outputs_kpa"][1] == 0.0
     assert recording.stopped == "pam2.pressure cannot tell the pressure (count 32767)"
     assert len(recording.time_s) == 0
-
-
-def test_what_determines_no_line_is_refused_and_stays_as_configured(emulator, tmp_path):
-    points = {
-        "pam1.force": [0.0, 100.0],
-        "pam2.force": [0.0, 50.0],
-        "pam3.force": [0.0, 100.0],
-    }
-    person = Person(emulator, tmp_path, *choose(points), "calibration.attempts=1")
-    person.hands = {
-        "pam1.force": ("pam1.force", 32100),
-        "pam2.force": ("pam4.force", None),
-        "pam3.force": ("pam3.force", 512),
-    }
-    assert person.carry_out() == 0
-    lines = person.read("lines").set_index("channel")
-    assert set(lines["status"]) == {"refused"}
-    assert lines["told"].to_dict() == {
-        "pam1.force": "expected points of use at two known values at least, got 0 of 2, as the channel was at its end "
-        "(count 32100, range -500 to 32000)",
-        "pam2.force": lines.loc["pam2.force", "told"],
-        "pam3.force": "the counts are the same at all points (512.0 to 512.0); is the channel dead?",
-    }
-    assert re.search("are the same at all points .* pam4.force follows them: are", lines.loc["pam2.force", "told"])
-    assert not (person.run / "documents" / "calibrated.yaml").exists()
 
 
 def test_a_point_of_no_use_is_asked_for_again_by_the_same_command(emulator, tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import contextlib
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -126,11 +127,11 @@ class Room:
         self.server.close()
 
 
-@contextlib.contextmanager
-def open_rooms(browser, turned=None):
+@pytest.fixture
+def room(browser):
     with contextlib.ExitStack() as stack:
 
-        def enter(**settings):
+        def enter(turned=None, **settings):
             made = Room(browser, turned, **settings)
             stack.callback(made.close)
             return made
@@ -139,17 +140,10 @@ def open_rooms(browser, turned=None):
 
 
 @pytest.fixture
-def room(browser):
-    with open_rooms(browser) as enter:
-        yield enter
-
-
-@pytest.fixture
-def still(browser, turned):
+def still(turned, room):
     """A room whose clocks stand still unless they are told to go on."""
     turned.sleep(0.001)
-    with open_rooms(browser, turned) as enter:
-        yield enter
+    return partial(room, turned)
 
 
 @pytest.mark.realtime
