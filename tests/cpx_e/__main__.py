@@ -1,4 +1,4 @@
-"""Serve an emulated CPX-E: ``python -m tests.cpx_e MACHINE.json``, until stdin closes."""
+"""Serve an emulated CPX-E: ``python -m tests.cpx_e MACHINE``, described in JSON, until stdin closes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import socket
 import sys
 from multiprocessing.connection import Connection, wait
-from pathlib import Path
 
 import numpy as np
 
@@ -40,9 +39,9 @@ def _answer(client: Connection, emulation: Emulation) -> bool:
     return True
 
 
-def main(path: str) -> None:
-    """Serve the machine that a file describes."""
-    emulation = Emulation(json.loads(Path(path).read_text()))
+def main(machine: str) -> None:
+    """Serve a machine."""
+    emulation = Emulation(json.loads(machine))
     _warm(Physics(emulation.machine))
     listener = socket.create_server(("127.0.0.1", 0))
     clients: list[Connection] = []

@@ -23,7 +23,7 @@ class Emulation:
     Parameters
     ----------
     machine : mapping
-        What MACHINE.json holds, as plain values.
+        A machine's description, as plain values.
     """
 
     def __init__(self, machine: Mapping[str, Any]):

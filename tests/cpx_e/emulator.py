@@ -12,7 +12,6 @@ import select
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
@@ -50,7 +49,7 @@ class Emulator(Asked):
     Parameters
     ----------
     machine : mapping
-        What MACHINE.json holds, as plain values.
+        A machine's description, as plain values.
     """
 
     def __init__(self, machine: Mapping[str, Any]):
@@ -61,25 +60,22 @@ class Emulator(Asked):
         self._control: Connection | None = None
 
     def __enter__(self) -> Self:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "machine.json"
-            path.write_text(json.dumps(self.machine))
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "tests.cpx_e", str(path)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-                cwd=ROOT,
-                env=os.environ | {"OMP_NUM_THREADS": "1"},
-                start_new_session=True,
-            )
-            try:
-                ports = self._await_ports()
-                self.port, self.control_port = ports["port"], ports["control"]
-                self._control = Client(("127.0.0.1", self.control_port))
-            except BaseException:
-                self.kill()
-                raise
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.cpx_e", json.dumps(self.machine)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+            env=os.environ | {"OMP_NUM_THREADS": "1"},
+            start_new_session=True,
+        )
+        try:
+            ports = self._await_ports()
+            self.port, self.control_port = ports["port"], ports["control"]
+            self._control = Client(("127.0.0.1", self.control_port))
+        except BaseException:
+            self.kill()
+            raise
         return self
 
     def __exit__(

@@ -1,6 +1,6 @@
 """What the emulator emulates: the machine's description, and where its channels lie in registers.
 
-The text of MACHINE.json flows in; a checked machine with its register map flows out.
+Plain values flow in; a checked machine with its register map flows out.
 """
 
 from __future__ import annotations

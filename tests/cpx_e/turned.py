@@ -32,7 +32,7 @@ class TurnedEmulator(Asked):
     Parameters
     ----------
     machine : mapping
-        What MACHINE.json holds, as plain values.
+        A machine's description, as plain values.
     turned : TurnedClock
         The current clock.
     """

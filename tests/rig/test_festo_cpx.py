@@ -318,6 +318,16 @@ def test_other_modules_and_nobody_there_are_told(emulator, section):
         build_rig(section, 1).connect()
 
 
+def test_the_range_of_every_analogue_channel_is_set_where_it_is_stated(emulator, section):
+    ranged = section | {"device": section["device"] | {"signal_range": "B_10V"}}
+    with build_rig(ranged, emulator.port):
+        pass
+    numbers = [
+        4828 + 64 * module + each for module, its in {1: (11, 12), 2: (13, 14), 3: (13, 14)}.items() for each in its
+    ]
+    assert emulator.emulation.device.parameters == dict.fromkeys(numbers, 0x22)  # of two channels each
+
+
 def test_a_command_after_missed_samples_is_no_larger_a_step(emulator, section, monkeypatch):
     pace = festo_cpx.pace
 
