@@ -78,15 +78,10 @@ class Page:
     async def send(self, kind, **values):
         await self.socket.send_str(json.dumps({"kind": kind, **values}))
 
-    async def receive(self):
-        message = await self.socket.receive(timeout=LONGEST_S)
-        assert message.type is aiohttp.WSMsgType.TEXT, (message.type, message.data, message.extra)
-        return json.loads(message.data)
-
     async def hear(self, kind, holds=lambda _: True):
         """The next message of a kind for which something holds."""
         while True:
-            told = await self.receive()
+            told = await self.socket.receive_json(timeout=LONGEST_S)
             if told["kind"] == "moment":
                 await self.send("seen")
             if told["kind"] == kind and holds(told):
@@ -105,22 +100,17 @@ class Page:
         """Return once all that was sent was taken."""
         page_s = float(next(self.asked))
         await self.send("clock", page_s=page_s)
-        while True:
-            told = await self.receive()
-            if told["kind"] == "clock" and told["page_s"] == page_s:
-                return told
+        return await self.hear("clock", lambda each: each["page_s"] == page_s)
 
 
-def converse(server, talk, *roles, **headers):
+def converse(server, talk, *roles):
     """Open pages, hand them to a coroutine, and return what it returns."""
 
     async def run():
         async with contextlib.AsyncExitStack() as stack:
             session = await stack.enter_async_context(aiohttp.ClientSession())
-            sockets = [
-                await stack.enter_async_context(session.ws_connect(address(server, role, True), headers=headers))
-                for role in roles
-            ]
+            addresses = [address(server, role, True) for role in roles]
+            sockets = [await stack.enter_async_context(session.ws_connect(each)) for each in addresses]
             wait_until(lambda: sum(server.desk.see()["pages"].values()) == len(roles))
             return await asyncio.wait_for(talk(*map(Page, sockets)), 2 * LONGEST_S)
 
