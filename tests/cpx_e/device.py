@@ -14,16 +14,7 @@ from tests.cpx_e.faults import Faults
 from tests.cpx_e.machine import INPUTS_FROM, OUTPUTS_FROM, WIDTHS, Machine
 from tests.cpx_e.physics import Plant
 
-CONTROL, VALUE, MODULES, FAULTS, STATUS, ANSWER, ANSWERED, TIMEOUT = (
-    40001,
-    40002,
-    45367,
-    45383,
-    45391,
-    45392,
-    45393,
-    46100,
-)
+CONTROL, VALUE, MODULES, ANSWER, ANSWERED, TIMEOUT = 40001, 40002, 45367, 45392, 45393, 46100
 CONTROL_BIT, WRITE_BIT, NUMBER_BITS = 1 << 15, 1 << 13, 0x0FFF | 1 << 12
 REMEMBERED = 2000
 TEND_S = 0.005
@@ -55,7 +46,7 @@ class Device:
         self.written = dict.fromkeys((*fixed, *range(OUTPUTS_FROM, OUTPUTS_FROM + outputs)), 0)
         count = (1 << len(modules)) - 1
         self.fixed = {MODULES + place: count >> 16 * place & 0xFFFF for place in range(3)}
-        self.fixed |= dict.fromkeys(range(FAULTS, FAULTS + 3), 0) | {STATUS: 0, ANSWERED + 1: 0}
+        self.fixed[ANSWERED + 1] = 0
         self.inputs = range(INPUTS_FROM, INPUTS_FROM + inputs)
         self.answer, self.answered = 0, 0
         self.parameters: dict[int, int] = {}
