@@ -5,8 +5,6 @@ changes is put back afterwards. A forked one can be killed, limited and sent sig
 stake, or other code than this, a command is started in full instead.
 """
 
-import copy
-import io
 import logging
 import os
 import runpy
@@ -18,19 +16,17 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import cache, partial
+from functools import partial
 from multiprocessing import resource_tracker
 from pathlib import Path
 from unittest.mock import patch
 
-from hydra._internal.core_plugins import file_config_source
 from hydra._internal.hydra import Hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
 from hydra.core.singleton import Singleton
-from omegaconf import Container, OmegaConf
 
 import pipeline.__main__
 import pipeline.review.__main__
@@ -102,24 +98,9 @@ def _exit_code(main: Callable[[], int | None]) -> int:
 
 @contextmanager
 def _without_what_only_takes_time() -> Iterator[None]:
-    """Leave out that the disk is waited for, and that Hydra parses files again or composes all to ask for its mode."""
-    with (
-        patch.object(os, "fsync"),
-        patch.object(Hydra, "get_mode", return_value=None),
-        patch.object(file_config_source, "OmegaConf", _Parsed),
-    ):
+    """Leave out that the disk is waited for, and that Hydra composes everything once to ask for its mode."""
+    with patch.object(os, "fsync"), patch.object(Hydra, "get_mode", return_value=None):
         yield
-
-
-class _Parsed(OmegaConf):
-    @staticmethod
-    def load(file_):
-        return copy.deepcopy(_parse(file_.read()))
-
-
-@cache
-def _parse(text: str) -> Container:
-    return OmegaConf.load(io.StringIO(text))
 
 
 @contextmanager
