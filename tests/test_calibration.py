@@ -14,12 +14,15 @@ import pytest
 from pipeline.choices import read_choices
 from pipeline.config import read_study
 from pipeline.errors import ConfigError
+from pipeline.files import write_json
 from stages.rig import clock
 from stages.rig.contract import RigError
+from stages.rig.known_points import PointRequested
 from tests.composing import compose_values
 from tests.conftest import Command
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
+from tests.studies import PickledContext, run_stage
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
 
@@ -28,6 +31,12 @@ TRUE = {
     "pam1.pressure": {"kpa_per_count": 0.0335, "zero_count": 310.0},
     "pam1.command": {"kpa_per_count": 0.0295, "zero_count": -150.0},
     "SFE.encoder": {"rad_per_count": 6.4e-4, "zero_count": 1234.0, "sign": -1},
+}
+REFUSED = {
+    "pam2.force": "are the same at all points .* pam4.force follows them: are",
+    "pam3.force": r"the counts are the same at all points \(512.0 to 512.0\); is the channel dead\?",
+    "pam4.force": r"expected points of use at two known values at least, got 0 of 2, as the channel was at its end "
+    r"\(count 32100, range -500 to 32000\)",
 }
 
 
@@ -53,35 +62,32 @@ def emulator(machine):
         yield emulator
 
 
-@pytest.fixture(autouse=True)
-def no_reports(monkeypatch):
-    """Pages of runs that pause are not what is tested here."""
-    monkeypatch.setattr("pipeline.runner.try_report", lambda *_: None)
-
-
 class Person:
-    """Does what a run asks for and types its command again, until it no longer asks."""
+    """Does what the stage asks for and runs it again, until it no longer asks."""
 
-    def __init__(self, emulator, outputs, *overrides):
-        self.emulator, self.command = emulator, Command(outputs, *list_overrides(emulator), *overrides)
-        self.asked, self.told = [], []
+    def __init__(self, emulator, run, *overrides):
+        self.emulator, self.run = emulator, run
+        self.study, (self.stage,) = read_study(compose_values(*list_overrides(emulator), *overrides))
+        self.asked, self.told, self.tables = [], [], {}
         self.hands = {}
         self.shown_kpa = 0.0
 
-    @property
-    def run(self):
-        """The run's folder."""
-        (run,) = self.command.runs
-        return run
-
     def type(self):
-        """Type the command; return its exit code."""
+        """Run the stage as the command does; return its exit code."""
         begun_s = self.emulator.state()["now_s"]
-        result = self.command()
-        self.told += result.stderr.splitlines()
+        code = self.go_on()
         state = self.emulator.state(log=2000)
         self.shown_kpa = max((kpa[0] for at, kpa in state["log"] if at > begun_s), default=0.0)
-        return result.returncode
+        return code
+
+    def go_on(self):
+        try:
+            self.tables = run_stage(self.study, self.stage, self.run, {}, context=PickledContext)
+        except PointRequested as request:
+            write_json(self.run / "documents" / "asks.json", request.asks)
+            self.told.append(str(request))
+            return 3
+        return 0
 
     def obey(self):
         """Do what is asked for now, which takes a second."""
@@ -113,8 +119,23 @@ class Person:
         return code
 
     def read(self, table):
-        """Read one of the run's tables."""
-        return pd.read_parquet(self.run / "tables" / f"calibration_{table}.parquet")
+        """Return one of the run's tables."""
+        return self.tables[f"calibration_{table}"]
+
+
+class PersonAtTheCommand(Person):
+    """Types the command again."""
+
+    def __init__(self, emulator, outputs, *overrides):
+        super().__init__(emulator, None, *overrides)
+        self.command = Command(outputs, *list_overrides(emulator), *overrides)
+
+    def go_on(self):
+        result = self.command()
+        (self.run,) = self.command.runs
+        self.told += result.stderr.splitlines()
+        self.tables = {each.stem: pd.read_parquet(each) for each in (self.run / "tables").glob("*.parquet")}
+        return result.returncode
 
 
 def list_overrides(emulator):
@@ -154,24 +175,28 @@ def build(person, *overrides):
     return study.build("rig")
 
 
-def test_a_rig_reads_the_truth_once_it_is_calibrated(emulator, tmp_path):
+def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configured(emulator, tmp_path):
     points = {
         "pam1.force": [0.0, 100.0, 0.0],
         "pam1.pressure": [0.0, 100.0, 200.0],
         "pam1.command": [100.0, 200.0],
         "SFE.encoder": [0.0, 1.0],
+        **{name: [0.0, 100.0] for name in REFUSED},
     }
-    person = Person(emulator, tmp_path, *choose(points), "calibration.plausible_ratio=1.2")
+    chosen = "calibration.plausible_ratio=1.2", "calibration.attempts=1"
+    person = Person(emulator, tmp_path, *choose(points), *chosen)
+    person.hands = {
+        "pam2.force": ("pam4.force", None),
+        "pam3.force": ("pam3.force", 512),
+        "pam4.force": ("pam4.force", 32100),
+    }
     assert person.carry_out() == 0
-    assert [each["point"] for each in person.asked] == [1, 2, 3, 4, 5, 6, 7, 8]
-    assert len(person.told) == 8
-    assert re.search(
-        r"calibration paused: recorded pam1.force at 0 N \(24000.0 counts, spread 0.0\); point 2 of 8, pam1.force at "
-        r"100 N: hang 100 N on the load cell of pam1 and let it come to rest .* when that is done, type: ",
-        person.told[1],
-    )
+    assert [each["point"] for each in person.asked] == [*range(1, 15)]
+    assert len(person.told) == 14
     lines, changes = (person.read(each).set_index("channel") for each in ("lines", "changes"))
-    assert set(lines["status"]) == {"calibrated"}
+    assert lines["status"].to_dict() == dict.fromkeys(TRUE, "calibrated") | dict.fromkeys(REFUSED, "refused")
+    for name, told in REFUSED.items():
+        assert re.search(told, lines.loc[name, "told"])
     for name, true in TRUE.items():
         (per_count,) = (value for key, value in true.items() if key.endswith("_per_count"))
         assert lines.loc[name, "per_count"] == pytest.approx(per_count, rel=0.005)
@@ -179,13 +204,9 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated(emulator, tmp_path):
         assert lines.loc[name, "sign"] == true.get("sign", 1)
     assert "the sign is -1, configured 1" in lines.loc["pam1.force", "told"]
     assert list(changes.index[changes["plausible"]]) == ["pam1.pressure", "pam1.command"]
-    assert sorted(each.stem for each in (person.run / "figures").glob("*.png")) == [
-        f"lines_{kind}" for kind in ("command", "encoder", "force", "pressure")
-    ]
-
     rig = build(person)
     assert rig.exoskeleton.sampling_rate_hz == 100.0
-    assert rig.channels["pam2"].force.n_per_count == 0.025
+    assert rig.channels["pam2"].force.n_per_count == 0.025  # as configured
     person.load("pam1.force", 80.0)
     person.load("SFE.encoder", 0.6)
     with rig:
@@ -241,33 +262,9 @@ def test_a_ceiling_or_a_sensor_at_its_end_lets_the_muscle_down(emulator, section
     assert len(recording.time_s) == 0
 
 
-def test_what_determines_no_line_is_refused_and_stays_as_configured(emulator, tmp_path):
-    points = {
-        "pam1.force": [0.0, 100.0],
-        "pam2.force": [0.0, 50.0],
-        "pam3.force": [0.0, 100.0],
-    }
-    person = Person(emulator, tmp_path, *choose(points), "calibration.attempts=1")
-    person.hands = {
-        "pam1.force": ("pam1.force", 32100),
-        "pam2.force": ("pam4.force", None),
-        "pam3.force": ("pam3.force", 512),
-    }
-    assert person.carry_out() == 0
-    lines = person.read("lines").set_index("channel")
-    assert set(lines["status"]) == {"refused"}
-    assert lines["told"].to_dict() == {
-        "pam1.force": "expected points of use at two known values at least, got 0 of 2, as the channel was at its end "
-        "(count 32100, range -500 to 32000)",
-        "pam2.force": lines.loc["pam2.force", "told"],
-        "pam3.force": "the counts are the same at all points (512.0 to 512.0); is the channel dead?",
-    }
-    assert re.search("are the same at all points .* pam4.force follows them: are", lines.loc["pam2.force", "told"])
-    assert not (person.run / "documents" / "calibrated.yaml").exists()
-
-
-def test_a_point_of_no_use_is_asked_for_again(emulator, tmp_path):
-    person = Person(emulator, tmp_path, *choose({"pam1.force": [0.0, 100.0]}))
+def test_a_point_of_no_use_is_asked_for_again_by_the_same_command(emulator, tmp_path, monkeypatch):
+    monkeypatch.setattr("pipeline.runner.try_report", lambda *_: None)
+    person = PersonAtTheCommand(emulator, tmp_path, *choose({"pam1.force": [0.0, 100.0]}))
     person.type()
     person.obey()
     emulator.fault("sensor", channel="pam1.force", mode="counts", counts=32767)
@@ -276,10 +273,17 @@ def test_a_point_of_no_use_is_asked_for_again(emulator, tmp_path):
     assert "of no use: the channel told no value (count 32767); point 1 of 2, pam1.force at 0 N: take every" in told
     person.obey()
     assert person.carry_out() == 0
+    assert re.search(
+        r"calibration paused: recorded pam1.force at 0 N \(24000.0 counts, spread 0.0\); point 2 of 2, pam1.force at "
+        r"100 N: hang 100 N on the load cell of pam1 and let it come to rest .* when that is done, type: ",
+        person.told[2],
+    )
     points = person.read("points")
     assert list(points["attempt"]) == [1, 2, 1]
     assert list(points["problem"].eq("")) == [False, True, True]
     assert list(person.read("lines")["status"]) == ["calibrated"]
+    assert [each.name for each in (person.run / "figures").iterdir()] == ["lines_force.png"]
+    assert (person.run / "documents" / "calibrated.yaml").exists()
 
 
 def test_a_run_that_is_killed_goes_on_at_the_point_it_was_recording(emulator, tmp_path):

@@ -6,27 +6,15 @@ of 0 kPa when the watchdog fires, which it does when no request has come for as 
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from typing import Any
 
-import numpy as np
-
 from stages.rig import clock
 from tests.cpx_e.faults import Faults
-from tests.cpx_e.machine import INPUTS_FROM, OUTPUTS_FROM, WIDTHS, Analog, Machine
-from tests.cpx_e.shared import Shared
+from tests.cpx_e.machine import INPUTS_FROM, OUTPUTS_FROM, WIDTHS, Machine
+from tests.cpx_e.physics import Plant
 
-CONTROL, VALUE, MODULES, FAULTS, STATUS, ANSWER, ANSWERED, TIMEOUT = (
-    40001,
-    40002,
-    45367,
-    45383,
-    45391,
-    45392,
-    45393,
-    46100,
-)
+CONTROL, VALUE, MODULES, ANSWER, ANSWERED, TIMEOUT = 40001, 40002, 45367, 45392, 45393, 46100
 CONTROL_BIT, WRITE_BIT, NUMBER_BITS = 1 << 15, 1 << 13, 0x0FFF | 1 << 12
 REMEMBERED = 2000
 TEND_S = 0.005
@@ -43,15 +31,14 @@ class Device:
     ----------
     machine : Machine
         Modules and channels.
-    shared : Shared
-        What the plant's process reads and writes.
+    plant : Plant
+        What takes its commands and has its sensors.
     faults : Faults
         What is wrong.
     """
 
-    def __init__(self, machine: Machine, shared: Shared, faults: Faults):
-        self.machine, self.shared, self.faults = machine, shared, faults
-        self.lock = threading.RLock()
+    def __init__(self, machine: Machine, plant: Plant, faults: Faults):
+        self.machine, self.plant, self.faults = machine, plant, faults
         modules = machine.device.modules
         outputs = sum(WIDTHS[name][0] for name in modules)
         inputs = sum(WIDTHS[name][1] for name in modules)
@@ -59,12 +46,12 @@ class Device:
         self.written = dict.fromkeys((*fixed, *range(OUTPUTS_FROM, OUTPUTS_FROM + outputs)), 0)
         count = (1 << len(modules)) - 1
         self.fixed = {MODULES + place: count >> 16 * place & 0xFFFF for place in range(3)}
-        self.fixed |= dict.fromkeys(range(FAULTS, FAULTS + 3), 0) | {STATUS: 0, ANSWERED + 1: 0}
+        self.fixed[ANSWERED + 1] = 0
         self.inputs = range(INPUTS_FROM, INPUTS_FROM + inputs)
         self.answer, self.answered = 0, 0
         self.parameters: dict[int, int] = {}
         self.commands, self.sensors = machine.commands(), machine.sensors()
-        self.places = {register: list(self.sensors).index(name) for name, (register, _) in self.sensors.items()}
+        self.outputs = [at for at, name in zip(machine.first_registers, modules, strict=True) if name == "4AO"]
         self.held: dict[str, int] = {}
         now = clock.now_s()
         self.requested_s = now
@@ -80,48 +67,52 @@ class Device:
 
     def note_request(self) -> None:
         """Count a request and wind the watchdog up, after it had its chance to fire."""
-        with self.lock:
-            now = clock.now_s()
-            self._watch(now)
-            self.requested_s = now
-            self.fired_for = None
-            self.messages += 1
+        now = clock.now_s()
+        self._watch(now)
+        self.requested_s = now
+        self.fired_for = None
+        self.messages += 1
 
     def read(self, address: int, count: int) -> list[int]:
         """Return words; raises NoSuchRegister."""
-        with self.lock:
-            words: dict[int, int] = {}
-            if address + count > self.inputs.start and address < self.inputs.stop:
-                words = self._read_inputs()
-            return [self._read_one(each, words) for each in range(address, address + count)]
+        words: dict[int, int] = {}
+        if address + count > self.inputs.start and address < self.inputs.stop:
+            words = self._read_inputs()
+        return [self._read_one(each, words) for each in range(address, address + count)]
 
     def write(self, address: int, words: list[int]) -> None:
         """Set words; raises NoSuchRegister, then nothing was written."""
         places = range(address, address + len(words))
-        with self.lock:
-            if any(each not in self.written for each in places):
-                raise NoSuchRegister(address)
-            self.written.update(zip(places, words, strict=True))
-            if CONTROL in places:
-                self._exchange_parameter(self.written[CONTROL])
-            if OUTPUTS_FROM < places.stop < MODULES:
-                now = clock.now_s()
-                self.shared.written_s[0] = now
-                self._apply_outputs(now)
+        if any(each not in self.written for each in places):
+            raise NoSuchRegister(address)
+        self.written.update(zip(places, words, strict=True))
+        if CONTROL in places:
+            self._exchange_parameter(self.written[CONTROL])
+        if OUTPUTS_FROM < places.stop < MODULES:
+            self.plant.written_s = clock.now_s()
+            self._apply_outputs(self.plant.written_s)
 
     def state(self) -> dict[str, Any]:
         """Return what the device knows of itself."""
-        with self.lock:
-            return {
-                "messages": self.messages,
-                "outputs_kpa": self.outputs_kpa,
-                "watchdog_ms": self.written[TIMEOUT],
-                "watchdog_fired_at_s": self.fired_at_s,
-                "watchdog_count": self.fired,
-                "last_request_at_s": self.requested_s,
-                "vented_at_s": self.vented_at_s,
-                "log": list(self.log),
-            }
+        return {
+            "messages": self.messages,
+            "outputs_kpa": self.outputs_kpa,
+            "watchdog_ms": self.written[TIMEOUT],
+            "watchdog_fired_at_s": self.fired_at_s,
+            "watchdog_count": self.fired,
+            "last_request_at_s": self.requested_s,
+            "vented_at_s": self.vented_at_s,
+            "log": list(self.log),
+        }
+
+    def tend(self) -> float:
+        """Do what is due without a request; return after how many seconds to do so again."""
+        now = clock.now_s()
+        self._watch(now)
+        if self.written[TIMEOUT] <= 0 or self.fired_for is not None:
+            return TEND_S
+        due = self.requested_s + self.written[TIMEOUT] / 1000.0 - now
+        return min(max(due + 1e-4, 2e-4), TEND_S)
 
     def _read_one(self, address: int, words: dict[int, int]) -> int:
         if address in self.inputs:
@@ -136,23 +127,16 @@ class Device:
         raise NoSuchRegister(address)
 
     def _read_inputs(self) -> dict[int, int]:
-        words: dict[int, int] = {}
-        counts = self.shared.latest()
-        bad = {each["channel"]: each for each in self.faults.now("sensor")}
-        first = self.machine.first_registers
-        for position, name in enumerate(self.machine.device.modules):
-            out, into = first[position]
-            if name == "4AO":
-                words |= {into + channel: self.written[out + channel] for channel in range(4)}
+        words = {into + channel: self.written[out + channel] for out, into in self.outputs for channel in range(4)}
+        counts = dict(zip(self.sensors, self.plant.counts, strict=True))
+        bad = self.faults.now("sensor")
+        frozen = [each["channel"] for each in bad if each["mode"] == "frozen"]
+        self.held = {name: self.held.get(name, counts[name]) for name in frozen}
+        counts |= self.held | {each["channel"]: each["counts"] for each in bad if each["mode"] == "counts"}
         for name, (register, channel) in self.sensors.items():
-            fault = bad.get(name, {"mode": None})
-            count = counts[self.places[register]]
-            count = self.held.get(name, count) if fault["mode"] == "frozen" else count
-            if isinstance(channel, Analog):
-                words[register] = (int(fault["counts"]) if fault["mode"] == "counts" else count) & 0xFFFF
-            else:
-                count = (int(fault["counts"]) if fault["mode"] == "counts" else count) & 0xFFFFFFFF
-                words |= {register: count & 0xFFFF, register + 1: count >> 16}
+            words[register] = counts[name] & 0xFFFF
+            if channel.rad_per_count:
+                words[register + 1] = counts[name] >> 16 & 0xFFFF
         return words
 
     def _exchange_parameter(self, order: int) -> None:
@@ -173,7 +157,7 @@ class Device:
         if kpa == self.outputs_kpa:
             return
         self.outputs_kpa = kpa
-        self.shared.order(now, kpa)
+        self.plant.order(now, kpa)
         vented = not any(kpa)
         if not vented:
             self.vented_at_s = None
@@ -193,25 +177,3 @@ class Device:
         self.fired += 1
         self._vent()
         self._apply_outputs(now)
-
-    def tend(self) -> float:
-        """Do what is due without a request; return after how many seconds to do so again."""
-        with self.lock:
-            now = clock.now_s()
-            self._watch(now)
-            self._tend_faults(now)
-            if self.written[TIMEOUT] <= 0 or self.fired_for is not None:
-                return TEND_S
-            due = self.requested_s + self.written[TIMEOUT] / 1000.0 - now
-            return min(max(due + 1e-4, 2e-4), TEND_S)
-
-    def _tend_faults(self, now: float) -> None:
-        names = self.machine.exoskeleton.muscle_names
-        given = {each["muscle"]: each["kpa"] for each in self.faults.now("overpressure")}
-        self.shared.valve_kpa[:] = [given.get(name, np.nan) for name in names]
-        runs = {each["joint"]: each["rad_per_s"] for each in self.faults.now("overspeed")}
-        self.shared.run_rad_per_s[:] = [runs.get(name, 0.0) for name in self.machine.exoskeleton.joint_names]
-        frozen = [each["channel"] for each in self.faults.now("sensor") if each["mode"] == "frozen"]
-        counts = self.shared.latest()
-        order = list(self.sensors)
-        self.held = {name: self.held.get(name, counts[order.index(name)]) for name in frozen}

@@ -10,15 +10,15 @@ import json
 import os
 import select
 import signal
-import socket
 import subprocess
 import sys
-import tempfile
-import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from multiprocessing.connection import Client, Connection
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+
+from tests.cpx_e.emulation import Asked
 
 ROOT = Path(__file__).resolve().parents[2]
 START_S = 60.0
@@ -26,49 +26,21 @@ REPLY_S = 5.0
 END_S = 2.0
 
 
-class Asked:
-    """What can be asked of an emulator, in this process or another."""
+def ask(control: Connection, do: str, **values: Any) -> dict[str, Any]:
+    """Send a control request to another process and return its reply.
 
-    def ask(self, do: str, **values: Any) -> dict[str, Any]:
-        """Send a control request and return its reply; raises RuntimeError where that finds fault with it."""
-        raise NotImplementedError
-
-    def state(self, log: int = 100) -> dict[str, Any]:
-        """Return what the device knows of itself, with the last `log` changes of outputs."""
-        return self.ask("state", log=log)
-
-    def trial(
-        self,
-        kind: str,
-        participant: str,
-        samples: int,
-        lead_samples: int = 0,
-        reference_rad: Sequence[Sequence[float]] | None = None,
-        seed: int = 0,
-    ) -> float:
-        """Announce a trial; returns when it began, by the monotonic clock, s."""
-        started: float = self.ask(
-            "trial",
-            kind=kind,
-            participant=participant,
-            samples=samples,
-            lead_samples=lead_samples,
-            reference_rad=reference_rad,
-            seed=seed,
-        )["started_s"]
-        return started
-
-    def end(self) -> None:
-        """End the trial."""
-        self.ask("end")
-
-    def fault(self, name: str, **values: Any) -> None:
-        """Ask for a fault; `after_s` and `for_s` say when."""
-        self.ask("fault", name=name, **values)
-
-    def mend(self) -> None:
-        """End all faults."""
-        self.ask("mend")
+    Raises
+    ------
+    RuntimeError
+        When the emulator finds fault with it, or does not answer.
+    """
+    control.send({"do": do, **values})
+    if not control.poll(REPLY_S):
+        raise RuntimeError("the emulator does not answer")
+    reply: dict[str, Any] = control.recv()
+    if "error" in reply:
+        raise RuntimeError(reply["error"])
+    return reply
 
 
 class Emulator(Asked):
@@ -77,7 +49,7 @@ class Emulator(Asked):
     Parameters
     ----------
     machine : mapping
-        What MACHINE.json holds, as plain values.
+        A machine's description, as plain values.
     """
 
     def __init__(self, machine: Mapping[str, Any]):
@@ -85,31 +57,25 @@ class Emulator(Asked):
         self.port = 0
         self.control_port = 0
         self._process: subprocess.Popen[str] | None = None
-        self._control: socket.socket | None = None
-        self._lines: Any = None
-        self._lock = threading.Lock()
+        self._control: Connection | None = None
 
     def __enter__(self) -> Self:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "machine.json"
-            path.write_text(json.dumps(self.machine))
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "tests.cpx_e", str(path)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-                cwd=ROOT,
-                env=os.environ | {"OMP_NUM_THREADS": "1"},
-                start_new_session=True,
-            )
-            try:
-                ports = self._await_ports()
-                self.port, self.control_port = ports["port"], ports["control"]
-                self._control = socket.create_connection(("127.0.0.1", self.control_port), timeout=REPLY_S)
-                self._lines = self._control.makefile("rw")
-            except BaseException:
-                self.kill()
-                raise
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.cpx_e", json.dumps(self.machine)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+            env=os.environ | {"OMP_NUM_THREADS": "1"},
+            start_new_session=True,
+        )
+        try:
+            ports = self._await_ports()
+            self.port, self.control_port = ports["port"], ports["control"]
+            self._control = Client(("127.0.0.1", self.control_port))
+        except BaseException:
+            self.kill()
+            raise
         return self
 
     def __exit__(
@@ -119,36 +85,22 @@ class Emulator(Asked):
 
     @property
     def pid(self) -> int:
-        """Of the server; also the number of the process group."""
+        """Of the process; also the number of its group."""
         assert self._process is not None
         return self._process.pid
 
     def ask(self, do: str, **values: Any) -> dict[str, Any]:
-        """Send a control request and return its reply.
-
-        Raises
-        ------
-        RuntimeError
-            When the emulator finds fault with it, or does not answer.
-        """
-        with self._lock:
-            self._lines.write(json.dumps({"do": do, **values}) + "\n")
-            self._lines.flush()
-            line = self._lines.readline()
-        if not line:
-            raise RuntimeError("the emulator has gone")
-        reply: dict[str, Any] = json.loads(line)
-        if "error" in reply:
-            raise RuntimeError(reply["error"])
-        return reply
+        """Send a control request and return its reply; raises RuntimeError where that finds fault with it."""
+        assert self._control is not None
+        return ask(self._control, do, **values)
 
     def freeze(self) -> None:
-        """Stop the whole process group."""
-        os.killpg(self.pid, signal.SIGSTOP)
+        """Stop the process."""
+        os.kill(self.pid, signal.SIGSTOP)
 
     def thaw(self) -> None:
         """Let it go on."""
-        os.killpg(self.pid, signal.SIGCONT)
+        os.kill(self.pid, signal.SIGCONT)
 
     def close(self) -> None:
         """End it as it ends by itself, when nobody is there any more; kill what has not ended in a while."""
@@ -164,17 +116,16 @@ class Emulator(Asked):
         self.kill()
 
     def kill(self) -> None:
-        """Kill the whole process group, frozen or not, and wait for it."""
+        """Kill it, frozen or not, and wait for it."""
         if self._process is None:
             return
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.kill()
         self._process.wait()
-        for each in (self._process.stdin, self._process.stdout, self._lines, self._control):
+        for each in (self._process.stdin, self._process.stdout, self._control):
             if each is not None:
                 with contextlib.suppress(OSError):
                     each.close()
-        self._process = None
+        self._process = self._control = None
 
     def _await_ports(self) -> dict[str, int]:
         assert self._process is not None

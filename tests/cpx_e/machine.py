@@ -1,13 +1,12 @@
 """What the emulator emulates: the machine's description, and where its channels lie in registers.
 
-The text of MACHINE.json flows in; a checked machine with its register map flows out.
+Plain values flow in; a checked machine with its register map flows out.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from stages.plant.exoskeleton import Exoskeleton
@@ -20,41 +19,29 @@ WIDTHS = {"EP": (0, 0), "4AO": (4, 5), "4AI": (0, 5), "1CI": (1, 8)}
 """Registers of each module: out and in; those of the EP stand before the others'."""
 
 
-class Analog(BaseModel):
-    """One channel of an analog module: value = sign * per_count * (count - zero_count)."""
+class Channel(BaseModel):
+    """One channel of a module: value = sign * per_count * (count - zero_count); a counter has 32 bits."""
 
     model_config = ConfigDict(extra="forbid")
 
     module: int
-    channel: int
-    kpa_per_count: float | None = None
-    n_per_count: float | None = None
+    channel: int = 0
+    kpa_per_count: float = 0.0
+    n_per_count: float = 0.0
+    rad_per_count: float = 0.0
     zero_count: float
     sign: int
 
     @property
     def per_count(self) -> float:
-        return self.kpa_per_count if self.kpa_per_count is not None else float(self.n_per_count or 1.0)
+        return self.sign * (self.kpa_per_count or self.n_per_count or self.rad_per_count)
 
     def to_value(self, count: int) -> float:
-        return self.sign * self.per_count * (count - self.zero_count)
+        return self.per_count * (count - self.zero_count)
 
     def to_count(self, value: float) -> int:
-        return int(np.clip(round(self.sign * value / self.per_count + self.zero_count), -32768, 32767))
-
-
-class Counter(BaseModel):
-    """A counter module: angle = sign * rad_per_count * (count - zero_count), of 32 bits."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    module: int
-    rad_per_count: float
-    zero_count: float
-    sign: int
-
-    def to_count(self, value: float) -> int:
-        return round(self.sign * value / self.rad_per_count + self.zero_count) & 0xFFFFFFFF
+        count = round(value / self.per_count + self.zero_count)
+        return count & 0xFFFFFFFF if self.rad_per_count else min(max(count, -32768), 32767)
 
 
 class Channels(BaseModel):
@@ -62,9 +49,9 @@ class Channels(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    command: Analog
-    pressure: Analog
-    force: Analog
+    command: Channel
+    pressure: Channel
+    force: Channel
 
 
 class Device(BaseModel):
@@ -87,9 +74,8 @@ class Machine(BaseModel):
     movement: Movement
     device: Device
     channels: dict[str, Channels]
-    encoders: dict[str, Counter]
+    encoders: dict[str, Channel]
     seed: int = 0
-    port: int = 0
 
     @property
     def first_registers(self) -> list[tuple[int, int]]:
@@ -100,15 +86,15 @@ class Machine(BaseModel):
             out, into = out + WIDTHS[name][0], into + WIDTHS[name][1]
         return found
 
-    def commands(self) -> list[tuple[int, Analog]]:
+    def commands(self) -> list[tuple[int, Channel]]:
         """Register and channel of each muscle's command, in the exoskeleton's order."""
         first = self.first_registers
         return [(first[each.module][0] + each.channel, each) for each in self._list("command")]
 
-    def sensors(self) -> dict[str, tuple[int, Analog | Counter]]:
+    def sensors(self) -> dict[str, tuple[int, Channel]]:
         """Register and channel of every sensor by name: pressures, then forces, then encoders."""
         first = self.first_registers
-        found: dict[str, tuple[int, Analog | Counter]] = {}
+        found: dict[str, tuple[int, Channel]] = {}
         for kind in ("pressure", "force"):
             for name, each in zip(self.exoskeleton.muscle_names, self._list(kind), strict=True):
                 found[f"{name}.{kind}"] = (first[each.module][1] + each.channel, each)

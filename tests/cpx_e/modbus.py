@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import random
-import select
 import socket
 import struct
-import threading
+from collections.abc import Collection
 
 from stages.rig import clock
 from tests.cpx_e.device import Device, NoSuchRegister
@@ -30,78 +29,47 @@ class ModbusServer:
         Whose registers.
     faults : Faults
         Those of the connection are put in here.
-    port : int
-        0 for any that is free; `port` tells it then.
     """
 
-    def __init__(self, device: Device, faults: Faults, port: int):
+    def __init__(self, device: Device, faults: Faults):
         self.device, self.faults = device, faults
-        self.listener: socket.socket | None = socket.create_server(("127.0.0.1", port), reuse_port=False)
+        self.listener: socket.socket | None = socket.create_server(("127.0.0.1", 0), reuse_port=False)
         self.port: int = self.listener.getsockname()[1]
         self.clients: set[socket.socket] = set()
-        self.lock = threading.Lock()
         self.chance = random.Random(device.machine.seed)
 
-    def serve_forever(self) -> None:
-        """Accept clients, each with a thread of its own."""
-        while True:
-            self.mind_cut()
-            if self.listener is None:
-                clock.sleep(0.002)
-            elif (client := self._accept(0.01)) is not None:
-                threading.Thread(target=self._serve, args=(client,), daemon=True).start()
-
-    def serve_waiting(self, patience_s: float) -> bool:
-        """Answer what asks now, or within a real time, s; return whether anybody did."""
-        self.mind_cut()
+    def list_sockets(self) -> list[socket.socket]:
+        """Return what may be ready to be served; none while the link is cut, and all anew afterwards."""
+        if self.faults.now("cut"):
+            self.close()
+            return []
         if self.listener is None:
-            return False
-        ready, _, _ = select.select([self.listener, *self.clients], [], [], patience_s)
-        for each in ready:
-            if each is self.listener:
-                self._accept(0.0)
-            elif not self._serve_one(each):
+            self.listener = socket.create_server(("127.0.0.1", self.port), reuse_port=False)
+        return [self.listener, *self.clients]
+
+    def serve(self, ready: Collection[object]) -> None:
+        """Accept those who connect and answer those who ask, of these."""
+        if self.listener in ready:
+            client, _ = self.listener.accept()
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self.clients.add(client)
+        for each in self.clients.intersection(ready):
+            if not self._serve_one(each):
                 self._drop(each)
-        return bool(ready)
 
     def close(self) -> None:
         """Let go of all connections and the port, as a process that ends."""
         if self.listener is not None:
             self.listener.close()
             self.listener = None
-        with self.lock:
-            clients = list(self.clients)
-        for client in clients:
+        for client in list(self.clients):
             self._drop(client)
 
-    def mind_cut(self) -> None:
-        """Let go of all while the link is cut, and listen again afterwards."""
-        if self.faults.now("cut"):
-            self.close()
-        elif self.listener is None:
-            self.listener = socket.create_server(("127.0.0.1", self.port), reuse_port=False)
-
-    def _accept(self, patience_s: float) -> socket.socket | None:
-        assert self.listener is not None
-        if not select.select([self.listener], [], [], patience_s)[0]:
-            return None
-        client, _ = self.listener.accept()
-        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        with self.lock:
-            self.clients.add(client)
-        return client
-
     def _drop(self, client: socket.socket) -> None:
-        with self.lock:
-            self.clients.discard(client)
+        self.clients.discard(client)
         with contextlib.suppress(OSError):
             client.shutdown(socket.SHUT_RDWR)
         client.close()
-
-    def _serve(self, client: socket.socket) -> None:
-        while self._serve_one(client):
-            pass
-        self._drop(client)
 
     def _serve_one(self, client: socket.socket) -> bool:
         """Answer a request; return whether the client may ask more."""

@@ -1,13 +1,12 @@
-"""The machine and the person behind the device, in real time and in a process of its own.
+"""The machine and the person behind the device, as time passes.
 
-Commanded pressures flow in through shared memory and announced trials through a pipe; at each of the exoskeleton's
-samples counts of all sensors flow out.
+Commanded pressures and announced trials flow in; at each of the exoskeleton's samples counts of all sensors flow out.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from multiprocessing.connection import Connection
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,11 +17,11 @@ from stages.plant.stepping import Steps
 from stages.rig import clock
 from stages.rig.movement import move_freely
 from stages.signals.trajectories import Array
+from tests.cpx_e.faults import Faults
 from tests.cpx_e.machine import Machine
-from tests.cpx_e.shared import Shared
 
-HELD_S = 2.0
-"""History of commands that an idle machine knows; valves settle within it."""
+REMEMBERED = 256
+"""Commands that are remembered, so that a machine that is late still knows when each was written."""
 GLIDE_S = 0.8
 """Time in which a joint is brought to the middle after a trial."""
 LEAD_SHARE = 0.4
@@ -38,33 +37,27 @@ class Idle:
 
     def __init__(self, machine: Machine, angle_rad: Array, command_kpa: Array):
         exoskeleton = machine.exoskeleton
-        self.exoskeleton = exoskeleton
         self.chain = Chain(exoskeleton, machine.plant)
-        middle = _middle(machine)
-        glide = max(round(GLIDE_S * exoskeleton.sampling_rate_hz), 1)
-        left = [angle_rad + (middle - angle_rad) * _ease(k / glide) for k in range(1, glide + 1)]
-        self.way = deque(left if np.abs(middle - angle_rad).max() > 1e-9 else [middle])
-        held = max(round(HELD_S * exoskeleton.sampling_rate_hz), 2)
-        self.command = deque([np.array(command_kpa)], maxlen=held)
-        self.angles = deque([np.array(angle_rad)], maxlen=held)
-        self._sense()
+        self.of_muscle = np.array(exoskeleton.joint_of_muscle)
+        taus = np.array([machine.plant.model_of(muscle).valve_tau_s for muscle in exoskeleton.muscles])
+        self.share = 1.0 - np.exp(-self.chain.step_s / taus)
+        self.start, self.middle = angle_rad, _middle(machine)
+        self.steps, self.glide = 0, round(GLIDE_S * exoskeleton.sampling_rate_hz)
+        self.angle, self.pressure = angle_rad, np.array(command_kpa)
+        self._pull(angle_rad)
 
     def step(self, command_kpa: Array) -> None:
-        self.command[-1] = np.array(command_kpa)
-        self.command.append(np.array(command_kpa))
-        self.angles.append(self.way.popleft() if len(self.way) > 1 else self.way[0])
-        self._sense()
+        self.pressure = self.pressure + self.share * (command_kpa - self.pressure)
+        self.steps += 1
+        self._pull(self.start + (self.middle - self.start) * _ease(self.steps / self.glide))
 
-    def _sense(self) -> None:
+    def _pull(self, angle_rad: Array) -> None:
         constants = self.chain.constants
-        angle = np.array(self.angles)
-        column = np.array(self.exoskeleton.joint_of_muscle)
-        velocity = np.gradient(angle, axis=0) / self.chain.step_s if len(angle) > 1 else np.zeros_like(angle)
-        self.pressure = self.chain.pressurise(np.array(self.command))
-        self.contraction = constants.contraction_at_angle_0 + constants.contraction_per_rad * angle[:, column]
-        self.rate = constants.contraction_per_rad * velocity[:, column]
-        self.force, self.tension = self.chain.pull(self.pressure, self.contraction, self.rate)
-        self.angle = angle[-1]
+        rate = constants.contraction_per_rad * ((angle_rad - self.angle) / self.chain.step_s)[self.of_muscle]
+        self.angle = angle_rad
+        contraction = constants.contraction_at_angle_0 + constants.contraction_per_rad * angle_rad[self.of_muscle]
+        force, _ = self.chain.pull(self.pressure[None], contraction[None], rate[None])
+        self.force = force[0]
 
 
 class Moving:
@@ -104,15 +97,22 @@ class Moving:
     def over(self) -> bool:
         return self.steps.over
 
-    def __getattr__(self, name: str) -> Array:
-        found = getattr(self.steps, name)[: self.steps.at + 1]
-        if name != "angle":
-            return found
-        return found[-1] + self.apart * (1.0 - _ease(self.steps.at / self.glide)) if self.glide else found[-1]
+    @property
+    def pressure(self) -> Array:
+        return self.steps.pressure[self.steps.at]
+
+    @property
+    def force(self) -> Array:
+        return self.steps.force[self.steps.at]
+
+    @property
+    def angle(self) -> Array:
+        found = self.steps.angle[self.steps.at]
+        return found + self.apart * (1.0 - _ease(self.steps.at / self.glide)) if self.glide else found
 
 
 class Physics:
-    """What the sensors show, one sample after another.
+    """What the sensors show, one sample after another; of a plant without effects.
 
     Parameters
     ----------
@@ -123,66 +123,37 @@ class Physics:
     def __init__(self, machine: Machine):
         self.machine = machine
         self.generator = np.random.default_rng(machine.seed)
-        models = [machine.plant.model_of(muscle) for muscle in machine.exoskeleton.muscles]
-        self.pressure_noise = np.array([each.pressure_noise_kpa for each in models])
-        self.force_noise = np.array([each.force_noise_n for each in models])
+        self.models = [machine.plant.model_of(muscle) for muscle in machine.exoskeleton.muscles]
+        self.pressure_noise_kpa = np.array([each.pressure_noise_kpa for each in self.models])
+        self.force_noise_n = np.array([each.force_noise_n for each in self.models])
         self.channels = [channel for _, channel in machine.sensors().values()]
-        signals = [effect.signal for effect in Chain(machine.exoskeleton, machine.plant).effects]
-        self.sensed = [signal for signal in signals if signal in ("sensed_pressure_kpa", "sensed_force_n")]
         self.run_rad = np.zeros(len(machine.exoskeleton.joints))
-        self.now: Idle | Moving = Idle(machine, _middle(machine), np.zeros(len(models)))
-        self._forget()
+        self.now: Idle | Moving = Idle(machine, _middle(machine), np.zeros(len(self.models)))
 
     def announce(self, trial: dict[str, Any], command_kpa: Array) -> None:
-        """Begin a trial."""
-        if trial["do"] == "end":
-            if isinstance(self.now, Moving):
-                self.now = Idle(self.machine, self.now.angle, command_kpa)
-        else:
+        """Begin a trial, or end one."""
+        if trial["do"] == "trial":
             self.now = Moving(self.machine, trial, self.now.angle, command_kpa)
-        self._forget()
+        elif isinstance(self.now, Moving):
+            self.now = Idle(self.machine, self.now.angle, command_kpa)
 
     def step(self, command_kpa: Array) -> None:
         """Go on by one sample."""
         if isinstance(self.now, Moving) and self.now.over:
             self.now = Idle(self.machine, self.now.angle, command_kpa)
-            self._forget()
         self.now.step(command_kpa)
 
-    def show(self, run_rad_per_s: Array) -> list[int]:
+    def show(self, run_rad_per_s: Mapping[str, float]) -> list[int]:
         """Return the counts of all sensors; an encoder that runs away does so at a speed."""
-        chain = self.now.chain if isinstance(self.now, Idle) else self.now.steps.chain
-        pressure, force = self.now.pressure, self.now.force
-        if self.machine.exoskeleton.load_cell_site == "joint_end":
-            force = self.now.tension
-        shape = self.pressure_noise.shape
-        self.noise.append(
-            (
-                self.pressure_noise * self.generator.standard_normal(shape),
-                self.force_noise * self.generator.standard_normal(shape),
-            )
-        )
-        noisy_pressure, noisy_force = self._add_noise(pressure, 0), self._add_noise(force, 1)
-        if "sensed_pressure_kpa" in self.sensed:
-            noisy_pressure = chain.sense_pressure(noisy_pressure)
-        if "sensed_force_n" in self.sensed:
-            shown = chain.sense_force(noisy_force, pressure, self.now.contraction, self.now.rate)
-        else:
-            shown = noisy_force + chain.constants.force_offset_n
-        encoder = self.machine.plant.encoder
-        self.run_rad = np.where(run_rad_per_s == 0.0, 0.0, self.run_rad + run_rad_per_s * chain.step_s)
-        angle = self.now.angle + encoder.noise_rad * self.generator.standard_normal(self.run_rad.shape) + self.run_rad
-        values = [*noisy_pressure[-1], *np.maximum(shown[-1], 0.0), *angle]
+        exoskeleton, encoder = self.machine.exoskeleton, self.machine.plant.encoder
+        draw = self.generator.standard_normal
+        pressure = self.now.pressure + draw(len(self.models)) * self.pressure_noise_kpa
+        force = self.now.force + draw(len(self.models)) * self.force_noise_n
+        runs = np.array([run_rad_per_s.get(name, 0.0) for name in exoskeleton.joint_names])
+        self.run_rad = np.where(runs == 0.0, 0.0, self.run_rad + runs / exoskeleton.sampling_rate_hz)
+        angle = self.now.angle + encoder.noise_rad * draw(len(runs)) + self.run_rad
+        values = [*pressure, *np.maximum(force, 0.0), *angle]
         return [channel.to_count(float(value)) for channel, value in zip(self.channels, values, strict=True)]
-
-    def _forget(self) -> None:
-        self.noise: deque[tuple[Array, Array]] = deque(maxlen=100_000)
-
-    def _add_noise(self, values: Array, kind: int) -> Array:
-        noisy = values.copy()
-        known = [each[kind] for each in self.noise][-len(noisy) :] if self.sensed else [self.noise[-1][kind]]
-        noisy[len(noisy) - len(known) :] += np.array(known)
-        return noisy
 
 
 class Plant:
@@ -195,20 +166,26 @@ class Plant:
     ----------
     machine : Machine
         All of it.
-    shared : Shared
-        Where commands are found and counts are shown.
+    faults : Faults
+        Those of valves and joints are put in here.
     """
 
-    def __init__(self, machine: Machine, shared: Shared):
-        self.physics, self.shared = Physics(machine), shared
+    def __init__(self, machine: Machine, faults: Faults):
+        self.machine, self.faults, self.physics = machine, faults, Physics(machine)
         self.step_s = 1.0 / machine.exoskeleton.sampling_rate_hz
-        self.due_s, self.apart = clock.now_s(), 0.0
+        self.due_s, self.apart, self.written_s = clock.now_s(), 0.0, 0.0
+        self.commands: deque[tuple[float, list[float]]] = deque(maxlen=REMEMBERED)
+        self._show()
 
-    def announce(self, trial: dict[str, Any]) -> None:
+    def order(self, now_s: float, command_kpa: list[float]) -> None:
+        """Command pressures, kPa gauge."""
+        self.commands.append((now_s, command_kpa))
+
+    def announce(self, trial: dict[str, Any], heard_s: float) -> None:
         """Begin a trial, or end one."""
-        self.physics.announce(trial, self.shared.ordered_at(trial["heard_s"]))
-        self.shared.publish(self.physics.show(self.shared.run_rad_per_s))
-        self.due_s, self.apart = trial["heard_s"] + self.step_s, 0.0
+        self.physics.announce(trial, self._ordered_at(heard_s))
+        self._show()
+        self.due_s, self.apart = heard_s + self.step_s, 0.0
 
     def tick(self) -> float:
         """Take the ticks that are due, if any is; return the time until the next one, s."""
@@ -217,31 +194,30 @@ class Plant:
             return self.due_s - begun
         late = min(int((begun - self.due_s) / self.step_s), 10_000)
         for missed in range(late + 1):
-            self.physics.step(self.shared.ordered_at(self.due_s + missed * self.step_s))
-        self.shared.publish(self.physics.show(self.shared.run_rad_per_s))
-        cost = clock.now_s() - begun
-        self.shared.costs_s[:] = cost, max(cost, self.shared.costs_s[1]), self.shared.costs_s[2] + cost
+            self.physics.step(self._ordered_at(self.due_s + missed * self.step_s))
+        self._show()
         self.due_s += (late + 1 + self._nudge()) * self.step_s
         return max(self.due_s - clock.now_s(), 0.0)
 
+    def _ordered_at(self, at_s: float) -> Array:
+        """Return the pressures, kPa, that valves gave at a time: the commanded ones, or those of a faulty valve."""
+        before = (kpa for given_s, kpa in reversed(self.commands) if given_s <= at_s)
+        given = dict(zip(self.machine.exoskeleton.muscle_names, next(before, self.commands[0][1]), strict=True))
+        return np.array([*(given | {each["muscle"]: each["kpa"] for each in self.faults.now("overpressure")}).values()])
+
+    def _show(self) -> None:
+        runs = {each["joint"]: each["rad_per_s"] for each in self.faults.now("overspeed")}
+        self.counts = self.physics.show(runs)
+
     def _nudge(self) -> float:
         """Return by how much of a sample the next tick moves away from a client's writes."""
-        age = (self.due_s - self.shared.written_s[0]) / self.step_s
+        age = (self.due_s - self.written_s) / self.step_s
         nudge = 0.0
         if abs(age) < 1.0 and not NEWEST <= age % 1.0 <= OLDEST:
             nudge = NUDGE if age % 1.0 < NEWEST else -NUDGE
         nudge = min(max(nudge, FURTHEST[0] - self.apart), FURTHEST[1] - self.apart)
         self.apart += nudge
         return nudge
-
-
-def run(machine: Machine, shared: Shared, announced: Connection) -> None:
-    """Keep the machine going for ever, in a process of its own."""
-    plant = Plant(machine, shared)
-    while True:
-        if announced.poll(plant.tick()):
-            plant.announce(announced.recv())
-            announced.send("ready")
 
 
 def _middle(machine: Machine) -> Array:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import socket
+from multiprocessing.connection import Client
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from pydantic import TypeAdapter
 
 from stages.rig.contract import Trial
 from stages.rig.festo_cpx import FestoCpx
+from tests.cpx_e.emulator import ask
 from tests.cpx_e.turned import TurnedEmulator
 from tests.plant.machines import configured
 
@@ -37,28 +38,21 @@ class ToldFestoCpx(FestoCpx):
 
     def announce(self, trial: Trial) -> None:
         """Tell the emulated person."""
-        emulators = {each.control_port: each for each in TurnedEmulator.serving}
         content = hashlib.sha256(trial.label.encode() + trial.pressure_command_kpa.tobytes()).digest()
         request = {
-            "do": "trial",
             "kind": trial.kind,
             "participant": trial.participant,
-            "reference_rad": None if trial.reference_rad is None else trial.reference_rad.tolist(),
+            "reference_rad": trial.reference_rad,
             "samples": self.samples,
             "lead_samples": self._lead_samples,
             "seed": int.from_bytes(content[:4], "big"),
         }
-        if self.control_port in emulators:
-            emulators[self.control_port].ask(**request)
+        here = {each.control_port: each for each in TurnedEmulator.serving}
+        if self.control_port in here:
+            here[self.control_port].trial(**request)
             return
-        with socket.create_connection(("127.0.0.1", self.control_port), timeout=60.0) as control:
-            lines = control.makefile("rw")
-            lines.write(json.dumps(request) + "\n")
-            lines.flush()
-            reply = json.loads(lines.readline())
-            lines.close()
-        if "error" in reply:
-            raise RuntimeError(reply["error"])
+        with Client(("127.0.0.1", self.control_port)) as control:
+            ask(control, "trial", **request)
 
 
 @functools.cache
@@ -77,14 +71,13 @@ def describe_rig(*overrides: str) -> dict[str, Any]:
     return section
 
 
-def describe_machine(section: dict[str, Any], plant: str = "nominal") -> dict[str, Any]:
+def describe_machine(section: dict[str, Any]) -> dict[str, Any]:
     """Return what an emulator of a rig's device needs, with the people and the plant of rig=sim."""
-    sim = configured(plant).model_dump(mode="json")
+    sim = configured().model_dump(mode="json")
     return {
         **{name: section[name] for name in ("exoskeleton", "participants", "device", "channels", "encoders")},
         **{name: sim[name] for name in ("plant", "experimenter", "movement")},
         "seed": 0,
-        "port": 0,
     }
 
 

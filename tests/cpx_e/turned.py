@@ -6,7 +6,6 @@ machine behind it are what is done at their times by whoever turns the clock.
 
 from __future__ import annotations
 
-import json
 import select
 import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,14 +15,7 @@ from typing import Any, ClassVar, Self
 from unittest.mock import patch
 
 from stages.rig import clock
-from tests.cpx_e.control import Control
-from tests.cpx_e.device import Device
-from tests.cpx_e.emulator import Asked
-from tests.cpx_e.faults import Faults
-from tests.cpx_e.machine import Machine
-from tests.cpx_e.modbus import ModbusServer
-from tests.cpx_e.physics import Plant
-from tests.cpx_e.shared import Shared
+from tests.cpx_e.emulation import Asked, Emulation
 from tests.turned import TurnedClock, turn_clock
 
 PATIENCE_S = 0.05
@@ -40,7 +32,7 @@ class TurnedEmulator(Asked):
     Parameters
     ----------
     machine : mapping
-        What MACHINE.json holds, as plain values.
+        A machine's description, as plain values.
     turned : TurnedClock
         The current clock.
     """
@@ -49,18 +41,11 @@ class TurnedEmulator(Asked):
 
     def __init__(self, machine: Mapping[str, Any], turned: TurnedClock):
         self.machine, self.clock = dict(machine), turned
-        described = Machine.model_validate(json.loads(json.dumps(self.machine)))
-        self.shared = Shared(len(described.exoskeleton.muscles), len(described.exoskeleton.joints))
-        self.plant = Plant(described, self.shared)
-        self.shared.publish(self.plant.physics.show(self.shared.run_rad_per_s))
-        self.faults = Faults(described)
-        self.device = Device(described, self.shared, self.faults)
-        self.server = ModbusServer(self.device, self.faults, 0)
-        self.control = Control(self.device, self.server, self.faults, self.shared, self.plant.announce)
-        self.port, self.control_port = self.server.port, self.control.port
+        self.emulation = Emulation(self.machine)
+        self.port = self.control_port = self.emulation.server.port
         self._frozen = self._gone = False
         self.begun_s = clock.now_s()
-        for act in (self.plant.tick, self.device.tend):
+        for act in (self.emulation.plant.tick, self.emulation.device.tend):
             turned.at(clock.now_s(), self._keep_doing(act))
 
     def __enter__(self) -> Self:
@@ -74,18 +59,16 @@ class TurnedEmulator(Asked):
         self.serving.remove(self)
 
     def ask(self, do: str, **values: Any) -> dict[str, Any]:
-        """Do what a control request asks for and return its reply; raises RuntimeError where it finds fault with it."""
-        self.server.serve_waiting(0.0)
-        asked = json.loads(json.dumps({"do": do, **values}))
-        try:
-            reply: dict[str, Any] = json.loads(json.dumps(self.control.do(asked, clock.now_s())))
-        except (ValueError, KeyError, TypeError) as error:
-            raise RuntimeError(f"{type(error).__name__}: {error}") from None
-        return reply
+        """Do what a control request asks for and return its reply."""
+        self.serve(0.0)
+        return self.emulation.do({"do": do, **values}, clock.now_s())
 
     def serve(self, patience_s: float = PATIENCE_S) -> bool:
         """Answer a client that asks; return whether one did."""
-        return not self._frozen and not self._gone and self.server.serve_waiting(patience_s)
+        sockets = [] if self._frozen or self._gone else self.emulation.server.list_sockets()
+        ready = select.select(sockets, [], [], patience_s)[0] if sockets else []
+        self.emulation.server.serve(ready)
+        return bool(ready)
 
     def freeze(self) -> None:
         """Have it do nothing, though the clock goes on."""
@@ -98,8 +81,7 @@ class TurnedEmulator(Asked):
     def kill(self) -> None:
         """End it."""
         self._gone = True
-        self.server.close()
-        self.control.listener.close()
+        self.emulation.server.close()
 
     def _keep_doing(self, act: Callable[[], float]) -> Callable[[], float | None]:
         def keep_doing() -> float | None:

@@ -121,22 +121,23 @@ def test_shifts_are_uniform_and_rounded_to_samples(generator):
     assert stats.chisquare(found, np.full(11, 4000 / 11)).pvalue < 1e-3
 
 
-def test_amplitudes_between_samples_are_not_exceeded(generator):
-    shift = TimeShift(0.035, 0.02)
-    assert {shift.displace(50, [], 101, generator) for _ in range(200)} == {49, 50, 51}
+@pytest.mark.parametrize(
+    ("amplitude_s", "row", "taken", "samples", "kept"),
+    [
+        (0.035, 50, [], 101, {49, 50, 51}),  # samples beyond the amplitude are not reached
+        (0.06, 1, [], 10, {0, 1, 2, 3, 4}),  # what leaves the trial is drawn again
+        (0.06, 9, [], 10, {6, 7, 8, 9}),
+        (0.04, 5, [4, 5, 7], 10, {3, 6}),  # and so is what is taken
+    ],
+)
+def test_shifts_reach_free_samples_of_the_trial_within_the_amplitude(amplitude_s, row, taken, samples, kept, generator):
+    shift = TimeShift(amplitude_s, 0.02)
+    assert {shift.displace(row, taken, samples, generator) for _ in range(300)} == kept
 
 
-@pytest.mark.parametrize(("row", "kept"), [(1, {0, 1, 2, 3, 4}), (9, {6, 7, 8, 9})])
-def test_shifts_that_leave_the_trial_are_drawn_again(row, kept, generator):
-    shift = TimeShift(0.06, 0.02)
-    assert {shift.displace(row, [], 10, generator) for _ in range(300)} == kept
-
-
-def test_shifts_to_a_taken_sample_are_drawn_again(generator):
-    shift = TimeShift(0.04, 0.02)
-    assert {shift.displace(5, [4, 5, 7], 10, generator) for _ in range(300)} == {3, 6}
+def test_a_shift_without_a_free_sample_is_refused(generator):
     with pytest.raises(ValueError, match=r"free sample within 0\.04 s of sample 5"):
-        shift.displace(5, [3, 4, 5, 6, 7], 10, generator)
+        TimeShift(0.04, 0.02).displace(5, [3, 4, 5, 6, 7], 10, generator)
 
 
 def test_amplitudes_share_their_uniform_numbers():

@@ -3,11 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hydra import compose, initialize_config_dir
 from scipy import stats
 
 from pipeline.runner import run_study
-from tests.conftest import ROOT
+from tests.composing import compose_values
 from tests.cpx_e.rig import describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
 
@@ -15,8 +14,8 @@ pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
 pytestmark = pytest.mark.slow
 
 STUDY = (
+    "budget=tiny",
     "plant=nominal",
-    "participant=p1",
     "exoskeleton.sampling_rate_hz=100",
     "exoskeleton.trial_s=2.0",
     "bank.trajectories=14",
@@ -32,9 +31,7 @@ SEEDS = range(5)
 def identify(outputs, *chosen):
     """Run the study; return the mean error rate of the models before and after ten trials."""
     arguments = [*STUDY, *chosen, f"outputs={outputs}"]
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        composed = compose("config", overrides=arguments)
-    assert run_study(composed, arguments) == 0
+    assert run_study(compose_values(*arguments), arguments) == 0
     (table,) = outputs.glob("runs/*/tables/final_errors.parquet")
     errors = pd.read_parquet(table).query("tested_on == 'bank' and muscle == 'mean'").iloc[0]
     return errors["before"], errors["after"]

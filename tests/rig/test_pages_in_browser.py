@@ -2,6 +2,7 @@
 
 import contextlib
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -126,11 +127,11 @@ class Room:
         self.server.close()
 
 
-@contextlib.contextmanager
-def open_rooms(browser, turned=None):
+@pytest.fixture
+def room(browser):
     with contextlib.ExitStack() as stack:
 
-        def enter(**settings):
+        def enter(turned=None, **settings):
             made = Room(browser, turned, **settings)
             stack.callback(made.close)
             return made
@@ -139,17 +140,10 @@ def open_rooms(browser, turned=None):
 
 
 @pytest.fixture
-def room(browser):
-    with open_rooms(browser) as enter:
-        yield enter
-
-
-@pytest.fixture
-def still(browser, turned):
+def still(turned, room):
     """A room whose clocks stand still unless they are told to go on."""
     turned.sleep(0.001)
-    with open_rooms(browser, turned) as enter:
-        yield enter
+    return partial(room, turned)
 
 
 @pytest.mark.realtime
@@ -259,23 +253,29 @@ def test_a_trial_from_its_proposal_to_its_result(still):
 
 
 @pytest.mark.slow
-def test_keys_do_nothing_while_a_note_is_written(still):
-    room = still()
+def test_what_is_written_is_shown_as_it_is_and_presses_no_keys(still):
+    room = still(countdown_s=0.0)
     operator = room.look("operator")
-    room.start("tracked")
+    room.start("tracked", label=HOSTILE)
     operator.wait_phase("proposed")
+    assert operator.page.locator("#label").inner_text() == HOSTILE
+    note = f"a skip d x q {HOSTILE}"
     operator.page.locator("#note").click()
-    operator.page.keyboard.type("a skip d x q")
+    operator.page.keyboard.type(note)
     operator.page.get_by_role("heading").first.click()
     for key in ("Control+a", "Alt+s", "Meta+q", "z"):
         operator.press(key)
     room.pass_time(0.2)
     assert operator.page.locator("#choices button").first.is_enabled()
     assert room.desk.see()["phase"] == "proposed"
-    assert operator.page.locator("#note").input_value() == "a skip d x q"
+    assert operator.page.locator("#note").input_value() == note
     operator.press("s")
     room.wait(lambda: room.desk.see()["history"])
-    assert room.desk.see()["history"][0] == {"trial": "trial 4", "decision": "skip", "note": "a skip d x q"}
+    assert room.desk.see()["history"][0] == {"trial": HOSTILE, "decision": "skip", "note": note}
+    room.wait(operator.page.locator("#history td").first.is_visible)
+    assert operator.page.locator("#history td").all_inner_texts() == [HOSTILE, "skip", note]
+    assert operator.page.title() == "Operator"
+    assert operator.complaints + operator.errors == []
 
 
 @pytest.mark.slow
@@ -322,22 +322,6 @@ def test_a_pointer_becomes_a_posture_within_the_limits(still, joints):
         assert len(posture) == joints
         assert all(low <= angle <= high for angle, (low, high) in zip(posture, limits, strict=True))
     assert not np.allclose(found[1], found[-1])
-
-
-@pytest.mark.slow
-def test_what_others_wrote_is_shown_as_it_is(still):
-    room = still(countdown_s=0.0)
-    operator = room.look("operator")
-    study = room.start("tracked", label=HOSTILE)
-    operator.wait_phase("proposed")
-    assert operator.page.locator("#label").inner_text() == HOSTILE
-    operator.page.locator("#note").fill(HOSTILE)
-    operator.page.locator("button.skip").click()
-    room.wait(lambda: study.ended)
-    room.wait(operator.page.locator("#history td").first.is_visible)
-    assert operator.page.locator("#history td").all_inner_texts() == [HOSTILE, "skip", HOSTILE]
-    assert operator.page.title() == "Operator"
-    assert operator.complaints + operator.errors == []
 
 
 @pytest.mark.slow

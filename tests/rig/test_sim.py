@@ -6,7 +6,7 @@ import pandera.pandas as pa
 import pytest
 from pydantic import ValidationError
 
-from stages.rig.contract import RECORDING_COLUMNS, RigError, Trial, tidy
+from stages.rig.contract import RECORDING_COLUMNS, Trial, tidy
 from stages.rig.sim import SimulatedRig
 from stages.signals.pressures import pressure_profiles
 from tests.plant.machines import configured, other_machine, other_rig
@@ -62,13 +62,6 @@ def test_free_movements_are_natural(plant):
     assert ((force < 1.0).mean(axis=0) < 0.2).all()
 
 
-def test_recordings_keep_the_contract():
-    rig = configured("rich")
-    frame = pd.DataFrame(tidy(free(rig, 3), rig))
-    assert len(frame) == 4000
-    pa.DataFrameSchema(RECORDING_COLUMNS, strict=True, ordered=True).validate(frame)
-
-
 def test_sensors_sample_before_the_command_acts():
     rig = configured()
     command = np.full((rig.samples, 4), 100.0)
@@ -82,18 +75,6 @@ def test_sensors_sample_before_the_command_acts():
     tau = np.array([rig.plant.model_of(row).valve_tau_s for row in rig.exoskeleton.muscles])
     assert mean[401] == pytest.approx(100.0 + 10.0 * (1 - np.exp(-0.004 / tau)), abs=5 * noise)
     assert pressure[:400].std(axis=0) == pytest.approx(0.4, rel=0.15)
-
-
-def test_limits_are_applied_and_recorded():
-    rig = configured()
-    command = np.full((rig.samples, 4), 100.0)
-    command[300:] = 5000.0
-    recording = record(rig, Trial("passive", "nobody", command))
-    assert recording.pressure_command_kpa.max(axis=0).tolist() == [250.0, 700.0, 250.0, 700.0]
-    steps = np.diff(recording.pressure_command_kpa, axis=0).max(axis=0)
-    assert steps == pytest.approx([16.0, 40.0, 16.0, 40.0])
-    assert recording.pressure_kpa.max() < 705.0
-    assert command.max() == 5000.0
 
 
 def test_participants_differ_in_how_they_track():
@@ -172,36 +153,21 @@ def test_the_rich_plant_is_further_from_the_textbook_than_noise():
     assert np.sqrt(np.mean((bent - plain) ** 2, axis=0)).min() > 5 * 0.3
 
 
-@pytest.mark.parametrize("muscles_of_joint", [[2], [2, 1, 2]])
 @pytest.mark.parametrize("plant", ["nominal", "rich"])
-def test_other_machines_run_every_kind(muscles_of_joint, plant):
-    machine = other_machine(muscles_of_joint, rate=100.0, trial_s=2.5)
-    rig = other_rig(machine, plant)
-    count, joints = sum(muscles_of_joint), len(muscles_of_joint)
-    assert (rig.samples, len(rig.muscles), len(rig.joints)) == (250, count, joints)
-    command = draw_command(1, rig, [40.0] * count, [150.0] * count)
-    reference = 0.5 + 0.2 * np.sin(np.arange(250)[:, None] / 40 + np.arange(joints))
+def test_a_machine_with_a_single_muscle_on_a_joint_runs_every_kind(plant):
+    rig = other_rig(other_machine([2, 1, 2], rate=100.0, trial_s=2.5), plant)
+    assert (rig.samples, len(rig.muscles), len(rig.joints)) == (250, 5, 3)
+    command = draw_command(1, rig, [40.0] * 5, [150.0] * 5)
+    reference = 0.5 + 0.2 * np.sin(np.arange(250)[:, None] / 40 + np.arange(3))
     for trial in (
         Trial("free", "experimenter", command),
         Trial("tracked", "p2", command, reference),
         Trial("passive", "nobody", command),
     ):
         recording = record(rig, trial)
-        assert recording.force_n.shape == (250, count)
+        assert recording.force_n.shape == (250, 5)
         assert recording.time_s[-1] == pytest.approx(2.49)
-        frame = pd.DataFrame(tidy(recording, rig))
-        pa.DataFrameSchema(RECORDING_COLUMNS).validate(frame)
-
-
-def test_it_obeys_the_contract_of_all_rigs(generator):
-    rig = configured()
-    trial = Trial("free", "experimenter", draw_command(1, rig))
-    assert rig.real is False
-    with pytest.raises(RigError, match="SimulatedRig is not connected"):
-        rig.execute(trial, generator)
-    with pytest.raises(ValueError, match="no participant 'p3'"), rig:
-        rig.execute(dataclasses.replace(trial, participant="p3"), generator)
-    assert not rig.connected
+        pa.DataFrameSchema(RECORDING_COLUMNS, strict=True, ordered=True).validate(pd.DataFrame(tidy(recording, rig)))
 
 
 @pytest.mark.parametrize(
