@@ -15,6 +15,7 @@ pytestmark = pytest.mark.slow
 
 STUDY = (
     "budget=tiny",
+    "figures=[]",
     "plant=nominal",
     "exoskeleton.sampling_rate_hz=100",
     "exoskeleton.trial_s=2.0",

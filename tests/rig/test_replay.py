@@ -10,6 +10,7 @@ from stages.rig.contract import RigError, Trial, tidy
 from stages.rig.replay import ReplayRig
 from tests.bags import write_bag, write_mcap
 from tests.plant.machines import CONF, configured, other_machine, other_rig
+from tests.rig.watching import execute
 
 DEFAULTS = {
     name: value
@@ -43,11 +44,6 @@ def replay(rig, path, kind="tracked", **changed):
     units = DEFAULTS["units"] | changed.pop("units", {})
     given = {"exoskeleton": rig.exoskeleton, "participants": rig.participants, "recordings": paths}
     return ReplayRig.model_validate({**DEFAULTS, **given, "columns": columns, "units": units, **changed})
-
-
-def execute(rig, trial):
-    with rig:
-        return rig.execute(trial, np.random.default_rng(0))
 
 
 def same(found, told, but=()):
