@@ -7,20 +7,16 @@ import socket
 import sys
 from multiprocessing.connection import Connection, wait
 
-import numpy as np
-
 from stages.rig import clock
 from tests.cpx_e.emulation import Emulation
-from tests.cpx_e.physics import Physics
 
 
-def _warm(physics: Physics) -> None:
+def _warm(emulation: Emulation) -> None:
     """Compile all that a trial takes."""
-    vented = np.zeros(len(physics.models))
-    physics.announce({"do": "trial", "kind": "passive", "samples": 3, "lead_samples": 0}, vented)
-    for _ in range(3):
-        physics.step(vented)
-        physics.show({})
+    plant = emulation.plant
+    plant.announce({"do": "trial", "kind": "passive", "samples": 3, "lead_samples": 0}, clock.now_s())
+    for _ in range(4):
+        clock.sleep(plant.tick())
 
 
 def _answer(client: Connection, emulation: Emulation) -> bool:
@@ -41,8 +37,8 @@ def _answer(client: Connection, emulation: Emulation) -> bool:
 
 def main(machine: str) -> None:
     """Serve a machine."""
+    _warm(Emulation(json.loads(machine)))
     emulation = Emulation(json.loads(machine))
-    _warm(Physics(emulation.machine))
     listener = socket.create_server(("127.0.0.1", 0))
     clients: list[Connection] = []
     print(json.dumps({"port": emulation.server.port, "control": listener.getsockname()[1]}), flush=True)

@@ -6,7 +6,7 @@ passes, a test's own process whenever it turns the clock.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from stages.rig import clock
@@ -63,18 +63,9 @@ class Asked:
         """Return what the device knows of itself, with the last `log` changes of outputs."""
         return self.ask("state", log=log)
 
-    def trial(
-        self,
-        kind: str,
-        participant: str,
-        samples: int,
-        lead_samples: int = 0,
-        reference_rad: Sequence[Sequence[float]] | None = None,
-        seed: int = 0,
-    ) -> float:
+    def trial(self, **told: Any) -> float:
         """Announce a trial, as a display would show it to a person; return when it began, by the rig's clock, s."""
-        told = {"kind": kind, "participant": participant, "samples": samples, "lead_samples": lead_samples}
-        started: float = self.ask("trial", **told, reference_rad=reference_rad, seed=seed)["started_s"]
+        started: float = self.ask("trial", **told)["started_s"]
         return started
 
     def end(self) -> None:

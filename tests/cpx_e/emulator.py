@@ -23,7 +23,6 @@ from tests.cpx_e.emulation import Asked
 ROOT = Path(__file__).resolve().parents[2]
 START_S = 60.0
 REPLY_S = 5.0
-END_S = 2.0
 
 
 def ask(control: Connection, do: str, **values: Any) -> dict[str, Any]:
@@ -81,7 +80,7 @@ class Emulator(Asked):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        self.kill()
 
     @property
     def pid(self) -> int:
@@ -101,19 +100,6 @@ class Emulator(Asked):
     def thaw(self) -> None:
         """Let it go on."""
         os.kill(self.pid, signal.SIGCONT)
-
-    def close(self) -> None:
-        """End it as it ends by itself, when nobody is there any more; kill what has not ended in a while."""
-        if self._process is None:
-            return
-        assert self._process.stdin is not None
-        with contextlib.suppress(OSError):
-            self._process.stdin.close()
-        with contextlib.suppress(ProcessLookupError):
-            self.thaw()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(END_S)
-        self.kill()
 
     def kill(self) -> None:
         """Kill it, frozen or not, and wait for it."""

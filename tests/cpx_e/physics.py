@@ -6,7 +6,6 @@ Commanded pressures and announced trials flow in; at each of the exoskeleton's s
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -111,53 +110,8 @@ class Moving:
         return found + self.apart * (1.0 - _ease(self.steps.at / self.glide)) if self.glide else found
 
 
-class Physics:
-    """What the sensors show, one sample after another; of a plant without effects.
-
-    Parameters
-    ----------
-    machine : Machine
-        All of it.
-    """
-
-    def __init__(self, machine: Machine):
-        self.machine = machine
-        self.generator = np.random.default_rng(machine.seed)
-        self.models = [machine.plant.model_of(muscle) for muscle in machine.exoskeleton.muscles]
-        self.pressure_noise_kpa = np.array([each.pressure_noise_kpa for each in self.models])
-        self.force_noise_n = np.array([each.force_noise_n for each in self.models])
-        self.channels = [channel for _, channel in machine.sensors().values()]
-        self.run_rad = np.zeros(len(machine.exoskeleton.joints))
-        self.now: Idle | Moving = Idle(machine, _middle(machine), np.zeros(len(self.models)))
-
-    def announce(self, trial: dict[str, Any], command_kpa: Array) -> None:
-        """Begin a trial, or end one."""
-        if trial["do"] == "trial":
-            self.now = Moving(self.machine, trial, self.now.angle, command_kpa)
-        elif isinstance(self.now, Moving):
-            self.now = Idle(self.machine, self.now.angle, command_kpa)
-
-    def step(self, command_kpa: Array) -> None:
-        """Go on by one sample."""
-        if isinstance(self.now, Moving) and self.now.over:
-            self.now = Idle(self.machine, self.now.angle, command_kpa)
-        self.now.step(command_kpa)
-
-    def show(self, run_rad_per_s: Mapping[str, float]) -> list[int]:
-        """Return the counts of all sensors; an encoder that runs away does so at a speed."""
-        exoskeleton, encoder = self.machine.exoskeleton, self.machine.plant.encoder
-        draw = self.generator.standard_normal
-        pressure = self.now.pressure + draw(len(self.models)) * self.pressure_noise_kpa
-        force = self.now.force + draw(len(self.models)) * self.force_noise_n
-        runs = np.array([run_rad_per_s.get(name, 0.0) for name in exoskeleton.joint_names])
-        self.run_rad = np.where(runs == 0.0, 0.0, self.run_rad + runs / exoskeleton.sampling_rate_hz)
-        angle = self.now.angle + encoder.noise_rad * draw(len(runs)) + self.run_rad
-        values = [*pressure, *np.maximum(force, 0.0), *angle]
-        return [channel.to_count(float(value)) for channel, value in zip(self.channels, values, strict=True)]
-
-
 class Plant:
-    """Keeps the machine going at the exoskeleton's rate.
+    """Keeps a machine without effects going at the exoskeleton's rate, and tells the counts of all sensors.
 
     A tick takes the commands that were held when it was due. Ticks keep away from the instants at which a client
     writes, so that a loop at the exoskeleton's rate has one tick between any two of its writes.
@@ -171,10 +125,17 @@ class Plant:
     """
 
     def __init__(self, machine: Machine, faults: Faults):
-        self.machine, self.faults, self.physics = machine, faults, Physics(machine)
+        self.machine, self.faults = machine, faults
+        self.generator = np.random.default_rng(machine.seed)
+        models = [machine.plant.model_of(muscle) for muscle in machine.exoskeleton.muscles]
+        self.pressure_noise_kpa = np.array([each.pressure_noise_kpa for each in models])
+        self.force_noise_n = np.array([each.force_noise_n for each in models])
+        self.channels = [channel for _, channel in machine.sensors().values()]
         self.step_s = 1.0 / machine.exoskeleton.sampling_rate_hz
         self.due_s, self.apart, self.written_s = clock.now_s(), 0.0, 0.0
         self.commands: deque[tuple[float, list[float]]] = deque(maxlen=REMEMBERED)
+        self.run_rad = np.zeros(len(machine.exoskeleton.joints))
+        self.now: Idle | Moving = Idle(machine, _middle(machine), np.zeros(len(models)))
         self._show()
 
     def order(self, now_s: float, command_kpa: list[float]) -> None:
@@ -183,7 +144,10 @@ class Plant:
 
     def announce(self, trial: dict[str, Any], heard_s: float) -> None:
         """Begin a trial, or end one."""
-        self.physics.announce(trial, self._ordered_at(heard_s))
+        if trial["do"] == "trial":
+            self.now = Moving(self.machine, trial, self.now.angle, self._ordered_at(heard_s))
+        elif isinstance(self.now, Moving):
+            self.now = Idle(self.machine, self.now.angle, self._ordered_at(heard_s))
         self._show()
         self.due_s, self.apart = heard_s + self.step_s, 0.0
 
@@ -194,7 +158,10 @@ class Plant:
             return self.due_s - begun
         late = min(int((begun - self.due_s) / self.step_s), 10_000)
         for missed in range(late + 1):
-            self.physics.step(self._ordered_at(self.due_s + missed * self.step_s))
+            command_kpa = self._ordered_at(self.due_s + missed * self.step_s)
+            if isinstance(self.now, Moving) and self.now.over:
+                self.now = Idle(self.machine, self.now.angle, command_kpa)
+            self.now.step(command_kpa)
         self._show()
         self.due_s += (late + 1 + self._nudge()) * self.step_s
         return max(self.due_s - clock.now_s(), 0.0)
@@ -206,8 +173,16 @@ class Plant:
         return np.array([*(given | {each["muscle"]: each["kpa"] for each in self.faults.now("overpressure")}).values()])
 
     def _show(self) -> None:
-        runs = {each["joint"]: each["rad_per_s"] for each in self.faults.now("overspeed")}
-        self.counts = self.physics.show(runs)
+        """Have sensors count anew; an encoder that runs away does so at a speed."""
+        draw = self.generator.standard_normal
+        pressure = self.now.pressure + draw(len(self.pressure_noise_kpa)) * self.pressure_noise_kpa
+        force = self.now.force + draw(len(self.force_noise_n)) * self.force_noise_n
+        given = {each["joint"]: each["rad_per_s"] for each in self.faults.now("overspeed")}
+        runs = np.array([given.get(name, 0.0) for name in self.machine.exoskeleton.joint_names])
+        self.run_rad = np.where(runs == 0.0, 0.0, self.run_rad + runs * self.step_s)
+        angle = self.now.angle + self.machine.plant.encoder.noise_rad * draw(len(runs)) + self.run_rad
+        values = [*pressure, *np.maximum(force, 0.0), *angle]
+        self.counts = [channel.to_count(float(value)) for channel, value in zip(self.channels, values, strict=True)]
 
     def _nudge(self) -> float:
         """Return by how much of a sample the next tick moves away from a client's writes."""

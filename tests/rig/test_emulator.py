@@ -58,7 +58,7 @@ def play(emulator, client, command):
     counts = np.round(command / KPA).astype(int).tolist()
     client.write_registers(OUTPUTS, counts[0])
     clock.sleep(0.3)
-    started, read = emulator.trial("passive", "nobody", len(command)), []
+    started, read = emulator.trial(kind="passive", samples=len(command), lead_samples=0), []
     for k, each in enumerate(counts):
         clock.sleep(started + 0.01 * (k + 0.5) - clock.now_s())
         words = client.readwrite_registers(read_address=INPUTS, read_count=31, write_address=OUTPUTS, values=each)

@@ -15,7 +15,7 @@ from stages.rig.contract import RECORDING_COLUMNS, RigError, Trial, TrialStopped
 from stages.rig.supervision import Supervisor
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
-from tests.rig.watching import Watching, wave
+from tests.rig.watching import Watching, execute, wave
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
 from pymodbus.client import ModbusTcpClient
@@ -51,17 +51,12 @@ def rig(emulator, section):
     return build_rig(section, emulator.port, emulator.control_port)
 
 
-def execute(rig, trial=None, watch=None):
-    with rig:
-        return rig.execute(trial or wave(rig), np.random.default_rng(0), watch)
-
-
 def stop(rig, emulator, folder, fault):
     """Execute a trial in which something goes wrong; return the error, what was kept, and the device's state then."""
     record = Record(folder / "parts" / "loop-0", {}, lambda: None)
     emulator.clock.after(FAULT_S, fault)
     with pytest.raises(TrialStopped) as caught:
-        record.part((1,), lambda: execute(rig, watch=record.watch((1,))))
+        record.part((1,), lambda: execute(rig, wave(rig), watch=record.watch((1,))))
     (kept,) = (folder / "interrupted").glob("*")
     rows = pd.read_parquet(kept)
     assert list(rows.columns) == [*RECORDING_COLUMNS, "stopped_by"]
@@ -121,7 +116,7 @@ def test_a_signal_lets_the_muscles_down_first(rig, emulator, number):
     try:
         emulator.clock.after(FAULT_S, lambda: signal.raise_signal(number))
         with pytest.raises(TrialStopped, match=r"0.4\d s into the trial: (Ctrl-C|SIGTERM); the muscles were let down"):
-            execute(rig)
+            execute(rig, wave(rig))
     finally:
         signal.signal(number, before)
     (state,) = heard
@@ -166,7 +161,7 @@ def test_what_the_watchdog_vented_while_we_slept_is_not_filled_again(rig, emulat
     monkeypatch.setattr(Supervisor, "look", look_late)
     monkeypatch.setattr(festo_cpx, "pace", pace_sleepily)
     with pytest.raises(TrialStopped, match=told):
-        execute(rig)
+        execute(rig, wave(rig))
     state = emulator.state()
     assert any(any(values) for values in written[: slept[0]])
     assert not any(any(values) for values in written[slept[0] :])
@@ -182,14 +177,14 @@ def test_somebody_who_drives_the_device_too_is_noticed(rig, emulator):
 
     emulator.clock.after(FAULT_S, meddle)
     with pytest.raises(TrialStopped, match="somebody else drives the device too: its watchdog was set to"):
-        execute(rig)
+        execute(rig, wave(rig))
 
 
 def test_a_dead_load_cell_is_told_and_one_that_fails_for_a_moment_is_borne_and_marked(rig, emulator, caplog):
     emulator.fault("sensor", channel="pam1.force", mode="counts", counts=0)
     emulator.fault("sensor", channel="pam2.force", mode="counts", counts=32767, after_s=FAULT_S, for_s=0.015)
     with caplog.at_level("WARNING", logger="pamid"):
-        recording = execute(rig)
+        recording = execute(rig, wave(rig))
     (told,) = caplog.messages
     assert "pam1.force was 0 N throughout, at up to 1" in told
     assert "its load cell is not connected" in told

@@ -12,7 +12,7 @@ from stages.rig.sim import SimulatedRig
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
 from tests.plant.machines import configured
-from tests.rig.watching import Watching
+from tests.rig.watching import Watching, execute
 
 FIRST = np.array([240.0, 600.0, 0.0, 430.0])
 """First commands, with large ones on both joints."""
@@ -35,10 +35,9 @@ def simulate(**changed):
     return SimulatedRig.model_validate(values | changed)
 
 
-def execute(rig, given, watching):
+def attend(rig, given, watching):
     rig.be_attended(watching)
-    with rig:
-        return rig.execute(given, np.random.default_rng(0))
+    return execute(rig, given)
 
 
 @pytest.fixture
@@ -64,8 +63,7 @@ def test_the_profile_rises_evenly_and_then_rests(samples, share):
 def test_no_lead_in_begins_filled():
     assert fill(FIRST, 0, SHARE).shape == (0, 4)
     rig = simulate(lead_in_s=0.0)
-    with rig:
-        pressure = rig.execute(trial(rig), np.random.default_rng(0)).pressure_kpa
+    pressure = execute(rig, trial(rig)).pressure_kpa
     np.testing.assert_allclose(pressure[0], FIRST, atol=2.5)
     np.testing.assert_allclose(pressure, FIRST + 0 * pressure, atol=2.5)
 
@@ -74,7 +72,7 @@ def test_no_lead_in_begins_filled():
 def test_a_simulated_rig_fills_over_most_of_the_lead_in(turned, pointed):
     rig = simulate(realtime=True, pointer="p1" if pointed else None)
     watching = Watching(points_at=np.array([0.6, 0.6]))
-    recording = execute(rig, trial(rig, who="p1"), watching)
+    recording = attend(rig, trial(rig, who="p1"), watching)
     time_s, command, pressure = watching.collect()
     before = time_s < 0.0
     np.testing.assert_allclose(command[before], PROFILE[np.round(100 * (time_s[before] + LEAD_S)).astype(int)])
@@ -94,8 +92,7 @@ def test_the_simulated_person_holds_the_first_posture_while_the_muscles_are_fill
 
     monkeypatch.setattr(sim, "interact", spy)
     rig = simulate()
-    with rig:
-        rig.execute(trial(rig, who="p1"), np.random.default_rng(0))
+    execute(rig, trial(rig, who="p1"))
     ((command, motion),) = seen
     np.testing.assert_allclose(command[:100], PROFILE)
     assert np.abs(motion.joint_angle_rad[:100] - motion.joint_angle_rad[0]).max() < 0.2
@@ -105,7 +102,7 @@ def test_the_simulated_person_holds_the_first_posture_while_the_muscles_are_fill
 
 def test_the_emulated_device_is_filled_over_most_of_the_lead_in_on_both_joints(emulator):
     rig, watching = emulator.rig, Watching()
-    recording = execute(rig, trial(rig), watching)
+    recording = attend(rig, trial(rig), watching)
     log = emulator.state(log=2000)["log"]
     at_s, outputs = np.array([at for at, _ in log]), np.array([kpa for _, kpa in log])
     lead = outputs.any(axis=1) & (at_s < watching.starts_at_s)
@@ -126,7 +123,7 @@ def test_the_emulated_device_is_filled_over_most_of_the_lead_in_on_both_joints(e
 def test_a_stop_lets_the_muscles_down_as_fast_while_they_are_filled(emulator, stop_at_s):
     watching = Watching(stop_at_s)
     with pytest.raises(TrialDeclined, match="enough; the muscles were let down") as caught:
-        execute(emulator.rig, trial(emulator.rig), watching)
+        attend(emulator.rig, trial(emulator.rig), watching)
     assert ("while the muscles were being filled" in str(caught.value)) == (stop_at_s < 0.0)
     state = emulator.state()
     assert state["outputs_kpa"] == [0.0] * 4

@@ -1,39 +1,36 @@
 """Ten designed trials on an emulated device teach as much as on the simulated rig."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import stats
 
-from pipeline.runner import run_study
-from tests.composing import compose_values
 from tests.cpx_e.rig import describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
+from tests.studies import PickledContext, read_stages, run_stage
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
 pytestmark = pytest.mark.slow
 
+STAGES = ["bank", "subsampling", "hyperprior", "hardware", "active_loop", "comparison"]
 STUDY = (
-    "budget=tiny",
     "plant=nominal",
     "exoskeleton.sampling_rate_hz=100",
     "exoskeleton.trial_s=2.0",
     "bank.trajectories=14",
-    "subsampling.experiments=1",
     "subsampling.initial_trials=2",
     "active_loop.trials=10",
     "active_loop.controls=[]",
-    "stages=[bank,subsampling,hyperprior,hardware,active_loop,comparison]",
 )
 SEEDS = range(5)
 
 
-def identify(outputs, *chosen):
+def identify(folder, *chosen):
     """Run the study; return the mean error rate of the models before and after ten trials."""
-    arguments = [*STUDY, *chosen, f"outputs={outputs}"]
-    assert run_study(compose_values(*arguments), arguments) == 0
-    (table,) = outputs.glob("runs/*/tables/final_errors.parquet")
-    errors = pd.read_parquet(table).query("tested_on == 'bank' and muscle == 'mean'").iloc[0]
+    study, stages = read_stages(STAGES, *STUDY, *chosen)
+    tables = {}
+    for name in STAGES:
+        tables |= run_stage(study, stages[name], folder, tables, context=PickledContext)
+    errors = tables["final_errors"].query("tested_on == 'bank' and muscle == 'mean'").iloc[0]
     return errors["before"], errors["after"]
 
 

@@ -7,6 +7,7 @@ import pytest
 from stages.rig.contract import MEASUREMENT_COLUMNS, RigError, Trial, tidy
 from stages.rig.operator import OperatorRig, TrialRequested
 from tests.plant.machines import configured
+from tests.rig.watching import execute
 
 
 @pytest.fixture
@@ -18,8 +19,7 @@ def trial():
 
 @pytest.fixture
 def told(trial):
-    with configured() as simulated:
-        return simulated.execute(trial, np.random.default_rng(3))
+    return execute(configured(), trial, seed=3)
 
 
 @pytest.fixture
@@ -27,11 +27,6 @@ def operator(tmp_path):
     simulated = configured()
     people = simulated.participants
     return OperatorRig(exoskeleton=simulated.exoskeleton, participants=people, folder=str(tmp_path))
-
-
-def execute(operator, trial):
-    with operator:
-        return operator.execute(trial, np.random.default_rng(0))
 
 
 def asked_for(operator, trial):

@@ -17,7 +17,7 @@ from stages.rig.pacing import measure_pace
 from tests.conftest import Command
 from tests.cpx_e.emulator import Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
-from tests.rig.watching import wave
+from tests.rig.watching import execute, wave
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
 pytestmark = pytest.mark.realtime
@@ -88,8 +88,7 @@ def wait_for_pressure(emulator, process, after_s):
 def test_a_hundred_turns_a_second_are_held(emulator, section):
     longer = section | {"exoskeleton": section["exoskeleton"] | {"trial_s": 4.0}}
     rig = build_rig(longer, emulator.port, emulator.control_port)
-    with rig:
-        recording = rig.execute(wave(rig), np.random.default_rng(0))
+    recording = execute(rig, wave(rig))
     emulator.end()
     pace = measure_pace(pd.DataFrame(tidy(recording, rig)), [])
     assert pace.p50_s == pytest.approx(0.01, abs=0.0005)
@@ -179,8 +178,8 @@ def test_a_device_that_freezes_and_dies_is_told_and_leaves_nothing_behind(sectio
         assert processes_of(group) == 1
         threading.Timer(1.2, emulator.freeze).start()
         begun_s = time.monotonic()
-        with pytest.raises(TrialStopped, match=r"does not answer .*the watchdog does"), rig:
-            rig.execute(wave(rig), np.random.default_rng(0))
+        with pytest.raises(TrialStopped, match=r"does not answer .*the watchdog does"):
+            execute(rig, wave(rig))
         assert time.monotonic() - begun_s < 1.2 + 0.15 + LET_DOWN_S + 0.5
         emulator.kill()
         assert processes_of(group) == 0

@@ -10,6 +10,7 @@ from stages.rig.contract import RigError, Trial, tidy
 from stages.rig.replay import ReplayRig
 from tests.bags import write_bag, write_mcap
 from tests.plant.machines import CONF, configured, other_machine, other_rig
+from tests.rig.watching import execute
 
 DEFAULTS = {
     name: value
@@ -43,11 +44,6 @@ def replay(rig, path, kind="tracked", **changed):
     units = DEFAULTS["units"] | changed.pop("units", {})
     given = {"exoskeleton": rig.exoskeleton, "participants": rig.participants, "recordings": paths}
     return ReplayRig.model_validate({**DEFAULTS, **given, "columns": columns, "units": units, **changed})
-
-
-def execute(rig, trial):
-    with rig:
-        return rig.execute(trial, np.random.default_rng(0))
 
 
 def same(found, told, but=()):
@@ -96,19 +92,48 @@ def told():
     return rig, recordings, rows
 
 
-def test_a_text_file_serves_too_however_its_rows_lie(tmp_path, told):
+@pytest.fixture
+def play(told, tmp_path):
+    """Return a rig that replays rows of a file, by default those that were told."""
+
+    def play(rows=told[2], suffix="parquet", **settings):
+        path = tmp_path / f"a.{suffix}"
+        rows.to_csv(path, index=False) if suffix == "csv" else rows.to_parquet(path)
+        return replay(told[0], path, **settings)
+
+    return play
+
+
+@pytest.mark.parametrize(
+    ("change", "suffix", "settings", "trial", "place"),
+    [
+        (lambda rows: rows.sort_values(["trial", "time_s", "muscle"]), "csv", {}, {}, 0),
+        (None, "parquet", {}, {"offset": 7.0, "number": 1}, 1),  # of equal commands that of the trial's number
+        (None, "parquet", {}, {"offset": 7.0, "number": 2}, 2),
+        (None, "parquet", {"match": "order"}, {"offset": 99.0, "number": 2}, 2),
+        (None, "parquet", {"match": "order"}, {"offset": 99.0, "number": 0}, 0),
+        (None, "parquet", {"match": {"tracked": "order"}}, {"offset": 99.0, "number": 1}, 1),
+        (
+            lambda rows: rows.assign(kind=rows["trial"].map({1: "free", 2: "tracked", 3: "passive"})),
+            "parquet",
+            {"kind": "passive", "match": "order"},
+            {"kind": "passive", "number": 0},
+            2,
+        ),
+    ],
+)
+def test_the_recording_of_a_trial_is_found(play, told, change, suffix, settings, trial, place):
     rig, recordings, rows = told
-    rows.sort_values(["trial", "time_s", "muscle"]).to_csv(tmp_path / "a.csv", index=False)
-    same(execute(replay(rig, tmp_path / "a.csv"), make_trial(rig)), recordings[0])
+    player = play(change(rows) if change else rows, suffix, **settings)
+    same(execute(player, make_trial(rig, **trial)), recordings[place])
 
 
-def test_how_samples_were_taken_is_carried(tmp_path, told):
+def test_how_samples_were_taken_is_carried(play, told):
     rig, _, rows = told
     late = rows.assign(late_s=0.002)
     late.loc[late["time_s"] == 0.4, "status"] = "frozen"
     late.loc[late["time_s"] == 0.4, "clipped_by"] = "rate"
-    late.to_csv(tmp_path / "a.csv", index=False)
-    found = execute(replay(rig, tmp_path / "a.csv"), make_trial(rig))
+    found = execute(play(late, "csv"), make_trial(rig))
     assert set(found.status[100]) == {"frozen"}
     assert set(found.clipped_by[100]) == {"rate"}
     assert (found.status == "frozen").sum() == 4
@@ -136,43 +161,17 @@ def test_how_samples_were_taken_is_carried(tmp_path, told):
         ({"kind": "free"}, {}, {}, "got none; set rig.recordings.free=PATH"),
     ],
 )
-def test_what_was_not_recorded_is_refused(tmp_path, told, trial, changed, settings, message):
+def test_what_was_not_recorded_is_refused(play, told, trial, changed, settings, message):
     rig, _, rows = told
-    rows.assign(**changed).to_parquet(tmp_path / "a.parquet")
-    assert message in refusal(replay(rig, tmp_path / "a.parquet", **settings), make_trial(rig, **trial))
+    assert message in refusal(play(rows.assign(**changed), **settings), make_trial(rig, **trial))
 
 
-def test_a_command_that_is_nearly_that_of_a_recording_is_that(tmp_path, told):
+def test_a_command_that_is_near_enough_or_was_clipped_is_no_difference(play, told):
     rig, _, rows = told
-    rows.to_parquet(tmp_path / "a.parquet")
-    found = execute(replay(rig, tmp_path / "a.parquet", tolerance_kpa=3.5), make_trial(rig, offset=4.0))
-    assert found.pressure_command_kpa[0, 0] == 87.0
-
-
-def test_what_was_clipped_is_no_difference(tmp_path, told):
-    rig, _, rows = told
+    assert execute(play(tolerance_kpa=3.5), make_trial(rig, offset=4.0)).pressure_command_kpa[0, 0] == 87.0
     rows = rows.copy()
     rows.loc[rows["muscle"] == "pam1", ["pressure_command_kpa", "clipped_by"]] = [50.0, "pressure"]
-    rows.to_parquet(tmp_path / "a.parquet")
-    assert set(execute(replay(rig, tmp_path / "a.parquet"), make_trial(rig)).pressure_command_kpa[:, 0]) == {50.0}
-
-
-def test_of_equal_commands_that_of_the_trials_number_is_taken(tmp_path, told):
-    rig, recordings, rows = told
-    rows.to_parquet(tmp_path / "a.parquet")
-    player = replay(rig, tmp_path / "a.parquet")
-    for number in (1, 2):
-        same(execute(player, make_trial(rig, offset=7.0, number=number)), recordings[number])
-
-
-def test_by_order_the_number_counts_and_a_broken_off_loop_goes_on(tmp_path, told):
-    rig, recordings, rows = told
-    rows.to_parquet(tmp_path / "a.parquet")
-    for number in (2, 0):
-        player = replay(rig, tmp_path / "a.parquet", match="order")
-        same(execute(player, make_trial(rig, offset=99.0, number=number)), recordings[number])
-    by_kind = replay(rig, tmp_path / "a.parquet", match={"tracked": "order"})
-    same(execute(by_kind, make_trial(rig, offset=99.0, number=1)), recordings[1])
+    assert set(execute(play(rows), make_trial(rig)).pressure_command_kpa[:, 0]) == {50.0}
 
 
 def test_a_folder_holds_a_trial_in_each_file_by_name(tmp_path, told):
@@ -183,29 +182,21 @@ def test_a_folder_holds_a_trial_in_each_file_by_name(tmp_path, told):
     same(execute(player, make_trial(rig, number=1)), recordings[1])
 
 
-def test_a_column_tells_kinds_apart(tmp_path, told):
+def test_what_follows_from_the_encoder_may_be_missing(play, told):
     rig, recordings, rows = told
-    kinds = rows["trial"].map({1: "free", 2: "tracked", 3: "passive"})
-    rows.assign(kind=kinds).to_parquet(tmp_path / "a.parquet")
-    player = replay(rig, tmp_path / "a.parquet", "passive", match="order")
-    same(execute(player, make_trial(rig, "passive", number=0)), recordings[2])
+    player = play(rows.drop(columns=[*DERIVED, "status", "clipped_by", "late_s"]))
+    same_but_derived(execute(player, make_trial(rig)), recordings[0])
 
 
-def test_what_follows_from_the_encoder_may_be_missing(tmp_path, told):
-    rig, recordings, rows = told
-    rows.drop(columns=[*DERIVED, "status", "clipped_by", "late_s"]).to_parquet(tmp_path / "a.parquet")
-    same_but_derived(execute(replay(rig, tmp_path / "a.parquet"), make_trial(rig)), recordings[0])
-
-
-def test_units_and_names_are_those_of_the_file(tmp_path, told):
+def test_units_and_names_are_those_of_the_file(play, told):
     rig, recordings, rows = told
     foreign = rows.assign(t_ms=1000.0 * rows["time_s"], F=rows["force_n"] / 1000.0).drop(columns=["time_s", "force_n"])
-    foreign.to_csv(tmp_path / "a.csv", index=False)
     given = {"columns": {"time_s": "t_ms", "force_n": "F"}, "units": {"time_s": "ms", "force_n": "kN"}}
-    found = execute(replay(rig, tmp_path / "a.csv", **given), make_trial(rig))
+    found = execute(play(foreign, "csv", **given), make_trial(rig))
     np.testing.assert_allclose(found.force_n, recordings[0].force_n)
-    message = refusal(replay(rig, tmp_path / "a.csv", columns={"force_n": "F"}), make_trial(rig))
-    assert message.startswith(f"{tmp_path / 'a.csv'}: no column time_s; ")
+    player = play(foreign, "csv", columns={"force_n": "F"})
+    message = refusal(player, make_trial(rig))
+    assert message.startswith(f"{player.recordings.tracked[0]}: no column time_s; ")
     assert "say which with rig.columns.time_s=NAME, or set rig.rate_hz" in message
 
 
@@ -256,23 +247,20 @@ def at(rows, trial, *samples):
         ),
     ],
 )
-def test_what_is_wrong_with_a_recording_is_one_line(tmp_path, told, spoil, message):
+def test_what_is_wrong_with_a_recording_is_one_line(play, tmp_path, told, spoil, message):
     rig, _, rows = told
-    spoil(rows).to_csv(tmp_path / "a.csv", index=False)
-    found = refusal(replay(rig, tmp_path / "a.csv"), make_trial(rig))
+    found = refusal(play(spoil(rows), "csv"), make_trial(rig))
     assert found.startswith(str(tmp_path / "a.csv"))
     assert message in found
 
 
-def test_resampling_marks_gaps_and_holds_what_was_before(tmp_path, told):
+def test_resampling_marks_gaps_and_holds_what_was_before(play, told):
     rig, recordings, rows = told
-    rows.drop(index=at(rows, 1, 100, 101)).to_csv(tmp_path / "a.csv", index=False)
-    found = execute(replay(rig, tmp_path / "a.csv", resample=True), make_trial(rig))
+    found = execute(play(rows.drop(index=at(rows, 1, 100, 101)), "csv", resample=True), make_trial(rig))
     assert (found.status == "missed").all(axis=1).nonzero()[0].tolist() == [100, 101]
     np.testing.assert_array_equal(found.force_n[101], recordings[0].force_n[99])
     np.testing.assert_array_equal(found.force_n[102:], recordings[0].force_n[102:])
-    rows.drop(index=at(rows, 1, *range(100, 120))).to_csv(tmp_path / "b.csv", index=False)
-    message = refusal(replay(rig, tmp_path / "b.csv", resample=True), make_trial(rig))
+    message = refusal(play(rows.drop(index=at(rows, 1, *range(100, 120))), "csv", resample=True), make_trial(rig))
     assert "trial 1: column time_s: nothing for 0.08 s, first from 0.4 s of the trial on" in message
 
 

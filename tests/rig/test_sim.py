@@ -10,6 +10,7 @@ from stages.rig.contract import RECORDING_COLUMNS, Trial, tidy
 from stages.rig.sim import SimulatedRig
 from stages.signals.pressures import pressure_profiles
 from tests.plant.machines import configured, other_machine, other_rig
+from tests.rig.watching import execute
 
 LOW, HIGH = [20, 50, 20, 50], [200, 600, 150, 600]
 
@@ -20,17 +21,12 @@ def draw_command(seed, rig, low=LOW, high=HIGH):
     return pressure_profiles(source, low, high, rig.samples, rig.sampling_rate_hz, step_share=0.25, **times)
 
 
-def record(rig, trial, seed=0):
-    with rig:
-        return rig.execute(trial, np.random.default_rng(seed))
-
-
 def as_bytes(recording):
     return b"".join(getattr(recording, field.name).tobytes() for field in dataclasses.fields(recording))
 
 
 def free(rig, seed):
-    return record(rig, Trial("free", "experimenter", draw_command(seed, rig)), seed)
+    return execute(rig, Trial("free", "experimenter", draw_command(seed, rig)), seed)
 
 
 @pytest.mark.parametrize("plant", ["nominal", "rich"])
@@ -40,7 +36,7 @@ def test_every_kind_gives_the_same_bytes_for_the_same_generator(plant, kind):
     reference = np.full((rig.samples, 2), 0.5) + np.linspace(0, 0.4, rig.samples)[:, None]
     who = {"free": "experimenter", "tracked": "p1", "passive": "nobody"}[kind]
     trial = Trial(kind, who, draw_command(4, rig), reference if kind == "tracked" else None)
-    one, again, other = (as_bytes(record(rig, trial, seed)) for seed in (1, 1, 2))
+    one, again, other = (as_bytes(execute(rig, trial, seed)) for seed in (1, 1, 2))
     assert one == again != other
 
 
@@ -66,8 +62,8 @@ def test_sensors_sample_before_the_command_acts():
     rig = configured()
     command = np.full((rig.samples, 4), 100.0)
     command[400:] = 110.0
-    pressure = record(rig, Trial("passive", "nobody", command)).pressure_kpa
-    mean = np.stack([record(rig, Trial("passive", "nobody", command), seed).pressure_kpa for seed in range(30)]).mean(
+    pressure = execute(rig, Trial("passive", "nobody", command)).pressure_kpa
+    mean = np.stack([execute(rig, Trial("passive", "nobody", command), seed).pressure_kpa for seed in range(30)]).mean(
         axis=0
     )
     noise = 0.4 / np.sqrt(30)
@@ -83,7 +79,7 @@ def test_participants_differ_in_how_they_track():
 
     def track(who):
         recordings = [
-            record(rig, Trial("tracked", who, each.pressure_command_kpa, each.joint_angle_rad), 50 + n)
+            execute(rig, Trial("tracked", who, each.pressure_command_kpa, each.joint_angle_rad), 50 + n)
             for n, each in enumerate(references)
         ]
         pairs = list(zip(recordings, references, strict=True))
@@ -106,8 +102,8 @@ def test_a_passive_limb_is_moved_by_pressure_alone():
     rest = np.full((rig.samples, 4), 1.0) * [60.0, 200.0, 60.0, 200.0]
     push = rest.copy()
     push[500:, 0] = 160.0
-    still = record(rig, Trial("passive", "nobody", rest)).joint_angle_rad
-    moved = record(rig, Trial("passive", "nobody", push)).joint_angle_rad
+    still = execute(rig, Trial("passive", "nobody", rest)).joint_angle_rad
+    moved = execute(rig, Trial("passive", "nobody", push)).joint_angle_rad
     assert np.ptp(still[500:], axis=0).max() < 0.05
     assert moved[-1, 0] - still[-1, 0] > 0.1
     assert abs(moved[-1, 1] - still[-1, 1]) < 0.01
@@ -136,7 +132,7 @@ def test_the_load_cell_sees_the_end_of_the_cable_where_it_sits():
     values["exoskeleton"]["load_cell_site"] = "joint_end"
     joint = SimulatedRig.model_validate(values)
     trial = Trial("free", "experimenter", draw_command(2, tip))
-    at_tip, at_joint = (record(rig, trial, 9) for rig in (tip, joint))
+    at_tip, at_joint = (execute(rig, trial, 9) for rig in (tip, joint))
     assert np.array_equal(at_tip.joint_angle_rad, at_joint.joint_angle_rad)
     moving = (np.abs(at_tip.contraction_velocity_per_s[:, 0]) > 0.05) & (at_tip.force_n[:, 0] > 100.0)
     ratio = np.log(at_joint.force_n[moving, 0] / at_tip.force_n[moving, 0])
@@ -164,7 +160,7 @@ def test_a_machine_with_a_single_muscle_on_a_joint_runs_every_kind(plant):
         Trial("tracked", "p2", command, reference),
         Trial("passive", "nobody", command),
     ):
-        recording = record(rig, trial)
+        recording = execute(rig, trial)
         assert recording.force_n.shape == (250, 5)
         assert recording.time_s[-1] == pytest.approx(2.49)
         pa.DataFrameSchema(RECORDING_COLUMNS, strict=True, ordered=True).validate(pd.DataFrame(tidy(recording, rig)))

@@ -1,4 +1,4 @@
-"""Somebody who lets every trial begin and sees all of it, without a desk."""
+"""Trials by themselves, and somebody who lets every one begin and sees all of it, without a desk."""
 
 import numpy as np
 
@@ -43,6 +43,11 @@ class Watching:
     def collect(self):
         """Return times, commands and pressures."""
         return (np.array([getattr(each, name) for each in self.moments]) for name in SHOWN)
+
+
+def execute(rig, trial, seed=0, watch=None):
+    with rig:
+        return rig.execute(trial, np.random.default_rng(seed), watch)
 
 
 SHOWN = ("time_s", "command_kpa", "pressure_kpa")
