@@ -188,7 +188,7 @@ def test_bad_data_and_other_rates_bring_no_confident_name(how, sound, pamid, tmp
     ],
 )
 def test_what_cannot_be_judged_is_refused_in_a_line(spoil, message, sound, pamid, tmp_path):
-    samples, meta = sound("pam1")
+    samples, meta = sound("pam1", "pam2")
     result, verdict = judge(pamid, tmp_path / "rig", spoil(samples), meta)
     assert result.returncode == 1
     assert verdict is None

@@ -44,8 +44,14 @@ def session(rig):
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    study, stages = read_stages(STAGES[:2], *GROUPS)
+def whole():
+    """The study of the whole demonstration, and its stages."""
+    return read_stages(STAGES, *GROUPS)
+
+
+@pytest.fixture(scope="module")
+def recorded(whole, tmp_path_factory):
+    study, stages = whole
     folder = tmp_path_factory.mktemp("sealed")
     tables = run_stage(study, stages["sealed_session"], folder, {})
     return {**tables, **run_stage(study, stages["measurement"], folder, tables)}
@@ -69,12 +75,6 @@ def test_a_session_is_measured_as_its_folder_would_be(session, recorded, tmp_pat
     starts = [frame["measured_trials"]["start_s"] for frame in (read, recorded)]
     np.testing.assert_allclose(*starts, atol=1e-9)
     assert read["measured_session"].drop(columns="source").equals(recorded["measured_session"].drop(columns="source"))
-
-
-@pytest.fixture(scope="module")
-def whole():
-    """The study of the whole demonstration, and its stages."""
-    return read_stages(STAGES, *GROUPS)
 
 
 def opened(whole, recorded, folder, named, left=0.0):

@@ -104,36 +104,29 @@ def test_nothing_measured_is_refused_before_anything_runs():
         read_study(compose_values("workflow=discrepancy"))
 
 
+FOREIGN = {
+    "time_s": ("t_ms", "ms", 1000.0),
+    "pressure_kpa": ("p_bar", "bar", 0.01),
+    "force_n": ("F_kN", "kN", 0.001),
+    "joint_angle_rad": ("phi", "deg", 180.0 / np.pi),
+}
+
+
 def test_foreign_names_and_units_are_converted(tmp_path):
-    samples = make_samples()
-    foreign = pd.DataFrame(
-        {
-            "run": samples["trial"],
-            "t_ms": 1000.0 * samples["time_s"],
-            "who": samples["muscle"],
-            "p_bar": samples["pressure_kpa"] / 100.0,
-            "F_kN": samples["force_n"] / 1000.0,
-            "phi": np.rad2deg(samples["joint_angle_rad"]),
-        }
-    )
-    path = tmp_path / "foreign.csv"
+    samples, path = make_samples(), tmp_path / "foreign.csv"
+    foreign = samples[["trial", "muscle"]].set_axis(["run", "who"], axis=1)
+    overrides = ["columns.trial=run", "columns.muscle=who"]
+    for name, (column, unit, factor) in FOREIGN.items():
+        foreign[column] = factor * samples[name]
+        overrides += [f"columns.{name}={column}", f"units.{name}={unit}"]
     foreign.to_csv(path, sep=";", index=False)
-    names = {"trial": "run", "time_s": "t_ms", "muscle": "who", "pressure_kpa": "p_bar", "force_n": "F_kN"}
-    names["joint_angle_rad"] = "phi"
-    units = {"time_s": "ms", "pressure_kpa": "bar", "force_n": "kN", "joint_angle_rad": "deg"}
-    overrides = [f"columns.{name}={value}" for name, value in names.items()]
-    tables = read(tmp_path, path, *overrides, *(f"units.{name}={value}" for name, value in units.items()))
+    tables = read(tmp_path, path, *overrides)
     expected = samples.sort_values(["trial", "muscle", "time_s"])
-    for name in ("time_s", "pressure_kpa", "force_n", "joint_angle_rad"):
+    for name in FOREIGN:
         np.testing.assert_allclose(tables["measured"][name], expected[name], rtol=1e-12, atol=1e-12)
     assert tables["measured_session"]["sampling_rate_hz"].iloc[0] == pytest.approx(250.0)
-    assert list(tables["measured_notes"]["about"]) == [
-        "pam3",
-        "pam4",
-        "contraction",
-        "contraction_velocity_per_s",
-        "pressure_command_kpa",
-    ]
+    missing = ["contraction", "contraction_velocity_per_s", "pressure_command_kpa"]
+    assert list(tables["measured_notes"]["about"]) == ["pam3", "pam4", *missing]
     assert tables["measured"]["pressure_command_kpa"].isna().all()
 
 

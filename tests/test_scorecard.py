@@ -32,7 +32,7 @@ def study_of(*overrides):
 
 @pytest.mark.slow
 def test_a_small_scorecard(pamid):
-    line = ["workflow=scorecard", "blind_tests=small", "rig.trials=8", "disguise.effects=[leakage]", "figures=[png]"]
+    line = ["workflow=scorecard", "blind_tests=small", "rig.trials=12", "disguise.effects=[leakage]", "figures=[png]"]
     result = pamid(*line)
     assert result.returncode == 0, result.stderr
     tables = {path.stem: pd.read_parquet(path) for path in (pamid.runs[0] / "tables").iterdir()}

@@ -135,13 +135,12 @@ def test_a_name_beside_a_spring_that_may_soften_no_further_is_doubted(monkeypatc
     assert all(each.probability <= 0.5 for each in named[1:])
 
 
-CLIPPED = {"first_order": (lag, "pressure_kpa"), "pam_joint": (joint, "angle_rad")}
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("plant", "low", "high"), [("first_order", None, 0.9), ("pam_joint", 0.1, 0.85)])
-def test_a_reading_that_ends_at_one_side_or_both_is_named_with_its_ends(plant, low, high):
-    make, output = CLIPPED[plant]
+@pytest.mark.parametrize(
+    ("plant", "make", "output", "low", "high"),
+    [("first_order", lag, "pressure_kpa", None, 0.9), ("pam_joint", joint, "angle_rad", 0.1, 0.85)],
+)
+def test_a_reading_that_ends_at_one_side_or_both_is_named_with_its_ends(plant, make, output, low, high):
     signals, step_s = make(1, samples=2000)
     ends = {"lowest": low, "highest": high}
     ends = {name: float(np.quantile(signals[output], share)) for name, share in ends.items() if share is not None}

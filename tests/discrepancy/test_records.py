@@ -13,11 +13,10 @@ RECORDED = Path("/work/shared/data/silverbox/silverbox.parquet")
 HERTZ, DAMPING, STIFFNESS_N_PER_M, RATE_HZ = 2.0, 0.1, 200.0, 50.0
 NOISE_M, SCALE_M = 0.0003, 0.04
 PLANT = (
-    "plant=record",
-    "plant.kind=second_order",
-    "+plant.input=force_n",
-    "+plant.between_samples=band_limited",
+    "plant=second_order",
+    "plant.input=force_n",
     "plant.output=position_m",
+    "plant.between_samples=band_limited",
     f"plant.output_scale={SCALE_M}",
     "plant.pace_s=0.08",
 )

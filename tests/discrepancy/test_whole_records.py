@@ -146,10 +146,7 @@ SWING = np.sin(2.0 * np.pi * 0.2 * STEP_S * np.arange(4000))
 @pytest.mark.parametrize(
     ("force", "told"),
     [
-        (
-            np.where(np.arange(4000) < 500, np.nan, SWING),
-            r"position_m: expected 10 samples or more .* lack values, after",
-        ),
+        (np.where(np.arange(4000) < 500, np.nan, SWING), r"position_m: expected 10 samples or more .* values, after"),
         (np.zeros(4000), "signal force_n: expected an input that acts, got 0 throughout"),
         (np.full(4000, 2.5), r"signal force_n: expected an input that changes, got 2\.5 throughout; by"),
         (None, "signal force_n: expected values, got none; known are position_m"),

@@ -4,7 +4,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.discrepancy import summarise_unexplained, tell, tell_bounds, tell_floor, tell_scales
+from stages.discrepancy import (
+    summarise_unexplained,
+    tell,
+    tell_bounds,
+    tell_few,
+    tell_floor,
+    tell_scales,
+    tell_unconfirmed,
+)
 from tests.plant.machines import configured, read_plant
 
 GAP = {
@@ -79,6 +87,12 @@ def test_a_verdict_says_what_its_numbers_say(verdict, said, unsaid):
     text = " ".join(tell(verdict, [], [], []))
     assert [words for words in said if words not in text] == []
     assert [words for words in unsaid if words in text] == []
+
+
+def test_few_trials_and_a_gap_that_opened_ones_lack_are_told():
+    assert [len(tell_few(fitted, 1)) for fitted in (2, 5, 6)] == [1, 1, 0]
+    (sentence,) = tell_unconfirmed(0.37)
+    assert "a flexible model would take away 37 %; those opened at the end show none" in sentence
 
 
 def test_scales_are_told_in_units():
