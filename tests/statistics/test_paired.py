@@ -45,7 +45,7 @@ def test_differences_that_only_rounding_parts_are_equal(second, shift, exponent)
     assert told.difference == pytest.approx(np.ldexp(shift, exponent), abs=np.ldexp(1e-14, exponent))
 
 
-@COMMON
+@settings(COMMON, max_examples=15)
 @given(pairs(st.integers(0, 255)))
 def test_integers_of_any_kind_are_numbers(values):
     for dtype in (np.uint8, np.int16, np.int64):
