@@ -10,7 +10,7 @@ import json
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,15 @@ TOLERANCES = {
 }
 UTILITIES = {"f_over_f": "f_f", "f_over_y_as_run": "f_y", "y_over_y": "y_y"}
 PICKED_BY = {"f_over_f": "f_f", "f_over_y": "f_y", "f_over_y_as_run": "f_y", "y_over_y": "y_y"}
+
+
+class Data(NamedTuple):
+    """What a model stands on."""
+
+    x: np.ndarray
+    y: np.ndarray
+    prior: Hyperprior
+    mean: str
 
 
 @dataclass
@@ -90,15 +99,15 @@ def check_cases(document: dict[str, Any], findings: Findings) -> None:
 
 def check_case(case: dict[str, Any], findings: Findings) -> None:
     """Compare one case's blocks."""
-    x, candidates = as_columns(case["X"], case["d"]), as_columns(case["candidates"], case["d"])
-    y = np.asarray(case["y"], dtype=float).ravel()
     prior = Hyperprior(np.asarray(case["prior_mean"], dtype=float), np.asarray(case["prior_variance"], dtype=float))
-    mean = case["mean_function"]
+    y = np.asarray(case["y"], dtype=float).ravel()
+    data = Data(as_columns(case["X"], case["d"]), y, prior, case["mean_function"])
+    candidates = as_columns(case["candidates"], case["d"])
     for name in ("fixed", "fixed_far", "map", "map_polished"):
         if name in case:
-            check_block(case[name], f"case {case['id']} {name}", name, x, y, candidates, prior, mean, findings)
+            check_block(name, case[name], data, candidates, findings, f"case {case['id']} {name}")
     best = min(case[name]["neg_log_posterior"] for name in ("map", "map_polished") if name in case)
-    ours = fit(x, y, prior, mean=mean, generator=np.random.default_rng(case["id"]), starts=20)
+    ours = fit(*data, generator=np.random.default_rng(case["id"]), starts=20)
     findings.note("map search", max(0.0, -ours.log_posterior - best), f"case {case['id']}")
 
 
@@ -107,21 +116,11 @@ def as_columns(values: Any, dimensions: int) -> np.ndarray:
     return np.asarray(values, dtype=float).reshape(-1, dimensions)
 
 
-def check_block(
-    block: dict[str, Any],
-    where: str,
-    name: str,
-    x: np.ndarray,
-    y: np.ndarray,
-    candidates: np.ndarray,
-    prior: Hyperprior,
-    mean: str,
-    findings: Findings,
-) -> None:
+def check_block(name: str, block: dict[str, Any], data: Data, candidates: Any, findings: Findings, where: str) -> None:
     """Compare one block, all at its theta."""
     theta = np.asarray(block["theta"], dtype=float)
-    loose = LOW_NOISE_TOLERANCE if np.exp(theta[x.shape[1] + 1]) < LOW_NOISE else None
-    posterior = LogPosterior(x, y, prior, mean)
+    loose = LOW_NOISE_TOLERANCE if np.exp(theta[data.x.shape[1] + 1]) < LOW_NOISE else None
+    posterior, (x, y, prior, mean) = LogPosterior(*data), data
     for suffix, found in (
         ("posterior", posterior.derivatives(theta)),
         ("likelihood", posterior.likelihood_derivatives(theta)),
@@ -135,32 +134,21 @@ def check_block(
     variance = model.predict(candidates)[1]
     findings.note("variances", element_wise(variance, block["f_var"]), f"{where} f", loose)
     findings.note("variances", element_wise(variance + noise, block["y_var"]), f"{where} y", loose)
-    if block["hess_pd"]:
-        compare_marginal(model, block, candidates, "marginal variances", where, findings, loose)
-    if "given_sigma" in block:
-        given = block["given_sigma"]
-        held = condition(x, y, theta, prior, mean=mean, covariance=np.asarray(given["Sigma"], dtype=float))
-        compare_marginal(held, given, candidates, "marginal variances given sigma", where, findings, loose)
+    given = block.get("given_sigma")
+    told = [("marginal variances", model, block)] if block["hess_pd"] else []
+    if given:
+        sigma = np.asarray(given["Sigma"], dtype=float)
+        held = condition(x, y, theta, prior, mean=mean, covariance=sigma)
+        told.append(("marginal variances given sigma", held, given))
+    for quantity, conditioned, expected in told:
+        marginal = conditioned.predict_marginal(candidates)[1]
+        findings.note(quantity, element_wise(marginal, expected["mgp_f_var"]), f"{where} f", loose)
+        findings.note(quantity, element_wise(marginal + noise, expected["mgp_y_var"]), f"{where} y", loose)
     if name in ("fixed", "map_polished") and block["hess_pd"]:
         for reference, ours in UTILITIES.items():
             index = block[f"argmax_{reference}_index0"]
             found_index = int(np.argmax(model.utility(candidates, ours)))
             findings.note("argmax", float(found_index != index), f"{where} {ours}: {found_index} against {index}")
-
-
-def compare_marginal(
-    model: MarginalGP,
-    block: dict[str, Any],
-    candidates: np.ndarray,
-    quantity: str,
-    where: str,
-    findings: Findings,
-    loose: float | None,
-) -> None:
-    """Compare the marginal GP's variances."""
-    marginal = model.predict_marginal(candidates)[1]
-    findings.note(quantity, element_wise(marginal, block["mgp_f_var"]), f"{where} f", loose)
-    findings.note(quantity, element_wise(marginal + model.noise_variance, block["mgp_y_var"]), f"{where} y", loose)
 
 
 def check_loop(loop: dict[str, Any], findings: Findings) -> None:
@@ -181,7 +169,8 @@ def check_loop(loop: dict[str, Any], findings: Findings) -> None:
             findings.note("loop picks", float(found != expected), where)
     ours, theirs = [], []
     for run in (run for run in active if PICKED_BY[run["mode"]] == "y_y"):
-        ours.append(run_own_loop(run, pool, pool_y, test, test_f, prior, mean))
+        learned = run_own_loop(run, Data(pool, pool_y, prior, mean))
+        ours.append(float(np.sqrt(np.mean((learned.predict(test)[0] - test_f) ** 2))))
         theirs.append(run["rmse_per_iter"][-1])
     difference = np.array(ours) - np.array(theirs)
     allowed = max(2 * float(difference.std(ddof=1)) / np.sqrt(difference.size), 0.002)
@@ -189,24 +178,15 @@ def check_loop(loop: dict[str, Any], findings: Findings) -> None:
     findings.note("loop rmse", max(0.0, float(difference.mean())), where, allowed)
 
 
-def run_own_loop(
-    run: dict[str, Any],
-    pool: np.ndarray,
-    pool_y: np.ndarray,
-    test: np.ndarray,
-    test_f: np.ndarray,
-    prior: Hyperprior,
-    mean: str,
-) -> float:
-    """Run y_y on our own MAPs from a run's initial points; return the final RMSE."""
-    known = list(run["initial_index0"])
-    generator = np.random.default_rng(run["seed"])
-    model = fit(pool[known], pool_y[known], prior, mean=mean, generator=generator)
+def run_own_loop(run: dict[str, Any], pool: Data) -> MarginalGP:
+    """Run y_y on our own MAPs from a run's initial points; return the final model."""
+    x, y, prior, mean = pool
+    known, generator = list(run["initial_index0"]), np.random.default_rng(run["seed"])
+    model = fit(x[known], y[known], prior, mean=mean, generator=generator)
     for _ in run["chosen_index0"]:
-        known.append(best_unknown(model.utility(pool, "y_y"), known))
-        warm = (model.theta,)
-        model = fit(pool[known], pool_y[known], prior, mean=mean, generator=generator, warm_starts=warm)
-    return float(np.sqrt(np.mean((model.predict(test)[0] - test_f) ** 2)))
+        known.append(best_unknown(model.utility(x, "y_y"), known))
+        model = fit(x[known], y[known], prior, mean=mean, generator=generator, warm_starts=(model.theta,))
+    return model
 
 
 def best_unknown(scores: np.ndarray, known: list[int]) -> int:

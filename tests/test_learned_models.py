@@ -201,19 +201,11 @@ def plant(generator, plain, marginal, experiments=6, sd=0.01, tests=("bank",), a
     """Return `coverage` with shares around a mean of each model's own."""
     means, widths = {"plain": plain, "marginal": marginal}, {"plain": 10.0, "marginal": 12.5}
     keys = product(("p1", "p2"), range(1, experiments + 1), arms, (0, 5), tests, ("pam1", "pam2"), means)
-    rows = [
-        (
-            *key,
-            1000,
-            40,
-            np.clip(means[key[-1]] + sd * generator.standard_normal(), 0, 1),
-            np.nan,
-            np.nan,
-            widths[key[-1]],
-        )
-        for key in keys
-    ]
-    return COVERAGE.check(pd.DataFrame(rows, columns=list(COVERAGE.columns)), "test")
+    frame = pd.DataFrame(list(keys), columns=list(COVERAGE.columns)[:7]).assign(samples=1000, trajectories=40)
+    shares = frame["model"].map(means) + sd * generator.standard_normal(len(frame))
+    half_width_n = frame["model"].map(widths)
+    frame = frame.assign(share=shares.clip(0, 1), low=np.nan, high=np.nan, half_width_n=half_width_n)
+    return COVERAGE.check(frame[list(COVERAGE.columns)], "test")
 
 
 def calibrated(coverage):

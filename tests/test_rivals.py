@@ -19,6 +19,7 @@ from stages.rivals import Config, Rivals, compare_rivals, count_points, fit_law,
 from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
 from tests.composing import compose_values
 from tests.identification.data import HYPERPARAMETERS
+from tests.parametric.test_linear_muscle import terms
 from tests.planted import assert_holm
 from tests.studies import PickledContext, run_alone
 
@@ -34,15 +35,13 @@ SECTION = {
 NO_NOISE = 0.0
 
 
-def terms(samples):
+def lay_out(samples):
     """Return the six columns of the linear law as it is written."""
-    pressure, contraction = samples["pressure_kpa"].to_numpy(), samples["contraction"].to_numpy()
-    powers = np.stack([contraction**2, contraction, np.ones_like(contraction)], axis=-1)
-    return np.concatenate([pressure[:, None] * powers, powers], axis=-1)
+    return terms(samples["pressure_kpa"].to_numpy(), samples["contraction"].to_numpy())
 
 
 def follow_the_law(samples):
-    return np.maximum(terms(samples) @ LAW, 0.0)
+    return np.maximum(lay_out(samples) @ LAW, 0.0)
 
 
 def bend(samples):
@@ -172,8 +171,8 @@ def test_linear_errors_are_those_of_numpys_least_squares_on_what_was_taut_by_the
     data.append(("linear_interactive", 1, 3, designed[designed["arm"] == "y_y"]))
     for rival, experiment, trial, samples in data:
         taut = samples[samples["force_n"] >= 0.01 * samples["force_n"].max()]
-        weights = np.linalg.lstsq(terms(taut), taut["force_n"].to_numpy(), rcond=None)[0]
-        missed = np.maximum(terms(test) @ weights, 0.0) - test["force_n"]
+        weights = np.linalg.lstsq(lay_out(taut), taut["force_n"].to_numpy(), rcond=None)[0]
+        missed = np.maximum(lay_out(test) @ weights, 0.0) - test["force_n"]
         where = {"experiment": experiment, "trial": trial, "tested_on": tested_on, "muscle": "pam2"}
         if rival == "linear_interactive":
             where["participant"] = "p2"

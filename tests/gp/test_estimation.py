@@ -49,15 +49,6 @@ def test_the_higher_of_two_modes_is_found(two_modes, generator):
     assert found.value == pytest.approx(max(short.value, noisy.value), abs=1e-9)
 
 
-def test_the_maximum_is_stationary(generator):
-    posterior = LogPosterior(*make_data(generator, 20), make_prior())
-    found = find_map(posterior, generator, 8)
-    value, gradient, hessian = posterior.derivatives(found.theta)
-    assert found.value == value
-    assert np.abs(gradient).max() < 1e-7
-    assert np.linalg.eigvalsh(hessian).max() < 0
-
-
 def test_the_search_is_determined_by_its_generator(generator):
     posterior = LogPosterior(*make_data(generator, 20), make_prior())
     first, second = (find_map(posterior, np.random.default_rng(5), 8) for _ in range(2))

@@ -58,6 +58,8 @@ def test_rows_that_no_jitter_parts_are_named():
     )
     with pytest.raises(FactorisationError, match=told):
         factorise(impossible, inputs)
+    with pytest.raises(FactorisationError, match="the covariance of 1 points is not positive definite: rows 0 and 0"):
+        factorise(-np.eye(1), inputs[:1])
 
 
 @pytest.mark.parametrize(("shift", "jitter"), [(0.0, 0.0), (-5e-13, 1e-12), (-5e-11, 1e-10), (-5e-9, 1e-8)])

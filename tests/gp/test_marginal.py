@@ -24,6 +24,7 @@ MEANS = ("zero", "constant")
 class Exact:
     """Models of all data, and the textbook's."""
 
+    near: ClassVar = {"rtol": 1e-9, "atol": 1e-10}
     slack: ClassVar = {"rtol": 1e-6, "atol": 1e-8}
     count, pseudo_count = 15, 0
 
@@ -37,6 +38,7 @@ class Exact:
 class Sparse:
     """Models of pseudo-inputs, and the same by N x N matrices."""
 
+    near: ClassVar = {"rtol": 1e-7, "atol": 1e-8}
     slack: ClassVar = {"rtol": 1e-5, "atol": 1e-6}
     count, pseudo_count = 60, 8
 
@@ -66,12 +68,12 @@ def places(x, pseudo, generator):
     return np.vstack([generator.uniform(-2, 2, (20, 3)), x[:6], x[:3] + 1e-7, pseudo[:5], far])
 
 
-def assert_agrees(way, problem, points, model, near=1e-8, **slack):
+def assert_agrees(way, problem, points, model, **slack):
     """Check mean, variance and their slopes against whole matrices."""
     x, y, pseudo, theta = problem
     for found, expected in zip(model.predict(points), way.truth(*problem).predict(points), strict=True):
-        np.testing.assert_allclose(found, expected, atol=near)
-    np.testing.assert_allclose(model.predict_mean(points), model.predict(points)[0], rtol=1e-8, atol=near)
+        np.testing.assert_allclose(found, expected, **way.near)
+    np.testing.assert_allclose(model.predict_mean(points), model.predict(points)[0], **way.near)
     slopes = differences(lambda at: way.truth(x, y, pseudo, at).predict(points), theta, 1e-5)
     for found, expected in zip(model.sensitivities(points), (slopes[:, 0].T, slopes[:, 1].T), strict=True):
         np.testing.assert_allclose(found, expected, **(slack or way.slack))
@@ -108,7 +110,7 @@ def test_any_size_and_constant_column_agree_with_the_textbook(log_length, count,
         x[:, constant] = 0.7
     points = np.vstack([x[:3], x[: min(count, 40)] + 0.4 * np.exp(log_length), generator.uniform(-1.5, 1.5, (9, 3))])
     problem = x, y, None, theta
-    assert_agrees(Exact(), problem, points, Exact().condition(*problem), 1e-10, rtol=1e-5, atol=1e-7)
+    assert_agrees(Exact(), problem, points, Exact().condition(*problem), rtol=1e-5, atol=1e-7)
 
 
 @pytest.mark.parametrize("log_noise", [-9.0, -14.0, -20.0])

@@ -62,10 +62,6 @@ def test_parameters_begin_and_are_expected_within_their_bounds(effect):
         assert 0.0 not in magnitude.starts
 
 
-def test_forms_have_their_own_names():
-    assert len({label(effect) for effect in ALL}) == len(ALL)
-
-
 @every_form
 def test_zero_magnitude_is_the_textbook_to_the_bit(effect, generator):
     signals = rough(generator)
@@ -140,17 +136,6 @@ def test_columns_do_not_know_each_other(effect, generator):
         assert np.array_equal(together[:, :, column : column + 1], alone)
 
 
-@every_form
-def test_a_plants_list_brings_the_form_back(effect):
-    listed = {"name": effect.name, "form": effect.form, "muscles": ["pam1"], **begin(effect)}
-    plant = with_effects(configured().plant, listed)
-    assert plant.effects[0].effect is effect
-    written = plant.model_dump()
-    assert Plant.model_validate(written) == plant
-    usual = next(each for each in list_forms(effect.name) if isinstance(each, ChainEffect))
-    assert ("form" in written["effects"][0]) == (effect is not usual)
-
-
 def test_the_place_chooses_the_form():
     at_joint = {"torque_nm": 1.0, "sliding_rad_per_s": 0.1}
     in_cable = {"share": 0.02, "sliding_per_s": 0.01}
@@ -165,23 +150,25 @@ def test_the_place_chooses_the_form():
 
 
 @every_form
-def test_a_chain_and_a_fit_see_the_same(effect, generator):
-    rig = configured()
-    signals = rough(generator, columns=4)
+def test_a_plants_list_brings_the_form_back_and_a_chain_of_it_shows_what_a_fit_sees(effect, generator):
+    rig, start = configured(), np.full(4, 120.0)
+    command, pressure, contraction, velocity = rough(generator, columns=4)
     parameters = begin(effect)
     plant = with_effects(rig.plant, {"name": effect.name, "form": effect.form, "muscles": None, **parameters})
+    assert plant.effects[0].effect is effect
+    written = plant.model_dump()
+    assert Plant.model_validate(written) == plant
+    usual = next(each for each in list_forms(effect.name) if isinstance(each, ChainEffect))
+    assert ("form" in written["effects"][0]) == (effect is not usual)
+
     chain = Chain(rig.exoskeleton, plant, start_s=120.0)
-    command, pressure, contraction, velocity = signals
-    row = chain.constants
-    start = np.full(4, 120.0)
-    fitted = predict_pressure(command, row, [(effect, parameters)], STEP_S, start)
+    fitted = predict_pressure(command, chain.constants, [(effect, parameters)], STEP_S, start)
     assert np.array_equal(chain.sense_pressure(chain.pressurise(command)), fitted)
     tension = chain.pull(pressure, contraction, velocity)[1]
     shown = chain.sense_force(tension, pressure, contraction, velocity)
     chosen = [] if effect.signal == "sensed_pressure_kpa" else [(effect, parameters)]
-    assert np.array_equal(
-        shown, predict_force(pressure, contraction, velocity, row, chosen, STEP_S, start, "joint_end")
-    )
+    fitted = predict_force(pressure, contraction, velocity, chain.constants, chosen, STEP_S, start, "joint_end")
+    assert np.array_equal(shown, fitted)
 
 
 def test_constants_of_the_fit_do_what_they_say(generator):
@@ -232,7 +219,8 @@ def test_a_simulated_rig_records_through_its_sensors():
     assert np.array_equal(clipped[:, 1:], plain[:, 1:])
 
 
-def test_every_form_is_in_the_documentation():
+def test_every_form_has_its_own_name_in_the_documentation():
+    assert len({label(effect) for effect in ALL}) == len(ALL)
     page = (CONF.parent / "docs" / "plant.md").read_text()
     rows = {match[1]: line for line in page.splitlines() if (match := re.match(r"\| `(\w+)` \|", line))}
     assert [name for name in list_effects() if name not in rows] == []

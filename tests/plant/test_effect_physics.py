@@ -44,7 +44,7 @@ def pressure(form, command, start=0.0, **parameters):
 
 V = np.array([-0.2, -0.1, -0.003, 0.0, 0.003, 0.1, 0.5])
 X = np.array([0.05, 0.1, 0.125, 0.15])
-KPA = np.array([0.0, 10.0, 20.0, 34.0, 41.0, 100.0, 600.0])
+KPA = np.array([-1.0, 0.0, 0.5, 10.0, 20.0, 34.0, 41.0, 100.0, 600.0])
 BEYOND = np.array([-0.05, 0.0, 0.02, 0.04])
 SWEEP, SLACKENING = np.linspace(0.0, 500.0, 400), np.linspace(0.0, 0.3, 50)
 SINCE = 600.0 + np.arange(400) * STEP_S
@@ -62,12 +62,13 @@ LAWS = [
     ("viscous_friction-power_law", MOVED, {"share": 0.02, "exponent": 0.5},
      lambda f: f - 0.02 * FULL * np.sign(V) * np.sqrt(np.abs(V) / 0.1)),
     ("viscous_friction-pressure_scaled", MOVED, {"share": 0.02}, lambda f: f - 0.1 * FULL * V),
-    ("threshold_pressure", {"pressure": KPA, "contraction": 0.02}, {"threshold_kpa": 30.0},
-     lambda f: nominal(np.maximum(KPA - 30.0, 0.0), 0.02)),
-    ("threshold_pressure-exponential", {"pressure": KPA, "contraction": 0.02},
-     {"threshold_kpa": 20.0, "scale_kpa": 40.0}, lambda f: nominal(KPA - 20.0 * (1 - np.exp(-KPA / 40.0)), 0.02)),
+    ("threshold_pressure", {"pressure": KPA, "contraction": -0.03}, {"threshold_kpa": 30.0},
+     lambda f: nominal(np.maximum(KPA - 30.0, np.minimum(KPA, 0.0)), -0.03)),
+    ("threshold_pressure-exponential", {"pressure": KPA, "contraction": -0.03},
+     {"threshold_kpa": 20.0, "scale_kpa": 40.0},
+     lambda f: nominal(KPA - 20.0 * (1 - np.exp(-np.maximum(KPA, 0.0) / 40.0)), -0.03)),
     ("pressure_dead_band", {"pressure": KPA, "contraction": -0.01}, {"band_kpa": 40.0, "softness": 0.1},
-     lambda f: np.where(KPA < 40.0, nominal(0.0 * KPA, -0.01), f)),
+     lambda f: np.where(KPA < 40.0, nominal(np.minimum(KPA, 0.0), -0.01), f)),
     ("cable_slack-offset_length", {"pressure": 300.0, "contraction": SLACKENING}, {"slack": 0.02},
      lambda f: nominal(300.0, SLACKENING + 0.02)),
     ("cable_slack-hanging", {"pressure": 300.0, "contraction": X}, {"lost": 1.0, "onset": 0.1, "width": 0.05},

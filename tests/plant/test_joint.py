@@ -54,7 +54,7 @@ def test_motion_agrees_with_an_adaptive_solver(generator, effects):
     machine, plant = rig.exoskeleton, with_effects(rig.plant, *effects)
     muscles, joints = collect_constants(machine, plant), collect_joints(machine, plant)
     person = embody(rig.participants["p1"], machine)
-    time = np.arange(400) * 0.004
+    time = np.arange(250) * 0.004
     wave = 0.6 + 0.4 * np.sin(2 * np.pi * np.array([0.7, 0.9]) * time[:, None] + np.array([0.0, 1.0]))
     intention = Intention(wave, np.gradient(wave, 0.004, axis=0), 0.3 * np.sin(40 * time)[:, None] * np.ones(2))
     pressure = np.array([80.0, 300.0, 60.0, 250.0]) * (1 + 0.3 * np.sin(3 * time[:, None] + np.arange(4)))

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from stages.plant.effect import ElementEffect, list_effects, list_forms
-from tests.plant.machines import read_plant
+from tests.plant.machines import read_plant, simulate
 
 STEP_S = 0.01
-FORMS = [form for name in list_effects() for form in list_forms(name) if isinstance(form, ElementEffect)]
 
 
 def test_the_spring_goes_with_the_way_that_is_named():
@@ -26,11 +24,11 @@ def settled(**changes):
     return read_plant(**changes).settle([{**signals, "force_n": 900.0 * signals["position_m"] - 4.0}], STEP_S)
 
 
-def answer(plant, effects=(), constants=None):
-    columns = {name: values[:, None] for name, values in sweep().items()}
-    return plant.simulate(columns, STEP_S, np.zeros(1), constants or {"stiffness": 900.0, "offset": -4.0}, effects)[
-        :, 0
-    ]
+def add(plant, *effect):
+    """Return what an effect adds, over the scale of the output."""
+    constants = {"stiffness": 900.0, "offset": -4.0}
+    with_it, without = (simulate(plant, sweep(), constants, effects) for effects in ([effect], []))
+    return (with_it - without) / plant.output_scale
 
 
 def test_the_answer_is_a_sum_of_products():
@@ -66,25 +64,15 @@ def test_forms_against_closed_forms():
     plant, way = settled(), sweep()["position_m"]
     x = (way - plant.along_middle) / plant.along_scale
     rate = np.gradient(x, STEP_S) * plant.pace_s
-    by_name = {(form.name, form.form): form for form in FORMS}
-    expected = {
-        ("cubic_stiffness", "element"): ({"share": 0.3}, 0.3 * x**3),
-        ("viscous_friction", "element"): ({"share": 0.2}, 0.2 * rate),
-        ("coulomb_friction", "element"): ({"share": -0.1, "sliding": 0.2}, -0.1 * np.tanh(rate / 0.2)),
-    }
-    for key, (values, added) in expected.items():
-        np.testing.assert_allclose(
-            (answer(plant, [(by_name[key], values)]) - answer(plant)) / plant.output_scale, added, atol=1e-9
-        )
-
-
-def test_a_play_turns_within_its_width_and_may_begin_in_mid_turn():
-    plant = settled()
-    form = next(each for each in FORMS if each.form == "element_play")
-    loop = (answer(plant, [(form, {"share": 0.2, "width": 0.1, "begun": -1.0})]) - answer(plant)) / plant.output_scale
-    x = (sweep()["position_m"] - plant.along_middle) / plant.along_scale
-    stop, expected = -1.0, []
+    stop, turned = -1.0, []
     for step in np.diff(x, prepend=x[0]):
         stop = min(max(stop + step / 0.1, -1.0), 1.0)
-        expected.append(0.2 * stop)
-    np.testing.assert_allclose(loop, expected, atol=1e-9)
+        turned.append(stop)
+    for name, form, values, added in (
+        ("cubic_stiffness", "element", {"share": 0.3}, 0.3 * x**3),
+        ("viscous_friction", "element", {"share": 0.2}, 0.2 * rate),
+        ("coulomb_friction", "element", {"share": -0.1, "sliding": 0.2}, -0.1 * np.tanh(rate / 0.2)),
+        # a play turns within its width and may begin in mid turn
+        ("hysteresis", "element_play", {"share": 0.2, "width": 0.1, "begun": -1.0}, 0.2 * np.array(turned)),
+    ):
+        np.testing.assert_allclose(add(plant, name, form, values), added, atol=1e-9)

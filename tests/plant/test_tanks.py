@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from stages.plant.effect import find_effect
 from stages.plant.record_plant import HEAD, read_beginning
-from tests.plant.machines import begin_surely, read_plant
+from tests.plant.machines import begin_surely, read_plant, simulate, solve
 
 STEP_S = 4.0
 CONSTANTS = {
@@ -19,8 +17,7 @@ CONSTANTS = {
 }
 UPPER, LOWER = 4.0, 6.0
 """Levels in which records begin."""
-RIM = find_effect("overflow", "rim")
-CUT = find_effect("saturation", "tank_reading")
+RIM, CUT = ("overflow", "rim"), ("saturation", "tank_reading")
 
 
 def begin(upper=UPPER, lower=LOWER, error=1e-3):
@@ -28,11 +25,8 @@ def begin(upper=UPPER, lower=LOWER, error=1e-3):
 
 
 def fill(pump, effects=(), begun=None, **changes):
-    signals = {"pump_v": np.asarray(pump, dtype=float)[:, None]}
-    constants = {**CONSTANTS, **changes}
-    return read_plant("cascaded_tanks").simulate(signals, STEP_S, np.zeros(1), constants, effects, begun or begin())[
-        :, 0
-    ]
+    constants, begun = {**CONSTANTS, **changes}, begun or begin()
+    return simulate(read_plant("cascaded_tanks"), {"pump_v": pump}, constants, effects, begun, STEP_S)
 
 
 def test_levels_rest_where_torricelli_says():
@@ -57,10 +51,8 @@ def test_the_way_there_is_that_of_another_integrator(held, timing_s):
         down, out = 0.05 * np.sqrt(max(levels[0], 0.0)), 0.04 * np.sqrt(max(levels[1], 0.0))
         return [filled - down, down - out]
 
-    exact = solve_ivp(
-        change, (0.0, 199 * STEP_S), [4.0, 6.0], t_eval=np.arange(200) * STEP_S, max_step=0.1, rtol=1e-8, atol=1e-8
-    )
-    np.testing.assert_allclose(fill(pump, timing_s=timing_s), exact.y[1] + 0.3, atol=2e-3)
+    exact = solve(change, [4.0, 6.0], np.arange(200) * STEP_S)
+    np.testing.assert_allclose(fill(pump, timing_s=timing_s), exact[1] + 0.3, atol=2e-3)
 
 
 def test_each_record_begins_where_its_own_first_readings_say(generator):
@@ -78,7 +70,7 @@ def test_each_record_begins_where_its_own_first_readings_say(generator):
 
 def test_above_the_rim_water_runs_over_and_a_share_of_it_down():
     pump = np.full(3000, 4.0)
-    lost, kept = (fill(pump, [(RIM, {"scale_over_rim": 1.0, "share_down": share})])[-1] for share in (0.0, 1.0))
+    lost, kept = (fill(pump, [(*RIM, {"scale_over_rim": 1.0, "share_down": share})])[-1] for share in (0.0, 1.0))
     rim = 5.0
     assert lost - 0.3 == pytest.approx((0.05 * np.sqrt(rim) / 0.04) ** 2, rel=1e-3)
     assert kept - 0.3 == pytest.approx((0.04 * 4.0 / 0.04) ** 2, rel=1e-3)
@@ -87,16 +79,16 @@ def test_above_the_rim_water_runs_over_and_a_share_of_it_down():
 def test_a_rim_that_is_never_reached_and_a_reading_never_cut_change_nothing():
     pump = 1.5 + 0.5 * np.sin(0.05 * np.arange(500))
     effects = [
-        (RIM, {"scale_over_rim": 0.05, "share_down": 0.5}),
-        (CUT, {"share": 1.0, "lowest": 0.0, "highest": 20.0}),
+        (*RIM, {"scale_over_rim": 0.05, "share_down": 0.5}),
+        (*CUT, {"share": 1.0, "lowest": 0.0, "highest": 20.0}),
     ]
     np.testing.assert_array_equal(fill(pump), fill(pump, effects))
-    absent = [(RIM, {"scale_over_rim": 0.0, "share_down": 0.5}), (CUT, {"share": 0.0, "highest": 0.1})]
+    absent = [(*RIM, {"scale_over_rim": 0.0, "share_down": 0.5}), (*CUT, {"share": 0.0, "highest": 0.1})]
     np.testing.assert_array_equal(fill(np.full(500, 4.0)), fill(np.full(500, 4.0), absent))
 
 
 def test_a_reading_is_cut_and_the_level_is_not():
     pump = np.concatenate([np.full(500, 4.0), np.full(500, 1.0)])
-    plain, cut = fill(pump), fill(pump, [(CUT, {"share": 1.0, "lowest": 1.4, "highest": 2.0})])
+    plain, cut = fill(pump), fill(pump, [(*CUT, {"share": 1.0, "lowest": 1.4, "highest": 2.0})])
     assert plain.min() < 7.0
     np.testing.assert_array_equal(cut, np.clip(plain, 7.0, 10.0))

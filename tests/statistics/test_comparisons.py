@@ -17,7 +17,7 @@ from stages.statistics import (
     judge_paired_equivalence,
 )
 
-COMMON = settings(derandomize=True, deadline=None, max_examples=30)
+COMMON = settings(derandomize=True, deadline=None, max_examples=20)
 ANY = st.one_of(st.floats(-1e300, 1e300), st.floats(-10, 10), st.integers(-3, 3).map(float))
 MARGINS = st.one_of(st.floats(0.01, 10), st.sampled_from([5e-324, 1e-300, 1e300]))
 WITH_A_UNIT = ("mean_first", "mean_second", "difference", "estimate", "low", "high", "margin")

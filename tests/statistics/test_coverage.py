@@ -10,7 +10,7 @@ from statsmodels.stats.proportion import proportion_confint
 
 from stages.statistics import cover, cover_blocks
 
-COMMON = settings(derandomize=True, deadline=None, max_examples=100)
+COMMON = settings(derandomize=True, deadline=None, max_examples=60)
 
 
 def intervals(values):
