@@ -56,12 +56,7 @@ def test_list_has_a_line_for_a_sweep_or_for_each_of_its_jobs(swept):
     jobs = swept.review("list", "--jobs").stdout
     assert jobs.count("s/counting.count=") == 6
     assert " s/ " not in jobs
-
-
-def test_the_outputs_folder_is_named_before_or_after(swept):
-    elsewhere = Command(swept.outputs.parent / "nowhere")
-    assert "no runs in" in elsewhere.review("list").stdout
-    assert elsewhere.review("list", "--outputs", str(swept.outputs)).stdout == swept.review("list").stdout
+    assert "first 2 of 8 rows; --rows 8 shows all" in swept.review("list", "--jobs", "--rows", "2").stdout
 
 
 def test_list_counts_jobs_that_did_not_begin(copied):
@@ -69,9 +64,13 @@ def test_list_counts_jobs_that_did_not_begin(copied):
     assert "3 of 6 jobs, 2 failed, 1 not begun" in copied.review("list").stdout
 
 
-def test_a_printed_command_looks_into_the_same_outputs(swept):
+def test_the_outputs_folder_is_named_before_or_after_and_in_what_is_printed(swept):
+    elsewhere = Command(swept.outputs.parent / "nowhere")
+    assert "no runs in" in elsewhere.review("list").stdout
+    listed = swept.review("list").stdout
+    assert elsewhere.review("list", "--outputs", str(swept.outputs)).stdout == listed
     place = f"-m pipeline.review --outputs {swept.outputs} "
-    assert f"{place}sweep NAME" in swept.review("list").stdout
+    assert f"{place}sweep NAME" in listed
     assert f"{place}show " in swept.review("show", "latest").stdout
 
 
@@ -86,10 +85,6 @@ def test_list_is_sorted_and_chosen_from_by_columns_metrics_and_configuration(swe
     assert swept.review("list", "--jobs", "--where", "run~SEED=1").stdout.count("s/counting") == 2
     assert swept.review("list", "--jobs", "--where", "seed==1").stdout.count("s/counting") == 2
     assert "no rows" in swept.review("list", "--where", "status=paused").stdout
-
-
-def test_list_says_how_many_it_does_not_show(swept):
-    assert "first 2 of 8 rows; --rows 8 shows all" in swept.review("list", "--jobs", "--rows", "2").stdout
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Plan, freshness, resume and reuse."""
 
 import json
-import shutil
 
 from tests.faults import find_parts, ledger_of, tables_of
 from tests.pipeline.conftest import SLOWLY
@@ -68,13 +67,12 @@ def test_equal_content_cuts_off_downstream(done):
     assert stages["doubling"]["origin"] == stages["adding"]["origin"] == done.runs[0].name
 
 
-def test_changed_code_reruns_the_stage_and_says_which_file(toy, tmp_path):
-    package = tmp_path / "copied_toy"
-    shutil.copytree("tests/pipeline/toy", package, ignore=shutil.ignore_patterns("__pycache__"))
-    toy.environment["PYTHONPATH"] = str(tmp_path)
+def test_changed_code_reruns_the_stage_and_says_which_file(toy, own_package):
+    toy.environment["PYTHONPATH"] = str(own_package.parent)
     toy.fixed += ("workflow.package=copied_toy",)
     assert toy().returncode == 0
-    (package / "adding.py").write_text((package / "adding.py").read_text().replace(".sum()]", ".sum() + 1]"))
+    code = own_package / "adding.py"
+    code.write_text(code.read_text().replace(".sum()]", ".sum() + 1]"))
     plan = toy("plan=true").stdout
     assert "adding    run    code changed (copied_toy/adding.py)" in plan
     assert "doubling  fresh" in plan
