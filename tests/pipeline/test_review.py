@@ -283,14 +283,3 @@ def test_runs_of_another_version_are_compared_as_far_as_can_be(copied):
     shown = copied.review("compare", *(each.name for each in copied.runs))
     assert shown.returncode == 0, shown.stderr
     assert "cannot be read" in shown.stdout or "tried" in shown.stdout
-
-
-def test_report_is_of_the_last_attempt(toy):
-    toy.fixed = (*toy.fixed, "sweep=j")
-    assert toy("doubling.fail_at=3").returncode == 1
-    (folder,) = (toy.outputs / "sweeps" / "j").iterdir()
-    assert ">failed<" in (folder / "report.html").read_text()
-    change(folder, status="interrupted")
-    assert toy("doubling.fail_at=3", "counting.count=2").returncode == 0
-    page = next(each for each in (toy.outputs / "sweeps" / "j").iterdir() if each != folder) / "report.html"
-    assert ">done<" in page.read_text()
