@@ -200,7 +200,7 @@ def test_one_job_and_no_metric(toy):
 
 def test_jobs_with_different_workflows(toy):
     toy.fixed = tuple(each for each in toy.fixed if not each.startswith("workflow"))
-    assert toy(*ALONE, "sweep=w", "workflow=toy,trials").returncode == 0
+    assert toy(*ALONE, "sweep=w", "workflow=toy,trials", "seed=0,1").returncode == 0
     shown = toy.review("sweep", "w")
     assert shown.returncode == 0, shown.stderr
     assert "trials" in shown.stdout
