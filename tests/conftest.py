@@ -99,9 +99,9 @@ class Command:
     def review_line(self, *arguments: str) -> list[str]:
         return [sys.executable, "-m", "pipeline.review", "--outputs", str(self.outputs), *arguments]
 
-    def start(self, *arguments: str, before=None, anew: bool = False, stdin=None) -> subprocess.Popen[str]:
+    def start(self, *arguments: str, before=None, anew: bool = False) -> subprocess.Popen[str]:
         """Start the command in a process of its own."""
-        return self._start(self.line(*arguments), before, anew, stdin)
+        return self._start(self.line(*arguments), before, anew)
 
     def __call__(self, *arguments: str, before=None, apart: bool | None = None) -> subprocess.CompletedProcess[str]:
         return self._run(self.line(*arguments), before, apart)
@@ -140,11 +140,13 @@ class Command:
                 process.kill()
         return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
 
-    def _start(self, line: list[str], before=None, anew: bool = False, stdin=None) -> subprocess.Popen[str]:
-        pipes = {"stdin": stdin, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    def _start(self, line: list[str], before=None, anew: bool = False) -> subprocess.Popen[str]:
         if not anew and not self.anew:
-            return start_forked(line, self.environment, self.root, before, pipes)
-        return subprocess.Popen(line, cwd=self.root, env=self.environment, preexec_fn=before, **pipes)
+            return start_forked(line, self.environment, self.root, before)
+        pipe = subprocess.PIPE
+        return subprocess.Popen(
+            line, cwd=self.root, env=self.environment, stdout=pipe, stderr=pipe, text=True, preexec_fn=before
+        )
 
 
 @pytest.fixture

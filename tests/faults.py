@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 import resource
+import signal
 import time
 
 import pyarrow.parquet
@@ -15,6 +16,8 @@ DROP_FROM_BOUNDING_SET = 24
 CAPABILITY_VERSION, EFFECTIVE, PERMITTED = 0x20080522, 0, 1
 OVERRIDING = (1, 2, 3)
 """Capabilities to write, to read and to change what bits of permission forbid."""
+STOPPING = {signal.SIGINT: (130, "Ctrl-C"), signal.SIGTERM: (143, "SIGTERM")}
+"""Signals by which a run is stopped, with its exit code and what it calls them."""
 
 
 def tables_of(run):

@@ -17,43 +17,10 @@ from tests.composing import compose_values
 from tests.conftest import Command
 
 REMOVED, ADDED = object(), object()
-OTHERS = [
-    None,
-    True,
-    -1,
-    0,
-    1,
-    2,
-    3,
-    35,
-    999,
-    10**30,
-    -1.0,
-    0.0,
-    1e-300,
-    1e-9,
-    0.001,
-    0.3,
-    1.0,
-    100.0,
-    1e9,
-    1e300,
-    float("nan"),
-    float("inf"),
-    float("-inf"),
-    "",
-    " ",
-    "1",
-    "word",
-    "two\nlines",
-    [],
-    ["word"],
-    [1, 2],
-    {},
-    {"word": 1},
-    REMOVED,
-    ADDED,
-]
+WHOLE = [-1, 0, 1, 2, 3, 35, 999, 10**30]
+BROKEN = [-1.0, 0.0, 1e-300, 1e-9, 0.001, 0.3, 1.0, 100.0, 1e9, 1e300, float("nan"), float("inf"), float("-inf")]
+TEXTS = ["", " ", "1", "word", "two\nlines"]
+OTHERS = [None, True, *WHOLE, *BROKEN, *TEXTS, [], ["word"], [1, 2], {}, {"word": 1}, REMOVED, ADDED]
 NAMED_BY_THE_SECTION_THAT_IT_LISTS = {("workflow", "quoted")}
 
 

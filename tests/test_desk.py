@@ -63,7 +63,9 @@ class Operator:
 
     def attend_process(self, command):
         """Sit at the terminal of a command in a process of its own, where ^C is a signal."""
-        with command.start(stdin=subprocess.PIPE) as process:
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        environment = {**command.environment, "PYTHONUNBUFFERED": "1"}
+        with subprocess.Popen(command.line(), cwd=command.root, env=environment, text=True, **pipes) as process:
             watchdog = threading.Timer(LONGEST_S, process.kill)
             watchdog.start()
 

@@ -55,15 +55,17 @@ def run_within(line: Sequence[str], environment: Mapping[str, str], folder: Path
 
 
 def start_forked(
-    line: Sequence[str],
-    environment: Mapping[str, str],
-    folder: Path,
-    before: Callable[[], object] | None,
-    pipes: Mapping[str, object],
+    line: Sequence[str], environment: Mapping[str, str], folder: Path, before: Callable[[], object] | None
 ) -> subprocess.Popen[str]:
     """Start ``PYTHON -m MODULE ...`` in a process forked off this one, which calls `before` first."""
-    live = partial(_live, line, environment, folder, before)
-    return subprocess.Popen(line, restore_signals=False, preexec_fn=live, **pipes)
+    return subprocess.Popen(
+        line,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        restore_signals=False,
+        preexec_fn=partial(_live, line, environment, folder, before),
+    )
 
 
 def _live(line: Sequence[str], environment: Mapping[str, str], folder: Path, before: Callable[[], object] | None):
@@ -73,11 +75,7 @@ def _live(line: Sequence[str], environment: Mapping[str, str], folder: Path, bef
             before()
         os.closerange(3, MOST_HANDLES)  # by which Popen knows that the process lives
         resource_tracker._resource_tracker._fd = None  # that of the parent
-        with (
-            open(0, closefd=False) as sys.stdin,
-            open(1, "w", buffering=1, closefd=False) as sys.stdout,
-            open(2, "w", buffering=1, closefd=False) as sys.stderr,
-        ):
+        with open(1, "w", closefd=False) as sys.stdout, open(2, "w", buffering=1, closefd=False) as sys.stderr:
             _enter(line, environment, folder)
             sys.modules.pop(f"{line[2]}.__main__")
             sys.path[:0] = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))

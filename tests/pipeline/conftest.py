@@ -1,5 +1,6 @@
 """The command with toy workflows, and runs that are made once for all tests, to be looked at or copied."""
 
+import shutil
 from unittest.mock import patch
 
 import pytest
@@ -29,6 +30,12 @@ class Toy(Command):
 def toy(tmp_path):
     """The command with the toy workflow."""
     return Toy(tmp_path / "outputs")
+
+
+@pytest.fixture
+def own_package(tmp_path):
+    """A copy of the toy's package, ``workflow.package=copied_toy``, for commands whose path has the folder it is in."""
+    return shutil.copytree("tests/pipeline/toy", tmp_path / "copied_toy", ignore=shutil.ignore_patterns("__pycache__"))
 
 
 @pytest.fixture(scope="session")

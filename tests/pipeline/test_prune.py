@@ -60,6 +60,7 @@ def many(many_made, tmp_path):
 def test_all_but_the_newest_go_and_the_rest_is_whole(many):
     runs = many.runs
     tables = [tables_of(run) for run in runs]
+    assert len({each["numbers.parquet"] for each in tables}) == 4  # one for each seed
     found = snapshot(many.outputs)
     times = {path: path.lstat().st_mtime_ns for path in found}
     before = use_of(many.outputs / "runs")

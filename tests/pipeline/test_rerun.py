@@ -66,11 +66,9 @@ def test_a_drift_is_told_by_table_and_column(lab, rerun):
     assert ledger_of(lab.runs[2])["comparison"]["tables"]["verdicts"] == "3 rows then, 6 now"
 
 
-def test_what_changed_since_is_told(toy, rerun, tmp_path):
-    package = tmp_path / "copied_toy"
-    shutil.copytree("tests/pipeline/toy", package, ignore=shutil.ignore_patterns("__pycache__"))
+def test_what_changed_since_is_told(toy, rerun, own_package):
     for command in (toy, rerun):
-        command.environment["PYTHONPATH"] = str(tmp_path)
+        command.environment["PYTHONPATH"] = str(own_package.parent)
     toy("workflow.package=copied_toy")
     (first,) = toy.runs
     facts = ledger_of(first)
@@ -78,8 +76,8 @@ def test_what_changed_since_is_told(toy, rerun, tmp_path):
     facts["git"] = {"commit": "0123456789abcdef", "clean": True}
     facts["stages"]["adding"]["libraries"]["python"] = "3.9.1"
     (first / "run.json").write_text(json.dumps(facts))
-    text = (package / "adding.py").read_text()
-    (package / "adding.py").write_text(text.replace(".sum()]", ".sum() + 1]"))
+    code = own_package / "adding.py"
+    code.write_text(code.read_text().replace(".sum()]", ".sum() + 1]"))
     result = rerun("rerun=latest")
     assert result.returncode == 1
     told = result.stdout[result.stdout.index("3 of 4 tables") :]
@@ -88,19 +86,17 @@ def test_what_changed_since_is_told(toy, rerun, tmp_path):
     assert "libraries: python 3.9.1 -> " in told
     assert "commit: 0123456789 -> " in told
     assert "machine: model An older processor -> " in told
-    shutil.rmtree(package)
+    shutil.rmtree(own_package)
     gone = the_only_line(rerun(f"rerun={first.name}"))
     assert "no Python package 'copied_toy'" in gone
     assert "it ran with commit 0123456789" in gone
 
 
-def test_columns_and_types_are_told(lab, rerun, tmp_path):
-    package = tmp_path / "copied_toy"
-    shutil.copytree("tests/pipeline/toy", package, ignore=shutil.ignore_patterns("__pycache__"))
+def test_columns_and_types_are_told(lab, rerun, own_package):
     for command in (lab, rerun):
-        command.environment["PYTHONPATH"] = str(tmp_path)
+        command.environment["PYTHONPATH"] = str(own_package.parent)
     lab("workflow.package=copied_toy")
-    path = package / "judging.py"
+    path = own_package / "judging.py"
     text = path.read_text().replace('"value"', '"worth"').replace('column(int, "from', 'column(float, "from')
     path.write_text(text.replace("range(len(values)),", "[1.0 * each for each in range(len(values))],"))
     result = rerun("rerun=latest")

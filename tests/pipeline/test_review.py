@@ -56,12 +56,7 @@ def test_list_has_a_line_for_a_sweep_or_for_each_of_its_jobs(swept):
     jobs = swept.review("list", "--jobs").stdout
     assert jobs.count("s/counting.count=") == 6
     assert " s/ " not in jobs
-
-
-def test_the_outputs_folder_is_named_before_or_after(swept):
-    elsewhere = Command(swept.outputs.parent / "nowhere")
-    assert "no runs in" in elsewhere.review("list").stdout
-    assert elsewhere.review("list", "--outputs", str(swept.outputs)).stdout == swept.review("list").stdout
+    assert "first 2 of 8 rows; --rows 8 shows all" in swept.review("list", "--jobs", "--rows", "2").stdout
 
 
 def test_list_counts_jobs_that_did_not_begin(copied):
@@ -69,9 +64,13 @@ def test_list_counts_jobs_that_did_not_begin(copied):
     assert "3 of 6 jobs, 2 failed, 1 not begun" in copied.review("list").stdout
 
 
-def test_a_printed_command_looks_into_the_same_outputs(swept):
+def test_the_outputs_folder_is_named_before_or_after_and_in_what_is_printed(swept):
+    elsewhere = Command(swept.outputs.parent / "nowhere")
+    assert "no runs in" in elsewhere.review("list").stdout
+    listed = swept.review("list").stdout
+    assert elsewhere.review("list", "--outputs", str(swept.outputs)).stdout == listed
     place = f"-m pipeline.review --outputs {swept.outputs} "
-    assert f"{place}sweep NAME" in swept.review("list").stdout
+    assert f"{place}sweep NAME" in listed
     assert f"{place}show " in swept.review("show", "latest").stdout
 
 
@@ -86,10 +85,6 @@ def test_list_is_sorted_and_chosen_from_by_columns_metrics_and_configuration(swe
     assert swept.review("list", "--jobs", "--where", "run~SEED=1").stdout.count("s/counting") == 2
     assert swept.review("list", "--jobs", "--where", "seed==1").stdout.count("s/counting") == 2
     assert "no rows" in swept.review("list", "--where", "status=paused").stdout
-
-
-def test_list_says_how_many_it_does_not_show(swept):
-    assert "first 2 of 8 rows; --rows 8 shows all" in swept.review("list", "--jobs", "--rows", "2").stdout
 
 
 @pytest.mark.parametrize(
@@ -205,7 +200,7 @@ def test_one_job_and_no_metric(toy):
 
 def test_jobs_with_different_workflows(toy):
     toy.fixed = tuple(each for each in toy.fixed if not each.startswith("workflow"))
-    assert toy(*ALONE, "sweep=w", "workflow=toy,trials").returncode == 0
+    assert toy(*ALONE, "sweep=w", "workflow=toy,trials", "seed=0,1").returncode == 0
     shown = toy.review("sweep", "w")
     assert shown.returncode == 0, shown.stderr
     assert "trials" in shown.stdout
@@ -288,14 +283,3 @@ def test_runs_of_another_version_are_compared_as_far_as_can_be(copied):
     shown = copied.review("compare", *(each.name for each in copied.runs))
     assert shown.returncode == 0, shown.stderr
     assert "cannot be read" in shown.stdout or "tried" in shown.stdout
-
-
-def test_report_is_of_the_last_attempt(toy):
-    toy.fixed = (*toy.fixed, "sweep=j")
-    assert toy("doubling.fail_at=3").returncode == 1
-    (folder,) = (toy.outputs / "sweeps" / "j").iterdir()
-    assert ">failed<" in (folder / "report.html").read_text()
-    change(folder, status="interrupted")
-    assert toy("doubling.fail_at=3", "counting.count=2").returncode == 0
-    page = next(each for each in (toy.outputs / "sweeps" / "j").iterdir() if each != folder) / "report.html"
-    assert ">done<" in page.read_text()

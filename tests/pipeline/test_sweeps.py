@@ -153,9 +153,13 @@ def test_jobs_that_fail_or_are_killed_lose_no_other_and_are_made_again_alone_or_
         "unit": "m",
     }
 
+    page = alone.job(1) / "report.html"
+    assert ">failed<" in page.read_text()
     mended = mend(alone, ledger_of(alone.job(1))["command"])
     assert mended.returncode == 0, mended.stderr
     assert ledger_of(alone.job(1))["status"] == "done"
+    assert ">done<" in page.read_text()
+    assert ">failed<" not in page.read_text()
     again = mend(alone, result.stderr.splitlines()[-1])
     assert again.returncode == 1
     assert Counter(alone.table["status"]) == {"done": 3, "failed": 1}
