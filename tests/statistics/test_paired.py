@@ -1,4 +1,4 @@
-"""Paired comparisons against SciPy, statsmodels and hand-made numbers; adjusted p-values against their rules."""
+"""Paired comparisons against SciPy and hand-made numbers; adjusted p-values against their rules."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
-from statsmodels.stats.multitest import multipletests
 
 from stages.statistics import adjust_benjamini_yekutieli, adjust_holm, compare_pairs
 
@@ -52,7 +51,7 @@ def test_integers_of_any_kind_are_numbers(values):
         np.testing.assert_equal(vars(compare_pairs(*values.astype(dtype))), vars(compare_pairs(*values.astype(float))))
 
 
-@COMMON
+@settings(COMMON, max_examples=15)
 @given(
     arrays(float, st.integers(0, 12), elements=st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1.0, np.nan, 0.01])))
 )
@@ -65,11 +64,6 @@ def test_holm_is_the_step_down_rule_and_keeps_nan(p_values):
     assert (adjusted[known] >= p_values[known]).all()
     order = np.random.default_rng(0).permutation(p_values.size)
     np.testing.assert_array_equal(adjust_holm(p_values[order]), adjusted[order])
-
-
-def test_holm_is_that_of_statsmodels(generator):
-    p_values = np.array([0.01, 0.04, 0.03, *generator.uniform(0, 1, 20) ** 4, 0.03])
-    np.testing.assert_allclose(adjust_holm(p_values), multipletests(p_values, method="holm")[1], rtol=1e-12)
 
 
 def test_benjamini_yekutieli_divides_by_the_harmonic_sum_and_keeps_nan():
