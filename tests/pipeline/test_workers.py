@@ -96,7 +96,7 @@ def test_a_killed_worker_loses_nothing_and_the_number_of_workers_changes_no_byte
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_workers_end_with_the_run_that_started_them(split, reference, number):
     slowly = "squaring.pause_s=0.3"
-    process = split.start(slowly)
+    process = split.start(slowly, anew=True)
     wait_until(process, lambda: find_parts(split, "squaring"))
     workers = children_of(process)
     assert len(workers) >= 2
