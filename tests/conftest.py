@@ -32,7 +32,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_finish(session):
-    """Let collections of garbage pass over what was imported: statsmodels asks for one at every family of p-values."""
+    """Let collections of garbage pass over what was imported."""
     gc.collect()
     gc.freeze()
 
@@ -40,6 +40,13 @@ def pytest_collection_finish(session):
 @pytest.fixture(scope="session", autouse=True)
 def _files_of_the_configuration_are_parsed_once():
     with patch.object(FileConfigSource, "load_config", load_once):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _garbage_is_collected_when_python_finds_it_due():
+    """Keep statsmodels from asking for it at every family of p-values."""
+    with patch.object(gc, "collect", return_value=0):
         yield
 
 

@@ -5,9 +5,9 @@ changes is put back afterwards. A forked one can be killed, limited and sent sig
 stake, or other code than this, a command is started in full instead.
 """
 
-import copy
 import logging
 import os
+import pickle
 import runpy
 import signal
 import subprocess
@@ -38,7 +38,7 @@ from pipeline.interruption import WORDS
 
 MAINS = {"pipeline": pipeline.__main__.main, "pipeline.review": pipeline.review.__main__.main}
 MOST_HANDLES = 1024
-_LOADED: dict[tuple, ConfigResult] = {}
+_LOADED: dict[tuple, bytes] = {}
 
 Plugins.instance()  # stores options of config groups when it is first asked for
 
@@ -116,8 +116,8 @@ def load_once(source: FileConfigSource, config_path: str, load=FileConfigSource.
         return load(source, config_path)
     key = (source.provider, source.path, config_path, facts.st_ino, facts.st_mtime_ns, facts.st_size)
     if key not in _LOADED:
-        _LOADED[key] = load(source, config_path)
-    return copy.deepcopy(_LOADED[key])
+        _LOADED[key] = pickle.dumps(load(source, config_path))
+    return pickle.loads(_LOADED[key])
 
 
 @contextmanager
