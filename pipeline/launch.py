@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
@@ -126,8 +127,8 @@ class Launch:
 
 
 def new_launch_name() -> str:
-    """Return a name that no other process takes."""
-    return f"{now().replace(':', '-').removesuffix('+00-00')}_{os.getpid()}"
+    """Return a name that no other launch takes, nor a later one of this process; names are in the order of time."""
+    return f"{datetime.now(UTC):%Y-%m-%dT%H-%M-%S.%f}_{os.getpid()}"
 
 
 def list_launches(sweep: Path) -> Iterator[dict[str, Any]]:

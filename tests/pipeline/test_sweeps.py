@@ -10,6 +10,7 @@ from collections import Counter
 import pandas as pd
 import pytest
 
+from pipeline.launch import new_launch_name
 from tests.conftest import Command
 from tests.faults import check_wholeness, ledger_of, limit_file_size, tables_of, wait_until
 from tests.pipeline.conftest import ALONE, CONFIG
@@ -336,3 +337,8 @@ def kill_launcher(process):
     printed = process.communicate(timeout=60)
     wait_for_the_end_of(workers)
     return printed
+
+
+def test_launches_of_one_second_are_told_apart():
+    names = [new_launch_name() for _ in range(50)]
+    assert sorted(set(names)) == names
