@@ -280,7 +280,7 @@ def test_a_file_cut_at_any_byte_is_refused(file):
 
 @COMMON
 @given(st.data())
-def test_a_file_damaged_anywhere_is_refused(file, data):
+def test_a_file_damaged_anywhere_reads_exactly_or_is_refused(file, data):
     path, content = file
     start = data.draw(st.integers(0, len(content)))
     stop = min(len(content), start + data.draw(st.integers(0, 64)))
