@@ -188,6 +188,8 @@ class Context:
         Processes over which `spread` spreads a loop.
     formats : sequence of str
         In which figures are kept: png, pdf, svg.
+    stream : str or None
+        That of the stage.
 
     Notes
     -----
@@ -202,6 +204,7 @@ class Context:
     rig: Any = None
     workers: int = 1
     formats: Sequence[str] = ("png",)
+    stream: str | None = None
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
@@ -210,16 +213,18 @@ class Context:
         return getattr(self.rig, "attendance", None) is not None
 
     def generator(self, *key: int | str) -> np.random.Generator:
-        """Return a generator that depends on the root seed, the stage and the key alone.
+        """Return a generator that depends on the root seed, the stage's stream and the key alone.
 
         Raises
         ------
         WiringError
-            When the stage's config declares no ``seed``.
+            When the stage declares no stream, or its config no ``seed``.
         """
+        if self.stream is None:
+            raise WiringError(f'stage {self.stage} draws random numbers: declare @stage(..., stream="{self.stage}")')
         if self.seed is None:
             raise WiringError(f"stage {self.stage} draws random numbers: its config must declare a seed")
-        spawn_key = (_digest(self.stage), *(each if isinstance(each, int) else _digest(each) for each in key))
+        spawn_key = (_digest(self.stream), *(each if isinstance(each, int) else _digest(each) for each in key))
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=spawn_key))
 
     @contextmanager

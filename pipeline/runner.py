@@ -295,7 +295,7 @@ class Runner:
             rig.be_attended(self._attend())
         workers = self.study.settings.workers or self.workers or count_cores()
         formats = self.study.settings.figures
-        return Context(stage.name, ledger.folder, seed, record, self.console, rig, workers, formats)
+        return Context(stage.name, ledger.folder, seed, record, self.console, rig, workers, formats, stage.stream)
 
     def _attend(self) -> Any:
         """Return who attends what rigs do, the same for all stages of a run."""

@@ -42,6 +42,8 @@ class Stage:
         Those of `reads` that a workflow may lack.
     preview : callable or None
         Takes the stage's config and returns lines that the plan shows, of what it would make of files that it reads.
+    stream : str or None
+        From which, with the seed, its random numbers come, whatever the stage is called; None where it draws none.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Stage:
     writes: tuple[Table, ...]
     optional: tuple[str, ...] = ()
     preview: Callable[[Any], Sequence[str]] | None = None
+    stream: str | None = None
 
     @property
     def module(self) -> str:
@@ -64,9 +67,9 @@ class Stage:
 
 
 def stage(
-    *writes: Table, preview: Callable[[Any], Sequence[str]] | None = None
+    *writes: Table, stream: str | None = None, preview: Callable[[Any], Sequence[str]] | None = None
 ) -> Callable[[Callable[..., Any]], Stage]:
-    """Make a function a stage that writes the given tables and, if it has a preview, shows it in the plan.
+    """Make a function a stage that writes the given tables; stream and preview are those of `Stage`.
 
     Raises
     ------
@@ -86,7 +89,7 @@ def stage(
             )
         reads = tuple(each for each in parameters if each not in ("cfg", "ctx"))
         optional = tuple(each for each in reads if signature[each].default is None)
-        return Stage(name, function, config, reads, writes, optional, preview)
+        return Stage(name, function, config, reads, writes, optional, preview, stream)
 
     return decorate
 

@@ -227,7 +227,7 @@ class Config(Section):
     seed: int
 
 
-@stage(TRIALS, ACTIVE_RECORDINGS, MODELS, POINTS, DECISIONS)
+@stage(TRIALS, ACTIVE_RECORDINGS, MODELS, POINTS, DECISIONS, stream="active_loop")
 def active_loop(
     cfg: Config,
     candidates: pd.DataFrame,

@@ -55,7 +55,7 @@ class Config(Section):
     seed: int
 
 
-@stage(AMENDED_VALUES)
+@stage(AMENDED_VALUES, stream="amend_model")
 def amend_model(
     cfg: Config,
     measured: pd.DataFrame,

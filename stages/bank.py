@@ -55,7 +55,7 @@ class Config(Section):
         return self
 
 
-@stage(BANK)
+@stage(BANK, stream="bank")
 def bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record an experimenter's natural movements under varied pressures, with force."""
     with ctx.rig as rig, ctx.progress("movements", cfg.bank.trajectories) as advance:

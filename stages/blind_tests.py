@@ -106,7 +106,7 @@ class Config(Section):
     seed: int
 
 
-@stage(BLIND_SESSIONS, BLIND_TRUTH, BLIND_NAMED, BLIND_RANKING)
+@stage(BLIND_SESSIONS, BLIND_TRUTH, BLIND_NAMED, BLIND_RANKING, stream="blind_tests")
 def blind_tests(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Search every session of the catalogue, and only then look what was hidden."""
     names = cfg.blind_tests.sessions or list(ctx.rig.catalogue())

@@ -66,7 +66,7 @@ class Config(Section):
     seed: int
 
 
-@stage(REMAINDER)
+@stage(REMAINDER, stream="describe_remainder")
 def describe_remainder(
     cfg: Config,
     measured: pd.DataFrame,

@@ -74,7 +74,7 @@ class Config(Section):
     seed: int
 
 
-@stage(HARDWARE_RECORDINGS, PROTOCOL_RECORDINGS, EXECUTED_BY)
+@stage(HARDWARE_RECORDINGS, PROTOCOL_RECORDINGS, EXECUTED_BY, stream="hardware")
 def hardware(
     cfg: Config,
     initial_trials: pd.DataFrame,

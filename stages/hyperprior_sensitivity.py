@@ -183,7 +183,7 @@ class Config(Section):
     seed: int
 
 
-@stage(SENSITIVITY_HYPERPRIORS, SENSITIVITY_ERRORS, SENSITIVITY_COMPARISON)
+@stage(SENSITIVITY_HYPERPRIORS, SENSITIVITY_ERRORS, SENSITIVITY_COMPARISON, stream="hyperprior_sensitivity")
 def hyperprior_sensitivity(
     cfg: Config,
     candidates: pd.DataFrame,

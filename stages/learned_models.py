@@ -209,7 +209,7 @@ class Config(Section):
         return self
 
 
-@stage(CHOSEN_OFTEN, CHOICE_CONCENTRATION, FORCE_SURFACES, COVERAGE, CALIBRATION)
+@stage(CHOSEN_OFTEN, CHOICE_CONCENTRATION, FORCE_SURFACES, COVERAGE, CALIBRATION, stream="learned_models")
 def learned_models(
     cfg: Config,
     trials: pd.DataFrame,

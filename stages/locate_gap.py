@@ -167,7 +167,7 @@ class Config(Section):
     seed: int
 
 
-@stage(TRIAL_PARTS, NOMINAL_FIT, CHANNELS, RESIDUALS, GAP)
+@stage(TRIAL_PARTS, NOMINAL_FIT, CHANNELS, RESIDUALS, GAP, stream="locate_gap")
 def locate_gap(
     cfg: Config,
     measured: pd.DataFrame,

@@ -101,7 +101,7 @@ class Config(Section):
     seed: int
 
 
-@stage(RANKING, NAMED_EFFECTS, UNEXPLAINED, STEPS)
+@stage(RANKING, NAMED_EFFECTS, UNEXPLAINED, STEPS, stream="name_effect")
 def name_effect(
     cfg: Config,
     measured: pd.DataFrame,

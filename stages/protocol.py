@@ -77,7 +77,7 @@ class Config(Section):
         return self
 
 
-@stage(PROTOCOL_COMMANDS)
+@stage(PROTOCOL_COMMANDS, stream="protocol")
 def protocol(cfg: Config, ctx: Context) -> pd.DataFrame:
     """Draw the commands of every experiment's passive trials."""
     exoskeleton = cfg.exoskeleton

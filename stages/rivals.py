@@ -106,7 +106,7 @@ class Config(Section):
     seed: int
 
 
-@stage(RIVAL_CURVE, RIVAL_COMPARISON)
+@stage(RIVAL_CURVE, RIVAL_COMPARISON, stream="rivals")
 def rivals(
     cfg: Config,
     bank: pd.DataFrame,

@@ -182,7 +182,7 @@ class Config(Section):
     seed: int
 
 
-@stage(*TABLES)
+@stage(*TABLES, stream="sparse_loop")
 def sparse_loop(
     cfg: Config,
     candidates: pd.DataFrame,

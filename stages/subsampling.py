@@ -121,7 +121,7 @@ class Config(Section):
     seed: int
 
 
-@stage(CANDIDATES, REFERENCES, INITIAL_TRIALS)
+@stage(CANDIDATES, REFERENCES, INITIAL_TRIALS, stream="subsampling")
 def subsampling(cfg: Config, bank: pd.DataFrame, ctx: Context) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """Thin the bank to candidates without force and draw each experiment's initial trials."""
     rank = bank.groupby(["trajectory", "muscle"], sort=False).cumcount()

@@ -142,7 +142,7 @@ class Config(Section):
     seed: int
 
 
-@stage(SHIFT_CURVE, SHIFT_COMPARISON)
+@stage(SHIFT_CURVE, SHIFT_COMPARISON, stream="time_shift")
 def time_shift(
     cfg: Config,
     candidates: pd.DataFrame,

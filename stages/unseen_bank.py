@@ -83,7 +83,7 @@ class Config(Section):
         return self
 
 
-@stage(UNSEEN_BANK)
+@stage(UNSEEN_BANK, stream="unseen_bank")
 def unseen_bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record a second bank of natural movements, for the evaluation alone."""
     with ctx.rig as rig, ctx.progress("movements", cfg.unseen_bank.trajectories) as advance:

@@ -185,7 +185,7 @@ class Check:
         return alone, together
 
 
-@stage(UTILITY_AGREEMENT, UTILITY_SUMMARY)
+@stage(UTILITY_AGREEMENT, UTILITY_SUMMARY, stream="utility_check")
 def utility_check(
     cfg: Config,
     candidates: pd.DataFrame,

@@ -113,7 +113,7 @@ class Config(Section):
     seed: int
 
 
-@stage(VERIFICATION, PREDICTIONS, FINDINGS)
+@stage(VERIFICATION, PREDICTIONS, FINDINGS, stream="verify_gap")
 def verify_gap(
     cfg: Config,
     measured: pd.DataFrame,

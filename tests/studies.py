@@ -35,7 +35,7 @@ class PickledContext(Context):
 def run_alone(stage, cfg, folder, tables, seed=0, context=Context, rig=None):
     """Run a stage on these tables; return its own by name, as checked when they are written."""
     record = Record(folder / "parts" / stage.name, {table.name: table for table in stage.writes}, lambda: None)
-    ctx = context(stage.name, folder, seed, record, Console(quiet=True), rig)
+    ctx = context(stage.name, folder, seed, record, Console(quiet=True), rig, stream=stage.stream)
     found = stage.function(cfg=cfg, ctx=ctx, **tables)
     if isinstance(found, pd.DataFrame):
         found = (found,)

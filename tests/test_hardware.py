@@ -96,7 +96,7 @@ def test_recordings_are_sane(passive):
 def test_is_what_the_rig_returns_for_a_passive_trial_with_nobody(passive, tmp_path):
     study, _, tables = passive
     rows = tables["protocol_commands"].query("experiment == 2 and trial == 3")
-    drawn = Context("hardware", tmp_path, study.settings.seed, None, None).generator("nobody", 2, 3)
+    drawn = Context("hardware", tmp_path, study.settings.seed, None, None, stream="hardware").generator("nobody", 2, 3)
     with study.build("rig") as rig:
         expected = tidy(rig.execute(passive_trial(rows, rig, ""), drawn), rig)
     found = tables["protocol_recordings"].query("experiment == 2 and trial == 3")

@@ -1,8 +1,10 @@
 """Wiring by signature."""
 
+import numpy as np
 import pytest
 from pydantic import BaseModel
 
+from pipeline.context import Context
 from pipeline.errors import WiringError
 from pipeline.stage import order_stages, stage
 from pipeline.table import Table, column
@@ -75,3 +77,14 @@ def test_refuses_a_function_without_configuration():
         @stage(table("d"))
         def bare(ctx):
             """Lack cfg."""
+
+
+def test_random_numbers_depend_on_the_stream_not_on_the_name(tmp_path):
+    def draw(name, stream):
+        return Context(name, tmp_path, 0, None, None, stream=stream).generator("trial", 3).random(4)
+
+    assert stage(table("a"), stream="old")(first.function).stream == "old"
+    np.testing.assert_array_equal(draw("new", "old"), draw("old", "old"))
+    assert not np.intersect1d(draw("new", "old"), draw("new", "new")).size
+    with pytest.raises(WiringError, match="stage new draws random numbers: declare @stage"):
+        draw("new", None)

@@ -33,7 +33,7 @@ class Config(Section):
     seed: int
 
 
-@stage(NUMBERS)
+@stage(NUMBERS, stream="counting")
 def counting(cfg: Config, ctx) -> pd.DataFrame:
     """Count from zero, with a draw for each number."""
     numbers = range(cfg.counting.count)

@@ -34,7 +34,7 @@ class Config(Section):
     seed: int
 
 
-@stage(SQUARES)
+@stage(SQUARES, stream="squaring")
 def squaring(cfg: Config, ctx):
     """Square each number, wherever there is a worker."""
     numbers = range(cfg.squaring.count)
