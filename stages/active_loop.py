@@ -25,21 +25,19 @@ from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_chosen_trials
-from stages.gp import Choice, Design, Interaction
-from stages.identification import (
-    DesignSettings,
-    ForceTest,
-    MuscleSet,
-    describe_choice,
-    describe_models,
-    keep_usable,
-    spread_evenly,
-    take,
-)
-from stages.plant import Exoskeleton
-from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Proposal, Rig, TrialDeclined, track
-from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
+from stages.figures.chosen_trials import draw_chosen_trials
+from stages.gp.interaction import Design, Interaction
+from stages.gp.knowledge import Choice
+from stages.identification.description import describe_choice, describe_models
+from stages.identification.force_test import ForceTest
+from stages.identification.loop_settings import DesignSettings
+from stages.identification.muscle_set import MuscleSet
+from stages.identification.samples import keep_usable, spread_evenly, take
+from stages.plant.exoskeleton import Exoskeleton
+from stages.rig.attendance import Proposal, TrialDeclined
+from stages.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig
+from stages.rig.reference import track
+from stages.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
 Array = NDArray[np.float64]
 

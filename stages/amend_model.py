@@ -16,16 +16,11 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.discrepancy import (
-    DiscrepancySettings,
-    Measurements,
-    decide_status,
-    estimate_intervals,
-    list_cells,
-    restore,
-    settle,
-    write_amended,
-)
+from stages.discrepancy.amendment import estimate_intervals
+from stages.discrepancy.machines import Measurements, list_cells, settle, write_amended
+from stages.discrepancy.restoring import restore
+from stages.discrepancy.settings import DiscrepancySettings
+from stages.discrepancy.verdict import decide_status
 from stages.plant.machine import Machine
 
 AMENDED_VALUES = Table(

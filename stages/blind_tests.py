@@ -20,9 +20,11 @@ from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.discrepancy import DiscrepancySettings, Judgement, build_cells, choose_verification, judge, tell_truth
+from stages.discrepancy.judgement import Judgement, judge, tell_truth
 from stages.discrepancy.ranking import rank_first
-from stages.recording import tabulate_session
+from stages.discrepancy.session import build_cells
+from stages.discrepancy.settings import DiscrepancySettings, choose_verification
+from stages.recording.whole_sessions import tabulate_session
 
 KINDS = ["none", "one_effect", "one_muscle", "two_effects", "outsider"]
 

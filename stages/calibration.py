@@ -23,7 +23,7 @@ from pipeline.errors import InputError
 from pipeline.inputs import read_json
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_channel_lines
+from stages.figures.channel_lines import draw_channel_lines
 from stages.rig.channels import ChannelMap
 from stages.rig.count_lines import AnyPlace, Judged, Line, find_followers, fit_line, judge_point, unroll
 from stages.rig.counting import CountRecording

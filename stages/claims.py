@@ -24,7 +24,7 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.statistics import compare_pairs
+from stages.statistics.paired import compare_pairs
 
 ALL_MUSCLES = "mean"
 LEVEL = 0.05

@@ -21,10 +21,10 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_learning_curves
-from stages.identification import RecordedModels
-from stages.signals import error_rate
-from stages.statistics import adjust_holm, compare_pairs
+from stages.figures.learning_curves import draw_learning_curves
+from stages.identification.recorded_models import RecordedModels
+from stages.signals.measures import error_rate
+from stages.statistics.paired import adjust_holm, compare_pairs
 
 Array = NDArray[np.float64]
 

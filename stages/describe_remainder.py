@@ -14,19 +14,18 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.discrepancy import (
+from stages.discrepancy.description import (
     Description,
     DescriptionSettings,
-    DiscrepancySettings,
-    Measurements,
     average_dependence,
-    decide_status,
     describe_above_floor,
-    list_cells,
-    resample,
     tabulate,
 )
-from stages.figures import draw_unexplained
+from stages.discrepancy.machines import Measurements, list_cells
+from stages.discrepancy.resampling import resample
+from stages.discrepancy.settings import DiscrepancySettings
+from stages.discrepancy.verdict import decide_status
+from stages.figures.unexplained import draw_unexplained
 from stages.plant.machine import Machine
 
 REMAINDER = Table(

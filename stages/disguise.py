@@ -19,8 +19,11 @@ from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.discrepancy import Cell, DiscrepancySettings, Form, build_cells, explain_exactly
-from stages.recording import tabulate_session
+from stages.discrepancy.cell import Cell, Form
+from stages.discrepancy.exactness import explain_exactly
+from stages.discrepancy.session import build_cells
+from stages.discrepancy.settings import DiscrepancySettings
+from stages.recording.whole_sessions import tabulate_session
 
 DISGUISE = Table(
     "disguise",

@@ -16,16 +16,11 @@ from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.rig import (
-    RECORDING_COLUMNS,
-    Proposal,
-    Rig,
-    measure_pace,
-    passive_trial,
-    tidy,
-    tracked_trial,
-    until_kept,
-)
+from stages.rig.attendance import Proposal, until_kept
+from stages.rig.contract import RECORDING_COLUMNS, Rig, tidy
+from stages.rig.pacing import measure_pace
+from stages.rig.reference import tracked_trial
+from stages.rig.sweeps import passive_trial
 
 NOBODY = "nobody"
 """Who is in a passive trial; no participant has this name."""

@@ -16,8 +16,8 @@ from pipeline.context import Context
 from pipeline.errors import suggest
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.plant import MOST_CONTRACTED, Exoskeleton, Muscle
-from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
+from stages.plant.exoskeleton import MOST_CONTRACTED, Exoskeleton, Muscle
+from stages.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
 UNITS = dict(zip((*MODEL_INPUTS, MODEL_OUTPUT), ("kPa", "1", "1/s", "N"), strict=True))
 

@@ -23,18 +23,17 @@ from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_sensitivity
-from stages.gp import Hyperprior
-from stages.identification import ForceTest, LoopSettings, MuscleSet, Replay
-from stages.plant import Exoskeleton
-from stages.statistics import (
-    Equivalence,
-    adjust_holm,
-    compare_groups,
-    compare_ranks,
-    judge_equivalence,
-    judge_paired_equivalence,
-)
+from stages.figures.sensitivity import draw_sensitivity
+from stages.gp.hyperprior import Hyperprior
+from stages.identification.force_test import ForceTest
+from stages.identification.loop_settings import LoopSettings
+from stages.identification.muscle_set import MuscleSet
+from stages.identification.replay import Replay
+from stages.plant.exoskeleton import Exoskeleton
+from stages.statistics.equivalence import Equivalence, judge_equivalence, judge_paired_equivalence
+from stages.statistics.groups import compare_groups
+from stages.statistics.paired import adjust_holm
+from stages.statistics.signed_rank import compare_ranks
 
 Array = NDArray[np.float64]
 

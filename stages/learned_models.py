@@ -24,12 +24,16 @@ from pipeline.context import Context
 from pipeline.errors import suggest
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_calibration, draw_force_surfaces, draw_frequent_references
-from stages.gp import MarginalGP
-from stages.identification import RecordedModels
-from stages.plant import Exoskeleton
-from stages.signals import MODEL_INPUTS, MODEL_OUTPUT, Scaling
-from stages.statistics import Choices, adjust_holm, compare_pairs, cover_blocks, judge_concentration
+from stages.figures.calibration import draw_calibration
+from stages.figures.force_surfaces import draw_force_surfaces
+from stages.figures.frequent_references import draw_frequent_references
+from stages.gp.marginal import MarginalGP
+from stages.identification.recorded_models import RecordedModels
+from stages.plant.exoskeleton import Exoskeleton
+from stages.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+from stages.statistics.concentration import Choices, judge_concentration
+from stages.statistics.coverage import cover_blocks
+from stages.statistics.paired import adjust_holm, compare_pairs
 
 Array = NDArray[np.float64]
 

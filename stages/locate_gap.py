@@ -21,26 +21,18 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.discrepancy import (
-    PURPOSES,
-    CellState,
-    DiscrepancySettings,
-    Measurements,
-    Parts,
-    Seen,
-    assign_parts,
-    average_loops,
-    average_plane,
-    check_plant,
-    leave_gaps,
-    list_cells,
-    list_residuals,
-    locate,
-    prepare,
-    resample,
-    upper_ratio,
-)
-from stages.figures import draw_gap_bars, draw_gap_map, draw_residual_loops, draw_residual_plane
+from stages.discrepancy.fitted_cell import CellState, prepare
+from stages.discrepancy.gaps import locate, upper_ratio
+from stages.discrepancy.machines import Measurements, check_plant, list_cells
+from stages.discrepancy.parts import PURPOSES, Parts, assign_parts, leave_gaps
+from stages.discrepancy.resampling import resample
+from stages.discrepancy.residuals import Seen, average_loops, average_plane
+from stages.discrepancy.restoring import list_residuals
+from stages.discrepancy.settings import DiscrepancySettings
+from stages.figures.gap_bars import draw_gap_bars
+from stages.figures.gap_map import draw_gap_map
+from stages.figures.residual_loops import draw_residual_loops
+from stages.figures.residual_plane import draw_residual_plane
 from stages.plant.machine import Machine
 
 TRIAL_PARTS = Table(

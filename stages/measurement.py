@@ -28,39 +28,21 @@ from pipeline.foreign import Header, UnequalColumns, read_columns, read_foreign,
 from pipeline.inputs import InputPath, read_json
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.plant import Exoskeleton
+from stages.plant.exoskeleton import Exoskeleton
 from stages.plant.machine import list_signals
-from stages.recording import (
-    MUSCLE_COLUMNS,
-    WHOLE,
-    ColumnMap,
-    Notes,
-    RecordingError,
-    Session,
-    adopt_rows,
-    arrange_records,
-    check_plausible,
-    check_rows,
-    choose_muscles,
-    complete,
-    count_time,
-    describe,
-    describe_muscles,
-    even_out,
-    find_rate,
-    find_starts,
-    is_one_trial,
-    join_parts,
-    list_arguments,
-    list_blocks,
-    list_trials,
-    quote,
-    read_parts,
-    read_session,
-    regularise,
-    split_records,
-    tell_rows,
-)
+from stages.recording.adoption import adopt_rows
+from stages.recording.assembly import Notes, choose_muscles, complete, read_parts
+from stages.recording.blocks import WHOLE, arrange_records, list_blocks, split_records
+from stages.recording.clock import count_time, find_rate, regularise
+from stages.recording.column_map import ColumnMap
+from stages.recording.columns import RecordingError, check_rows, tell_rows
+from stages.recording.description import describe, list_arguments, quote
+from stages.recording.endings import join_parts
+from stages.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
+from stages.recording.plausibility import check_plausible
+from stages.recording.trials import find_starts, list_trials
+from stages.recording.uneven import even_out
+from stages.recording.wide import is_one_trial
 
 SAMPLES, META = "samples.parquet", "meta.json"
 """Files of a measured folder."""

@@ -16,18 +16,13 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.discrepancy import (
-    DiscrepancySettings,
-    Measurements,
-    Search,
-    list_cells,
-    rank_first,
-    restore_states,
-    search,
-    sum_doubt,
-    weigh_remainder,
-)
-from stages.figures import draw_candidate_ranking
+from stages.discrepancy.machines import Measurements, list_cells
+from stages.discrepancy.ranking import rank_first
+from stages.discrepancy.remainder import sum_doubt, weigh_remainder
+from stages.discrepancy.restoring import restore_states
+from stages.discrepancy.search import Search, search
+from stages.discrepancy.settings import DiscrepancySettings
+from stages.figures.candidate_ranking import draw_candidate_ranking
 from stages.plant.machine import Machine
 
 NONE, UNKNOWN = "none", "unknown"

@@ -16,8 +16,9 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.discrepancy import DiscrepancySettings, decide_status
-from stages.rig import seal_truth
+from stages.discrepancy.settings import DiscrepancySettings
+from stages.discrepancy.verdict import decide_status
+from stages.rig.sessions import seal_truth
 
 COMPARISON_WITH_TRUTH = Table(
     "comparison_with_truth",

@@ -17,8 +17,10 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_learning_curves
-from stages.statistics import adjust_holm, compare_groups, judge_equivalence
+from stages.figures.learning_curves import draw_learning_curves
+from stages.statistics.equivalence import judge_equivalence
+from stages.statistics.groups import compare_groups
+from stages.statistics.paired import adjust_holm
 
 ALL_MUSCLES = "mean"
 LEVEL = 0.05

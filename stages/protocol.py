@@ -16,9 +16,11 @@ from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_protocol
-from stages.plant import Exoskeleton
-from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS, RigWithLimits, Sweeps, check_levels
+from stages.figures.protocol_commands import draw_protocol
+from stages.plant.exoskeleton import Exoskeleton
+from stages.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS
+from stages.rig.excitation import RigWithLimits, check_levels
+from stages.rig.sweeps import Sweeps
 
 PROTOCOL_COMMANDS = Table(
     "protocol_commands",

@@ -25,11 +25,17 @@ from pipeline.context import Context
 from pipeline.errors import WiringError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_error_bars, draw_rival_curves
-from stages.gp import Hyperprior, MarginalGP, SparseGP, fit, fit_sparse
-from stages.parametric import LinearMuscleModel
-from stages.signals import MODEL_INPUTS, MODEL_OUTPUT, Scaling, error_rate
-from stages.statistics import adjust_holm, compare_groups, compare_pairs
+from stages.figures.error_bars import draw_error_bars
+from stages.figures.rival_curves import draw_rival_curves
+from stages.gp.hyperprior import Hyperprior
+from stages.gp.marginal import MarginalGP, fit
+from stages.gp.sparse_fit import fit_sparse
+from stages.gp.sparse_model import SparseGP
+from stages.parametric.linear_muscle import LinearMuscleModel
+from stages.signals.measures import error_rate
+from stages.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+from stages.statistics.groups import compare_groups
+from stages.statistics.paired import adjust_holm, compare_pairs
 
 Array = NDArray[np.float64]
 

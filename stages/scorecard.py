@@ -18,8 +18,9 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_confusion, draw_rates, draw_said_against_right
-from stages.scoring import Rules, bound_median, bound_rate, score
+from stages.figures.scores import draw_confusion, draw_rates, draw_said_against_right
+from stages.scoring.intervals import bound_median, bound_rate
+from stages.scoring.sessions import Rules, score
 
 ALL = "all"
 

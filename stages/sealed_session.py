@@ -12,8 +12,10 @@ from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.recording import MUSCLE_COLUMNS, tabulate_session
-from stages.rig import MEASUREMENT_COLUMNS, seal_truth
+from stages.recording.muscles import MUSCLE_COLUMNS
+from stages.recording.whole_sessions import tabulate_session
+from stages.rig.contract import MEASUREMENT_COLUMNS
+from stages.rig.sessions import seal_truth
 
 SESSION_RECORDINGS = Table(
     "session_recordings",

@@ -20,10 +20,12 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_learning_curves
-from stages.gp import predict_weighted
-from stages.signals import Scaling, error_rate
-from stages.statistics import adjust_holm, compare_pairs, judge_paired_equivalence
+from stages.figures.learning_curves import draw_learning_curves
+from stages.gp.sparse_model import predict_weighted
+from stages.signals.measures import error_rate
+from stages.signals.scaling import Scaling
+from stages.statistics.equivalence import judge_paired_equivalence
+from stages.statistics.paired import adjust_holm, compare_pairs
 
 Array = NDArray[np.float64]
 

@@ -25,11 +25,19 @@ from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.gp import MarginalModel, SparseDesign, SparseInteraction, fit, trajectory_utility
-from stages.identification import MuscleSet, describe_choice, describe_models, measure_cost, thin
-from stages.plant import Exoskeleton
-from stages.rig import MOST_ROWS, RECORDING_COLUMNS, Proposal, Rig, track, until_kept
-from stages.signals import MODEL_INPUTS
+from stages.gp.marginal import fit
+from stages.gp.marginal_model import MarginalModel
+from stages.gp.scoring import trajectory_utility
+from stages.gp.sparse_interaction import SparseDesign, SparseInteraction
+from stages.identification.cost import measure_cost
+from stages.identification.description import describe_choice, describe_models
+from stages.identification.muscle_set import MuscleSet
+from stages.identification.samples import thin
+from stages.plant.exoskeleton import Exoskeleton
+from stages.rig.attendance import Proposal, until_kept
+from stages.rig.contract import MOST_ROWS, RECORDING_COLUMNS, Rig
+from stages.rig.reference import track
+from stages.signals.scaling import MODEL_INPUTS
 
 MOST_NUMBERS = 25_000_000
 """Pseudo-inputs x samples of a muscle, beyond which the working memory of all muscles (16 bytes each) passes 1.6 GB."""

@@ -15,9 +15,10 @@ from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.plant import Exoskeleton, Participant
-from stages.rig import MEASUREMENT_COLUMNS, MOST_ROWS
-from stages.signals import MODEL_INPUTS
+from stages.plant.exoskeleton import Exoskeleton
+from stages.plant.participant import Participant
+from stages.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS
+from stages.signals.scaling import MODEL_INPUTS
 
 REPLAYED = ("pressure_command_kpa", "joint_angle_rad")
 

@@ -21,10 +21,14 @@ from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_shift_curves
-from stages.identification import ForceTest, LoopSettings, MuscleSet, Replay
-from stages.plant import Exoskeleton
-from stages.statistics import adjust_holm, compare_pairs, judge_paired_equivalence
+from stages.figures.shift_curves import draw_shift_curves
+from stages.identification.force_test import ForceTest
+from stages.identification.loop_settings import LoopSettings
+from stages.identification.muscle_set import MuscleSet
+from stages.identification.replay import Replay
+from stages.plant.exoskeleton import Exoskeleton
+from stages.statistics.equivalence import judge_paired_equivalence
+from stages.statistics.paired import adjust_holm, compare_pairs
 
 LEVEL = 0.05
 NO_SHIFT = 0.0

@@ -18,8 +18,8 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.plant import Exoskeleton
-from stages.signals import find_delay
+from stages.plant.exoskeleton import Exoskeleton
+from stages.signals.delay import find_delay
 
 INITIAL = "initial"
 

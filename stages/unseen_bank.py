@@ -17,8 +17,10 @@ from pipeline.config import Section, Target, View
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.plant import Exoskeleton
-from stages.rig import RECORDING_COLUMNS, FreeMovements, Proposal, Rig, RigWithLimits, check_levels, until_kept
+from stages.plant.exoskeleton import Exoskeleton
+from stages.rig.attendance import Proposal, until_kept
+from stages.rig.contract import RECORDING_COLUMNS, Rig
+from stages.rig.excitation import FreeMovements, RigWithLimits, check_levels
 
 UNSEEN_BANK = Table(
     "unseen_bank",

@@ -21,19 +21,13 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.figures import draw_agreement
-from stages.gp import (
-    UTILITIES,
-    Information,
-    MarginalGP,
-    condition,
-    draw_models,
-    path_information,
-    point_information,
-    trajectory_utility,
-)
-from stages.identification import MuscleSet
-from stages.statistics import adjust_holm, compare_pairs
+from stages.figures.agreement import draw_agreement
+from stages.gp.marginal import MarginalGP, condition
+from stages.gp.mutual_information import Information, draw_models, path_information, point_information
+from stages.gp.scoring import trajectory_utility
+from stages.gp.utilities import UTILITIES
+from stages.identification.muscle_set import MuscleSet
+from stages.statistics.paired import adjust_holm, compare_pairs
 
 Array = NDArray[np.float64]
 

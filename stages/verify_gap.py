@@ -18,29 +18,33 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.discrepancy import (
-    PURPOSES,
-    DiscrepancySettings,
-    Measurements,
-    Verified,
-    bound_ratio,
-    compare_steps,
+from stages.discrepancy.machines import Measurements, list_cells, settle
+from stages.discrepancy.odd_trials import find_odd_trials
+from stages.discrepancy.parts import PURPOSES
+from stages.discrepancy.resampling import resample
+from stages.discrepancy.settings import DiscrepancySettings
+from stages.discrepancy.signature import trace_effects
+from stages.discrepancy.verdict import (
     confirm_effects,
     confirm_status,
     decide_status,
     describe_effects,
-    find_odd_trials,
-    is_hidden,
     list_absorbed,
     list_candidates,
-    list_cells,
-    list_hidden,
-    list_predictions,
     list_remainder,
     locate_most,
-    resample,
-    settle,
     summarise_unexplained,
+)
+from stages.discrepancy.verification import (
+    Verified,
+    bound_ratio,
+    compare_steps,
+    is_hidden,
+    list_hidden,
+    list_predictions,
+    verify,
+)
+from stages.discrepancy.words import (
     tell,
     tell_bounds,
     tell_few,
@@ -50,12 +54,12 @@ from stages.discrepancy import (
     tell_scales,
     tell_silent,
     tell_unconfirmed,
-    trace_effects,
-    verify,
 )
-from stages.figures import draw_effect_signature, draw_gap_waterfall, draw_verified_trials
-from stages.plant import Exoskeleton
+from stages.figures.effect_signature import draw_effect_signature
+from stages.figures.gap_waterfall import draw_gap_waterfall
+from stages.figures.verified_trials import draw_verified_trials
 from stages.plant.effect import find_effect
+from stages.plant.exoskeleton import Exoskeleton
 from stages.plant.machine import Machine
 
 VERIFICATION = Table(

@@ -11,8 +11,8 @@ from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
 from pipeline.context import Context
-from stages.figures import draw_sensitivity
-from stages.gp import Hyperprior
+from stages.figures.sensitivity import draw_sensitivity
+from stages.gp.hyperprior import Hyperprior
 from stages.hyperprior_sensitivity import (
     Config,
     HyperpriorSensitivity,

@@ -11,7 +11,7 @@ from pipeline.errors import ConfigError
 from pipeline.sources import hash_sources
 from stages.benchmark.blinded_rig.scenarios import default_catalogue, named_scenario
 from stages.benchmark.blinded_rig.sessions import HiddenSessions
-from stages.scoring import bound_median, bound_rate
+from stages.scoring.intervals import bound_median, bound_rate
 from tests.studies import read_stages, run_stage
 
 GROUPS = ("rig=hidden", "+discrepancy=stated", "+blind_tests=small", "+disguise=stated", "+scorecard=stated")

@@ -9,9 +9,10 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import ConfigError
-from stages.gp import condition_sparse
-from stages.identification import MuscleSet, thin
-from stages.signals import error_rate
+from stages.gp.sparse_marginal import condition_sparse
+from stages.identification.muscle_set import MuscleSet
+from stages.identification.samples import thin
+from stages.signals.measures import error_rate
 from stages.sparse_comparison import compare_ways, join_exact, judge, label_lines, summarise
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 from tests.studies import read_stages, run_stage

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 from pydantic import ValidationError
 
 from pipeline.context import Context
-from stages.figures import draw_shift_curves
+from stages.figures.shift_curves import draw_shift_curves
 from stages.time_shift import Config, TimeShift, TrialsEnough, compare_shifts, summarise, time_shift
 from tests import planted
 from tests.composing import compose_values

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.plant import Exoskeleton
+from stages.plant.exoskeleton import Exoskeleton
 from stages.tracking_delay import Config, TrackingDelay, tracking_delay
 from tests.plant.machines import configured
 

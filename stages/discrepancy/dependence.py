@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from stages.discrepancy.cell import Cell, Driver
 from stages.discrepancy.features import list_histories
-from stages.gp import Hyperprior, SparseGP, fit_sparse
+from stages.gp.hyperprior import Hyperprior
+from stages.gp.sparse_fit import fit_sparse
+from stages.gp.sparse_model import SparseGP
 from stages.signals.trajectories import Array
 
 FOLDS = 10

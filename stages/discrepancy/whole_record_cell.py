@@ -24,7 +24,7 @@ from stages.discrepancy.records import bridge, bridge_short, list_blocks, spread
 from stages.plant.effect import Parameter, list_effects
 from stages.plant.listed import list_effects_at
 from stages.plant.record_plant import HEAD, Beginning, RecordPlant, read_beginning
-from stages.recording import own_unit
+from stages.recording.units import own_unit
 from stages.signals.trajectories import Array
 
 EXACT, FULL = "saturation", "full_tank"

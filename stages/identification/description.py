@@ -10,7 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from stages.gp import Choice, Knowledge, MarginalModel
+from stages.gp.knowledge import Choice, Knowledge
+from stages.gp.marginal_model import MarginalModel
 from stages.identification.muscle_set import MuscleSet
 
 

@@ -12,9 +12,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.gp import MarginalGP
+from stages.gp.marginal import MarginalGP
 from stages.identification.muscle_set import MuscleSet
-from stages.signals import MODEL_OUTPUT, Scaling, error_rate
+from stages.signals.measures import error_rate
+from stages.signals.scaling import MODEL_OUTPUT, Scaling
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.gp import Hyperprior
-from stages.signals import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+from stages.gp.hyperprior import Hyperprior
+from stages.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
 
 Array = NDArray[np.float64]
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from stages.gp import Hyperprior, MarginalGP, condition
+from stages.gp.hyperprior import Hyperprior
+from stages.gp.marginal import MarginalGP, condition
 from stages.identification.muscle_set import CONSTANT_MEAN
-from stages.signals import Scaling
+from stages.signals.scaling import Scaling
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.gp import Design, Hyperprior, Interaction
+from stages.gp.hyperprior import Hyperprior
+from stages.gp.interaction import Design, Interaction
 from stages.identification.muscle_set import MuscleSet
 from stages.identification.samples import place_evenly
-from stages.signals import MODEL_INPUTS
+from stages.signals.scaling import MODEL_INPUTS
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.signals import MODEL_INPUTS, MODEL_OUTPUT
+from stages.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
 TAKEN = ["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]
 

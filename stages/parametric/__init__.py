@@ -2,7 +2,3 @@
 
 Arrays of pressure, contraction and force flow in; a `LinearMuscleModel` flows out, which predicts forces.
 """
-
-from stages.parametric.linear_muscle import COEFFICIENT_UNITS, LinearMuscleModel
-
-__all__ = ["COEFFICIENT_UNITS", "LinearMuscleModel"]

@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.recording import RecordingError, find_rate, regularise, tell_rows
+from stages.recording.clock import find_rate, regularise
+from stages.recording.columns import RecordingError, tell_rows
 from stages.rig.contract import MEASUREMENT_COLUMNS, Array
 from stages.rig.rows import PUNCTUAL
 

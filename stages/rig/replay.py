@@ -21,18 +21,14 @@ from pipeline.bags import is_bag
 from pipeline.foreign import TABLE_SUFFIXES, read_foreign, read_header
 from pipeline.inputs import InputPath
 from stages.plant.declaration import Declared, nearest
-from stages.recording import (
-    RecordingError,
-    adopt_rows,
-    check_plausible,
-    check_rows,
-    complete,
-    count_time,
-    derive_velocity,
-    describe_muscles,
-    is_wide,
-    list_sources,
-)
+from stages.recording.adoption import adopt_rows
+from stages.recording.assembly import complete
+from stages.recording.clock import count_time
+from stages.recording.columns import RecordingError, check_rows
+from stages.recording.completion import derive_velocity
+from stages.recording.muscles import describe_muscles
+from stages.recording.plausibility import check_plausible
+from stages.recording.wide import is_wide, list_sources
 from stages.rig.configured import ConfiguredRig
 from stages.rig.contract import MEASUREMENT_COLUMNS, Array, Recording, RigError, Trial, Watch
 from stages.rig.placement import READINGS, keep, resample

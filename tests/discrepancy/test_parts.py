@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from pydantic import ValidationError
 
-from stages.discrepancy import Parts, assign_parts, leave_gaps
+from stages.discrepancy.parts import Parts, assign_parts, leave_gaps
 from stages.discrepancy.whole_record_cell import build_whole_records
 from tests.plant.machines import read_plant
 

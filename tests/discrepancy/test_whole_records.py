@@ -5,9 +5,10 @@ import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
-from stages.discrepancy import DiscrepancySettings, estimate_intervals
+from stages.discrepancy.amendment import estimate_intervals
 from stages.discrepancy.fitted_cell import prepare
 from stages.discrepancy.records import thin_out
+from stages.discrepancy.settings import DiscrepancySettings
 from stages.discrepancy.whole_record_cell import build_whole_records
 from tests.discrepancy.searches import STATED, look, read_values
 from tests.discrepancy.simulated_records import move, slide, tabulate

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stages.gp import Hyperprior
+from stages.gp.hyperprior import Hyperprior
 from stages.gp.sparse import RELATIVE_JITTER
 
 

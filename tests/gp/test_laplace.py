@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
 
-from stages.gp import Hyperprior, LogPosterior, condition, condition_sparse, fit
+from stages.gp.hyperprior import Hyperprior
 from stages.gp.laplace import approximate
+from stages.gp.marginal import condition, fit
+from stages.gp.posterior import LogPosterior
+from stages.gp.sparse_marginal import condition_sparse
 from tests.gp.data import make_data, make_prior
 
 

@@ -6,7 +6,8 @@ Outputs are large and S is small: the mean then carries what a measurement tells
 import numpy as np
 import pytest
 
-from stages.gp import Information, condition, draw_models, path_information, point_information
+from stages.gp.marginal import condition
+from stages.gp.mutual_information import Information, draw_models, path_information, point_information
 from tests.gp.data import make_prior
 
 THETA = np.array([0.2, 0.3, 0.1, 0.2, np.log(0.3)])

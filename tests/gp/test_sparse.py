@@ -5,8 +5,13 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 import stages.gp.sparse
-from stages.gp import FactorisationError, SparseGP, SparseMarginalGP, SparsePosterior, fit, fit_sparse
 from stages.gp.cross import DirectCross
+from stages.gp.factor import FactorisationError
+from stages.gp.marginal import fit
+from stages.gp.sparse import SparsePosterior
+from stages.gp.sparse_fit import fit_sparse
+from stages.gp.sparse_marginal import SparseMarginalGP
+from stages.gp.sparse_model import SparseGP
 from tests.gp.data import Dense, differences, make_data, make_prior
 
 MEANS = ("zero", "constant")

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from stages.gp import UTILITIES, condition, fit, subsample
+from stages.gp.marginal import condition, fit
+from stages.gp.subsample import subsample
+from stages.gp.utilities import UTILITIES
 from tests.gp.data import make_data, make_prior
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stages.parametric import COEFFICIENT_UNITS, LinearMuscleModel
+from stages.parametric.linear_muscle import COEFFICIENT_UNITS, LinearMuscleModel
 from stages.plant.muscle import MuscleConstants, braid_coefficients, compute_tension
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=100)

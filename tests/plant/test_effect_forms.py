@@ -13,7 +13,7 @@ from stages.plant.machine import list_kinds
 from stages.plant.muscle import MuscleConstants
 from stages.plant.passage import Everywhere, Passage, predict_force, predict_pressure
 from stages.plant.plant import Plant
-from stages.rig import Trial
+from stages.rig.contract import Trial
 from stages.rig.sim import SimulatedRig
 from tests.plant.columns import CHAIN_FORMS, STEP_S, begin, constants, label, predict, rough, with_magnitude
 from tests.plant.machines import CONF, configured, with_effects

@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.recording import RecordingError, find_rate, regularise
+from stages.recording.clock import find_rate, regularise
+from stages.recording.columns import RecordingError
 
 
 def stream(times, trial=0, muscle="pam1"):

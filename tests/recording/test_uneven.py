@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.recording import RecordingError, even_out
+from stages.recording.columns import RecordingError
+from stages.recording.uneven import even_out
 
 RATE_HZ = 610.0
 

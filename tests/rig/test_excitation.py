@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stages.plant.exoskeleton import Exoskeleton
-from stages.rig import FreeMovements, Trial, check_levels, tidy
-from stages.rig.excitation import Durations, Pressure, Range, check_ranges
+from stages.rig.contract import Trial, tidy
+from stages.rig.excitation import Durations, FreeMovements, Pressure, Range, check_levels, check_ranges
 from stages.rig.limits import PressureLimit
 from tests.plant.machines import configured, other_machine
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from stages.statistics import Choices, judge_concentration
+from stages.statistics.concentration import Choices, judge_concentration
 
 OPTIONS = 5
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from stages.statistics import compare_ranks
-from stages.statistics.signed_rank import MOST_EXACT, _trim
+from stages.statistics.signed_rank import MOST_EXACT, _trim, compare_ranks
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=40)
 
