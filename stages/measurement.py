@@ -19,12 +19,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import pandas as pd
 from pydantic import BeforeValidator, Field, model_validator
 
-from pipeline.bags import is_bag
 from pipeline.command import command_line
 from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.errors import InputError, suggest
-from pipeline.foreign import Header, UnequalColumns, read_columns, read_foreign, read_header
 from pipeline.inputs import InputPath, read_json
 from pipeline.stage import stage
 from pipeline.table import Table, column
@@ -38,6 +36,9 @@ from stages.recording.column_map import ColumnMap
 from stages.recording.columns import RecordingError, check_rows, tell_rows
 from stages.recording.description import describe, list_arguments, quote
 from stages.recording.endings import join_parts
+from stages.recording.files.bags import is_bag
+from stages.recording.files.errors import FileError
+from stages.recording.files.foreign import Header, UnequalColumns, read_columns, read_foreign, read_header
 from stages.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.recording.plausibility import check_plausible
 from stages.recording.trials import find_starts, list_trials
@@ -251,8 +252,8 @@ def show_map(cfg: Config) -> list[str]:
     if cfg.measured is None:
         return ["measured=null: from what the rig records"]
     file = find_samples(cfg.measured)
-    header = read_header(file)
     with about(str(file)):
+        header = read_header(file)
         told = cfg.map(read_known(cfg.measured, cfg)).describe(header.names)
         return [f"{file}:", *(f"  {each}" for each in [*header.remarks, *told])]
 
@@ -260,8 +261,8 @@ def show_map(cfg: Config) -> list[str]:
 def describe_file(path: InputPath) -> list[str]:
     """Return what a file holds, as lines that end in the command line with the map of its columns."""
     file = find_samples(path)
-    header = read_header(file)
     with about(str(file)):
+        header = read_header(file)
         lines, guess = describe(
             read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER, list_signals()
         )
@@ -310,6 +311,8 @@ def about(file: str) -> Iterator[None]:
     """Name the file in what is refused."""
     try:
         yield
+    except FileError as error:
+        raise InputError(str(error)) from None
     except RecordingError as error:
         raise InputError(f"{file}: {error}") from None
 
@@ -381,8 +384,8 @@ def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
 
 def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame) -> pd.DataFrame:
     """Read the configured columns of a file, split into records where the key asks for them."""
-    header = read_header(file)
     with about(str(file)):
+        header = read_header(file)
         given = cfg.map(known)
         columns = cfg.columns | ({"part": "part"} if cfg.measurement.part_endings else {})
         frame = read_wanted(file, given, header)

@@ -1,7 +1,7 @@
 """A rig whose trials are recordings: what is asked for is looked up among what a machine once measured.
 
 A trial flows in; out flows the recording of the one that it is, by its pressure command or by its number, on the
-exoskeleton's clock. Nothing moves. It is the one rig that reads files through `pipeline.foreign`.
+exoskeleton's clock. Nothing moves. It is the one rig that reads files through `stages.recording.files`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,6 @@ import numpy as np
 import pandas as pd
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
-from pipeline.bags import is_bag
-from pipeline.foreign import TABLE_SUFFIXES, read_foreign, read_header
 from pipeline.inputs import InputPath
 from stages.plant.declaration import Declared, nearest
 from stages.recording.adoption import adopt_rows
@@ -26,6 +24,9 @@ from stages.recording.assembly import complete
 from stages.recording.clock import count_time
 from stages.recording.columns import RecordingError, check_rows
 from stages.recording.completion import derive_velocity
+from stages.recording.files.bags import is_bag
+from stages.recording.files.errors import FileError
+from stages.recording.files.foreign import TABLE_SUFFIXES, read_foreign, read_header
 from stages.recording.muscles import describe_muscles
 from stages.recording.plausibility import check_plausible
 from stages.recording.wide import is_wide, list_sources
@@ -207,13 +208,16 @@ class ReplayRig(ConfiguredRig):
         return [each for path in paths for file in _list_files(path) for each in self._read_file(file, kind)]
 
     def _read_file(self, file: Path, kind: str) -> list[Recorded]:
-        header = read_header(file)
+        with _about(str(file)):
+            header = read_header(file)
         keys = [each for each in KEYS if each in header.names]
         if self.columns.get("trial"):
             keys = [each for each in ("participant", "trial") if self.columns.get(each)]
         columns = {**dict.fromkeys(keys), **self.columns}
         muscles = describe_muscles(self.exoskeleton)
-        frame = read_foreign(file, set(list_sources([its or name for name, its in columns.items()], muscles)))
+        wanted = set(list_sources([its or name for name, its in columns.items()], muscles))
+        with _about(str(file)):
+            frame = read_foreign(file, wanted)
         frame = _select(frame, columns, kind)
         texts = [*TEXTS, *(each for each in keys if each not in TEXTS)]
         needed = [*(["time_s"] if self.rate_hz is None else []), "muscle", *NEEDED]
@@ -312,6 +316,8 @@ def _about(what: str) -> Iterator[None]:
     """Name the file and the trial in what is refused, and the rig's section in what is to be set."""
     try:
         yield
+    except FileError as error:
+        raise RigError(str(error)) from None
     except ValueError as error:
         told = re.sub(r"(?<![\w.])(columns|units)\.", r"rig.\1.", str(error)).replace("measurement.", "rig.")
         raise RigError(f"{what}: {told}") from None

@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from stages.recording.files.errors import FileError
 
 if TYPE_CHECKING:
     from mcap.reader import McapReader
@@ -110,7 +110,7 @@ def read_bag(path: Path) -> Bag:
 
     Raises
     ------
-    InputError
+    FileError
         When the library that reads it is not installed.
     ValueError
         When it cannot be read or holds no message with numbers.
@@ -151,7 +151,7 @@ def _list_bag(path: Path) -> Iterator[Message]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ModuleNotFoundError:
-        raise InputError(f"{path}: expected the library rosbags, which reads ROS 2 bags; {INSTALL}") from None
+        raise FileError(f"{path}: expected the library rosbags, which reads ROS 2 bags; {INSTALL}") from None
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             for connection, time, raw in reader.messages():
@@ -166,7 +166,7 @@ def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
     try:
         from mcap.reader import NonSeekingReader, make_reader
     except ModuleNotFoundError:
-        raise InputError(f"{path}: expected the library mcap, which reads MCAP files; {INSTALL}") from None
+        raise FileError(f"{path}: expected the library mcap, which reads MCAP files; {INSTALL}") from None
     decode = _Decoder(path)
     with path.open("rb") as handle:
         try:
@@ -182,7 +182,7 @@ def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
                 else:
                     told = f"its messages are in {channel.message_encoding or 'no known form'}, expected json or cdr"
                     left[channel.topic] = told
-        except (OSError, InputError):
+        except (OSError, FileError):
             raise
         except Exception as error:  # as above
             raise ValueError(str(error) or type(error).__name__) from None
@@ -220,7 +220,7 @@ class _Decoder:
                 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
             except ModuleNotFoundError:
                 told = "which reads messages of ROS 2"
-                raise InputError(f"{self.path}: expected the library rosbags, {told}; {INSTALL}") from None
+                raise FileError(f"{self.path}: expected the library rosbags, {told}; {INSTALL}") from None
             store = get_typestore(Stores.EMPTY)
             store.register(get_types_from_msg(schema.data.decode(), _full_name(schema.name)))
             self.known[schema.id] = store

@@ -5,14 +5,14 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from pipeline.errors import InputError
-from pipeline.foreign import UnequalColumns, read_columns, read_foreign, read_header
+from stages.recording.files.errors import FileError
+from stages.recording.files.foreign import UnequalColumns, read_columns, read_foreign, read_header
 
 TIMES, FORCES = [0.0, 0.5, 1.0], [1.5, -2.25, 1000.0]
 
 
 def refusal(path, names=None):
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(FileError) as refused:
         read_foreign(path, names)
     assert "\n" not in str(refused.value)
     assert str(path) in str(refused.value)

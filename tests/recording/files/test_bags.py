@@ -8,7 +8,8 @@ import pytest
 
 from pipeline.columns import main
 from pipeline.errors import InputError
-from pipeline.foreign import read_foreign, read_header
+from stages.recording.files.errors import FileError
+from stages.recording.files.foreign import read_foreign, read_header
 from tests.bags import START_NS, write_bag, write_mcap
 from tests.measured_data import GEOMETRY, make_samples, read_measured
 
@@ -100,7 +101,7 @@ def test_a_broken_file_is_one_line(tmp_path, content, told):
         write_mcap(path, {"/p": [(0, list(range(999)))]})
     else:
         path.write_bytes(content)
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(FileError) as refused:
         read_header(path)
     assert told in str(refused.value)
     assert "\n" not in str(refused.value)
@@ -121,11 +122,11 @@ def test_of_a_file_that_is_cut_off_what_was_written_is_read(tmp_path):
 def test_a_bag_that_ends_before_its_first_message_is_one_line(tmp_path):
     path = write_mcap(tmp_path / "x.mcap", {"/a": [(k, {"data": k}) for k in range(50)]})
     path.write_bytes(path.read_bytes()[:300])
-    with pytest.raises(InputError, match=r"got none; what comes after .* the file is cut off"):
+    with pytest.raises(FileError, match=r"got none; what comes after .* the file is cut off"):
         read_foreign(path)
     bag = write_bag(tmp_path / "bag", STATES)
     (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}")
-    with pytest.raises(InputError, match="bag: cannot be read as a ROS 2 bag"):
+    with pytest.raises(FileError, match="bag: cannot be read as a ROS 2 bag"):
         read_foreign(bag)
 
 
@@ -138,7 +139,7 @@ def test_a_missing_library_is_told_with_what_to_type(tmp_path, monkeypatch, name
         write_bag(path, STATES)
     for module in [each for each in sys.modules if each.split(".")[0] == library] + [library]:
         monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(InputError, match=rf'expected the library {library}, .*; type: pip install "pamid\[bags\]"$'):
+    with pytest.raises(FileError, match=rf'expected the library {library}, .*; type: pip install "pamid\[bags\]"$'):
         read_header(path)
 
 

@@ -15,17 +15,17 @@ import pandas as pd
 import pyarrow
 import pyarrow.parquet
 
-from pipeline.bags import is_bag, read_bag
-from pipeline.delimited import find_dialect, read_delimited
-from pipeline.errors import InputError
-from pipeline.matlab import Variables, Vector, list_unequal, read_variables
+from stages.recording.files.bags import is_bag, read_bag
+from stages.recording.files.delimited import find_dialect, read_delimited
+from stages.recording.files.errors import FileError
+from stages.recording.files.matlab import Variables, Vector, list_unequal, read_variables
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 TABLE_SUFFIXES = (".parquet", ".mat", ".mcap", *TEXT_SUFFIXES)
 REMEDIES = {".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV"}
 
 
-class UnequalColumns(InputError):
+class UnequalColumns(FileError):
     """Columns that are wanted together differ in length."""
 
 
@@ -56,7 +56,7 @@ def read_header(path: Path) -> Header:
 
     Raises
     ------
-    InputError
+    FileError
         As of `read_foreign`.
     """
     with _explained(path):
@@ -88,7 +88,7 @@ def read_foreign(path: Path, names: Collection[str] | None = None) -> pd.DataFra
 
     Raises
     ------
-    InputError
+    FileError
         When it is none of these, whatever the reason.
     UnequalColumns
         When wanted columns differ in length.
@@ -111,7 +111,7 @@ def read_columns(path: Path) -> dict[str, pd.Series]:
 
     Raises
     ------
-    InputError
+    FileError
         As of `read_foreign`.
     """
     if path.suffix.lower() != ".mat":
@@ -146,7 +146,7 @@ def _suffix(path: Path) -> str:
     if suffix not in TABLE_SUFFIXES:
         remedy = REMEDIES.get(suffix, "save its columns as one of these")
         known = f"{', '.join(TABLE_SUFFIXES[:-1])} or {TABLE_SUFFIXES[-1]}"
-        raise InputError(f"{path}: expected a {known} file, got '{path.name}'; {remedy}")
+        raise FileError(f"{path}: expected a {known} file, got '{path.name}'; {remedy}")
     return suffix
 
 
@@ -158,4 +158,4 @@ def _explained(path: Path) -> Iterator[None]:
     except (OSError, ValueError, KeyError, TypeError, MemoryError, pyarrow.ArrowException) as error:
         told = (str(error).splitlines() or [type(error).__name__])[0]
         kind = "CSV" if path.suffix.lower() in TEXT_SUFFIXES else path.suffix[1:].upper() or "a ROS 2 bag"
-        raise InputError(f"{path}: cannot be read as {kind} ({told[:200]})") from None
+        raise FileError(f"{path}: cannot be read as {kind} ({told[:200]})") from None
