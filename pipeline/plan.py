@@ -13,13 +13,13 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from pipeline.config import Study, find_target
+from pipeline.config import Study
 from pipeline.errors import ConfigError
 from pipeline.files import hash_json
 from pipeline.inputs import hash_inputs
 from pipeline.ledger import Ledger
 from pipeline.printing import shorten
-from pipeline.sources import hash_sources, library_versions
+from pipeline.sources import hash_sources, library_versions, list_imported_by_name
 from pipeline.stage import Stage
 
 LONGEST_VALUE = 60
@@ -141,23 +141,16 @@ def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
     """
     read = {name: digest for name, digest in inputs.items() if name in stage.reads}
     package = study.settings.workflow.package
-    modules = [stage.module]
-    section = study.target(stage)
-    measured = False
-    brought: dict[str, str] = {}
-    if section:
-        target = find_target(study.values[section]["_target_"])
-        modules.append(target.__module__)
-        built = study.build(section)
-        measured = bool(getattr(built, "real", False))
-        if isinstance(built, BaseModel):
-            brought = {f"{section}.{name}": digest for name, digest in hash_inputs(built).items()}
+    values, config, section = study.slice(stage), study.config(stage), study.target(stage)
+    built = study.build(section) if section else None
+    brought = hash_inputs(built) if isinstance(built, BaseModel) else {}
+    modules = [stage.module, *list_imported_by_name([values, config, built])]
     return Ingredients(
-        study.slice(stage),
-        {**read, **hash_inputs(study.config(stage)), **brought},
+        values,
+        {**read, **hash_inputs(config), **{f"{section}.{name}": digest for name, digest in brought.items()}},
         hash_sources(package, modules),
         library_versions(package, modules),
-        measured,
+        bool(getattr(built, "real", False)),
     )
 
 

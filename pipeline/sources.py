@@ -1,8 +1,7 @@
 """Which code a stage's result depends on, and which library versions.
 
-A module's name flows in; out flow the bytes (as hashes) of its file, of every science folder that it imports, directly
-or through another, and the versions of the libraries that any of them import. A folder counts as a whole, so a file
-that is loaded by name inside it counts too.
+Names of modules flow in; out flow hashes of the files of these modules and of all that they import, transitively, and
+the versions of the libraries that any of them imports. The runner's own package does not count.
 """
 
 from __future__ import annotations
@@ -12,36 +11,42 @@ import importlib.metadata
 import importlib.util
 import platform
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
 
 from pipeline.files import hash_file
 
+IMPORTED_BY_NAME = "imported_by_name"
+"""Attribute of a configuration's model: dotted names of the modules that it imports by name when it is used."""
 
-def hash_sources(package: str, modules: Sequence[str]) -> dict[str, str]:
-    """Return the hash of every source file that the modules depend on within their package.
+
+def hash_sources(package: str, modules: Iterable[str]) -> dict[str, str]:
+    """Return the hash of every source file that modules depend on.
 
     Parameters
     ----------
     package : str
-        The stages' package; imports from elsewhere are libraries or the pipeline.
-    modules : sequence of str
-        A stage's module, and that of the object it asks for, which may lie outside the package; then what it imports
-        from its own package counts, too.
+        The stages' package.
+    modules : iterable of str
+        Dotted names. Of one outside the package, what it imports from its own package counts, too.
 
     Returns
     -------
     dict of str to str
         File, relative to the folder that holds the package, to SHA-256.
     """
-    root = _package_folder(package).parents[package.count(".")]
-    return {_relative(path, root): hash_file(path) for path in _closure(package, tuple(modules))}
+    root = _folder(package).parents[package.count(".")]
+    return {_relative(path, root): hash_file(path) for path in _closure(package, tuple(sorted(set(modules))))}
 
 
-def library_versions(package: str, modules: Sequence[str]) -> dict[str, str]:
-    """Return the version of Python and of every library that the modules' sources import."""
-    names = {name.split(".")[0] for path in _closure(package, tuple(modules)) for name in _imports(path)}
+def library_versions(package: str, modules: Iterable[str]) -> dict[str, str]:
+    """Return the version of Python and of every library that modules import, directly or through others."""
+    files = _closure(package, tuple(sorted(set(modules))))
+    names = {name.split(".")[0] for path in files for name in _imports(path)}
     outside = names - set(sys.stdlib_module_names) - {package.split(".")[0], "pipeline"}
     versions = {"python": platform.python_version()}
     for name in sorted(outside):
@@ -51,44 +56,77 @@ def library_versions(package: str, modules: Sequence[str]) -> dict[str, str]:
     return versions
 
 
+def list_imported_by_name(value: Any) -> Iterator[str]:
+    """Yield the modules that a configuration imports by name.
+
+    Parameters
+    ----------
+    value : object
+        A validated model, plain values, or a container of these: of models, the modules that define them and those
+        that they name under ``imported_by_name``; of plain mappings, those that ``_target_`` names.
+    """
+    if isinstance(value, BaseModel):
+        yield type(value).__module__
+        yield from getattr(value, IMPORTED_BY_NAME, ())
+        for each in dict(value).values():
+            yield from list_imported_by_name(each)
+    elif isinstance(value, Mapping):
+        if isinstance(value.get("_target_"), str):
+            yield value["_target_"].rpartition(".")[0]
+        for each in value.values():
+            yield from list_imported_by_name(each)
+    elif isinstance(value, list | tuple):
+        for each in value:
+            yield from list_imported_by_name(each)
+
+
 @cache
 def _closure(package: str, modules: tuple[str, ...]) -> tuple[Path, ...]:
     found: set[Path] = set()
-    waiting = [path for module in modules for path in _files_of(package, module)]
-    beside = tuple(f"{module.rpartition('.')[0]}." for module in modules if not module.startswith(f"{package}."))
+    counted = [each for each in modules if each.split(".")[0] not in ("pipeline", "pydantic")]
+    followed = (f"{package}.", *(f"{each.rpartition('.')[0]}." for each in counted if "." in each))
+    waiting = [path for module in counted for path in _find_files(module)]
     while waiting:
         path = waiting.pop()
         if path in found:
             continue
         found.add(path)
-        for name in _imports(path):
-            if name.startswith((f"{package}.", *beside)):
-                waiting.extend(_files_of(package, name))
+        names = (name for name in _imports(path) if name.startswith(followed))
+        waiting.extend(file for name in names for file in _find_files(name))
     return tuple(sorted(found))
 
 
 @cache
-def _files_of(package: str, module: str) -> tuple[Path, ...]:
-    folder = _package_folder(package)
-    if module.startswith(f"{package}."):
-        first = module.removeprefix(f"{package}.").split(".")[0]
-        if (folder / first).is_dir():
-            return _folder_files(folder / first)
-        return (folder / f"{first}.py",) if (folder / f"{first}.py").exists() else ()
+def _find_files(module: str) -> tuple[Path, ...]:
+    """Return the file of a module and those of the packages around it, as far as these do anything."""
+    parts = module.split(".")
+    files = [_find_file(".".join(parts[: k + 1])) for k in range(len(parts))]
+    return tuple(each for each in files if each and (each.name != "__init__.py" or _does_something(each)))
+
+
+@cache
+def _find_file(module: str) -> Path | None:
+    """Return the file of a module, without importing what is around it; None for a name within a module."""
+    top, *within = module.split(".")
     try:
-        spec = importlib.util.find_spec(module)
-    except ModuleNotFoundError:  # a name within a module
-        return ()
-    return (Path(spec.origin),) if spec and spec.origin and spec.origin.endswith(".py") else ()
+        spec = importlib.util.find_spec(top)
+    except ValueError:  # __main__
+        return None
+    for each in spec.submodule_search_locations or [] if spec else []:
+        path = Path(each, *within)
+        for file in (path.with_suffix(".py"), path / "__init__.py") if within else (path / "__init__.py",):
+            if file.is_file():
+                return file
+    return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") and not within else None
 
 
 @cache
-def _folder_files(folder: Path) -> tuple[Path, ...]:
-    return tuple(sorted(folder.rglob("*.py")))
+def _does_something(path: Path) -> bool:
+    return any(not isinstance(each, ast.Expr) for each in ast.parse(path.read_bytes()).body)
 
 
 @cache
-def _package_folder(package: str) -> Path:
+def _folder(package: str) -> Path:
     spec = importlib.util.find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         raise ModuleNotFoundError(f"no package {package}")
@@ -105,6 +143,8 @@ def _imports(path: Path) -> tuple[str, ...]:
 
 
 def _walk_imports(node: ast.AST) -> Iterator[str]:
+    if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+        return
     if isinstance(node, ast.Import):
         yield from (each.name for each in node.names)
     elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from stages.discrepancy.naming import SearchSettings
 from stages.plant.declaration import Declared, nearest
-from stages.plant.effect import list_effects
+from stages.plant.effect import list_effects, name_module
 
 
 class Tolerance(Declared):
@@ -48,6 +48,11 @@ class SearchSection(Declared):
             if name not in list_effects():
                 raise ValueError(f"left_out: no effect '{name}'; {nearest(name, list_effects())}")
         return self
+
+    @property
+    def imported_by_name(self) -> tuple[str, ...]:
+        """Modules of all effects, as any may be looked for."""
+        return tuple(name_module(name) for name in list_effects())
 
     @property
     def settings(self) -> SearchSettings:

@@ -230,11 +230,19 @@ class ElementEffect:
 Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect
 
 
+EFFECTS = "stages.plant.effects"
+
+
 @cache
 def list_effects() -> tuple[str, ...]:
-    """Return the names of all effects: the modules of ``stages.plant.effects``."""
-    package = importlib.import_module("stages.plant.effects")
+    """Return the names of all effects: the modules of `EFFECTS`."""
+    package = importlib.import_module(EFFECTS)
     return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
+
+
+def name_module(effect: str) -> str:
+    """Return the dotted name of the module of an effect."""
+    return f"{EFFECTS}.{effect}"
 
 
 @cache
@@ -249,7 +257,7 @@ def list_forms(name: str) -> tuple[Effect, ...]:
     known = list_effects()
     if name not in known:
         raise ValueError(f"unknown effect '{name}': {nearest(name, known)}")
-    forms: tuple[Effect, ...] = importlib.import_module(f"stages.plant.effects.{name}").FORMS
+    forms: tuple[Effect, ...] = importlib.import_module(name_module(name)).FORMS
     return forms
 
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 from pydantic import BaseModel, Field, model_serializer, model_validator
 
 from stages.plant.declaration import Declared
-from stages.plant.effect import Effect, Parameter, find_effect, list_forms
+from stages.plant.effect import Effect, Parameter, find_effect, list_forms, name_module
 from stages.plant.plant import check_parameters
 
 
@@ -102,6 +102,11 @@ class ListedEffect(Declared):
     def effect(self) -> Effect:
         """The effect itself."""
         return find_effect_at(self.SITE, self.name, self.form)
+
+    @property
+    def imported_by_name(self) -> tuple[str, ...]:
+        """Module of the effect."""
+        return (name_module(self.name),)
 
 
 def list_effects_at(site: str, names: Any) -> list[Effect]:

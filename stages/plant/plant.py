@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_serializer, model_validator
 
 from stages.plant.declaration import Declared, nearest
-from stages.plant.effect import DynamicEffect, Effect, ElementEffect, Parameter, find_effect, list_forms
+from stages.plant.effect import DynamicEffect, Effect, ElementEffect, Parameter, find_effect, list_forms, name_module
 from stages.plant.exoskeleton import Exoskeleton, Muscle
 from stages.plant.muscle import MuscleConstants, braid_coefficients
 
@@ -94,6 +94,11 @@ class AppliedEffect(Declared):
     def effect(self) -> Effect:
         """The effect itself."""
         return find_effect(self.name, self.form)
+
+    @property
+    def imported_by_name(self) -> tuple[str, ...]:
+        """Module of the effect."""
+        return (name_module(self.name),)
 
 
 def _places_of(effect: Effect) -> tuple[str, str]:

@@ -1,0 +1,84 @@
+"""Freshness by module: what a stage's code is, and what an edit makes stale."""
+
+import cProfile
+from pathlib import Path
+
+import pytest
+
+from pipeline import sources
+from pipeline.config import read_study
+from pipeline.files import hash_file
+from pipeline.plan import gather
+from tests.composing import compose_values
+from tests.conftest import ROOT
+from tests.discrepancy.sessions import record_session, write_session
+from tests.studies import run_stage
+
+MAIN = ()
+PAPER = ("experiment=paper",)
+HIDDEN = ("experiment=hidden_effect",)
+GAP = ("workflow=discrepancy", f"measured={Path(__file__)}")
+SILVERBOX = (*GAP, "plant=silverbox", "measurement=silverbox")
+OPENING = {"opened_seal"}
+SEARCHING = OPENING | {"locate_gap", "name_effect", "amend_model", "describe_remainder", "verify_gap"}
+KEEPING = "/stages/compilation/"
+"""What keeps compiled functions changes no result."""
+DRIVING = {"bank", "unseen_bank", "hardware", "active_loop", "sparse_loop"}
+
+
+def list_stale(monkeypatch, file, overrides):
+    """Return the stages of a study whose fingerprint an edit of a file changes."""
+    study, stages = read_study(compose_values(*overrides))
+    before = {each.name: gather(study, each, {}).fingerprint for each in stages}
+    assert (ROOT / file).is_file()
+    with monkeypatch.context() as patched:
+        patched.setattr(sources, "hash_file", lambda path: "edited" if path == ROOT / file else hash_file(path))
+        return {each.name for each in stages if gather(study, each, {}).fingerprint != before[each.name]}
+
+
+@pytest.mark.parametrize(
+    ("file", "overrides", "stale"),
+    [
+        ("stages/recording/files/delimited.py", HIDDEN, {"measurement"}),
+        ("stages/recording/files/delimited.py", PAPER, set()),
+        ("stages/recording/dates.py", PAPER, set()),
+        ("stages/plant/effects/hysteresis.py", PAPER, DRIVING),
+        ("stages/plant/effects/hysteresis.py", (*PAPER, "plant=nominal"), set()),
+        ("stages/plant/effects/cable_slack.py", PAPER, set()),
+        ("stages/plant/effects/cable_slack.py", HIDDEN, SEARCHING),
+        ("stages/plant/machines/second_order.py", PAPER, set()),
+        (
+            "stages/plant/machines/second_order.py",
+            (*GAP, "plant=silverbox", "measurement=silverbox"),
+            SEARCHING - OPENING,
+        ),
+        ("stages/plant/machines/second_order.py", GAP, set()),
+        ("stages/rig/pages/style.css", (*PAPER, "desk=pages"), set()),
+        ("stages/rig/pages/server.py", (*PAPER, "desk=pages"), set()),
+        ("stages/rig/sim.py", PAPER, DRIVING),
+        ("stages/benchmark/blinded_rig/kernels.py", HIDDEN, {"sealed_session", "opened_seal"}),
+        ("stages/figures/learning_curves.py", MAIN, {"comparison", "participant_differences"}),
+        ("stages/hyperprior.py", PAPER, {"hyperprior"}),
+        ("pipeline/runner.py", PAPER, set()),
+    ],
+)
+def test_an_edit_makes_those_stages_stale_that_use_the_file(monkeypatch, file, overrides, stale):
+    assert list_stale(monkeypatch, file, overrides) == stale
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("overrides", [("budget=tiny",), ("workflow=discrepancy", "measured={}")], ids=["main", "gap"])
+def test_no_stage_runs_code_that_does_not_count(tmp_path, overrides):
+    write_session(tmp_path / "session", *record_session())
+    study, stages = read_study(compose_values(*(each.format(tmp_path / "session") for each in overrides)))
+    tables = {}
+    ran = {}
+    for stage in stages:
+        with cProfile.Profile(builtins=False) as profile:
+            tables |= run_stage(study, stage, tmp_path, tables)
+        ran[stage.name] = {each.code.co_filename for each in profile.getstats() if not isinstance(each.code, str)}
+    for stage in stages:
+        found = {each for each in ran[stage.name] if each.startswith(f"{ROOT}/stages/") and KEEPING not in each}
+        counted = {str(ROOT / each) for each in gather(study, stage, {}).code}
+        assert f"{ROOT}/{stage.module.replace('.', '/')}.py" in found
+        assert found <= counted
