@@ -67,3 +67,11 @@ def test_the_constants_of_simulated_noise_are_found():
 def test_too_few_samples_are_refused():
     with pytest.raises(ValueError, match="at least 10 samples, got 6"):
         estimate_noise(np.ones((3, 2)), np.ones((3, 2), dtype=bool), STEP_S)
+
+
+def test_some_of_the_roughness_is_always_taken_for_white():
+    coloured = NOISE._replace(white=0.0, slow=1e-6)
+    residual = np.linalg.cholesky(covariance(400, coloured)) @ np.random.default_rng(6).standard_normal((400, 10))
+    found = estimate_noise(residual, np.ones(residual.shape, dtype=bool), STEP_S)
+    rough = np.sqrt((np.diff(residual, n=2, axis=0) ** 2).mean() / 6.0)
+    assert found.white == pytest.approx(0.5 * rough, rel=0.02)

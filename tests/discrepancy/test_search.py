@@ -9,6 +9,7 @@ from stages.discrepancy.cell import list_starts
 from stages.discrepancy.fitted_cell import prepare, refine, resume
 from stages.discrepancy.fitting import Model
 from stages.discrepancy.flexible import Leftover
+from stages.discrepancy.ranking import rank_first
 from stages.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.discrepancy.screening import screen
 from stages.discrepancy.search import search
@@ -28,6 +29,8 @@ def test_a_planted_effect_is_named(form, size, seed):
     assert [each.name for each in found.named] == [form.name]
     assert found.named[0].probability > 0.9
     assert left["y"].unknown < 0.1
+    first = rank_first(found, left["y"].unknown, 0.9)[0]
+    assert (first["round"], first["name"], first["form"], first["site"]) == (1, form.name, "only", "muscle")
     assert found.cells[0].current.fit.values[-1] == pytest.approx(size, rel=0.15)
 
 

@@ -45,3 +45,10 @@ def test_a_day_that_may_be_a_month_is_asked_for():
 @pytest.mark.parametrize("text", ["a", "05.13.2026", "31.02.2026", "05.05.26", "10:00", "1.5", "5/5/2026 10:00 h"])
 def test_what_is_no_date_is_none(text):
     assert read_dates(pd.Series([text, text])) is None
+
+
+def test_seconds_count_from_the_first_date_that_is_there():
+    read = read_dates(pd.Series(pd.to_datetime([None, "2026-05-05", "2026-05-06"])))
+    assert read.isna().tolist() == [True, False, False]
+    assert read[1:].tolist() == [0.0, 86400.0]
+    assert read_dates(pd.Series(pd.to_datetime([None, None]))).isna().all()

@@ -7,6 +7,7 @@ from stages.plant.exoskeleton import Exoskeleton
 from stages.rig.contract import Trial, tidy
 from stages.rig.excitation import Durations, FreeMovements, Pressure, Range, check_levels, check_ranges
 from stages.rig.limits import PressureLimit
+from stages.rig.movement import Movement, move_freely
 from tests.plant.machines import configured, other_machine
 
 RANGES = {
@@ -125,3 +126,15 @@ def test_another_machine_with_other_muscles_is_served():
     machine = other_machine([1, 3], 100.0, 1.0)
     ranges = dict.fromkeys(machine.muscle_names, RANGES["pam1"])
     FreeMovements(seed=1, trajectories=2, pressure=make_pressure(ranges)).check_against(machine, "there")
+
+
+def test_free_movements_span_the_share_of_each_joints_range_about_its_middle(generator):
+    machine = configured().exoskeleton
+    movement = Movement(
+        shortest_move_s=0.1, longest_move_s=0.2, shortest_rest_s=0.0, longest_rest_s=0.1, range_share=0.5
+    )
+    angle = np.concatenate([move_freely(movement, machine, 2000, generator) for _ in range(4)])
+    for column, joint in enumerate(machine.joints):
+        middle, width = (joint.lower_rad + joint.upper_rad) / 2.0, joint.upper_rad - joint.lower_rad
+        assert np.abs(angle[:, column] - middle).max() <= width / 4.0
+        assert np.ptp(angle[:, column]) > 0.45 * width
