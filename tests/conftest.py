@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from filelock import FileLock
 from hydra._internal.core_plugins.file_config_source import FileConfigSource
+from hypothesis import HealthCheck, settings
 
 from tests.stalls import RealTime, StallWatch
 from tests.turned import turned  # noqa: F401 (a fixture)
@@ -25,6 +26,10 @@ TINY = ("budget=tiny", "figures=[png,pdf]")
 """The main job's smallest study, of `shared_run`."""
 SEQUENTIALLY = {"hydra/launcher=basic", "hydra.launcher.n_jobs=1"}
 """Ways to have the jobs of a sweep begun by the command's own process."""
+
+
+settings.register_profile("busy machines", suppress_health_check=[HealthCheck.too_slow])  # a pause proves nothing
+settings.load_profile("busy machines")
 
 
 def pytest_configure(config):
