@@ -100,7 +100,7 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
     Parameters
     ----------
     package : str
-        Dotted name of the package whose files are stages.
+        Dotted name of the package whose files, and those of its folders, are stages.
     names : sequence of str, optional
         One file, and one function in it, for each; without them, all files that define a stage of their name.
 
@@ -110,21 +110,33 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
         When the package has no such stage; the nearest name is offered.
     """
     try:
-        folder = importlib.import_module(package)
+        known = _find_modules(package)
     except ModuleNotFoundError:
         raise ConfigError(f"workflow.package: no Python package '{package}'") from None
-    known = [each.name for each in pkgutil.iter_modules(folder.__path__) if not each.ispkg]
     stages = []
     for name in known if names is None else names:
         if name not in known:
             raise ConfigError(f"workflow.stages: no stage '{name}' in {package}; {suggest(name, known)}")
-        found = getattr(importlib.import_module(f"{package}.{name}"), name, None)
+        found = getattr(importlib.import_module(known[name]), name, None)
         if names is None and not isinstance(found, Stage):
             continue
         if not isinstance(found, Stage):
-            raise WiringError(f"{package}/{name}.py: expected a stage function named {name}")
+            raise WiringError(f"{known[name].replace('.', '/')}.py: expected a stage function named {name}")
         stages.append(found)
     return stages
+
+
+def _find_modules(package: str) -> dict[str, str]:
+    """Return the dotted name of each file in a package and in its folders, by the file's own name."""
+    folders = [package]
+    modules = {}
+    for folder in folders:
+        for each in pkgutil.iter_modules(importlib.import_module(folder).__path__):
+            if not each.ispkg:
+                modules[each.name] = f"{folder}.{each.name}"
+            elif folder == package:
+                folders.append(f"{folder}.{each.name}")
+    return modules
 
 
 def order_stages(stages: Sequence[Stage]) -> list[Stage]:

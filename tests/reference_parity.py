@@ -16,9 +16,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from stages.gp.hyperprior import Hyperprior
-from stages.gp.marginal import MarginalGP, condition, fit
-from stages.gp.posterior import LogPosterior
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.marginal import MarginalGP, condition, fit
+from stages.science.gp.posterior import LogPosterior
 
 LOW_NOISE = 1e-3
 LOW_NOISE_TOLERANCE = 1e-4

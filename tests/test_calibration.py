@@ -15,9 +15,9 @@ from pipeline.choices import read_choices
 from pipeline.config import read_study
 from pipeline.errors import ConfigError
 from pipeline.files import write_json
-from stages.rig import clock
-from stages.rig.contract import RigError
-from stages.rig.known_points import PointRequested
+from stages.science.rig import clock
+from stages.science.rig.contract import RigError
+from stages.science.rig.festo.known_points import PointRequested
 from tests.composing import compose_values
 from tests.conftest import Command
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig

@@ -6,7 +6,9 @@ import pytest
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_paired
 
-from stages.claims import (
+from stages.identification.comparison import pair_arms
+from stages.identification.participant_differences import add_average, compare_participants
+from stages.paper.claims import (
     CLAIMS,
     PAPER,
     Evidence,
@@ -17,9 +19,7 @@ from stages.claims import (
     judge_same,
     weigh_fall,
 )
-from stages.comparison import pair_arms
-from stages.participant_differences import add_average, compare_participants
-from stages.rivals import compare_family
+from stages.paper.rivals import compare_family
 from tests.planted import make_curve
 
 

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from stages.comparison import keep_common, pair_arms, recommend, summarise, tell_final_errors
+from stages.identification.comparison import keep_common, pair_arms, recommend, summarise, tell_final_errors
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 
 ARMS = ["y_y", "variance", "random"]

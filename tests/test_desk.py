@@ -10,8 +10,8 @@ from unittest.mock import patch
 import pandas as pd
 import pytest
 
-from stages.rig import clock, fronts
-from stages.rig.terminal import Terminal
+from stages.science.rig import clock, fronts
+from stages.science.rig.operator_ui.terminal import Terminal
 from tests.conftest import Command
 from tests.rig.attended import wait_until
 

@@ -1,24 +1,44 @@
-"""The rules of direction: who may import whom."""
+"""The rules of direction: who may import whom, and who may write files."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import grimp
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-STAGES = sorted(path.stem for path in (ROOT / "stages").glob("*.py") if path.stem != "__init__")
-READS_THE_PATH_ITS_CONFIGURATION_NAMES = {
-    *((f"stages.recording.files.{name}", "pathlib") for name in ("foreign", "delimited", "matlab", "bags")),
-    ("stages.recording.files.foreign", "pyarrow"),
-    ("stages.recording.files.bags", "os"),
-    ("stages.rig.operator", "pathlib"),
-    ("stages.rig.replay", "pathlib"),
-    ("stages.rig.replay", "pipeline.inputs"),
+SCIENCE = "stages.science"
+ROOMS = {
+    "compilation": set(),
+    "figures": set(),
+    "gp": set(),
+    "signals": set(),
+    "statistics": set(),
+    "plant": {"signals"},
+    "rig": {"plant", "signals"},
+    "muscle_models": {"gp", "signals"},
+    "recording": {"plant", "signals"},
+    "discrepancy": {"gp", "plant", "recording", "signals", "statistics"},
 }
-TAKES_RECORDINGS_FOR_TRIALS = ("stages.rig.replay", "stages.rig.placement")
-WORKFLOWS = {"benchmark"}
-SCIENCE = sorted({path.parent.name for path in (ROOT / "stages").glob("*/__init__.py")} - WORKFLOWS)
+"""Of science, with the rooms that each may import."""
+STAGES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    for path in (ROOT / "stages").glob("*/*.py")
+    if path.stem != "__init__"
+}
+READS_THE_PATH_ITS_CONFIGURATION_NAMES = {
+    *((f"{SCIENCE}.recording.files.{name}", "pathlib") for name in ("foreign", "delimited", "matlab", "bags")),
+    (f"{SCIENCE}.recording.files.foreign", "pyarrow"),
+    (f"{SCIENCE}.recording.files.bags", "os"),
+    (f"{SCIENCE}.rig.operator", "pathlib"),
+    (f"{SCIENCE}.rig.replay", "pathlib"),
+    (f"{SCIENCE}.rig.replay", "pipeline.inputs"),
+}
+KEEPS_COMPILED_FUNCTIONS = {(f"{SCIENCE}.compilation.locators", "os"), (f"{SCIENCE}.compilation.locators", "pathlib")}
+TAKES_RECORDINGS_FOR_TRIALS = (f"{SCIENCE}.rig.replay", f"{SCIENCE}.rig.placement")
+WRITES = {"copy2", "copyfile", "copytree", "dump", "makedirs", "mkdir", "rename", "rmdir", "rmtree", "savefig"}
+WRITES |= {"savemat", "savez", "symlink_to", "to_csv", "to_parquet", "touch", "unlink", "write_bytes", "write_text"}
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +56,12 @@ def within(module, package):
 
 
 def test_there_is_something_to_check(graph):
-    assert {"bank", "active_loop", "comparison"} <= set(STAGES)
-    assert {"gp", "parametric", "plant", "rig", "signals"} <= set(SCIENCE)
-    assert ("stages.bank", "stages.rig.contract") in imports_from(graph, "stages")
+    assert {"stages.identification.bank", "stages.discrepancy.verify_gap", "stages.benchmark.scorecard"} <= STAGES
+    assert ("stages.identification.bank", f"{SCIENCE}.rig.contract") in imports_from(graph, "stages")
+
+
+def test_every_room_of_science_is_bound():
+    assert set(ROOMS) == {path.parent.name for path in (ROOT / "stages" / "science").glob("*/__init__.py")}
 
 
 def test_pipeline_imports_no_stage(graph):
@@ -46,8 +69,7 @@ def test_pipeline_imports_no_stage(graph):
 
 
 def test_no_stage_imports_another(graph):
-    stages = {f"stages.{name}" for name in STAGES}
-    assert not [pair for pair in imports_from(graph, "stages") if pair[0] in stages and pair[1] in stages]
+    assert not [pair for pair in imports_from(graph, "stages") if pair[0] in STAGES and pair[1] in STAGES]
 
 
 def test_nothing_imports_tests(graph):
@@ -55,44 +77,27 @@ def test_nothing_imports_tests(graph):
     assert not [pair for pair in found if within(pair[1], "tests")]
 
 
-@pytest.mark.parametrize("folder", SCIENCE)
-def test_science_knows_neither_pipeline_nor_configuration_nor_files(graph, folder):
-    forbidden = (
-        "pipeline",
-        "hydra",
-        "omegaconf",
-        "pyarrow",
-        "pathlib",
-        "os",
-        "shutil",
-        *(f"stages.{s}" for s in STAGES),
-    )
-    found = imports_from(graph, f"stages.{folder}")
+def test_no_modules_import_each_other_in_a_circle(graph):
+    modules = [each for each in graph.modules if within(each, "pipeline") or within(each, "stages")]
+    TopologicalSorter({each: graph.find_modules_directly_imported_by(each) for each in modules}).prepare()
+
+
+def test_science_knows_neither_pipeline_nor_stages_nor_configuration_nor_files(graph):
+    forbidden = ("pipeline", "hydra", "omegaconf", "pyarrow", "pathlib", "os", "shutil", *STAGES)
+    found = imports_from(graph, SCIENCE)
     guilty = {pair for pair in found for name in forbidden if within(pair[1], name)}
-    assert guilty <= READS_THE_PATH_ITS_CONFIGURATION_NAMES
+    assert guilty <= READS_THE_PATH_ITS_CONFIGURATION_NAMES | KEEPS_COMPILED_FUNCTIONS
 
 
-def test_science_flows_one_way(graph):
-    allowed = {
-        "gp": set(),
-        "signals": set(),
-        "parametric": set(),
-        "statistics": set(),
-        "figures": set(),
-        "compilation": set(),
-        "plant": {"signals"},
-        "rig": {"plant", "signals"},
-        "identification": {"gp", "signals"},
-        "recording": {"plant", "signals"},
+@pytest.mark.parametrize("room", ROOMS)
+def test_science_flows_one_way(graph, room):
+    others = [f"{SCIENCE}.{each}" for each in ROOMS if each != room and each not in ROOMS[room]]
+    found = {
+        pair
+        for pair in imports_from(graph, f"{SCIENCE}.{room}")
+        if not (pair[0] in TAKES_RECORDINGS_FOR_TRIALS and within(pair[1], f"{SCIENCE}.recording"))
     }
-    for folder, known in allowed.items():
-        others = [f"stages.{each}" for each in SCIENCE if each != folder and each not in known]
-        found = {
-            (module, found)
-            for module, found in imports_from(graph, f"stages.{folder}")
-            if not (module in TAKES_RECORDINGS_FOR_TRIALS and within(found, "stages.recording"))
-        }
-        assert not [pair for pair in found for other in others if within(pair[1], other)], folder
+    assert not [pair for pair in found for other in others if within(pair[1], other)]
 
 
 def test_what_searches_and_the_blinded_rig_share_no_code(graph):
@@ -100,6 +105,23 @@ def test_what_searches_and_the_blinded_rig_share_no_code(graph):
     found = imports_from(graph, "stages") | imports_from(graph, "pipeline")
     ours = {pair for pair in found if within(pair[1], "stages") or within(pair[1], "pipeline")}
     assert not [pair for pair in ours if within(pair[0], rig) != within(pair[1], rig)]
+
+
+def test_files_are_written_by_the_pipeline_alone():
+    guilty = []
+    for path in (ROOT / "stages").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(node, ast.Call):
+                continue
+            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            said = [
+                each.value
+                for each in [*node.args, *(each.value for each in node.keywords)]
+                if isinstance(each, ast.Constant)
+            ]
+            opened = name == "open" and any(isinstance(each, str) and set(each) & set("wax+") for each in said)
+            guilty += [(path.relative_to(ROOT).as_posix(), node.lineno, name)] if name in WRITES or opened else []
+    assert not guilty
 
 
 def test_matplotlib_is_imported_inside_functions_only():

@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 
 from pipeline.context import Context
-from stages.rig.contract import RECORDING_COLUMNS, tidy
-from stages.rig.operator import OperatorRig, TrialRequested
-from stages.rig.sim import SimulatedRig
-from stages.rig.sweeps import passive_trial
+from stages.science.rig.contract import RECORDING_COLUMNS, tidy
+from stages.science.rig.operator import OperatorRig, TrialRequested
+from stages.science.rig.sim import SimulatedRig
+from stages.science.rig.sweeps import passive_trial
 from tests.plant.machines import configured
 from tests.studies import read_stages, run_stage
 from tests.test_operator import execute_by_hand

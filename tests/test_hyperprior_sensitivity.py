@@ -11,9 +11,7 @@ from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
 from pipeline.context import Context
-from stages.figures.sensitivity import draw_sensitivity
-from stages.gp.hyperprior import Hyperprior
-from stages.hyperprior_sensitivity import (
+from stages.paper.hyperprior_sensitivity import (
     Config,
     HyperpriorSensitivity,
     MovementsEnough,
@@ -23,6 +21,8 @@ from stages.hyperprior_sensitivity import (
     hyperprior_sensitivity,
     judge,
 )
+from stages.science.figures.sensitivity import draw_sensitivity
+from stages.science.gp.hyperprior import Hyperprior
 from tests.composing import compose_values
 from tests.identification.data import HYPERPARAMETERS, LOOP, MUSCLES, make_bank, make_tables
 from tests.planted import assert_holm

@@ -13,10 +13,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from pipeline.errors import ConfigError
-from stages.gp.hyperprior import Hyperprior
-from stages.gp.marginal import condition
-from stages.identification.recorded_models import RecordedModels
-from stages.learned_models import (
+from stages.paper.learned_models import (
     CALIBRATION,
     CHOICE_CONCENTRATION,
     CHOSEN_OFTEN,
@@ -30,7 +27,10 @@ from stages.learned_models import (
     measure_coverage,
     predict_intervals,
 )
-from stages.signals.scaling import MODEL_INPUTS, Scaling
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.marginal import condition
+from stages.science.muscle_models.recorded_models import RecordedModels
+from stages.science.signals.scaling import MODEL_INPUTS, Scaling
 from tests.identification.data import draw, make_tables
 from tests.planted import assert_holm
 from tests.studies import PickledContext, read_stages, run_alone, run_stage

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.rig.contract import Trial, tidy
+from stages.science.rig.contract import Trial, tidy
 from tests.conftest import Command
 from tests.plant.machines import configured
 

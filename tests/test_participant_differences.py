@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind
 
-from stages.participant_differences import add_average, compare_participants, summarise
+from stages.identification.participant_differences import add_average, compare_participants, summarise
 from tests import planted
 from tests.planted import assert_holm
 

@@ -14,10 +14,10 @@ from scipy.special import gammaln
 from pipeline.context import Context
 from pipeline.errors import WiringError
 from stages import rivals as module
-from stages.figures.error_bars import draw_error_bars
-from stages.figures.rival_curves import draw_rival_curves
-from stages.rivals import Config, Rivals, compare_rivals, count_points, fit_law, predict_law, rivals
-from stages.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
+from stages.paper.rivals import Config, Rivals, compare_rivals, count_points, fit_law, predict_law, rivals
+from stages.science.figures.error_bars import draw_error_bars
+from stages.science.figures.rival_curves import draw_rival_curves
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 from tests.composing import compose_values
 from tests.identification.data import HYPERPARAMETERS
 from tests.parametric.test_linear_muscle import terms

@@ -10,7 +10,7 @@ from statsmodels.stats.proportion import proportion_confint
 from pipeline.errors import ConfigError
 from stages.benchmark.blinded_rig.scenarios import default_catalogue, named_scenario
 from stages.benchmark.blinded_rig.sessions import HiddenSessions
-from stages.scoring.intervals import bound_median, bound_rate
+from stages.science.statistics.intervals import bound_median, bound_rate
 from tests.studies import read_stages, run_stage
 
 GROUPS = ("rig=hidden", "+discrepancy=stated", "+blind_tests=small", "+disguise=stated", "+scorecard=stated")

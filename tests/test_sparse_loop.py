@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import ConfigError
-from stages.gp.sparse_marginal import condition_sparse
-from stages.identification.muscle_set import MuscleSet
-from stages.identification.samples import thin
-from stages.signals.measures import error_rate
-from stages.sparse_comparison import compare_ways, join_exact, judge, label_lines, summarise
+from stages.paper.sparse_comparison import compare_ways, join_exact, judge, label_lines, summarise
+from stages.science.gp.sparse_marginal import condition_sparse
+from stages.science.muscle_models.muscle_set import MuscleSet
+from stages.science.muscle_models.samples import thin
+from stages.science.signals.measures import error_rate
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 from tests.studies import read_stages, run_stage
 

@@ -9,8 +9,8 @@ from omegaconf import OmegaConf
 from pydantic import ValidationError
 
 from pipeline.context import Context
-from stages.figures.shift_curves import draw_shift_curves
-from stages.time_shift import Config, TimeShift, TrialsEnough, compare_shifts, summarise, time_shift
+from stages.paper.time_shift import Config, TimeShift, TrialsEnough, compare_shifts, summarise, time_shift
+from stages.science.figures.shift_curves import draw_shift_curves
 from tests import planted
 from tests.composing import compose_values
 from tests.identification.data import LOOP, MUSCLES, make_bank, make_tables

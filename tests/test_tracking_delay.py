@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.plant.exoskeleton import Exoskeleton
-from stages.tracking_delay import Config, TrackingDelay, tracking_delay
+from stages.identification.tracking_delay import Config, TrackingDelay, tracking_delay
+from stages.science.plant.exoskeleton import Exoskeleton
 from tests.plant.machines import configured
 
 RATE_HZ, SAMPLES = 250.0, 1000

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from stages.utility_check import (
+from stages.paper.utility_check import (
     CHOICES,
     TARGETS,
     UTILITY_AGREEMENT,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from stages.rig import clock
+from stages.science.rig import clock
 
 BEGINS_S = 1000.0
 TURN_S = 1e-7

@@ -1,1 +1,1 @@
-"""How often the discrepancy workflow is right: rigs whose truth is sealed."""
+"""How often the discrepancy workflow is right, on sessions whose truth it does not see."""

@@ -1,5 +1,1 @@
-"""Where a simulation and what was measured disagree, which named effect is missing, and what it takes away.
-
-A `Cell` is one channel of one element of a machine. `prepare` fits its nominal constants and its noise; `search` names
-effects and adds them; `locate` tells in which regimes the gap lies.
-"""
+"""Where simulation and measurement disagree: find it, name what is missing, add it, verify that the gap shrinks."""

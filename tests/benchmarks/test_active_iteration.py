@@ -15,9 +15,9 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from stages.gp.hyperprior import Hyperprior
-from stages.gp.marginal import fit
-from stages.gp.scoring import trajectory_utility
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.marginal import fit
+from stages.science.gp.scoring import trajectory_utility
 from tests.benchmarks.conftest import peak_memory_mb
 from tests.conftest import ROOT
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import yaml
 
-from stages.plant.chain import Chain
-from stages.plant.effect import find_effect
-from stages.plant.machine import read_machine
+from stages.science.plant.chain import Chain
+from stages.science.plant.effect import find_effect
+from stages.science.plant.machine import read_machine
 from tests.plant.machines import CONF, configured
 
 SAMPLES, TRIALS, MUSCLES = 1000, 20, 4
@@ -49,7 +49,7 @@ def test_chain_against_a_numpy_loop(against, tell):
 def test_whole_trial_in_real_time(benchmark, sized, tell):
     """A trial with joints, person, effects and their feedback: how much quicker than it would last."""
     rig = configured("rich")
-    from stages.rig.contract import Trial
+    from stages.science.rig.contract import Trial
 
     command = np.full((rig.samples, len(rig.muscles)), 100.0)
     trial = Trial("free", "experimenter", command)

@@ -7,8 +7,8 @@ numbers (one whitens the covariance, one leads back to its slopes), in blocks of
 import numpy as np
 import pytest
 
-from stages.gp.sparse import BLOCK, SparsePosterior
-from stages.gp.sparse_fit import fit_sparse
+from stages.science.gp.sparse import BLOCK, SparsePosterior
+from stages.science.gp.sparse_fit import fit_sparse
 from tests.benchmarks.conftest import peak_memory_mb
 
 POINTS, PSEUDO, INPUTS = 40_000, 30, 3

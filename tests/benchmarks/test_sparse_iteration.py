@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
 
-from stages.gp.hyperprior import Hyperprior
-from stages.gp.marginal import fit
-from stages.gp.scoring import trajectory_utility
-from stages.gp.sparse_interaction import SparseDesign, SparseInteraction
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.marginal import fit
+from stages.science.gp.scoring import trajectory_utility
+from stages.science.gp.sparse_interaction import SparseDesign, SparseInteraction
 from tests.benchmarks.conftest import peak_memory_mb
 from tests.benchmarks.test_active_iteration import force_law
 from tests.conftest import ROOT

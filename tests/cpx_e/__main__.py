@@ -7,7 +7,7 @@ import socket
 import sys
 from multiprocessing.connection import Connection, wait
 
-from stages.rig import clock
+from stages.science.rig import clock
 from tests.cpx_e.emulation import Emulation
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from stages.rig import clock
+from stages.science.rig import clock
 from tests.cpx_e.faults import Faults
 from tests.cpx_e.machine import INPUTS_FROM, OUTPUTS_FROM, WIDTHS, Machine
 from tests.cpx_e.physics import Plant

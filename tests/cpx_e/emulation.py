@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from stages.rig import clock
+from stages.science.rig import clock
 from tests.cpx_e.device import Device
 from tests.cpx_e.faults import Faults
 from tests.cpx_e.machine import Machine

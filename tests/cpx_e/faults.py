@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from stages.rig import clock
+from stages.science.rig import clock
 
 TAKES = {
     "cut": "",

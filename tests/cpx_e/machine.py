@@ -9,10 +9,10 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from stages.plant.exoskeleton import Exoskeleton
-from stages.plant.participant import Participant
-from stages.plant.plant import Plant
-from stages.rig.movement import Movement
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.plant.participant import Participant
+from stages.science.plant.plant import Plant
+from stages.science.rig.movement import Movement
 
 OUTPUTS_FROM, INPUTS_FROM = 40003, 45395
 WIDTHS = {"EP": (0, 0), "4AO": (4, 5), "4AI": (0, 5), "1CI": (1, 8)}

@@ -11,7 +11,7 @@ import socket
 import struct
 from collections.abc import Collection
 
-from stages.rig import clock
+from stages.science.rig import clock
 from tests.cpx_e.device import Device, NoSuchRegister
 from tests.cpx_e.faults import Faults
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from stages.plant.chain import Chain
-from stages.plant.participant import embody, intend, nobody, rest
-from stages.plant.stepping import Steps
-from stages.rig import clock
-from stages.rig.movement import move_freely
-from stages.signals.trajectories import Array
+from stages.science.plant.chain import Chain
+from stages.science.plant.participant import embody, intend, nobody, rest
+from stages.science.plant.stepping import Steps
+from stages.science.rig import clock
+from stages.science.rig.movement import move_freely
+from stages.science.signals.trajectories import Array
 from tests.cpx_e.faults import Faults
 from tests.cpx_e.machine import Machine
 

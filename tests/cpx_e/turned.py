@@ -14,7 +14,7 @@ from types import SimpleNamespace, TracebackType
 from typing import Any, ClassVar, Self
 from unittest.mock import patch
 
-from stages.rig import clock
+from stages.science.rig import clock
 from tests.cpx_e.emulation import Asked, Emulation
 from tests.turned import TurnedClock, turn_clock
 

@@ -6,7 +6,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from scipy.integrate import solve_ivp
 
-from stages.plant.machines.second_order import Oscillator
+from stages.science.plant.machines.second_order import Oscillator
 from tests.plant.machines import CONF
 
 HERTZ, RATE_HZ, LEAD_S = 68.0, 610.3515625, 0.5

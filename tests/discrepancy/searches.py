@@ -3,9 +3,9 @@
 import numpy as np
 import yaml
 
-from stages.discrepancy.fitted_cell import prepare
-from stages.discrepancy.naming import SearchSettings
-from stages.discrepancy.search import search
+from stages.science.discrepancy.fitted_cell import prepare
+from stages.science.discrepancy.naming import SearchSettings
+from stages.science.discrepancy.search import search
 from tests.plant.machines import CONF
 
 STATED = yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text())

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.discrepancy.verdict import confirm_effects, confirm_status
-from stages.discrepancy.verification import Verified, list_hidden
+from stages.science.discrepancy.verdict import confirm_effects, confirm_status
+from stages.science.discrepancy.verification import Verified, list_hidden
 from tests.discrepancy.simulated_records import move, slide
 from tests.discrepancy.toys import make_toy
 

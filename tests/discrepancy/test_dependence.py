@@ -5,10 +5,10 @@ import pytest
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from stages.discrepancy.cell import Driver
-from stages.discrepancy.dependence import find_dependence, find_range, fit_gaussian_process
-from stages.discrepancy.description import measure_share
-from stages.discrepancy.resampling import resample
+from stages.science.discrepancy.cell import Driver
+from stages.science.discrepancy.dependence import find_dependence, find_range, fit_gaussian_process
+from stages.science.discrepancy.description import measure_share
+from stages.science.discrepancy.resampling import resample
 from tests.discrepancy.toys import make_toy
 
 NOISE = 0.1

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stages.discrepancy.remainder import weigh_remainder
-from stages.discrepancy.whole_record_cell import build_whole_records
+from stages.science.discrepancy.remainder import weigh_remainder
+from stages.science.discrepancy.whole_record_cell import build_whole_records
 from tests.discrepancy.oscillators import NOISE_V, WANDER_V, configured, shake
 from tests.discrepancy.searches import SETTINGS, look
 

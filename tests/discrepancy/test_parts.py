@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 from pydantic import ValidationError
 
-from stages.discrepancy.parts import Parts, assign_parts, leave_gaps
-from stages.discrepancy.whole_record_cell import build_whole_records
+from stages.science.discrepancy.parts import Parts, assign_parts, leave_gaps
+from stages.science.discrepancy.whole_record_cell import build_whole_records
 from tests.plant.machines import read_plant
 
 GIVEN = ["estimation"] * 8 + ["validation"] * 3 + ["arrow"] * 2

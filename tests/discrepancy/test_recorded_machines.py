@@ -14,11 +14,11 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
-from stages.discrepancy.fitted_cell import prepare
-from stages.discrepancy.remainder import weigh_remainder
-from stages.discrepancy.search import search
-from stages.discrepancy.whole_record_cell import build_whole_records
-from stages.plant.machine import read_machine
+from stages.science.discrepancy.fitted_cell import prepare
+from stages.science.discrepancy.remainder import weigh_remainder
+from stages.science.discrepancy.search import search
+from stages.science.discrepancy.whole_record_cell import build_whole_records
+from stages.science.plant.machine import read_machine
 from tests.composing import compose_values
 from tests.discrepancy.searches import SETTINGS, look
 from tests.discrepancy.simulated_records import tabulate

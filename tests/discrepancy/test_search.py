@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.discrepancy.cell import list_starts
-from stages.discrepancy.fitted_cell import prepare, refine, resume
-from stages.discrepancy.fitting import Model
-from stages.discrepancy.flexible import Leftover
-from stages.discrepancy.ranking import rank_first
-from stages.discrepancy.remainder import sum_doubt, weigh_remainder
-from stages.discrepancy.screening import screen
-from stages.discrepancy.search import search
+from stages.science.discrepancy.cell import list_starts
+from stages.science.discrepancy.fitted_cell import prepare, refine, resume
+from stages.science.discrepancy.fitting import Model
+from stages.science.discrepancy.flexible import Leftover
+from stages.science.discrepancy.ranking import rank_first
+from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
+from stages.science.discrepancy.screening import screen
+from stages.science.discrepancy.search import search
 from tests.discrepancy.searches import SETTINGS
 from tests.discrepancy.toys import KINK, LINE, WAVE, make_toy
 

@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 import yaml
 
-from stages.discrepancy.description import DescriptionSettings, average_dependence, describe, tabulate
-from stages.discrepancy.fitting import Model, begin, fit
-from stages.discrepancy.noise import make_plain
-from stages.discrepancy.resampling import resample
-from stages.discrepancy.sketch import sketch_residual
-from stages.discrepancy.words import tell_remainder
+from stages.science.discrepancy.description import DescriptionSettings, average_dependence, describe, tabulate
+from stages.science.discrepancy.fitting import Model, begin, fit
+from stages.science.discrepancy.noise import make_plain
+from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.sketch import sketch_residual
+from stages.science.discrepancy.words import tell_remainder
 from tests.conftest import ROOT
 from tests.discrepancy.toys import make_toy
 

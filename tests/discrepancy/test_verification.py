@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stages.discrepancy.verification import bound_ratio
+from stages.science.discrepancy.verification import bound_ratio
 
 TRIALS, SAMPLES = 3, 10
 

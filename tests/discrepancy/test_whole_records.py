@@ -5,11 +5,11 @@ import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
-from stages.discrepancy.amendment import estimate_intervals
-from stages.discrepancy.fitted_cell import prepare
-from stages.discrepancy.records import thin_out
-from stages.discrepancy.settings import DiscrepancySettings
-from stages.discrepancy.whole_record_cell import build_whole_records
+from stages.science.discrepancy.amendment import estimate_intervals
+from stages.science.discrepancy.fitted_cell import prepare
+from stages.science.discrepancy.records import thin_out
+from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.discrepancy.whole_record_cell import build_whole_records
 from tests.discrepancy.searches import STATED, look, read_values
 from tests.discrepancy.simulated_records import move, slide, tabulate
 from tests.plant.machines import read_plant

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.discrepancy.cell import Cell, Driver, Form
-from stages.plant.effect import Parameter
+from stages.science.discrepancy.cell import Cell, Driver, Form
+from stages.science.plant.effect import Parameter
 
 
 def constant(name, low, high, mean, sd):

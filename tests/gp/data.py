@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from stages.gp.hyperprior import Hyperprior
-from stages.gp.sparse import RELATIVE_JITTER
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.sparse import RELATIVE_JITTER
 
 
 def make_data(generator, count, dimensions=3, noise=0.1):

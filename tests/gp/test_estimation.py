@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from stages.gp.estimation import climb, find_map
-from stages.gp.factor import FactorisationError
-from stages.gp.hyperprior import Hyperprior
-from stages.gp.marginal import fit
-from stages.gp.posterior import LogPosterior
+from stages.science.gp.estimation import climb, find_map
+from stages.science.gp.factor import FactorisationError
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.marginal import fit
+from stages.science.gp.posterior import LogPosterior
 from tests.gp.data import Textbook, make_data, make_prior
 
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from stages.gp.factor import RELATIVE_JITTERS, FactorisationError, factorise
-from stages.gp.marginal import condition, fit
-from stages.gp.posterior import LogPosterior
-from stages.gp.sparse import SparsePosterior
-from stages.gp.sparse_model import SparseGP
-from stages.gp.utilities import UTILITIES
+from stages.science.gp.factor import RELATIVE_JITTERS, FactorisationError, factorise
+from stages.science.gp.marginal import condition, fit
+from stages.science.gp.posterior import LogPosterior
+from stages.science.gp.sparse import SparsePosterior
+from stages.science.gp.sparse_model import SparseGP
+from stages.science.gp.utilities import UTILITIES
 from tests.gp.data import make_data, make_prior
 
 THETA = np.array([0.1, 0.2, 0.0, 0.1, -2.0])

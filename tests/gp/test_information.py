@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.gp.marginal import condition
+from stages.science.gp.marginal import condition
 from tests.gp.data import make_data, make_prior
 
 THETA = np.array([0.2, 0.3, 0.1, 0.2, np.log(0.3)])

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.gp.interaction import Design, Interaction
-from stages.gp.marginal import condition, fit
-from stages.gp.scoring import trajectory_utility
-from stages.gp.sparse_fit import fit_sparse
-from stages.gp.sparse_interaction import SparseDesign, SparseInteraction
-from stages.gp.sparse_marginal import condition_sparse
-from stages.gp.subsample import subsample
+from stages.science.gp.interaction import Design, Interaction
+from stages.science.gp.marginal import condition, fit
+from stages.science.gp.scoring import trajectory_utility
+from stages.science.gp.sparse_fit import fit_sparse
+from stages.science.gp.sparse_interaction import SparseDesign, SparseInteraction
+from stages.science.gp.sparse_marginal import condition_sparse
+from stages.science.gp.subsample import subsample
 from tests.gp.data import make_data, make_prior
 
 SHARED = {"utility": "y_y", "reduce": "sum", "reuse_trajectories": False, "mean": "zero", "memory_mb": 8.0}

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from stages.gp.hyperprior import Hyperprior
-from stages.gp.laplace import approximate
-from stages.gp.marginal import condition, fit
-from stages.gp.posterior import LogPosterior
-from stages.gp.sparse_marginal import condition_sparse
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.laplace import approximate
+from stages.science.gp.marginal import condition, fit
+from stages.science.gp.posterior import LogPosterior
+from stages.science.gp.sparse_marginal import condition_sparse
 from tests.gp.data import make_data, make_prior
 
 

@@ -6,13 +6,13 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from stages.gp.marginal import condition
-from stages.gp.scoring import trajectory_utility
-from stages.gp.sparse import SparsePosterior
-from stages.gp.sparse_fit import fit_sparse
-from stages.gp.sparse_marginal import SparseMarginalGP, condition_sparse
-from stages.gp.sparse_model import predict_weighted
-from stages.gp.utilities import UTILITIES
+from stages.science.gp.marginal import condition
+from stages.science.gp.scoring import trajectory_utility
+from stages.science.gp.sparse import SparsePosterior
+from stages.science.gp.sparse_fit import fit_sparse
+from stages.science.gp.sparse_marginal import SparseMarginalGP, condition_sparse
+from stages.science.gp.sparse_model import predict_weighted
+from stages.science.gp.utilities import UTILITIES
 from tests.gp.data import Dense, Textbook, differences, make_data, make_prior
 
 MEANS = ("zero", "constant")

@@ -6,8 +6,8 @@ Outputs are large and S is small: the mean then carries what a measurement tells
 import numpy as np
 import pytest
 
-from stages.gp.marginal import condition
-from stages.gp.mutual_information import Information, draw_models, path_information, point_information
+from stages.science.gp.marginal import condition
+from stages.science.gp.mutual_information import Information, draw_models, path_information, point_information
 from tests.gp.data import make_prior
 
 THETA = np.array([0.2, 0.3, 0.1, 0.2, np.log(0.3)])
@@ -139,7 +139,7 @@ def test_information_does_not_depend_on_the_size_of_blocks(model, generator, mon
     models = draw_models(model, 40, generator)
     points = generator.uniform(-1.5, 1.5, (30, 3))
     whole = point_information(models, points)
-    monkeypatch.setattr("stages.gp.mutual_information.LARGEST_BLOCK", 40 * 40 * 7)
+    monkeypatch.setattr("stages.science.gp.mutual_information.LARGEST_BLOCK", 40 * 40 * 7)
     np.testing.assert_array_equal(point_information(models, points), whole)
 
 

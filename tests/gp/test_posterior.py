@@ -4,8 +4,8 @@ from scipy.stats import norm
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from stages.gp.hyperprior import Hyperprior
-from stages.gp.posterior import LogPosterior
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.posterior import LogPosterior
 from tests.gp.data import Textbook, differences, make_data, make_prior
 
 MEANS = ("zero", "constant")

@@ -2,7 +2,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from stages.gp.marginal import condition
+from stages.science.gp.marginal import condition
 from tests.gp.data import make_data, make_prior
 
 

@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from stages.gp.estimation import find_map
-from stages.gp.factor import FactorisationError
-from stages.gp.hyperprior import Hyperprior
-from stages.gp.interaction import Design, Interaction
-from stages.gp.marginal import condition
-from stages.gp.posterior import LARGEST_LOG, LogPosterior
-from stages.gp.scoring import trajectory_utility
-from stages.gp.utilities import UTILITIES
+from stages.science.gp.estimation import find_map
+from stages.science.gp.factor import FactorisationError
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.interaction import Design, Interaction
+from stages.science.gp.marginal import condition
+from stages.science.gp.posterior import LARGEST_LOG, LogPosterior
+from stages.science.gp.scoring import trajectory_utility
+from stages.science.gp.utilities import UTILITIES
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=100)
 LONGEST_S = 20.0

@@ -3,9 +3,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from stages.gp.marginal import condition
-from stages.gp.scoring import trajectory_utility
-from stages.gp.utilities import UTILITIES
+from stages.science.gp.marginal import condition
+from stages.science.gp.scoring import trajectory_utility
+from stages.science.gp.utilities import UTILITIES
 from tests.gp.data import make_data, make_prior
 
 MB = 2**20

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-import stages.gp.sparse
-from stages.gp.cross import DirectCross
-from stages.gp.factor import FactorisationError
-from stages.gp.marginal import fit
-from stages.gp.sparse import SparsePosterior
-from stages.gp.sparse_fit import fit_sparse
-from stages.gp.sparse_marginal import SparseMarginalGP
-from stages.gp.sparse_model import SparseGP
+import stages.science.gp.sparse
+from stages.science.gp.cross import DirectCross
+from stages.science.gp.factor import FactorisationError
+from stages.science.gp.marginal import fit
+from stages.science.gp.sparse import SparsePosterior
+from stages.science.gp.sparse_fit import fit_sparse
+from stages.science.gp.sparse_marginal import SparseMarginalGP
+from stages.science.gp.sparse_model import SparseGP
 from tests.gp.data import Dense, differences, make_data, make_prior
 
 MEANS = ("zero", "constant")
@@ -45,7 +45,7 @@ def test_likelihood_and_predictions_are_those_of_the_whole_covariance(mean, gene
 
 
 def test_blocks_add_up_to_the_whole(generator, monkeypatch):
-    monkeypatch.setattr(stages.gp.sparse, "BLOCK", 200)
+    monkeypatch.setattr(stages.science.gp.sparse, "BLOCK", 200)
     x, y, pseudo, theta = draw(generator, "constant", 410)
     dense, posterior = Dense(x, y, pseudo, theta), SparsePosterior(x, y, make_prior(mean="constant"), "constant")
     model = SparseMarginalGP(posterior, pseudo, theta)
@@ -206,7 +206,7 @@ def test_noise_far_below_rounding_keeps_the_right_answer(generator):
 
 
 def test_noise_that_is_too_low_is_named(generator, monkeypatch):
-    monkeypatch.setattr(stages.gp.sparse, "RELATIVE_JITTER", 0.0)
+    monkeypatch.setattr(stages.science.gp.sparse, "RELATIVE_JITTER", 0.0)
     x, y, pseudo, theta = draw(generator, "zero")
     theta[:] = [-1.0, -1.0, -1.0, 0.0, -30.0]
     pseudo = np.vstack([x[:1], [[30.0, 30.0, 30.0]]])

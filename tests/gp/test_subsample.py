@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from stages.gp.marginal import condition, fit
-from stages.gp.subsample import subsample
-from stages.gp.utilities import UTILITIES
+from stages.science.gp.marginal import condition, fit
+from stages.science.gp.subsample import subsample
+from stages.science.gp.utilities import UTILITIES
 from tests.gp.data import make_data, make_prior
 
 

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 import pandas as pd
 
-from stages.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
 MUSCLES = ("pam1", "pam2")
 HYPERPARAMETERS = {

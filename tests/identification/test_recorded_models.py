@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.gp.marginal import fit
-from stages.identification.muscle_set import MuscleSet
-from stages.identification.recorded_models import RecordedModels
+from stages.science.gp.marginal import fit
+from stages.science.muscle_models.muscle_set import MuscleSet
+from stages.science.muscle_models.recorded_models import RecordedModels
 from tests.identification.data import MUSCLES, make_tables
 
 

@@ -7,11 +7,11 @@ import pytest
 from pydantic import ValidationError
 from scipy import stats
 
-from stages.gp.interaction import Interaction
-from stages.identification.force_test import ForceTest
-from stages.identification.loop_settings import LoopSettings
-from stages.identification.muscle_set import MuscleSet
-from stages.identification.replay import Replay, TimeShift
+from stages.science.gp.interaction import Interaction
+from stages.science.muscle_models.force_test import ForceTest
+from stages.science.muscle_models.loop_settings import LoopSettings
+from stages.science.muscle_models.muscle_set import MuscleSet
+from stages.science.muscle_models.replay import Replay, TimeShift
 from tests.identification.data import LOOP, MUSCLES, PERIOD_S, draw, make_bank, make_tables
 
 INITIAL = [4, 1]

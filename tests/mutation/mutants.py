@@ -18,10 +18,10 @@ from pathlib import Path
 
 AREAS = {
     "runner": "pipeline",
-    "gp": "stages/gp",
-    "discrepancy": "stages/discrepancy",
-    "recording": "stages/recording",
-    "rig": "stages/rig",
+    "gp": "stages/science/gp",
+    "discrepancy": "stages/science/discrepancy",
+    "recording": "stages/science/recording",
+    "rig": "stages/science/rig",
 }
 OPERATORS = {
     ast.Add: ("+", "-"),

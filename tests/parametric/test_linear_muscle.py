@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stages.parametric.linear_muscle import COEFFICIENT_UNITS, LinearMuscleModel
-from stages.plant.muscle import MuscleConstants, braid_coefficients, compute_tension
+from stages.science.muscle_models.linear_muscle import COEFFICIENT_UNITS, LinearMuscleModel
+from stages.science.plant.muscle import MuscleConstants, braid_coefficients, compute_tension
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=100)
 PLANTED = np.array([2.0, -4.5, 1.2, -900.0, 150.0, -20.0])

@@ -21,7 +21,7 @@ GAP = ("workflow=discrepancy", f"measured={Path(__file__)}")
 SILVERBOX = (*GAP, "plant=silverbox", "measurement=silverbox")
 OPENING = {"opened_seal"}
 SEARCHING = OPENING | {"locate_gap", "name_effect", "amend_model", "describe_remainder", "verify_gap"}
-KEEPING = "/stages/compilation/"
+KEEPING = "/stages/science/compilation/"
 """What keeps compiled functions changes no result."""
 DRIVING = {"bank", "unseen_bank", "hardware", "active_loop", "sparse_loop"}
 
@@ -39,26 +39,26 @@ def list_stale(monkeypatch, file, overrides):
 @pytest.mark.parametrize(
     ("file", "overrides", "stale"),
     [
-        ("stages/recording/files/delimited.py", HIDDEN, {"measurement"}),
-        ("stages/recording/files/delimited.py", PAPER, set()),
-        ("stages/recording/dates.py", PAPER, set()),
-        ("stages/plant/effects/hysteresis.py", PAPER, DRIVING),
-        ("stages/plant/effects/hysteresis.py", (*PAPER, "plant=nominal"), set()),
-        ("stages/plant/effects/cable_slack.py", PAPER, set()),
-        ("stages/plant/effects/cable_slack.py", HIDDEN, SEARCHING),
-        ("stages/plant/machines/second_order.py", PAPER, set()),
+        ("stages/science/recording/files/delimited.py", HIDDEN, {"measurement"}),
+        ("stages/science/recording/files/delimited.py", PAPER, set()),
+        ("stages/science/recording/dates.py", PAPER, set()),
+        ("stages/science/plant/effects/hysteresis.py", PAPER, DRIVING),
+        ("stages/science/plant/effects/hysteresis.py", (*PAPER, "plant=nominal"), set()),
+        ("stages/science/plant/effects/cable_slack.py", PAPER, set()),
+        ("stages/science/plant/effects/cable_slack.py", HIDDEN, SEARCHING),
+        ("stages/science/plant/machines/second_order.py", PAPER, set()),
         (
-            "stages/plant/machines/second_order.py",
+            "stages/science/plant/machines/second_order.py",
             (*GAP, "plant=silverbox", "measurement=silverbox"),
             SEARCHING - OPENING,
         ),
-        ("stages/plant/machines/second_order.py", GAP, set()),
-        ("stages/rig/pages/style.css", (*PAPER, "desk=pages"), set()),
-        ("stages/rig/pages/server.py", (*PAPER, "desk=pages"), set()),
-        ("stages/rig/sim.py", PAPER, DRIVING),
+        ("stages/science/plant/machines/second_order.py", GAP, set()),
+        ("stages/science/rig/operator_ui/pages/style.css", (*PAPER, "desk=pages"), set()),
+        ("stages/science/rig/operator_ui/pages/server.py", (*PAPER, "desk=pages"), set()),
+        ("stages/science/rig/sim.py", PAPER, DRIVING),
         ("stages/benchmark/blinded_rig/kernels.py", HIDDEN, {"sealed_session", "opened_seal"}),
-        ("stages/figures/learning_curves.py", MAIN, {"comparison", "participant_differences"}),
-        ("stages/hyperprior.py", PAPER, {"hyperprior"}),
+        ("stages/science/figures/learning_curves.py", MAIN, {"comparison", "participant_differences"}),
+        ("stages/identification/hyperprior.py", PAPER, {"hyperprior"}),
         ("pipeline/runner.py", PAPER, set()),
     ],
 )

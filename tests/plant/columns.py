@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from stages.plant.effect import ChainEffect, list_effects, list_forms
-from stages.plant.muscle import MuscleConstants
-from stages.plant.passage import predict_force, predict_pressure
-from stages.plant.plant import collect_constants
+from stages.science.plant.effect import ChainEffect, list_effects, list_forms
+from stages.science.plant.muscle import MuscleConstants
+from stages.science.plant.passage import predict_force, predict_pressure
+from stages.science.plant.plant import collect_constants
 from tests.plant.machines import configured
 
 STEP_S = 0.004

@@ -10,12 +10,12 @@ from omegaconf import OmegaConf
 from pydantic import TypeAdapter
 from scipy.integrate import solve_ivp
 
-from stages.plant.effect import find_effect
-from stages.plant.exoskeleton import Exoskeleton
-from stages.plant.machine import read_machine
-from stages.plant.plant import Plant
-from stages.plant.record_plant import Beginning
-from stages.rig.sim import SimulatedRig
+from stages.science.plant.effect import find_effect
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.plant.machine import read_machine
+from stages.science.plant.plant import Plant
+from stages.science.plant.record_plant import Beginning
+from stages.science.rig.sim import SimulatedRig
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
 

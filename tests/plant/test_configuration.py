@@ -3,9 +3,9 @@ import re
 import pytest
 from pydantic import ValidationError
 
-from stages.plant.effect import find_effect
-from stages.plant.exoskeleton import Exoskeleton
-from stages.plant.plant import Plant
+from stages.science.plant.effect import find_effect
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.plant.plant import Plant
 from tests.plant.machines import CONF, configured, with_effects
 
 FILES = [CONF / "rig" / "sim.yaml"]

@@ -7,19 +7,19 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from stages.plant.chain import Chain
-from stages.plant.effect import ChainEffect, JointEffect, Site, find_effect, list_effects, list_forms
-from stages.plant.machine import list_kinds
-from stages.plant.muscle import MuscleConstants
-from stages.plant.passage import Everywhere, Passage, predict_force, predict_pressure
-from stages.plant.plant import Plant
-from stages.rig.contract import Trial
-from stages.rig.sim import SimulatedRig
+from stages.science.plant.chain import Chain
+from stages.science.plant.effect import ChainEffect, JointEffect, Site, find_effect, list_effects, list_forms
+from stages.science.plant.machine import list_kinds
+from stages.science.plant.muscle import MuscleConstants
+from stages.science.plant.passage import Everywhere, Passage, predict_force, predict_pressure
+from stages.science.plant.plant import Plant
+from stages.science.rig.contract import Trial
+from stages.science.rig.sim import SimulatedRig
 from tests.plant.columns import CHAIN_FORMS, STEP_S, begin, constants, label, predict, rough, with_magnitude
 from tests.plant.machines import CONF, configured, with_effects
 
 ALL = [effect for name in list_effects() for effect in list_forms(name)]
-MACHINES = [importlib.import_module(f"stages.plant.machines.{kind}").PLANT for kind in list_kinds()]
+MACHINES = [importlib.import_module(f"stages.science.plant.machines.{kind}").PLANT for kind in list_kinds()]
 SITES = {*get_args(Site), *(machine.SITE for machine in MACHINES)}
 STEPPED = ("quantisation",)
 
@@ -32,7 +32,7 @@ def both(effect, parameters, signals, **where):
 
 @pytest.mark.parametrize("effect", ALL, ids=label)
 def test_a_form_declares_itself(effect):
-    module = importlib.import_module(f"stages.plant.effects.{effect.name}")
+    module = importlib.import_module(f"stages.science.plant.effects.{effect.name}")
     assert module.FORMS[0] is module.EFFECT is find_effect(effect.name)
     assert len(module.__doc__) > 60
     assert find_effect(effect.name, effect.form) is effect

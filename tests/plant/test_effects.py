@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stages.plant.chain import Chain
-from stages.plant.effect import ChainEffect, JointEffect, find_effect, list_effects
+from stages.science.plant.chain import Chain
+from stages.science.plant.effect import ChainEffect, JointEffect, find_effect, list_effects
 from tests.plant.machines import configured, with_effects
 
 CHAIN = [name for name in list_effects() if name != "none" and isinstance(find_effect(name), ChainEffect)]

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from stages.plant import joint, muscle, operators, valve
-from stages.plant.chain import Chain
-from stages.plant.interaction import interact
-from stages.plant.participant import Intention, embody, intend
-from stages.plant.plant import Plant
-from stages.signals.pressures import pressure_profiles
+from stages.science.plant import joint, muscle, operators, valve
+from stages.science.plant.chain import Chain
+from stages.science.plant.interaction import interact
+from stages.science.plant.participant import Intention, embody, intend
+from stages.science.plant.plant import Plant
+from stages.science.signals.pressures import pressure_profiles
 from tests.plant.machines import configured, other_machine, with_effects
 
 LOW, HIGH = [20, 50, 20, 50], [200, 600, 150, 600]

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from stages.plant.joint import JointConstants, collect_joints, integrate_joints
-from stages.plant.muscle import compute_tension
-from stages.plant.participant import Intention, Person, embody
-from stages.plant.plant import collect_constants
+from stages.science.plant.joint import JointConstants, collect_joints, integrate_joints
+from stages.science.plant.muscle import compute_tension
+from stages.science.plant.participant import Intention, Person, embody
+from stages.science.plant.plant import collect_constants
 from tests.plant.machines import configured, with_effects
 
 NOBODY = Person(0.0, 0.0, 0.0, 0.0)

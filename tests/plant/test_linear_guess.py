@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.plant.linear_guess import filter_derivatives, find_pace, regress
+from stages.science.plant.linear_guess import filter_derivatives, find_pace, regress
 
 STEP_S = 0.01
 

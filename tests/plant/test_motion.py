@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from stages.plant import motion
-from stages.plant.effect import DynamicEffect, find_effect, list_effects, list_forms
-from stages.plant.motion import SITE, MotionTerms, integrate, refine, turn
-from stages.plant.record_plant import collect
+from stages.science.plant import motion
+from stages.science.plant.effect import DynamicEffect, find_effect, list_effects, list_forms
+from stages.science.plant.motion import SITE, MotionTerms, integrate, refine, turn
+from stages.science.plant.record_plant import collect
 from tests.plant.machines import solve
 
 STEP, SUBSTEPS, SCALE = 0.0016, 4, 0.3

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from stages.plant.muscle import MuscleConstants, braid_coefficients, compute_tension
+from stages.science.plant.muscle import MuscleConstants, braid_coefficients, compute_tension
 from tests.plant.columns import constants
 
 

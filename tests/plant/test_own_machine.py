@@ -7,11 +7,11 @@ from typing import ClassVar, Literal
 import numpy as np
 import pytest
 
-from stages.discrepancy.whole_record_cell import build_whole_records
-from stages.plant.declaration import Declared
-from stages.plant.listed import ListedEffect, NominalConstant, constant
-from stages.plant.machine import read_machine
-from stages.plant.record_plant import RecordPlant, Watched
+from stages.science.discrepancy.whole_record_cell import build_whole_records
+from stages.science.plant.declaration import Declared
+from stages.science.plant.listed import ListedEffect, NominalConstant, constant
+from stages.science.plant.machine import read_machine
+from stages.science.plant.record_plant import RecordPlant, Watched
 from tests.discrepancy.simulated_records import tabulate
 
 OPEN = {"output_scale": None, "pace_s": None, "constants": None, "effects": []}
@@ -95,7 +95,7 @@ def test_what_is_not_told_is_named():
     ],
 )
 def test_a_file_that_lacks_something_is_refused(monkeypatch, module, said):
-    monkeypatch.setitem(sys.modules, "stages.plant.machines.lever", SimpleNamespace(**module))
-    monkeypatch.setattr("stages.plant.machine.list_kinds", lambda: ("lever",))
+    monkeypatch.setitem(sys.modules, "stages.science.plant.machines.lever", SimpleNamespace(**module))
+    monkeypatch.setattr("stages.science.plant.machine.list_kinds", lambda: ("lever",))
     with pytest.raises(ValueError, match=said):
         read_machine({"kind": "lever"})

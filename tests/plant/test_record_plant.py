@@ -7,14 +7,14 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from stages.discrepancy.whole_record_cell import build_whole_records
-from stages.plant.declaration import Declared
-from stages.plant.effect import find_effect, list_effects, list_forms
-from stages.plant.element_plant import ElementPlant
-from stages.plant.listed import NominalConstant, constant
-from stages.plant.machine import read_machine
-from stages.plant.plant import Plant
-from stages.plant.record_plant import read_beginning
+from stages.science.discrepancy.whole_record_cell import build_whole_records
+from stages.science.plant.declaration import Declared
+from stages.science.plant.effect import find_effect, list_effects, list_forms
+from stages.science.plant.element_plant import ElementPlant
+from stages.science.plant.listed import NominalConstant, constant
+from stages.science.plant.machine import read_machine
+from stages.science.plant.plant import Plant
+from stages.science.plant.record_plant import read_beginning
 from tests.discrepancy.oscillators import configured as configured_oscillator
 from tests.discrepancy.simulated_records import drive, joint, lag, tabulate
 from tests.plant.machines import begin_surely, configured, read_plant, simulate

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.plant.record_plant import HEAD, read_beginning
+from stages.science.plant.record_plant import HEAD, read_beginning
 from tests.plant.machines import begin_surely, read_plant, simulate, solve
 
 STEP_S = 4.0

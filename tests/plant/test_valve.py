@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from stages.plant.valve import respond
+from stages.science.plant.valve import respond
 
 STEP = 0.004
 

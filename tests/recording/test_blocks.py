@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.recording.blocks import list_blocks, number_blocks, split_records
+from stages.science.recording.blocks import list_blocks, number_blocks, split_records
 
 
 def frame(parts):

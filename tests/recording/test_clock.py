@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.recording.clock import find_rate, regularise
-from stages.recording.columns import RecordingError
+from stages.science.recording.clock import find_rate, regularise
+from stages.science.recording.columns import RecordingError
 
 
 def stream(times, trial=0, muscle="pam1"):

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from stages.recording.dates import read_dates
+from stages.science.recording.dates import read_dates
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.recording.columns import RecordingError
-from stages.recording.uneven import even_out
+from stages.science.recording.columns import RecordingError
+from stages.science.recording.uneven import even_out
 
 RATE_HZ = 610.0
 

@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 from scipy import constants
 
-from stages.recording.headings import read_heading
-from stages.recording.units import KINDS, choose_unit, convert, known_units, own_unit, read_unit
+from stages.science.recording.headings import read_heading
+from stages.science.recording.units import KINDS, choose_unit, convert, known_units, own_unit, read_unit
 from tests.conftest import ROOT
 
 

@@ -7,10 +7,10 @@ import time
 import numpy as np
 import pytest
 
-from stages.rig import clock
-from stages.rig.attendance import Moment, Proposal, StudyPaused, TrialDeclined
-from stages.rig.contract import Recording, Trial
-from stages.rig.desk import Desk, DeskSettings, Refused
+from stages.science.rig import clock
+from stages.science.rig.attendance import Moment, Proposal, StudyPaused, TrialDeclined
+from stages.science.rig.contract import Recording, Trial
+from stages.science.rig.operator_ui.desk import Desk, DeskSettings, Refused
 from tests.plant.machines import other_machine
 
 RATE_HZ = 100.0

@@ -6,7 +6,7 @@ import pandas as pd
 import pandera.pandas as pa
 import pytest
 
-from stages.rig.contract import RECORDING_COLUMNS, Recording, Rig, RigError, Trial, tidy
+from stages.science.rig.contract import RECORDING_COLUMNS, Recording, Rig, RigError, Trial, tidy
 
 
 class Bench(Rig):

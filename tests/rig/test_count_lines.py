@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from stages.rig.channels import COUNTER_SPAN, CountRange, EncoderPlace, ForcePlace
-from stages.rig.count_lines import find_followers, fit_line, judge_point
-from stages.rig.known_points import CalibrationSettings, find_reading, list_turns
+from stages.science.rig.festo.channels import COUNTER_SPAN, CountRange, EncoderPlace, ForcePlace
+from stages.science.rig.festo.count_lines import find_followers, fit_line, judge_point
+from stages.science.rig.festo.known_points import CalibrationSettings, find_reading, list_turns
 from tests.conftest import ROOT
 
 SETTINGS = CalibrationSettings.model_validate(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from stages.rig.attendance import TrialDeclined
+from stages.science.rig.attendance import TrialDeclined
 from tests.rig.attended import Study, make_desk, make_trial
 
 PRESSED = "the participant pressed stop"

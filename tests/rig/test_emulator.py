@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from stages.rig import clock
-from stages.rig.contract import Trial
-from stages.rig.sim import SimulatedRig
+from stages.science.rig import clock
+from stages.science.rig.contract import Trial
+from stages.science.rig.sim import SimulatedRig
 from tests.cpx_e.rig import describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
 from tests.plant.machines import configured

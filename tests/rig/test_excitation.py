@@ -3,11 +3,11 @@ import re
 import numpy as np
 import pytest
 
-from stages.plant.exoskeleton import Exoskeleton
-from stages.rig.contract import Trial, tidy
-from stages.rig.excitation import Durations, FreeMovements, Pressure, Range, check_levels, check_ranges
-from stages.rig.limits import PressureLimit
-from stages.rig.movement import Movement, move_freely
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig.contract import Trial, tidy
+from stages.science.rig.excitation import Durations, FreeMovements, Pressure, Range, check_levels, check_ranges
+from stages.science.rig.limits import PressureLimit
+from stages.science.rig.movement import Movement, move_freely
 from tests.plant.machines import configured, other_machine
 
 RANGES = {

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from pipeline.context import Record
-from stages.rig import clock, festo_cpx
-from stages.rig.attendance import TrialDeclined
-from stages.rig.contract import RECORDING_COLUMNS, RigError, Trial, TrialStopped, tidy
-from stages.rig.supervision import Supervisor
+from stages.science.rig import clock, festo_cpx
+from stages.science.rig.attendance import TrialDeclined
+from stages.science.rig.contract import RECORDING_COLUMNS, RigError, Trial, TrialStopped, tidy
+from stages.science.rig.festo.supervision import Supervisor
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
 from tests.rig.watching import Watching, execute, wave

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from stages.plant.interaction import interact
-from stages.rig import sim
-from stages.rig.attendance import TrialDeclined
-from stages.rig.contract import Trial
-from stages.rig.filling import fill
-from stages.rig.sim import SimulatedRig
+from stages.science.plant.interaction import interact
+from stages.science.rig import sim
+from stages.science.rig.attendance import TrialDeclined
+from stages.science.rig.contract import Trial
+from stages.science.rig.filling import fill
+from stages.science.rig.sim import SimulatedRig
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
 from tests.plant.machines import configured

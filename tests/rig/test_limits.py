@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.rig.limits import PressureLimit, apply_limits, check_limits
+from stages.science.rig.limits import PressureLimit, apply_limits, check_limits
 from tests.plant.machines import configured
 
 LIMITS = {

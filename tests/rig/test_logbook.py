@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from stages.rig.logbook import Logbook
-from stages.rig.pacing import Tick
-from stages.rig.supervision import Sample
+from stages.science.rig.festo.logbook import Logbook
+from stages.science.rig.festo.supervision import Sample
+from stages.science.rig.pacing import Tick
 from tests.plant.machines import configured
 
 

@@ -6,9 +6,9 @@ import pandera.pandas as pa
 import pytest
 from pydantic import ValidationError
 
-from stages.rig.contract import RECORDING_COLUMNS, Trial, tidy
-from stages.rig.sim import SimulatedRig
-from stages.signals.pressures import pressure_profiles
+from stages.science.rig.contract import RECORDING_COLUMNS, Trial, tidy
+from stages.science.rig.sim import SimulatedRig
+from stages.science.signals.pressures import pressure_profiles
 from tests.plant.machines import configured, other_machine, other_rig
 from tests.rig.watching import execute
 

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.rig.held_signals import hold_signals
-from stages.rig.limits import find_forbidden
-from stages.rig.pacing import measure_pace, pace
-from stages.rig.supervision import Supervisor
+from stages.science.rig.festo.held_signals import hold_signals
+from stages.science.rig.festo.supervision import Supervisor
+from stages.science.rig.limits import find_forbidden
+from stages.science.rig.pacing import measure_pace, pace
 from tests.cpx_e.rig import build_rig, describe_rig
 
 RIG = build_rig(describe_rig(), 502)

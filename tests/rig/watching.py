@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from stages.rig.attendance import TrialDeclined
-from stages.rig.contract import Trial
+from stages.science.rig.attendance import TrialDeclined
+from stages.science.rig.contract import Trial
 
 
 class Watching:

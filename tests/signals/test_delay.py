@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.signals.delay import find_delay
+from stages.science.signals.delay import find_delay
 
 RATE_HZ = 100.0
 

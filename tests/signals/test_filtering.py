@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.signals.filtering import differentiate, window_length
+from stages.science.signals.filtering import differentiate, window_length
 
 
 def test_noise_is_reduced(generator):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.signals.noise import band_noise
+from stages.science.signals.noise import band_noise
 
 
 def test_variance_is_one_and_columns_are_independent(generator):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.signals.pressures import pressure_profiles
+from stages.science.signals.pressures import pressure_profiles
 
 TIMES = {"hold_s": (0.3, 1.0), "transition_s": (0.2, 0.6)}
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pandas as pd
 
-from stages.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
 
 
 def test_what_was_standardised_is_restored(generator):

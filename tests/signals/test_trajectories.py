@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.signals.trajectories import connect_points, minimum_jerk, reach_postures
+from stages.science.signals.trajectories import connect_points, minimum_jerk, reach_postures
 
 
 def test_minimum_jerk_starts_and_ends_at_rest():

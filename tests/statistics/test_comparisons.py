@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stages.statistics.equivalence import judge_equivalence, judge_paired_equivalence
-from stages.statistics.groups import compare_groups
-from stages.statistics.paired import compare_pairs
-from stages.statistics.signed_rank import compare_ranks
+from stages.science.statistics.equivalence import judge_equivalence, judge_paired_equivalence
+from stages.science.statistics.groups import compare_groups
+from stages.science.statistics.paired import compare_pairs
+from stages.science.statistics.signed_rank import compare_ranks
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=20)
 ANY = st.one_of(st.floats(-1e300, 1e300), st.floats(-10, 10), st.integers(-3, 3).map(float))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from stages.statistics.concentration import Choices, judge_concentration
+from stages.science.statistics.concentration import Choices, judge_concentration
 
 OPTIONS = 5
 
@@ -80,7 +80,7 @@ def test_choosing_all_that_is_there_says_nothing(generator):
 def test_blocks_change_nothing_but_the_order_of_draws(generator, monkeypatch):
     experiments = [choices([1, 2], (0,)), choices([1, 2], (4,)), choices([1, 3], (2,))]
     whole = judge_concentration(experiments, OPTIONS, 20_000, generator)
-    monkeypatch.setattr("stages.statistics.concentration.LARGEST_BLOCK", 3000)
+    monkeypatch.setattr("stages.science.statistics.concentration.LARGEST_BLOCK", 3000)
     blocks = judge_concentration(experiments, OPTIONS, 20_000, generator)
     assert blocks.dispersion == whole.dispersion
     assert blocks.p_value == pytest.approx(whole.p_value, abs=0.02)

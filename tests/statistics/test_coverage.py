@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy import stats
 from statsmodels.stats.proportion import proportion_confint
 
-from stages.statistics.coverage import cover, cover_blocks
+from stages.science.statistics.coverage import cover, cover_blocks
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=60)
 

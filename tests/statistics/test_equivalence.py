@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from statsmodels.stats.weightstats import CompareMeans, DescrStatsW, ttost_ind, ttost_paired
 
-from stages.statistics.equivalence import judge_equivalence, judge_paired_equivalence
-from stages.statistics.power import power_of_equivalence, power_of_paired_equivalence
+from stages.science.statistics.equivalence import judge_equivalence, judge_paired_equivalence
+from stages.science.statistics.power import power_of_equivalence, power_of_paired_equivalence
 
 JUDGES = pytest.mark.parametrize("judge", [judge_equivalence, judge_paired_equivalence])
 

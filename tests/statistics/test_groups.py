@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
 
-from stages.statistics.groups import compare_groups
+from stages.science.statistics.groups import compare_groups
 
 
 def test_agrees_with_scipy_and_statsmodels(generator):

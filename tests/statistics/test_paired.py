@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from stages.statistics.paired import adjust_benjamini_yekutieli, adjust_holm, compare_pairs
+from stages.science.statistics.paired import adjust_benjamini_yekutieli, adjust_holm, compare_pairs
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=40)
 UNDEFINED = ("low", "high", "effect_size", "t_p_value", "wilcoxon_p_value")

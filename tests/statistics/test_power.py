@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import integrate, stats
 from statsmodels.stats.power import TTestIndPower, TTestPower
 
-from stages.statistics.power import (
+from stages.science.statistics.power import (
     find_smallest_n,
     power_of_equivalence,
     power_of_paired_equivalence,

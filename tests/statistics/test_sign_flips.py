@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import permutation_test
 
-from stages.statistics.sign_flips import compare_signs, least_p
+from stages.science.statistics.sign_flips import compare_signs, least_p
 
 
 @pytest.mark.parametrize("two_sided", [False, True])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from stages.statistics.signed_rank import MOST_EXACT, _trim, compare_ranks
+from stages.science.statistics.signed_rank import MOST_EXACT, _trim, compare_ranks
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=40)
 
@@ -35,7 +35,7 @@ def test_the_interval_is_the_test_inverted(generator, n):
 
 def test_counted_and_normal_rank_sums_meet(monkeypatch):
     exact = _trim.__wrapped__(MOST_EXACT)
-    monkeypatch.setattr("stages.statistics.signed_rank.MOST_EXACT", 10)
+    monkeypatch.setattr("stages.science.statistics.signed_rank.MOST_EXACT", 10)
     near = _trim.__wrapped__(MOST_EXACT)
     assert abs(exact[0] - near[0]) <= 1
     assert exact[1] == pytest.approx(near[1], abs=2e-5)  # one rank sum more has 7e-5

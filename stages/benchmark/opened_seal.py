@@ -1,0 +1,136 @@
+"""The seal is opened, after the verdict: what was hidden beside what was named.
+
+In: the seal, the nominal gaps, what was named and what was left, and the verification, which comes before this. Out:
+`comparison_with_truth`, muscle by muscle, and `outcome`, the same in words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from pipeline.config import Section, Target
+from pipeline.context import Context
+from pipeline.errors import InputError
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.discrepancy.verdict import decide_status
+from stages.science.rig.sessions import seal_truth
+
+COMPARISON_WITH_TRUTH = Table(
+    "comparison_with_truth",
+    "A muscle: what was hidden in it, and what was named",
+    {
+        "muscle": column(str, "its name"),
+        "channel": column(str, "in which the effect shows"),
+        "hidden": column(str, "true names, by +; empty for nothing"),
+        "named": column(str, "names that were said, by +; empty for nothing"),
+        "right": column(bool, "whether these are the same"),
+        "hidden_gap_over_floor": column(float, "gap that is hidden, over the noise, by the rig's own fit", low=0),
+        "found_gap_over_floor": column(float, "gap after the nominal fit over the noise floor, as found", low=0),
+    },
+    key=("muscle", "channel"),
+)
+OUTCOME = Table("outcome", "What came out when the seal was opened", {"outcome": column(str, "a sentence")})
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    rig: Target
+    discrepancy: DiscrepancySettings
+
+
+@stage(COMPARISON_WITH_TRUTH, OUTCOME)
+def opened_seal(
+    cfg: Config,
+    seal: pd.DataFrame,
+    channels: pd.DataFrame,
+    named_effects: pd.DataFrame,
+    unexplained: pd.DataFrame,
+    verification: pd.DataFrame,
+    ctx: Context,
+) -> dict[str, pd.DataFrame]:
+    """Open the seal, and compare what was hidden with what was named."""
+    recorded = ctx.rig.record()
+    digest = seal_truth(recorded)
+    if digest != seal["sha256"].iloc[0]:
+        raise InputError("seal: the rig tells another truth than the one that was sealed; run sealed_session again")
+    certain = cfg.discrepancy.search.certain
+    left = decide_status(list(named_effects["probability"]), unexplained["probability"].max(), certain) == "unexplained"
+    said = named_effects.iloc[:0] if left else named_effects
+    hidden = recorded.truth["effects"]
+    rows = compare(hidden, recorded.truth["gap_over_floor"], said, channels)
+    driven = verification[verification["simulation"] == "measured upstream"]
+    after = driven["gap"].iloc[0 if left else -2]
+    told = [
+        tell_hidden(hidden, str(recorded.truth["scenario"]["magnitude"]), digest),
+        tell_named(said, hidden, left=left),
+        f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
+        f"{100 * after:.2g} %; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
+        "Identification on the amended simulator: python -m pipeline plant=FOLDER/documents/amended.yaml, with this "
+        "run's folder.",
+    ]
+    return {
+        COMPARISON_WITH_TRUTH.name: pd.DataFrame(rows, columns=list(COMPARISON_WITH_TRUTH.columns)),
+        OUTCOME.name: pd.DataFrame({"outcome": told}),
+    }
+
+
+def compare(
+    hidden: Sequence[Mapping[str, Any]],
+    gaps: Mapping[str, Mapping[str, float]],
+    said: pd.DataFrame,
+    channels: pd.DataFrame,
+) -> list[dict[str, Any]]:
+    """Return a row for each muscle's channel."""
+    rows = []
+    for row in channels.to_dict("records"):
+        channel, muscle = str(row["channel"]), str(row["muscle"])
+        true = [each["name"] for each in hidden if each["channel"] == channel and muscle in each["muscles"]]
+        here = said[(said["channel"] == channel) & (said["muscle"] == muscle)]["name"]
+        rows.append(
+            {
+                "muscle": muscle,
+                "channel": channel,
+                "hidden": "+".join(true),
+                "named": "+".join(here),
+                "right": set(true) == set(here),
+                "hidden_gap_over_floor": float(gaps[channel][muscle]),
+                "found_gap_over_floor": float(row["gap_over_floor"]),
+            }
+        )
+    return rows
+
+
+def tell_hidden(hidden: Sequence[Mapping[str, Any]], magnitude: str, digest: str) -> str:
+    """Return what was hidden, in a sentence."""
+    told = " and ".join(f"{in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
+    return f"The seal holds ({digest[:12]}). Hidden was {f'{told} ({magnitude})' if hidden else 'nothing'}."
+
+
+def tell_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, left: bool) -> str:
+    """Return what was said, and whether it is right, in a sentence."""
+    if left:
+        return "Nothing was named: something that has no name in the library was found to be left."
+    true = {each["name"] for each in hidden}
+    first = said.drop_duplicates("order")
+    if first.empty:
+        return f"Nothing was named, which is {'wrong' if true else 'right'}."
+    names = " and ".join(
+        f"{in_words(name)} ({p:.2f})" for name, p in zip(first["name"], first["probability"], strict=True)
+    )
+    like = set(str(first["indistinguishable_from"].iloc[0]).split(","))
+    verdict = (
+        "right" if set(first["name"]) == true else "right in the first place" if first["name"].iloc[0] in true else ""
+    )
+    doubt = "not the truth, which was told not to be excluded" if like & true else "wrong"
+    return f"Named was {names}, which is {verdict or doubt}."
+
+
+def in_words(name: object) -> str:
+    """Return a name as it is spoken."""
+    return str(name).replace("_", " ")

@@ -1,0 +1,324 @@
+"""How often the search is right: rates with intervals against targets, by kind and magnitude, and what is confused.
+
+In: what was hidden and what was said of each session, and which names count as one class. Out: `scorecard` (rates),
+`scorecard_cells` (each effect and magnitude, with what it was confused), `calibration` (probabilities that were said
+against how often they were right) and `scorecard_sessions` (each session judged).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+from typing import Annotated, Any, Self
+
+import pandas as pd
+from pydantic import Field, model_validator
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.discrepancy.scoring import Rules, score
+from stages.science.figures.scores import draw_confusion, draw_rates, draw_said_against_right
+from stages.science.statistics.intervals import bound_median, bound_rate
+
+ALL = "all"
+
+SCORECARD_SESSIONS = Table(
+    "scorecard_sessions",
+    "A session, judged",
+    {
+        "session": column(str, "its name"),
+        "kind": column(str, "what was hidden"),
+        "hidden": column(str, "true names, by +; empty for nothing"),
+        "muscles": column(str, "that carry them, by +"),
+        "channel": column(str, "in which they show, by +"),
+        "asked": column(str, "magnitude asked for"),
+        "magnitude": column(str, "reached: by the gap that the effect leaves; none, absorbed, weak, medium or strong"),
+        "gap_over_floor": column(float, "that gap, root mean square over muscles; 1 with nothing hidden", low=0),
+        "absorbed_share": column(float, "least over muscles that the constants imitate", low=0, high=1.001),
+        "status": column(str, "of the verdict"),
+        "named": column(str, "names in the order added, by +"),
+        "named_muscles": column(str, "of each of these, by +, the names parted by a semicolon"),
+        "probability": column(float, "of the first name, or of none", low=0, high=1),
+        "top": column(str, "the ranking's three most probable, with probabilities"),
+        "listed_absorbed": column(bool, "whether a true name is listed as absorbed"),
+        "right_name": column(bool, "whether the first name is a true one"),
+        "right_class": column(bool, "or in a class with a true one"),
+        "right_muscles": column(bool, "whether the first right name is on the true muscles and no others"),
+        "all_named": column(bool, "whether each true name, or one of its class, is named, and there is one"),
+        "unexplained_channel": column(str, "where something without a name is left, if so; empty otherwise"),
+        "before": column(float, "gap on opened trials after the nominal fit, RMSE over range", low=0),
+        "after": column(float, "the same with what was named", low=0),
+        "oracle": column(float, "the same with the true names told", nullable=True),
+        "floor": column(float, "the same, of what a flexible model leaves", low=0),
+        "closed_share": column(float, "share of the closable gap that was closed", nullable=True),
+    },
+    key=("session",),
+)
+SCORECARD = Table(
+    "scorecard",
+    "How often the search is right",
+    {
+        "measure": column(str, "what is counted"),
+        "magnitude": column(str, "of the effects, or all"),
+        "n": column(int, "sessions", low=0),
+        "value": column(float, "share of them, or median", nullable=True),
+        "low": column(float, "lower end of the interval: Wilson's, or of order statistics", nullable=True),
+        "high": column(float, "upper end of it", nullable=True),
+        "target": column(float, "that it should reach, or stay below"),
+        "at_most": column(bool, "whether it should stay below"),
+        "met": column(bool, "whether it does; also where there are no sessions"),
+    },
+    key=("measure", "magnitude"),
+)
+SCORECARD_CELLS = Table(
+    "scorecard_cells",
+    "An effect in a magnitude",
+    {
+        "kind": column(str, "what was hidden"),
+        "hidden": column(str, "true names"),
+        "magnitude": column(str, "reached"),
+        "n": column(int, "sessions", low=1),
+        "right_name": column(int, "true name first", low=0),
+        "right_class": column(int, "or one of its class", low=0),
+        "right_muscles": column(int, "on the true muscles alone", low=0),
+        "all_named": column(int, "each true name, or one of its class, named", low=0),
+        "unexplained": column(int, "called unexplained", low=0),
+        "listed_absorbed": column(int, "listed as absorbed", low=0),
+        "closed_share": column(float, "median share of the closable gap closed", nullable=True),
+        "said_instead": column(str, "what was said first where that was wrong, with counts"),
+    },
+    key=("kind", "hidden", "magnitude"),
+    brief=("hidden", "magnitude", "n", "right_name", "right_class", "right_muscles", "closed_share", "said_instead"),
+)
+CALIBRATION = Table(
+    "calibration",
+    "Said probabilities of a first name between two bounds",
+    {
+        "from_probability": column(float, "lower bound", low=0, high=1),
+        "to_probability": column(float, "upper bound", low=0, high=1),
+        "n": column(int, "sessions", low=0),
+        "said": column(float, "mean probability said", nullable=True),
+        "right": column(float, "share in which it was a true name, or one of its class", nullable=True),
+        "low": column(float, "lower end of Wilson's interval", nullable=True),
+        "high": column(float, "upper end of it", nullable=True),
+    },
+    key=("from_probability",),
+)
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class NameClass(Section):
+    """Names that count as one."""
+
+    names: Annotated[list[str], Field(min_length=2, max_length=3)]
+    reason: str
+
+
+class Targets(Section):
+    """Shares to be reached, or not to be passed."""
+
+    named_first: dict[str, Share]
+    closed: dict[str, Share]
+    false_names: Share
+    false_unexplained: Share
+    outsiders_named: Share
+    outsiders_found: Share
+    both_named: Share
+    right_muscle: Share
+    absorbed_misnamed: Share
+    absorbed_told: Share
+
+
+class Scorecard(Section):
+    """Config group ``scorecard``."""
+
+    smallest_gap: Annotated[float, Field(gt=1.0, le=10.0)]
+    absorbed_share: Annotated[float, Field(gt=0.5, lt=1.0)]
+    magnitudes: dict[str, Annotated[float, Field(ge=1.0)]]
+    least_closable: Annotated[float, Field(ge=0.0, lt=1.0)]
+    confident: Share
+    level: Annotated[float, Field(gt=0.5, lt=1.0)]
+    calibration_edges: Annotated[list[Share], Field(min_length=2)]
+    classes: list[NameClass]
+    targets: Targets
+
+    @model_validator(mode="after")
+    def _order(self) -> Self:
+        for name, values in (
+            ("calibration_edges", self.calibration_edges),
+            ("magnitudes", list(self.magnitudes.values())),
+        ):
+            if any(later <= earlier for earlier, later in pairwise(values)):
+                raise ValueError(f"{name}: expected growing numbers, got {values}")
+        for each in {*self.targets.named_first, *self.targets.closed} - set(self.magnitudes):
+            raise ValueError(f"targets: no magnitude '{each}'; there are {', '.join(self.magnitudes)}")
+        return self
+
+    @property
+    def rules(self) -> Rules:
+        """As scoring takes them."""
+        return Rules(
+            self.smallest_gap,
+            self.absorbed_share,
+            self.magnitudes,
+            self.least_closable,
+            tuple(frozenset(each.names) for each in self.classes),
+        )
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    scorecard: Scorecard
+
+
+@stage(SCORECARD, SCORECARD_CELLS, CALIBRATION, SCORECARD_SESSIONS)
+def scorecard(
+    cfg: Config,
+    blind_sessions: pd.DataFrame,
+    blind_truth: pd.DataFrame,
+    blind_named: pd.DataFrame,
+    blind_ranking: pd.DataFrame,
+    ctx: Context,
+) -> dict[str, pd.DataFrame]:
+    """Compare what was said of every session with what was hidden in it."""
+    section = cfg.scorecard
+    scored = score(blind_sessions, blind_truth, blind_named, blind_ranking, section.rules)
+    sessions = pd.DataFrame(scored, columns=list(SCORECARD_SESSIONS.columns))
+    rates = pd.DataFrame(list_rates(sessions, section), columns=list(SCORECARD.columns))
+    calibration = pd.DataFrame(calibrate(sessions, section), columns=list(CALIBRATION.columns))
+    ctx.figure(
+        "scorecard",
+        draw_rates(rates),
+        f"Each share with its {section.level:.0%} interval, and the target; faults, which should stay below, are open.",
+    )
+    ctx.figure("confusion", draw_confusion(sessions), "What was named first, by what was hidden; shares of sessions.")
+    ctx.figure(
+        "calibration",
+        draw_said_against_right(calibration),
+        f"Share of right first names against the probability that was said, with {section.level:.0%} intervals.",
+    )
+    return {
+        SCORECARD.name: rates,
+        SCORECARD_CELLS.name: pd.DataFrame(list_cells(sessions), columns=list(SCORECARD_CELLS.columns)),
+        CALIBRATION.name: calibration,
+        SCORECARD_SESSIONS.name: sessions,
+    }
+
+
+def list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
+    """Return every rate with its target."""
+    targets = section.targets
+    whole = sessions[~sessions["magnitude"].isin(["absorbed"])]
+    by = {
+        kind: whole[whole["kind"] == kind] for kind in ("none", "one_effect", "outsider", "two_effects", "one_muscle")
+    }
+    one = by["one_effect"]
+    rows = []
+    for size, target in targets.named_first.items():
+        rows.append(rate("named first, or its class", one[one["magnitude"] == size]["right_class"], target, size))
+    for size, target in targets.named_first.items():
+        rows.append(rate("named first, by its own name", one[one["magnitude"] == size]["right_name"], target, size))
+    for size, target in targets.closed.items():
+        rows.append(median("closed, median", one[one["magnitude"] == size]["closed_share"], target, size))
+    none, foreign, pairs, single = (by[kind] for kind in ("none", "outsider", "two_effects", "one_muscle"))
+    confident = (foreign["status"] == "named") & (foreign["probability"] > section.confident)
+    found = (foreign["status"] == "unexplained") & (foreign["unexplained_channel"] == foreign["channel"])
+    absorbed = sessions[sessions["magnitude"] == "absorbed"]
+    rows += [
+        rate("nothing hidden, something named", none["status"] == "named", targets.false_names, at_most=True),
+        rate("nothing hidden, unexplained", none["status"] == "unexplained", targets.false_unexplained, at_most=True),
+        rate("not in the library, named with confidence", confident, targets.outsiders_named, at_most=True),
+        rate("not in the library, unexplained in its channel", found, targets.outsiders_found),
+        rate("two effects, both named", pairs["all_named"], targets.both_named),
+        rate("one muscle, named there alone", single["right_muscles"], targets.right_muscle),
+        rate("absorbed, misnamed", missaid(absorbed), targets.absorbed_misnamed, at_most=True),
+        rate("absorbed, listed so or nothing found", is_told(absorbed), targets.absorbed_told),
+    ]
+    bounded = [bound(each, section.level) for each in rows]
+    return [{**each, "met": is_met(each)} for each in bounded]
+
+
+def missaid(absorbed: pd.DataFrame) -> pd.Series:
+    """Return where something was named that is neither hidden nor of a class with it."""
+    return (absorbed["status"] == "named") & ~absorbed["right_class"]
+
+
+def is_told(absorbed: pd.DataFrame) -> pd.Series:
+    """Return where what the constants absorb is listed so, nothing was found, or the true name was found after all."""
+    return absorbed["listed_absorbed"] | absorbed["right_class"] | (absorbed["status"] == "no_discrepancy")
+
+
+def rate(measure: str, hits: pd.Series, target: float, size: str = ALL, *, at_most: bool = False) -> dict[str, Any]:
+    """Return the row of a share; its interval comes with `bound`."""
+    return {"measure": measure, "magnitude": size, "values": hits.astype(bool), "target": target, "at_most": at_most}
+
+
+def median(measure: str, values: pd.Series, target: float, size: str) -> dict[str, Any]:
+    """Return the row of a median."""
+    return {"measure": measure, "magnitude": size, "values": values.dropna(), "target": target, "at_most": False}
+
+
+def bound(row: dict[str, Any], level: float) -> dict[str, Any]:
+    """Return a row with its value and interval in place of the values."""
+    values = row.pop("values")
+    n, told = len(values), bound_rate if values.dtype == bool else bound_median
+    value, low, high = told(values.to_numpy(), level)
+    return {**row, "n": n, "value": value, "low": low, "high": high}
+
+
+def is_met(row: dict[str, Any]) -> bool:
+    """Return whether a row reaches its target, or has no sessions."""
+    if row["n"] == 0:
+        return True
+    return bool(row["value"] <= row["target"] if row["at_most"] else row["value"] >= row["target"])
+
+
+def list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return counts of each effect and magnitude."""
+    rows = []
+    for (kind, hidden, size), its in sessions.groupby(["kind", "hidden", "magnitude"], sort=False):
+        wrong = its[~its["right_class"]] if hidden else its[its["status"] == "named"]
+        if kind == "outsider":
+            wrong = wrong[wrong["status"] != "unexplained"]
+        said = Counter(wrong["named"].where(wrong["named"] != "", wrong["status"]))
+        counts = ("right_name", "right_class", "right_muscles", "all_named", "listed_absorbed")
+        rows.append(
+            {
+                "kind": kind,
+                "hidden": hidden,
+                "magnitude": size,
+                "n": len(its),
+                **{name: int(its[name].sum()) for name in counts},
+                "unexplained": int((its["status"] == "unexplained").sum()),
+                "closed_share": float(its["closed_share"].median()),
+                "said_instead": ", ".join(f"{name} {count}" for name, count in said.most_common()),
+            }
+        )
+    return rows
+
+
+def calibrate(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
+    """Return how often first names were right, by the probability that was said."""
+    named = sessions[sessions["status"] == "named"]
+    rows = []
+    for low, high in pairwise(section.calibration_edges):
+        last = high == section.calibration_edges[-1]
+        inside = (named["probability"] >= low) & ((named["probability"] < high) | last)
+        its = named[inside]
+        value, least, most = bound_rate(its["right_class"].to_numpy(dtype=bool), section.level)
+        rows.append(
+            {
+                "from_probability": low,
+                "to_probability": high,
+                "n": len(its),
+                "said": float(its["probability"].mean()),
+                "right": value,
+                "low": least,
+                "high": most,
+            }
+        )
+    return rows

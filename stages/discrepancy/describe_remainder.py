@@ -1,0 +1,113 @@
+"""What stays unexplained, described: on which measured signals it depends, and a formula as a hint.
+
+In: what was measured, what was named and the values after the last addition; where a gap stays without a name, the
+values before any. Out: `remainder`, a row for each channel of a muscle whose gap is still above the noise floor. Only
+fitted trials are looked at, and nothing is named.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.discrepancy.description import (
+    Description,
+    DescriptionSettings,
+    average_dependence,
+    describe_above_floor,
+    tabulate,
+)
+from stages.science.discrepancy.machines import Measurements, list_cells
+from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.discrepancy.verdict import decide_status
+from stages.science.figures.unexplained import draw_unexplained
+from stages.science.plant.machine import Machine
+
+REMAINDER = Table(
+    "remainder",
+    "What stays unexplained in a channel of a muscle, and on what it depends",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "unit": column(str, "unit of the channel"),
+        "gap": column(float, "root mean square of what the amended model leaves", unit="of the channel", low=0),
+        "noise_floor": column(float, "what of it nothing reproducible explains", unit="of the channel", low=0),
+        "above_floor": column(float, "share of its variance above the floor", low=0, high=1),
+        "inputs": column(str, "signals on which it depends, the most telling first, by comma; empty: none confirmed"),
+        "share": column(float, "of its variance, what a Gaussian process of these takes away, trials left out", high=1),
+        "low": column(float, "lower end of the interval over resampled trials", high=1),
+        "high": column(float, "upper end of it", high=1),
+        "range_low": column(float, "where: of the first input, from", unit="of the input", nullable=True),
+        "range_high": column(float, "to", unit="of the input", nullable=True),
+        "range_part": column(float, "part of what is taken away that lies there", low=0, high=1, nullable=True),
+        "range_time": column(float, "share of the time spent there", low=0, high=1, nullable=True),
+        "hint": column(str, "formula, fitted together with the constants; a hint, no finding; empty: none confirmed"),
+        "hint_share": column(float, "of its variance, what the formula takes away, trials left out", nullable=True),
+        "hint_low": column(float, "lower end of the interval over resampled trials", nullable=True),
+        "hint_high": column(float, "upper end of it", nullable=True),
+    },
+    key=("channel", "muscle"),
+    brief=("channel", "muscle", "inputs", "share", "low", "high", "hint", "hint_share"),
+)
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    discrepancy: DiscrepancySettings
+    describe_remainder: DescriptionSettings
+    plant: Machine
+    seed: int
+
+
+@stage(REMAINDER, stream="describe_remainder")
+def describe_remainder(
+    cfg: Config,
+    measured: pd.DataFrame,
+    measured_signals: pd.DataFrame,
+    measured_trials: pd.DataFrame,
+    measured_muscles: pd.DataFrame,
+    measured_session: pd.DataFrame,
+    trial_parts: pd.DataFrame,
+    channels: pd.DataFrame,
+    named_effects: pd.DataFrame,
+    unexplained: pd.DataFrame,
+    steps: pd.DataFrame,
+    ctx: Context,
+) -> pd.DataFrame:
+    """Describe what the amended model leaves above the noise floor."""
+    settings, smallest = cfg.discrepancy, cfg.discrepancy.search.smallest_gap
+    status = decide_status(
+        list(named_effects["probability"]), unexplained["probability"].max(), settings.search.certain
+    )
+    last = int(steps["step"].max()) if status == "named" else 0
+    described: list[Description] = []
+    if (channels["gap_over_floor"] > smallest).any():
+        fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
+        told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+        cells = list_cells(cfg.plant, told.keep_apart(trial_parts), settings)
+        described = describe_above_floor(
+            [cell.take(fitted) for cell in cells],
+            steps,
+            last,
+            channels,
+            smallest,
+            cfg.describe_remainder,
+            resample(len(fitted), settings.bootstraps, ctx.generator("resample")),
+            settings.level,
+            ctx.generator("pseudo-inputs"),
+        )
+    averages = average_dependence(described)
+    if len(averages):
+        ctx.figure(
+            "unexplained",
+            draw_unexplained(averages),
+            "What stays unexplained, on average over the input that tells most of it (points, two standard errors over "
+            "trials), and what a Gaussian process makes of it (lines, two standard deviations). It has no name.",
+        )
+    return pd.DataFrame([tabulate(each) for each in described], columns=list(REMAINDER.columns))

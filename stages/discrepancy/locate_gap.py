@@ -1,0 +1,270 @@
+"""Where simulation and measurement disagree: nominal constants first, then channel by channel along the chain.
+
+In: what was measured. Out: `trial_parts` (which trials are fitted, and which are opened once, at the end),
+`nominal_fit` (the constants), `channels` (gap and noise floor of every muscle's channels), `residuals` (what is left
+of every sample) and `gap` (in which regime of motion and time it lies, tested over trials). Each channel is simulated
+from measured upstream signals.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import pandas as pd
+from pydantic import model_validator
+
+from pipeline.config import Section, View
+from pipeline.context import Context
+from pipeline.errors import InputError
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.discrepancy.fitted_cell import CellState, prepare
+from stages.science.discrepancy.gaps import locate, upper_ratio
+from stages.science.discrepancy.machines import Measurements, check_plant, list_cells
+from stages.science.discrepancy.parts import PURPOSES, Parts, assign_parts, leave_gaps
+from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.residuals import Seen, average_loops, average_plane
+from stages.science.discrepancy.restoring import list_residuals
+from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.figures.gap_bars import draw_gap_bars
+from stages.science.figures.gap_map import draw_gap_map
+from stages.science.figures.residual_loops import draw_residual_loops
+from stages.science.figures.residual_plane import draw_residual_plane
+from stages.science.plant.machine import Machine
+
+TRIAL_PARTS = Table(
+    "trial_parts",
+    "A trial and what it is for",
+    {
+        "trial": column(int, "trial of the session", low=0),
+        "part": column(str, "fitted, opened once at the end, or only reported", among=list(PURPOSES)),
+        "left_before": column(int, "samples at its beginning that are not judged, next to one that is opened", low=0),
+        "left_after": column(int, "the same at its end", low=0),
+    },
+    key=("trial",),
+)
+NOMINAL_FIT = Table(
+    "nominal_fit",
+    "A nominal constant, fitted",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "constant": column(str, "name of the constant"),
+        "unit": column(str, "its unit"),
+        "start": column(float, "value to begin with", unit="as told"),
+        "value": column(float, "fitted", unit="as told"),
+        "low": column(float, "lower end of the interval over resampled trials", unit="as told"),
+        "high": column(float, "upper end of it", unit="as told"),
+        "at_bound": column(bool, "whether its tolerance ends there"),
+    },
+    key=("channel", "muscle", "constant"),
+)
+CHANNELS = Table(
+    "channels",
+    "A channel of a muscle after the nominal fit, each trial left out in turn",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "unit": column(str, "unit of the channel"),
+        "trials": column(int, "fitted trials", low=1),
+        "samples": column(int, "measured samples in them", low=1),
+        "range": column(float, "largest less smallest value", unit="of the channel", low=0),
+        "gap": column(float, "root mean square of measured less simulated", unit="of the channel", low=0),
+        "noise_floor": column(float, "what of it nothing reproducible explains", unit="of the channel", low=0),
+        "gap_over_floor": column(float, "gap over noise floor", low=0),
+        "upper": column(float, "one-sided upper limit of it over resampled trials", low=0),
+        "white": column(float, "white part of the noise", unit="of the channel", low=0),
+        "quick": column(float, "quick part of it", unit="of the channel", low=0),
+        "quick_s": column(float, "its time constant", unit="s", low=0),
+        "slow": column(float, "slow part of it", unit="of the channel", low=0),
+        "slow_s": column(float, "its time constant", unit="s", low=0),
+        "line_hz": column(float, "frequency of an oscillation in all trials", unit="Hz", low=0, nullable=True),
+        "remembered": column(bool, "whether a linear memory of the inputs tells most of what is reproducible"),
+    },
+    key=("channel", "muscle"),
+    brief=("channel", "muscle", "unit", "gap", "noise_floor", "gap_over_floor", "upper"),
+)
+RESIDUALS = Table(
+    "residuals",
+    "What is left of a sample, its trial left out of the fit",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "trial": column(int, "trial of the session", low=0),
+        "sample": column(int, "of the trial", low=0),
+        "residual": column(float, "measured less simulated", unit="of the channel"),
+        "left": column(float, "what a flexible model leaves of it", unit="of the channel"),
+    },
+    key=("channel", "muscle", "trial", "sample"),
+)
+GAP = Table(
+    "gap",
+    "A regime of motion or time, and the gap in it",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "regime": column(str, "samples that are looked at, or band of frequencies"),
+        "samples": column(int, "in the regime", low=0),
+        "share_of_time": column(float, "share of all samples", low=0, high=1),
+        "gap": column(float, "root mean square of measured less simulated", unit="of the channel", low=0),
+        "noise_floor": column(float, "the same, of what a flexible model leaves", unit="of the channel", low=0),
+        "largest": column(float, "deviation that one sample in a hundred exceeds", unit="of the channel", low=0),
+        "share_of_gap": column(float, "share of the channel's squared gap above the noise floor"),
+        "p_value": column(float, "of no gap above the floor, signs of trials flipped", low=0, high=1),
+        "p_least": column(float, "least p-value that so many trials can give", low=0, high=1),
+        "p_adjusted": column(float, "corrected for all rows (Benjamini, Yekutieli)", low=0, high=1),
+    },
+    key=("channel", "muscle", "regime"),
+)
+
+
+NO_SIGNALS = ("record", "part", "time_s")
+"""Names of a map of columns that are no signals."""
+
+
+class Recording(View):
+    """Of what kind the recording is."""
+
+    kind: str
+
+
+class PlantOfRecording(View):
+    """The plant simulates what is measured, from signals that are."""
+
+    stages: list[str] | None
+    measured: Any
+    measurement: Recording
+    columns: dict[str, str | None]
+    plant: Machine
+
+    @model_validator(mode="after")
+    def _find_signals(self) -> Self:
+        if self.measured is not None and self.stages != ["measurement"]:
+            signals = [name for name in self.columns if name not in NO_SIGNALS]
+            check_plant(self.plant, self.measurement.kind, signals)
+        return self
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    checks: ClassVar = (PlantOfRecording,)
+
+    discrepancy: DiscrepancySettings
+    parts: Parts
+    plant: Machine
+    seed: int
+
+
+@stage(TRIAL_PARTS, NOMINAL_FIT, CHANNELS, RESIDUALS, GAP, stream="locate_gap")
+def locate_gap(
+    cfg: Config,
+    measured: pd.DataFrame,
+    measured_signals: pd.DataFrame,
+    measured_trials: pd.DataFrame,
+    measured_muscles: pd.DataFrame,
+    measured_session: pd.DataFrame,
+    ctx: Context,
+) -> dict[str, pd.DataFrame]:
+    """Fit the nominal constants, then tell where measured and simulated part."""
+    settings = cfg.discrepancy
+    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+    try:
+        given, records = list(measured_trials["part"]), list(measured_trials["record"])
+        purposes = assign_parts(given, cfg.parts, settings.verification_share, records)
+        gaps = leave_gaps(measured_trials, purposes, cfg.parts.gap_share)
+        cells = list_cells(cfg.plant, told.keep_apart(gaps), settings)
+    except ValueError as error:
+        raise InputError(f"{measured_session['source'].iloc[0]}: {error}") from None
+    if not cells:
+        raise InputError(
+            f"{measured_session['source'].iloc[0]}: expected pressure or force of a muscle that changes, with all that "
+            "it is simulated from, got none; see the table measured_notes"
+        )
+    fitted = [k for k, purpose in enumerate(purposes) if purpose == "fitted"]
+    states = [prepare(cell.take(fitted)) for cell in cells]
+    weights = resample(len(fitted), settings.bootstraps, ctx.generator("resample"))
+    gap = pd.DataFrame(locate(states, ctx.generator("signs")), columns=list(GAP.columns))
+    channels = pd.DataFrame([tell_channel(each, weights, settings) for each in states])
+    draw(states, channels, gap, settings.search.smallest_gap, ctx)
+    return {
+        TRIAL_PARTS.name: pd.DataFrame({"trial": measured_trials["trial"].to_numpy(), "part": purposes}).join(gaps),
+        NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in tell_constants(each, weights, settings)]),
+        CHANNELS.name: channels,
+        RESIDUALS.name: list_residuals(states, measured_trials["trial"].iloc[fitted].to_list()),
+        GAP.name: gap,
+    }
+
+
+def draw(
+    states: Sequence[CellState], channels: pd.DataFrame, gap: pd.DataFrame, smallest_gap: float, ctx: Context
+) -> None:
+    """Draw how large the gap is, and where it lies."""
+    seen = [Seen(each.cell, each.nominal.fit.residual, each.floor) for each in states]
+    ctx.figure(
+        "gap_bars",
+        draw_gap_bars(channels, smallest_gap),
+        "Gap of every channel over its noise floor after the nominal constants were fitted, with its upper limit.",
+    )
+    ctx.figure(
+        "gap_map",
+        draw_gap_map(gap, channels),
+        "Where the gap lies: share of the squared gap above the floor (%) by regime; regimes overlap. Full dot: trials "
+        "confirm it after correction for all looks; ring: without correction.",
+    )
+    ctx.figure(
+        "residual_loops",
+        draw_residual_loops(average_loops(seen)),
+        "Residual of the fitted nominal model by direction of motion, with two standard errors over trials.",
+    )
+    plane = average_plane(seen)
+    if len(plane):
+        ctx.figure(
+            "residual_plane",
+            draw_residual_plane(plane),
+            "Residual of the fitted nominal model over the state plane.",
+        )
+
+
+def tell_constants(state: CellState, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:
+    """Return the rows of a cell's constants."""
+    found = state.nominal.fit
+    tail = 0.5 * (1.0 - settings.level)
+    low, high = np.quantile(found.drawn_values(weights), [tail, 1.0 - tail], axis=0)
+    return [
+        {
+            "channel": state.cell.channel,
+            "muscle": state.cell.element,
+            "constant": each.name,
+            "unit": each.unit,
+            "start": each.prior_mean,
+            "value": value,
+            "low": float(low[index]),
+            "high": float(high[index]),
+            "at_bound": not bool(found.free[index]),
+        }
+        for index, (each, value) in enumerate(zip(state.cell.constants, found.listed(), strict=True))
+    ]
+
+
+def tell_channel(state: CellState, weights: Any, settings: DiscrepancySettings) -> dict[str, Any]:
+    """Return the row of a cell."""
+    samples = float(state.samples.sum())
+    return {
+        "channel": state.cell.channel,
+        "muscle": state.cell.element,
+        "unit": state.cell.unit,
+        "trials": state.cell.trials,
+        "samples": int(samples),
+        "range": state.cell.range,
+        "gap": float(np.sqrt(state.nominal.raw.sum() / samples)),
+        "noise_floor": state.floor,
+        "gap_over_floor": state.ratio(state.nominal.raw),
+        "upper": upper_ratio(state, weights, settings.level),
+        **state.noise._asdict(),
+        "line_hz": math.nan if state.leftover.line_hz is None else state.leftover.line_hz,
+        "remembered": state.leftover.remembered,
+    }

@@ -1,0 +1,514 @@
+"""Reads what was measured, on whatever machine, into tables in this project's names and units.
+
+In: the files at ``measured=PATH``, whose bytes count in freshness, with the map of their columns and units; or, where
+there is no path, `hardware_recordings` or the session that a rig recorded. Out: `measured` (muscles over time,
+rectangular: every muscle of a trial has all of its samples, empty where nothing was recorded), `measured_signals`
+(signals of any other machine; one of the two is empty), `measured_trials`, `measured_muscles`, `measured_session`, and
+`measured_notes`, which says what was left out or derived. A file that does not hold what it should is refused in one
+line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import pandas as pd
+from pydantic import BeforeValidator, Field, model_validator
+
+from pipeline.command import command_line
+from pipeline.config import Section, View
+from pipeline.context import Context
+from pipeline.errors import InputError, suggest
+from pipeline.inputs import InputPath, read_json
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.plant.machine import list_signals
+from stages.science.recording.adoption import adopt_rows
+from stages.science.recording.assembly import Notes, choose_muscles, complete, read_parts
+from stages.science.recording.blocks import WHOLE, arrange_records, list_blocks, split_records
+from stages.science.recording.clock import count_time, find_rate, regularise
+from stages.science.recording.column_map import ColumnMap
+from stages.science.recording.columns import RecordingError, check_rows, tell_rows
+from stages.science.recording.description import describe, list_arguments, quote
+from stages.science.recording.endings import join_parts
+from stages.science.recording.files.bags import is_bag
+from stages.science.recording.files.errors import FileError
+from stages.science.recording.files.foreign import Header, UnequalColumns, read_columns, read_foreign, read_header
+from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
+from stages.science.recording.plausibility import check_plausible
+from stages.science.recording.trials import find_starts, list_trials
+from stages.science.recording.uneven import even_out
+from stages.science.recording.wide import is_one_trial
+
+SAMPLES, META = "samples.parquet", "meta.json"
+"""Files of a measured folder."""
+
+HELD = "command held until the next sample; sensors sample before the command acts"
+"""Timing of every rig."""
+
+TOGETHER = "several records go into one file, told apart by a column: columns.record=NAME"
+FEW = 5
+"""Files of a folder that a message names."""
+
+NAMES = ("muscle", "part", "record")
+RECORD_KEY, MUSCLE_KEY = ("record", "time_s"), ("trial", "muscle", "time_s")
+"""Columns of text."""
+
+NEEDED = ("trial", "muscle", "time_s", "pressure_kpa", "force_n")
+"""Columns without which muscles cannot be judged."""
+
+MEASURED = Table(
+    "measured",
+    "A sample of a muscle in a measured trial",
+    {
+        "trial": column(int, "trial of the session", low=0),
+        "muscle": column(str, "name of the muscle"),
+        "time_s": column(float, "time from the trial's start", unit="s", low=0),
+        "pressure_command_kpa": column(
+            float, "commanded gauge pressure as applied", unit="kPa", low=-100, high=1500, nullable=True
+        ),
+        "pressure_kpa": column(float, "gauge pressure, sensor", unit="kPa", low=-100, high=1500, nullable=True),
+        "contraction": column(float, "contraction, ratio of rest length", low=-0.5, high=0.8, nullable=True),
+        "contraction_velocity_per_s": column(
+            float, "velocity of contraction", unit="1/s", low=-50, high=50, nullable=True
+        ),
+        "force_n": column(float, "tension at the load cell", unit="N", low=-2000, high=20000, nullable=True),
+        "joint_angle_rad": column(float, "angle of the muscle's joint", unit="rad", low=-6.3, high=6.3, nullable=True),
+        "joint_velocity_rad_per_s": column(
+            float, "velocity of the joint's angle", unit="rad/s", low=-200, high=200, nullable=True
+        ),
+    },
+    key=("trial", "muscle", "time_s"),
+)
+MEASURED_SIGNALS = Table(
+    "measured_signals",
+    "A sample of a signal in a measured record",
+    {
+        "record": column(str, "samples that follow each other without a break"),
+        "part": column(str, "what the record is for"),
+        "trial": column(int, "block of the record that serves as a trial", low=0),
+        "time_s": column(float, "time from the record's start", unit="s", low=0),
+        "signal": column(str, "name, which ends in the unit"),
+        "value": column(float, "in that unit", unit="as named", nullable=True),
+    },
+    key=("record", "signal", "time_s"),
+)
+MEASURED_TRIALS = Table(
+    "measured_trials",
+    "A measured trial",
+    {
+        "trial": column(int, "its number", low=0),
+        "part": column(str, "what it is for"),
+        "record": column(str, "record that it is a block of; empty for a trial of muscles"),
+        "start_s": column(float, "start in the session or in the record", unit="s", nullable=True),
+        "samples": column(int, "of each muscle or signal", low=1),
+        "duration_s": column(float, "samples times the sampling period", unit="s", low=0),
+    },
+    key=("trial",),
+)
+MEASURED_MUSCLES = Table(
+    "measured_muscles",
+    "A muscle of the measured machine",
+    MUSCLE_COLUMNS,
+    key=("muscle",),
+)
+MEASURED_SESSION = Table(
+    "measured_session",
+    "What was measured",
+    {
+        "source": column(str, "name of the file or folder, or the stage that recorded"),
+        "kind": column(str, "which of the tables holds it", among=["muscles", "records"]),
+        "sampling_rate_hz": column(float, "samples per second", unit="Hz", low=0),
+        "load_cell_site": column(str, "where tension is measured", among=["muscle_tip", "joint_end", "unknown"]),
+        "timing": column(str, "which sample a command acts on, in words"),
+        "trials": column(int, "how many", low=1),
+        "muscles": column(int, "how many", low=0),
+    },
+)
+MEASURED_NOTES = Table(
+    "measured_notes",
+    "What was left out of what was measured, or made from something else",
+    {"about": column(str, "column, muscle, trial or record"), "note": column(str, "what was done")},
+)
+DEFAULT_NAMES = {True: (*MEASURED.columns, "part"), False: ("record", "part", "time_s")}
+"""Names that conf/measurement has, for muscles and for records."""
+USUAL_JITTER = 0.01
+"""As conf/measurement has it."""
+READINGS = tuple(MEASURED.columns)[3:]
+
+
+class Measurement(Section):
+    """How recordings are read."""
+
+    kind: Literal["muscles", "records"]
+    rate_hz: Annotated[float, Field(gt=0.0, le=1e9)] | None
+    largest_jitter: Annotated[float, Field(ge=0.0, le=0.4)]
+    part_endings: Annotated[list[str], Field(min_length=1)] | None
+    blocks: Annotated[int, Field(ge=2, le=10000)]
+
+
+class Stages(View):
+    """Which stages the workflow has."""
+
+    stages: list[str]
+
+
+def check_one(value: Any) -> Any:
+    """Refuse a list of paths."""
+    if isinstance(value, list):
+        raise ValueError(f"expected one path, got {len(value)}; {TOGETHER}")
+    return value
+
+
+class SomethingMeasured(View):
+    """There is a path, or a stage that records."""
+
+    workflow: Stages
+    measured: Annotated[str | None, BeforeValidator(check_one)]
+
+    @model_validator(mode="after")
+    def _find_source(self) -> Self:
+        if self.measured is None and not {"hardware", "sealed_session"} & set(self.workflow.stages):
+            raise ValueError(
+                "measured: expected what was measured (a folder with samples.parquet and meta.json, or one .parquet, "
+                ".csv, .mat or .mcap file, or a ROS 2 bag), got null; set measured=PATH"
+            )
+        return self
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    checks: ClassVar = (SomethingMeasured,)
+
+    measured: Annotated[InputPath | None, BeforeValidator(check_one)]
+    columns: dict[str, str | None]
+    units: dict[str, str | None]
+    measurement: Measurement
+    exoskeleton: Exoskeleton
+
+    @model_validator(mode="after")
+    def _know_columns(self) -> Self:
+        known = [*MEASURED.columns, "part"] if self.measurement.kind == "muscles" else list(self.columns)
+        for section, names in (("columns", self.columns), ("units", self.units)):
+            for name in names:
+                if name not in known:
+                    raise ValueError(f"{section}: no column '{name}'; {suggest(name, known)}")
+        return self
+
+    def map(self, muscles: pd.DataFrame) -> ColumnMap:
+        """Return which column of a file is what, for the muscles that `read_known` returns."""
+        given = self.measurement
+        names = NEEDED if given.kind == "muscles" else [name for name in self.columns if name not in NAMES]
+        needed = [name for name in names if name != "time_s" or given.rate_hz is None]
+        return ColumnMap(self.columns, self.units, needed, given.part_endings or [], given.rate_hz, muscles)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Samples of muscles as they were read, and what is known of the machine.
+
+    Parameters
+    ----------
+    name : str
+        For the session's table.
+    file : str
+        Which messages name.
+    samples : DataFrame
+        This project's columns; its index counts the file's rows.
+    muscles : DataFrame
+        A row for each that may be there.
+    told_in : str
+        What describes the muscles, for messages.
+    load_cell_site, timing : str
+        As told.
+    rate_hz : float or None
+        As told; None where the times must say.
+    session : Session or None
+        What meta.json says, if there is one.
+    notes : sequence of tuple of str
+        What was left out already.
+    """
+
+    name: str
+    file: str
+    samples: pd.DataFrame
+    muscles: pd.DataFrame
+    told_in: str
+    load_cell_site: str
+    timing: str
+    rate_hz: float | None
+    session: Session | None
+    notes: Sequence[tuple[str, str]] = ()
+
+
+def show_map(cfg: Config) -> list[str]:
+    """Return a line for each column: where it comes from, and in which unit."""
+    if cfg.measured is None:
+        return ["measured=null: from what the rig records"]
+    file = find_samples(cfg.measured)
+    with about(str(file)):
+        header = read_header(file)
+        told = cfg.map(read_known(cfg.measured, cfg)).describe(header.names)
+        return [f"{file}:", *(f"  {each}" for each in [*header.remarks, *told])]
+
+
+def describe_file(path: InputPath) -> list[str]:
+    """Return what a file holds, as lines that end in the command line with the map of its columns."""
+    file = find_samples(path)
+    with about(str(file)):
+        header = read_header(file)
+        lines, guess = describe(
+            read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER, list_signals()
+        )
+    kind = [] if guess.muscles else ["measurement=records"]
+    told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles]), "plan=true"]
+    last = "to see how it would be read (complete it with what is not told; plan=true writes nothing):"
+    return [f"{file}: {lines[0]}", *lines[1:], "", last, f"  {command_line(['workflow=discrepancy', *told])}"]
+
+
+@stage(
+    MEASURED,
+    MEASURED_SIGNALS,
+    MEASURED_TRIALS,
+    MEASURED_MUSCLES,
+    MEASURED_SESSION,
+    MEASURED_NOTES,
+    preview=show_map,
+)
+def measurement(
+    cfg: Config,
+    ctx: Context,
+    hardware_recordings: pd.DataFrame | None = None,
+    session_recordings: pd.DataFrame | None = None,
+    session_machine: pd.DataFrame | None = None,
+) -> dict[str, pd.DataFrame]:
+    """Read what was measured, under this project's names and units."""
+    if cfg.measured is not None and cfg.measurement.kind == "records":
+        return fill_in(tabulate_records(cfg.measured, cfg))
+    if cfg.measured is not None:
+        source = read_muscles(cfg.measured, cfg)
+    elif session_recordings is not None and session_machine is not None:
+        source = read_rig_session(session_recordings, session_machine)
+    else:
+        source = read_recordings(hardware_recordings, cfg)
+    with about(source.file):
+        return fill_in(tabulate_muscles(source, cfg))
+
+
+def fill_in(tables: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+    """Return all tables of this stage, empty where there is nothing to put in."""
+    return {each.name: tables.get(each.name, pd.DataFrame(columns=list(each.columns))) for each in measurement.writes}
+
+
+@contextmanager
+def about(file: str) -> Iterator[None]:
+    """Name the file in what is refused."""
+    try:
+        yield
+    except FileError as error:
+        raise InputError(str(error)) from None
+    except RecordingError as error:
+        raise InputError(f"{file}: {error}") from None
+
+
+def find_samples(path: InputPath) -> Path:
+    """Return the file that holds the samples; refuse a folder of other files."""
+    if not is_folder(path):
+        return Path(path)
+    if not (Path(path) / SAMPLES).is_file():
+        names = [each.name for each in path.files]
+        told = f"{', '.join(names[:FEW])}{', ...' * (len(names) > FEW)}" if names else "none"
+        remedy = (
+            f"name one file, as measured={quote(str(Path(path) / names[0]))}; {TOGETHER}" if names else "name a file"
+        )
+        raise InputError(f"{path}: expected {SAMPLES} in this folder, got {told}; {remedy}")
+    return Path(path) / SAMPLES
+
+
+def is_folder(path: InputPath) -> bool:
+    """Return whether a path is that of a folder with samples and meta.json; a bag is one file, of several parts."""
+    return Path(path).is_dir() and not is_bag(Path(path))
+
+
+def read_known(path: InputPath, cfg: Config) -> pd.DataFrame:
+    """Return the muscles that may be there, under `MUSCLE_COLUMNS`."""
+    meta = Path(path) / META
+    if not is_folder(path) or not meta.is_file():
+        return describe_muscles(cfg.exoskeleton)
+    with about(str(meta)):
+        return read_session(read_json(meta)).describe()
+
+
+def read_muscles(path: InputPath, cfg: Config) -> Source:
+    """Read a folder with samples and meta.json, or one file for the configured exoskeleton."""
+    if is_folder(path):
+        return read_folder(Path(path), cfg)
+    known, site = describe_muscles(cfg.exoskeleton), cfg.exoskeleton.load_cell_site
+    samples, name, rate = adopt_muscles(Path(path), cfg, known), Path(path).name, cfg.measurement.rate_hz
+    return Source(name, path, samples, known, "exoskeleton.muscles", site, "", rate, None)
+
+
+def read_folder(folder: Path, cfg: Config) -> Source:
+    """Read a folder that describes its own machine."""
+    file, meta = folder / SAMPLES, folder / META
+    for each in (file, meta):
+        if not each.is_file():
+            raise InputError(f"{folder}: expected {SAMPLES} and {META} in this folder, {each.name} is missing")
+    with about(str(meta)):
+        session = read_session(read_json(meta))
+    known = session.describe()
+    name, samples = folder.resolve().name, adopt_muscles(file, cfg, known)
+    site, timing, rate = session.load_cell_site, session.timing, session.sampling_rate_hz
+    return Source(name, str(file), samples, known, str(meta), site, timing, rate, session)
+
+
+def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
+    """Read a file's columns of muscles and check their rows."""
+    samples = adopt_file(file, cfg, MUSCLE_KEY, known)
+    with about(str(file)):
+        check_rows(samples, MUSCLE_KEY)
+        wrong = (samples["trial"] % 1.0 != 0.0) | (samples["trial"] < 0.0)
+        if wrong.any():
+            raise RecordingError(f"column trial: expected whole numbers from 0, got others in {tell_rows(wrong)}")
+        for name in READINGS:
+            if name in samples:
+                check_plausible(samples[name], name, *bounds_of(name), cfg.units.get(name))
+    return samples.astype({"trial": int})
+
+
+def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame) -> pd.DataFrame:
+    """Read the configured columns of a file, split into records where the key asks for them."""
+    with about(str(file)):
+        header = read_header(file)
+        given = cfg.map(known)
+        columns = cfg.columns | ({"part": "part"} if cfg.measurement.part_endings else {})
+        frame = read_wanted(file, given, header)
+        samples = adopt_rows(frame, header.names, header.units, columns, cfg.units, NAMES, given.needed, known)
+        if "time_s" not in samples and cfg.measurement.rate_hz is not None:
+            samples = count_time(samples, [*key[:-1], "part"], cfg.measurement.rate_hz)
+        if "record" in key:
+            samples = split_records(samples)
+    return samples
+
+
+def read_wanted(file: Path, given: ColumnMap, header: Header) -> pd.DataFrame:
+    """Read the columns that the map names, of each part behind each other where the ends of names tell parts."""
+    if not given.endings:
+        try:
+            return read_foreign(file, set(given.wanted))
+        except UnequalColumns as error:
+            raise InputError(
+                f"{error}; if the ends of their names tell parts, as in uEst and uVal, map u and set "
+                "measurement.part_endings=[Est,Val]; else write them as one table"
+            ) from None
+    parts = given.part_columns(header.names)
+    return join_parts({end: read_foreign(file, own).rename(columns=own) for end, own in parts.items()})
+
+
+def bounds_of(name: str) -> tuple[float, float]:
+    """Return the range that `MEASURED` declares for a column."""
+    low, high = (check.statistics for check in MEASURED.columns[name].checks)
+    return float(low["min_value"]), float(high["max_value"])
+
+
+def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
+    """Take what the hardware stage recorded for what was measured."""
+    if recordings is None or recordings.empty:
+        raise InputError("measured: expected recordings of the hardware stage, got none; set measured=PATH")
+    trial = recordings.groupby(["participant", "experiment", "position"], sort=False).ngroup()
+    samples = recordings[list(MEASURED.columns)[1:]].assign(trial=trial)
+    amiss = recordings["status"] != "ok"
+    samples.loc[amiss, [name for name in READINGS if name != "pressure_command_kpa"]] = float("nan")
+    counts = recordings[amiss].groupby(["muscle", "status"], sort=False).size().reset_index(name="count")
+    notes = [(str(row["muscle"]), f"{row['count']} samples left out: {row['status']}") for _, row in counts.iterrows()]
+    known, machine = describe_muscles(cfg.exoskeleton), cfg.exoskeleton
+    site, rate = machine.load_cell_site, machine.sampling_rate_hz
+    file, told_in = "hardware_recordings", "exoskeleton.muscles"
+    return Source("hardware", file, samples, known, told_in, site, HELD, rate, None, notes)
+
+
+def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:
+    """Take a session that a rig recorded for what was measured; its clock runs through the session."""
+    samples = recordings.assign(time_s=recordings["start_s"] + recordings["time_s"])
+    known, told = machine[list(MUSCLE_COLUMNS)], machine.iloc[0]
+    site, timing, rate = str(told["load_cell_site"]), str(told["timing"]), float(told["sampling_rate_hz"])
+    kept = samples[list(MEASURED.columns)]
+    return Source("sealed_session", "session_recordings", kept, known, "session_machine", site, timing, rate, None)
+
+
+def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
+    """Return the tables of a recording of muscles."""
+    notes: Notes = list(source.notes)
+    if cfg.measured is not None:
+        notes.extend(note_reading(find_samples(cfg.measured), cfg, source.muscles))
+    samples, muscles = choose_muscles(source.samples, source.muscles, source.told_in, notes)
+    rate = find_rate(samples, ("trial", "muscle"), source.rate_hz)
+    parts = read_parts(samples, WHOLE)
+    recorded = samples.groupby("trial", sort=False).size()
+    samples, starts = regularise(samples, "trial", ["muscle"], rate, cfg.measurement.largest_jitter)
+    notes.extend(note_gaps(recorded, samples))
+    window = cfg.exoskeleton.velocity_filter
+    samples = complete(samples, muscles, READINGS, rate, window.window_s, window.order, notes)
+    trials = list_trials(samples, rate).assign(part=parts.to_numpy(), start_s=find_starts(source.session, starts))
+    return {
+        MEASURED.name: samples[list(MEASURED.columns)],
+        MEASURED_TRIALS.name: trials[list(MEASURED_TRIALS.columns)],
+        MEASURED_MUSCLES.name: muscles,
+        MEASURED_SESSION.name: describe_session(source, rate, len(trials), len(muscles)),
+        MEASURED_NOTES.name: pd.DataFrame(notes, columns=list(MEASURED_NOTES.columns)),
+    }
+
+
+def note_reading(file: Path, cfg: Config, known: pd.DataFrame) -> Notes:
+    """Return notes where samples are counted, as the file has no column of time, and of what a bag's times are."""
+    header, notes = read_header(file), []
+    if cfg.map(known).counts_samples(header.names):
+        notes.append(("time_s", f"counted at {cfg.measurement.rate_hz:g} Hz (measurement.rate_hz)"))
+    if is_one_trial(cfg.columns, header.names):
+        notes.append(("trial", "the whole file is one, number 0"))
+    return notes + ([(file.name, each) for each in header.remarks] if is_bag(file) else [])
+
+
+def note_gaps(recorded: pd.Series, samples: pd.DataFrame) -> Notes:
+    """Return a note for each trial that lacked rows: now they are there, without values."""
+    lost = samples.groupby("trial", sort=False).size() - recorded
+    return [
+        (f"trial {trial}", f"{count} of its rows were missing: samples without values")
+        for trial, count in lost.items()
+        if count
+    ]
+
+
+def describe_session(source: Source, rate: float, trials: int, muscles: int) -> pd.DataFrame:
+    """Return the one row of `MEASURED_SESSION` for muscles."""
+    row = (source.name, "muscles", rate, source.load_cell_site, source.timing, trials, muscles)
+    return pd.DataFrame([row], columns=list(MEASURED_SESSION.columns))
+
+
+def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
+    """Return the tables of records of any signals."""
+    file = find_samples(path)
+    known = describe_muscles(cfg.exoskeleton)
+    frame = adopt_file(file, cfg, RECORD_KEY, known)
+    signals = [name for name in cfg.columns if name not in NAMES and name != "time_s"]
+    given = cfg.measurement
+    notes = note_reading(file, cfg, known)
+    with about(str(file)):
+        frame = even_out(frame, signals, given.largest_jitter, notes)
+        check_rows(frame, RECORD_KEY)
+        frame, rate = arrange_records(frame, signals, given.blocks, given.rate_hz, given.largest_jitter, notes)
+    trials = list_blocks(frame, rate)
+    row = (file.name, "records", rate, "unknown", "", len(trials), 0)
+    long = frame.melt(["record", "part", "trial", "time_s"], signals, "signal", "value")
+    return {
+        MEASURED_SIGNALS.name: long[list(MEASURED_SIGNALS.columns)],
+        MEASURED_TRIALS.name: trials[list(MEASURED_TRIALS.columns)],
+        MEASURED_SESSION.name: pd.DataFrame([row], columns=list(MEASURED_SESSION.columns)),
+        MEASURED_NOTES.name: pd.DataFrame(notes, columns=list(MEASURED_NOTES.columns)),
+    }

@@ -1,0 +1,187 @@
+"""Which effect is missing: every candidate fitted together with the nominal constants, judged on trials left out.
+
+In: what was measured, which trials are fitted, and the nominal fit. Out: `ranking` (each candidate's probability, round
+by round, with ``none`` and ``unknown`` among them), `named_effects` (in the order added), `unexplained` (what nothing
+named takes away) and `steps` (the constants and the effects' parameters after each addition).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.discrepancy.machines import Measurements, list_cells
+from stages.science.discrepancy.ranking import rank_first
+from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
+from stages.science.discrepancy.restoring import restore_states
+from stages.science.discrepancy.search import Search, search
+from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.figures.candidate_ranking import draw_candidate_ranking
+from stages.science.plant.machine import Machine
+
+NONE, UNKNOWN = "none", "unknown"
+
+RANKING = Table(
+    "ranking",
+    "A candidate in a round of the search",
+    {
+        "round": column(int, "of the search", low=1),
+        "name": column(str, "of the effect; none: nothing is missing; unknown: something without a name"),
+        "form": column(str, "its forms, most probable on each muscle; empty for none and unknown"),
+        "site": column(str, "where it acts; empty for none and unknown"),
+        "probability": column(float, "in this round; sums to 1", low=0, high=1),
+        "heldout_gap": column(float, "RMSE over range, root mean square over channels, trials left out", low=0),
+        "gap_over_floor": column(float, "gap over noise floor, root mean square over channels", low=0),
+        "absorbed_share": column(float, "share of its change that the constants imitate", low=0, high=1),
+        "absorbed": column(bool, "whether so much that it cannot be named"),
+    },
+    key=("round", "name"),
+)
+NAMED_EFFECTS = Table(
+    "named_effects",
+    "An effect that was added, on a muscle",
+    {
+        "order": column(int, "of addition", low=1),
+        "name": column(str, "of the effect"),
+        "form": column(str, "its form"),
+        "site": column(str, "where it acts"),
+        "channel": column(str, "in which it was seen"),
+        "muscle": column(str, "that carries it"),
+        "probability": column(float, "when it was added", low=0, high=1),
+        "shown": column(bool, "whether exact values of what was measured show it"),
+        "indistinguishable_from": column(str, "names that these data do not exclude, by comma"),
+    },
+    key=("order", "muscle"),
+)
+UNEXPLAINED = Table(
+    "unexplained",
+    "What is left in a channel after all that was named",
+    {
+        "channel": column(str, "measured channel"),
+        "share": column(float, "share of the initial gap above the floor that a flexible model still removes"),
+        "probability": column(float, "that it is more than the limit, and matters", low=0, high=1),
+        "imitated": column(float, "that what was named leaves more than one effect's forms differ by", low=0, high=1),
+        "line_hz": column(float, "frequency of an oscillation in all trials", unit="Hz", low=0, nullable=True),
+        "remembered": column(bool, "whether a linear memory of the inputs tells most of it"),
+    },
+    key=("channel",),
+)
+STEPS = Table(
+    "steps",
+    "A value of the model after a number of additions",
+    {
+        "step": column(int, "effects added", low=0),
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "whose"),
+        "effect": column(str, "that the value belongs to; empty for a nominal constant"),
+        "form": column(str, "its form"),
+        "parameter": column(str, "name of the value"),
+        "value": column(float, "fitted", unit="as named"),
+    },
+    key=("step", "channel", "muscle", "effect", "parameter"),
+)
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    discrepancy: DiscrepancySettings
+    plant: Machine
+    seed: int
+
+
+@stage(RANKING, NAMED_EFFECTS, UNEXPLAINED, STEPS, stream="name_effect")
+def name_effect(
+    cfg: Config,
+    measured: pd.DataFrame,
+    measured_signals: pd.DataFrame,
+    measured_trials: pd.DataFrame,
+    measured_muscles: pd.DataFrame,
+    measured_session: pd.DataFrame,
+    trial_parts: pd.DataFrame,
+    nominal_fit: pd.DataFrame,
+    channels: pd.DataFrame,
+    residuals: pd.DataFrame,
+    ctx: Context,
+) -> dict[str, pd.DataFrame]:
+    """Name what is missing, add it, and repeat until what is left is noise or has no name."""
+    settings = cfg.discrepancy
+    fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
+    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+    told = told.keep_apart(trial_parts)
+    cells = [cell.take(fitted) for cell in list_cells(cfg.plant, told, settings)]
+    states = restore_states(cells, trial_parts["trial"].iloc[fitted].to_list(), nominal_fit, channels, residuals)
+    found = search(states, settings.search.settings, ctx.generator("trials"))
+    left = weigh_remainder(found, settings.search.settings, ctx.generator("unexplained"))
+    doubt = sum_doubt(left)
+    ranking = pd.DataFrame(rank_first(found, doubt, settings.search.absorbed), columns=list(RANKING.columns))
+    ctx.figure(
+        "ranking",
+        draw_candidate_ranking(ranking[ranking["round"] == 1]),
+        "First round: the probability of the candidates that change something, and the gap with each on trials left "
+        "out of its fit.",
+    )
+    named = [
+        {
+            "order": order,
+            "name": each.name,
+            "form": form,
+            "site": each.site,
+            "channel": each.channel,
+            "muscle": muscle,
+            "probability": each.doubt(doubt),
+            "shown": each.shown,
+            "indistinguishable_from": ",".join(each.alternatives),
+        }
+        for order, each in enumerate(found.named, start=1)
+        for muscle, form in zip(each.elements, each.forms, strict=True)
+    ]
+    return {
+        RANKING.name: ranking,
+        NAMED_EFFECTS.name: pd.DataFrame(named, columns=list(NAMED_EFFECTS.columns)),
+        UNEXPLAINED.name: pd.DataFrame(
+            [
+                {
+                    "channel": channel,
+                    "share": each.share,
+                    "probability": each.unknown,
+                    "imitated": each.imitated,
+                    "line_hz": np.nan if each.line_hz is None else each.line_hz,
+                    "remembered": each.remembered,
+                }
+                for channel, each in left.items()
+            ],
+            columns=list(UNEXPLAINED.columns),
+        ),
+        STEPS.name: pd.DataFrame(tell_steps(found), columns=list(STEPS.columns)),
+    }
+
+
+def tell_steps(found: Search) -> list[dict[str, Any]]:
+    """Return every value of every cell after each addition."""
+    rows = []
+    for step, fits in enumerate(found.steps):
+        for each in fits:
+            cell = each.model.cell
+            constants, effects = each.model.name_values(each.values)
+            owners = [("", "", constants), *((form.name, form.form, values) for form, values in effects)]
+            rows += [
+                {
+                    "step": step,
+                    "channel": cell.channel,
+                    "muscle": cell.element,
+                    "effect": effect,
+                    "form": form,
+                    "parameter": name,
+                    "value": value,
+                }
+                for effect, form, values in owners
+                for name, value in values.items()
+            ]
+    return rows

@@ -1,0 +1,302 @@
+"""The gap before, after each addition, and the noise floor, on trials opened once; and the verdict.
+
+In: everything before. Out: `verification` (a row per addition, for simulation from measured upstream signals and for
+free-run simulation), `predictions` (each sample as measured, simulated before and simulated after), `findings` (the
+verdict in words) and the document ``verdict.json``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.discrepancy.machines import Measurements, list_cells, settle
+from stages.science.discrepancy.odd_trials import find_odd_trials
+from stages.science.discrepancy.parts import PURPOSES
+from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.discrepancy.signature import trace_effects
+from stages.science.discrepancy.verdict import (
+    confirm_effects,
+    confirm_status,
+    decide_status,
+    describe_effects,
+    list_absorbed,
+    list_candidates,
+    list_remainder,
+    locate_most,
+    summarise_unexplained,
+)
+from stages.science.discrepancy.verification import (
+    Verified,
+    bound_ratio,
+    compare_steps,
+    is_hidden,
+    list_hidden,
+    list_predictions,
+    verify,
+)
+from stages.science.discrepancy.words import (
+    tell,
+    tell_bounds,
+    tell_few,
+    tell_floor,
+    tell_odd,
+    tell_remainder,
+    tell_scales,
+    tell_silent,
+    tell_unconfirmed,
+)
+from stages.science.figures.effect_signature import draw_effect_signature
+from stages.science.figures.gap_waterfall import draw_gap_waterfall
+from stages.science.figures.verified_trials import draw_verified_trials
+from stages.science.plant.effect import find_effect
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.plant.machine import Machine
+
+VERIFICATION = Table(
+    "verification",
+    "The gap on trials that were not fitted",
+    {
+        "part": column(str, "verification, or a recorded part that is only reported"),
+        "simulation": column(str, "from what it is simulated", among=["measured upstream", "free run"]),
+        "step": column(int, "effects added", low=0),
+        "label": column(str, "what was added, or the noise floor"),
+        "trials": column(int, "in that part", low=1),
+        "gap": column(float, "RMSE over range, root mean square over channels and trials", low=0),
+        "low": column(float, "lower end of the interval over resampled trials", low=0),
+        "high": column(float, "upper end of it", low=0),
+        "gap_over_std": column(float, "RMSE over the measured standard deviation", low=0, nullable=True),
+        "p_value": column(float, "of no change against the nominal model, signs flipped exactly", low=0, high=1),
+        "p_step": column(float, "of no fall from the step before, signs flipped exactly", low=0, high=1),
+    },
+    key=("part", "simulation", "step"),
+)
+PREDICTIONS = Table(
+    "predictions",
+    "A sample as measured and as simulated",
+    {
+        "trial": column(int, "trial of the session", low=0),
+        "part": column(str, "fitted, opened once, or only reported", among=list(PURPOSES)),
+        "time_s": column(float, "time from the trial's start", unit="s", low=0),
+        "muscle": column(str, "whose"),
+        "channel": column(str, "measured channel"),
+        "measured": column(float, "sensor", unit="of the channel"),
+        "before": column(float, "nominal model, fitted", unit="of the channel"),
+        "after": column(float, "amended model", unit="of the channel"),
+    },
+    key=("trial", "channel", "muscle", "time_s"),
+)
+WHERE = ("channel", "muscle", "regime", "share_of_gap", "p_value")
+DRIVEN = "measured upstream"
+POOLING = (
+    "of each channel and muscle in each trial: mean squared error over the squared range of all its measured samples; "
+    "the mean of these over channels and muscles with data, then over trials; its root"
+)
+TELLS_NOTHING = 0.9
+"""Error over the measured standard deviation, from which on a mean would have done nearly as well."""
+MOST_SHOWN = 4
+"""Muscles whose trials are drawn."""
+FINDINGS = Table("findings", "What was found", {"finding": column(str, "a sentence")})
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    discrepancy: DiscrepancySettings
+    plant: Machine
+    exoskeleton: Exoskeleton
+    seed: int
+
+
+@stage(VERIFICATION, PREDICTIONS, FINDINGS, stream="verify_gap")
+def verify_gap(
+    cfg: Config,
+    measured: pd.DataFrame,
+    measured_signals: pd.DataFrame,
+    measured_trials: pd.DataFrame,
+    measured_muscles: pd.DataFrame,
+    measured_session: pd.DataFrame,
+    trial_parts: pd.DataFrame,
+    channels: pd.DataFrame,
+    gap: pd.DataFrame,
+    ranking: pd.DataFrame,
+    named_effects: pd.DataFrame,
+    unexplained: pd.DataFrame,
+    steps: pd.DataFrame,
+    amended_values: pd.DataFrame,
+    remainder: pd.DataFrame,
+    ctx: Context,
+) -> dict[str, pd.DataFrame]:
+    """Open the verification trials, once, and say what was found."""
+    settings = cfg.discrepancy
+    opened = np.flatnonzero(trial_parts["part"] == "verification").tolist()
+    learnt = (trial_parts["part"] == "fitted").to_numpy()
+    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+    told = told.keep_apart(trial_parts)
+    cells = list_cells(cfg.plant, told, settings)
+    found = verify(cells, steps, channels, learnt)
+    added = named_effects.drop_duplicates("order")
+    concerned = list(dict.fromkeys(added["channel"])) or list(dict.fromkeys(channels["channel"]))
+    labels = ["nominal", *(f"+ {name}" for name in added["name"])][: int(steps["step"].max()) + 1]
+    judged = [each for each in found if each.cell.channel in concerned]
+    rows = []
+    for part, chosen in list_reported(trial_parts, measured_trials, judged).items():
+        weights = resample(len(chosen), settings.bootstraps, ctx.generator("resample", part))
+        compared = compare_steps(judged, labels, chosen, weights, settings.level, ctx.generator("signs", part))
+        rows += [{"part": part, **row} for row in compared]
+    verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
+    places = locate_most(gap, channels, named_effects, settings.search.smallest_gap)
+    named = list(named_effects["probability"])
+    status = decide_status(named, unexplained["probability"].max(), settings.search.certain)
+    last = len(labels) - 1 if status == "named" else 0
+    weights = resample(len(opened), settings.bootstraps, ctx.generator("resample", "verification"))
+    driven = select_judged(verification)
+    hidden = list_hidden(found, channels, opened)
+    confirmed = confirm_effects(named_effects, driven, 1.0 - settings.level, hidden)
+    over_floor = bound_ratio(found, last, opened, weights, settings.level)
+    left_over_std = float(driven["gap_over_std"].iloc[last])
+    blind = bool(hidden) or is_hidden(channels) or left_over_std > TELLS_NOTHING
+    said = confirm_status(status, over_floor["value"], settings.search.smallest_gap, blind)
+    lost, status = status == "unexplained" and said == "no_discrepancy", said
+    verdict = {
+        "status": status,
+        "effects": describe_effects(confirmed, amended_values) if status == "named" else [],
+        "ranking": list_candidates(ranking),
+        "absorbed": list_absorbed(ranking),
+        "where": [{name: row[name] for name in WHERE} for row in places],
+        **summarise_unexplained(unexplained, doubted=not set(hidden).isdisjoint(added["channel"])),
+        "remainder": list_remainder(remainder),
+        "gap": {
+            **tell_gap(driven, last, judged),
+            "over_floor": {**over_floor, "smallest": settings.search.smallest_gap},
+        },
+        "verification_trials": [int(trial) for trial in trial_parts["trial"].iloc[opened]],
+    }
+    ctx.verdict(verdict)
+    parts = dict(zip(trial_parts["trial"], trial_parts["part"], strict=True))
+    predictions = list_predictions(found, list(trial_parts["trial"]), parts, last)
+    draw(verification, predictions, channels, concerned, ctx)
+    if status == "named":
+        draw_signatures(trace_effects(cells, steps, opened), ctx)
+    comparable = predictions[predictions["part"] != "other"]
+    odd = [{str(k): v for k, v in row.items()} for row in find_odd_trials(comparable).to_dict("records")]
+    relevant = list_absorbed(ranking, {row["channel"] for row in places})
+    judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
+    remarks = [
+        *tell_mapping(left_over_std),
+        *(tell_scales(settle(cfg.plant, cells)) if status == "named" else []),
+        *(tell_unconfirmed(verdict["unexplained_share"]) if lost else []),
+        *tell_remainder(remainder, status),
+        *tell_silent(judgeable, list(measured_muscles["muscle"])),
+        *tell_odd(odd),
+        *tell_bounds(amended_values),
+        *tell_few(int(learnt.sum()), len(opened)),
+        *tell_floor(channels, verdict["gap"]["noise_floor"] if last else math.inf),
+        tell_command(measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
+    ]
+    return {
+        VERIFICATION.name: verification,
+        PREDICTIONS.name: predictions,
+        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, relevant, remarks)}),
+    }
+
+
+def list_reported(
+    trial_parts: pd.DataFrame, measured_trials: pd.DataFrame, judged: Sequence[Verified]
+) -> dict[str, list[int]]:
+    """Return the positions of the trials that are judged together: those opened, then each part that was left aside."""
+    purposes, seen = trial_parts["part"].to_numpy(), sum(each.cell.present.sum(axis=0) for each in judged)
+    reported = {"verification": np.flatnonzero(purposes == "verification").tolist()}
+    aside = measured_trials["part"].where((purposes == "other") & (seen > 0))
+    return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
+
+
+def select_judged(verification: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows by which the verdict goes, a row per step and the floor: opened trials, measured upstream."""
+    driven = (verification["simulation"] == DRIVEN) & (verification["part"] == "verification")
+    return verification[driven].reset_index(drop=True)
+
+
+def tell_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dict[str, Any]:
+    """Return the verdict's gap: before, after the additions that were accepted, and the floor."""
+    before, after, floor = driven.iloc[0], driven.iloc[last], driven.iloc[-1]
+    return {
+        "before": float(before["gap"]),
+        "after": float(after["gap"]),
+        "noise_floor": float(floor["gap"]),
+        "unit": "RMSE / range, verification trials",
+        "p_value": float(after["p_value"]),
+        "low": float(after["low"]),
+        "high": float(after["high"]),
+        "channels": list(dict.fromkeys(each.cell.channel for each in judged)),
+        "muscles": sorted({each.cell.element for each in judged}),
+        "pooling": POOLING,
+    }
+
+
+def tell_mapping(left_over_std: float) -> list[str]:
+    """Return that a simulation tells nothing of what was measured, if so."""
+    if not left_over_std > TELLS_NOTHING:
+        return []
+    return [
+        f"The simulation tells nothing of what was measured: not fitted, it errs by {left_over_std:.2g} of its "
+        "standard deviation. Before anything else, look whether columns, units and signs are right, and the plant."
+    ]
+
+
+def tell_command(session: dict[Hashable, Any], simulated_at: str) -> str:
+    """Return how to simulate with the amended plant."""
+    told = "The amended plant is documents/amended.yaml in the run's folder; simulate with it: python -m pipeline "
+    if session["kind"] == "records":
+        return f"{told}workflow=discrepancy plant=FOLDER/documents/amended.yaml and what else you typed"
+    site = str(session["load_cell_site"])
+    elsewhere = "" if site in ("unknown", simulated_at) else f" exoskeleton.load_cell_site={site}"
+    return f"{told}plant=FOLDER/documents/amended.yaml{elsewhere}"
+
+
+def draw(
+    verification: pd.DataFrame,
+    predictions: pd.DataFrame,
+    channels: pd.DataFrame,
+    concerned: Sequence[str],
+    ctx: Context,
+) -> None:
+    """Draw the gap step by step, and some verification trials of the channel whose gap is largest."""
+    ctx.figure(
+        "gap_waterfall",
+        draw_gap_waterfall(verification[verification["part"] == "verification"]),
+        f"Gap on verification trials, step by step, over {' and '.join(concerned)}, with intervals over trials.",
+    )
+    rows = channels[channels["channel"].isin(concerned)].sort_values("gap_over_floor", ascending=False)
+    channel = str(rows["channel"].iloc[0])
+    muscles = rows.loc[rows["channel"] == channel, "muscle"].head(MOST_SHOWN).tolist()
+    opened = predictions[(predictions["part"] == "verification") & (predictions["channel"] == channel)]
+    trials = sorted(opened["trial"].unique())
+    if trials:
+        chosen = sorted({trials[0], trials[len(trials) // 2], trials[-1]})
+        ctx.figure(
+            "verified_trials",
+            draw_verified_trials(opened, channel, muscles, chosen),
+            "Verification trials: measured, simulated before and after, and below them what is left.",
+        )
+
+
+def draw_signatures(traced: pd.DataFrame, ctx: Context) -> None:
+    """Draw what each added effect does, over the residual without it."""
+    for name, rows in traced.groupby("effect", sort=False):
+        known = find_effect(str(name), str(rows["form"].mode().iloc[0]))
+        ctx.figure(
+            f"signature_{name}",
+            draw_effect_signature(rows, known.signature),
+            f"What {str(name).replace('_', ' ')} adds (lines), over the residual of the amended model without it on "
+            "verification trials (points, two standard errors).",
+        )

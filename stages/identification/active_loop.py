@@ -1,0 +1,527 @@
+"""Algorithm 1: identify, choose the trajectory that tells most, execute it, take its best samples, identify again.
+
+In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings` and the rig.
+Out, one part per trial: `trials` (what was chosen and why), `active_recordings` (what was measured), `models` (the MAP
+after each trial; trial 0 is the initial data's), `points` (the samples each model stands on) and `decisions` (of an
+operator, where one attended). Every arm starts from
+the same initial data; controls differ from the design in how they choose trajectories and in nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import count
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import PositiveInt, model_validator
+
+from pipeline.config import Section, Target, View
+from pipeline.context import Context
+from pipeline.errors import ConfigError
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.figures.chosen_trials import draw_chosen_trials
+from stages.science.gp.interaction import Design, Interaction
+from stages.science.gp.knowledge import Choice
+from stages.science.muscle_models.description import describe_choice, describe_models
+from stages.science.muscle_models.force_test import ForceTest
+from stages.science.muscle_models.loop_settings import DesignSettings
+from stages.science.muscle_models.muscle_set import MuscleSet
+from stages.science.muscle_models.samples import keep_usable, spread_evenly, take
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig.attendance import Proposal, TrialDeclined
+from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig
+from stages.science.rig.reference import track
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
+
+Array = NDArray[np.float64]
+
+WHERE = {
+    "participant": column(str, "who tracked"),
+    "experiment": column(int, "experiment of this participant", low=1),
+    "arm": column(str, "how trajectories were chosen"),
+    "trial": column(int, "trial of this experiment and arm; 0 = initial data alone", low=0),
+}
+TRIALS = Table(
+    "trials",
+    "A trial of the interaction design: what was chosen",
+    {
+        **WHERE,
+        "trajectory": column(int, "movement of the bank that was chosen", low=0),
+        "utility": column(
+            float,
+            "its utility: the sum over muscles, over samples as active_loop.reduce says; nats, for variance the square "
+            "of standard units",
+            nullable=True,
+        ),
+        "runner_up": column(float, "utility of the best trajectory that was not chosen", nullable=True),
+        "available": column(int, "trajectories that could be chosen", low=1),
+        "surprise": column(
+            float,
+            "error rate of the models' prediction of the trial's forces before they learned from it, mean over muscles",
+            low=0,
+        ),
+    },
+    key=tuple(WHERE),
+)
+ACTIVE_RECORDINGS = Table(
+    "active_recordings",
+    "A sample of a muscle in a designed trial",
+    {**WHERE, **RECORDING_COLUMNS},
+    key=(*WHERE, "muscle", "time_s"),
+)
+MODELS = Table(
+    "models",
+    "One hyperparameter of a muscle's model after a trial, at the maximum of its posterior",
+    {
+        **WHERE,
+        "muscle": column(str, "muscle"),
+        "hyperparameter": column(str, "as in hyperprior"),
+        "value": column(float, "maximum a posteriori, in the unit that hyperprior names"),
+        "sd": column(float, "standard deviation of the Laplace approximation, in the same unit", low=0),
+        "log_posterior": column(float, "of the whole vector (nats)"),
+        "repair": column(str, "what was done about an indefinite Hessian or a failed factorisation; empty = nothing"),
+    },
+    key=(*WHERE, "muscle", "hyperparameter"),
+)
+POINTS = Table(
+    "points",
+    "A sample that a muscle's model stands on, from the trial in which it was taken (0: any initial trial)",
+    {
+        **WHERE,
+        "muscle": column(str, "muscle"),
+        "pick": column(int, "order of picking within the trial", low=0),
+        **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", *MODEL_INPUTS, MODEL_OUTPUT)},
+    },
+    key=(*WHERE, "muscle", "pick"),
+)
+
+DECISIONS = Table(
+    "decisions",
+    "An operator's decision on a designed trial, where one attended",
+    {
+        **WHERE,
+        "attempt": column(int, "of this trial", low=1),
+        "trajectory": column(int, "movement of the bank that was proposed", low=0),
+        "decision": column(
+            str,
+            "keep: executed and learned from; repeat: executed, kept aside, and executed again; reject: executed, kept "
+            "aside, and not proposed again; skip: not executed, another one took its place",
+            among=["keep", "repeat", "reject", "skip"],
+        ),
+        "note": column(str, "what the operator wrote; 'by itself' where trials followed by themselves"),
+        "stopped": column(str, "why it was stopped before, if it was"),
+    },
+    key=(*WHERE, "attempt"),
+)
+
+
+class ActiveLoop(DesignSettings):
+    """Config group ``active_loop``."""
+
+    controls: list[Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]] | None
+    control_experiments: PositiveInt | None
+
+    @model_validator(mode="after")
+    def _name_controls_once(self) -> Self:
+        controls = self.controls or []
+        twice = [name for name in controls if controls.count(name) > 1]
+        if twice:
+            raise ValueError(
+                f"controls: expected each control once, got {twice[0]} {controls.count(twice[0])} times; "
+                f"set active_loop.controls=[{','.join(dict.fromkeys(controls))}]"
+            )
+        return self
+
+
+class Movements(View):
+    """How many movements the bank will hold."""
+
+    trajectories: int
+
+
+class Thinning(View):
+    """What the loop is given."""
+
+    every: int
+    experiments: int
+    initial_trials: int
+
+
+class MovementsEnough(View):
+    """The bank holds a movement for every trial."""
+
+    bank: Movements
+    subsampling: Thinning
+    active_loop: ActiveLoop
+
+    @model_validator(mode="after")
+    def _find_movements(self) -> Self:
+        check_budget(self.active_loop, self.bank.trajectories, self.subsampling.initial_trials)
+        return self
+
+
+class SamplesEnough(View):
+    """Trials hold the samples that models take, and all arms' recordings fit in memory."""
+
+    subsampling: Thinning
+    active_loop: ActiveLoop
+    exoskeleton: Exoskeleton
+    participants: dict[str, Any]
+
+    @model_validator(mode="after")
+    def _take_samples(self) -> Self:
+        samples, initial_trials = self.exoskeleton.samples, self.subsampling.initial_trials
+        if self.active_loop.points_per_trial > samples:
+            raise ValueError(
+                f"active_loop.points_per_trial: expected at most the {samples} samples of a trial, "
+                f"got {self.active_loop.points_per_trial}; lower it or raise exoskeleton.trial_s or "
+                "exoskeleton.sampling_rate_hz"
+            )
+        if self.active_loop.initial_points > initial_trials * samples:
+            raise ValueError(
+                f"active_loop.initial_points: expected at most the {initial_trials * samples} samples of the "
+                f"{initial_trials} initial trials, got {self.active_loop.initial_points}; lower it or raise "
+                "subsampling.initial_trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _join_samples(self) -> Self:
+        kept = -(-self.exoskeleton.samples // self.subsampling.every)
+        if "log_det" in choose_arms(self.active_loop, False) and self.active_loop.log_det_every >= kept:
+            raise ValueError(
+                f"active_loop.log_det_every: expected less than the {kept} samples that a trajectory keeps "
+                f"(subsampling.every={self.subsampling.every}), so that more than one is joined, "
+                f"got {self.active_loop.log_det_every}; lower it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _fit_memory(self) -> Self:
+        trials = len(choose_arms(self.active_loop, False)) * self.active_loop.trials * len(self.participants)
+        most = MOST_ROWS // (trials * self.exoskeleton.samples * len(self.exoskeleton.muscles))
+        if self.subsampling.experiments > most:
+            raise ValueError(
+                f"subsampling.experiments: expected at most {most} for each participant, as {MOST_ROWS} rows of "
+                f"recordings in all arms and trials still fit in memory, got {self.subsampling.experiments}; lower it, "
+                "active_loop.trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
+            )
+        return self
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    checks: ClassVar = (MovementsEnough, SamplesEnough)
+
+    active_loop: ActiveLoop
+    rig: Target
+    seed: int
+
+
+@stage(TRIALS, ACTIVE_RECORDINGS, MODELS, POINTS, DECISIONS, stream="active_loop")
+def active_loop(
+    cfg: Config,
+    candidates: pd.DataFrame,
+    references: pd.DataFrame,
+    initial_trials: pd.DataFrame,
+    hyperprior: pd.DataFrame,
+    scaling: pd.DataFrame,
+    hardware_recordings: pd.DataFrame,
+    ctx: Context,
+) -> dict[str, pd.DataFrame]:
+    """Choose, execute and learn from one interaction after another, for every experiment and arm."""
+    muscles = MuscleSet.read(candidates, hyperprior, scaling)
+    arms = choose_arms(cfg.active_loop, ctx.rig.real)
+    check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
+    ctx.rig.check_bank(references, "trajectory")
+    experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
+    loops: list[Loop] = []
+    for (participant, experiment), initial in experiments:
+        executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
+        start = spread_evenly(keep_usable(executed), cfg.active_loop.initial_points, muscles.names)
+        used = [int(each) for each in initial["trajectory"]]
+        most = cfg.active_loop.control_experiments
+        for arm in arms if most is None or int(str(experiment)) <= most else arms[:1]:
+            number = len(initial_trials) + len(loops) * cfg.active_loop.trials
+            who = str(participant), int(str(experiment))
+            loops.append(Loop(cfg, ctx, muscles, references, start, used, *who, arm, number))
+    with ctx.progress("experiments", len(loops)) as advance:
+        for loop, keys in zip(loops, ctx.spread(Loop.run, loops), strict=True):
+            ctx.record.include(keys)
+            advance(f"{loop.participant} experiment {loop.experiment} {loop.arm}")
+    tables = ctx.record.collect()
+    first = tables["trials"].iloc[0]
+    chosen = tables["trials"].query("participant == @first.participant and experiment == @first.experiment")
+    chosen = chosen[chosen["arm"] == arms[0]]
+    caption = (
+        f"References and pressure commands chosen for {first.participant}, experiment {first.experiment}, "
+        f"by {arms[0]}, in the order of the trials."
+    )
+    ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, group_muscles(ctx.rig)), caption)
+    return tables
+
+
+def check_budget(section: ActiveLoop, movements: int, initial: int) -> None:
+    """Refuse a bank without movements to choose from, and more trials than there are.
+
+    Raises
+    ------
+    ConfigError
+        Saying how many there are.
+    """
+    if not section.reuse_trajectories and movements <= initial:
+        raise ConfigError(
+            f"bank.trajectories: expected more than the {initial} initial trials (subsampling.initial_trials), so that "
+            f"one is left to choose, got {movements}; raise it by active_loop.trials or set "
+            "active_loop.reuse_trajectories=true"
+        )
+    if not section.reuse_trajectories and section.trials > movements - initial:
+        raise ConfigError(
+            f"active_loop.trials: expected at most {movements - initial} ({movements} movements of the bank less "
+            f"{initial} initial trials), got {section.trials}; "
+            "raise bank.trajectories, lower subsampling.initial_trials or set active_loop.reuse_trajectories=true"
+        )
+
+
+def choose_arms(section: ActiveLoop, real: bool) -> list[str]:
+    """Return the design's utility, then the controls; a real rig executes only controls that were asked for."""
+    controls = section.controls
+    if controls is None:
+        controls = [] if real else ["variance", "random"]
+    return [section.utility, *(each for each in controls if each != section.utility)]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One experiment's trials in one arm, numbered from the first on."""
+
+    cfg: Config
+    ctx: Context
+    muscles: MuscleSet
+    references: pd.DataFrame
+    start: pd.DataFrame
+    initial: list[int]
+    participant: str
+    experiment: int
+    arm: str
+    first: int
+
+    def run(self) -> list[str]:
+        """Run all trials, each from what the earlier ones left on disk; return the keys of their parts."""
+        landed: list[dict[str, pd.DataFrame]] = []
+        declined: list[pd.DataFrame] = []
+        keys: list[str] = []
+        with self.ctx.rig as rig:
+            for trial in range(1, self.cfg.active_loop.trials + 1):
+                landed.append(self.land(trial, landed, declined, keys, rig))
+        return keys
+
+    def land(
+        self,
+        trial: int,
+        landed: Sequence[dict[str, pd.DataFrame]],
+        declined: list[pd.DataFrame],
+        keys: list[str],
+        rig: Rig,
+    ) -> dict[str, pd.DataFrame]:
+        """Return the part of a trial once the operator, if there is one, keeps it; note those that were declined."""
+        record = self.ctx.record
+        for attempt in count(1):
+            aside, told = self.key(trial, attempt), None
+            if not record.landed(aside):
+                try:
+                    part = record.part(self.key(trial), partial(self.run_trial, trial, attempt, landed, declined, rig))
+                    keys.append(record.name(self.key(trial)))
+                    return part
+                except TrialDeclined as error:
+                    told = error
+            noted = record.part(aside, partial(self.note_declined, trial, attempt, told))
+            keys.append(record.name(aside))
+            declined.append(noted[DECISIONS.name])
+        raise AssertionError("attempts are counted without end")
+
+    def key(self, trial: int, declined: int | None = None) -> tuple[object, ...]:
+        """Return what names a trial's part, or that of an attempt that the operator declined."""
+        aside = () if declined is None else (f"declined{declined}",)
+        return self.participant, self.experiment, self.arm, f"{trial:02d}", *aside
+
+    def run_trial(
+        self,
+        trial: int,
+        attempt: int,
+        landed: Sequence[dict[str, pd.DataFrame]],
+        declined: Sequence[pd.DataFrame],
+        rig: Rig,
+    ) -> dict[str, pd.DataFrame]:
+        """Choose a trajectory, execute it, learn from it."""
+        models, points = [], []
+        if landed:
+            interaction = self.continue_from(landed)
+        else:
+            interaction = self.begin()
+            points.append(self.label(self.start, 0))
+            models.append(self.label(describe_models(interaction.models, self.muscles), 0))
+        generator = self.ctx.generator("random", self.participant, self.experiment, trial)
+        rejected, skipped = list_declined(declined, trial)
+        available = [self.muscles.trajectories[index] for index in interaction.available]
+        left = [each for each in available if each not in rejected]
+        out = {*rejected, *skipped} if set(left) - set(skipped) else set(rejected)  # all skipped: the first again
+        choice = interaction.ask(generator, but=self.muscles.indices(sorted(out)))
+        described = describe_choice(choice, interaction, self.muscles)
+        samples = self.execute(choice, described, trial, landed, len(left), rig)
+        usable = keep_usable(samples)
+        surprise = float(np.mean(ForceTest.read("trial", usable, self.muscles).error_rates(interaction.models)))
+        told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(usable), self.starts(trial))
+        points.append(self.label(take(usable, picks, self.muscles.names), trial))
+        models.append(self.label(describe_models(told.models, self.muscles), trial))
+        decisions = nothing()[DECISIONS.name]
+        if rig.attendance is not None:
+            note = rig.attendance.note
+            decisions = self.describe_decision(trial, attempt, described["trajectory"], "keep", note, "")
+        return {
+            TRIALS.name: self.label(pd.DataFrame([{**described, "surprise": surprise}]), trial),
+            ACTIVE_RECORDINGS.name: self.label(samples, trial),
+            MODELS.name: pd.concat(models, ignore_index=True),
+            POINTS.name: pd.concat(points, ignore_index=True)[list(POINTS.columns)],
+            DECISIONS.name: decisions,
+        }
+
+    def note_declined(self, trial: int, attempt: int, declined: TrialDeclined | None) -> dict[str, pd.DataFrame]:
+        """Return the part of a trial that the operator declined: the decision, and nothing to learn from."""
+        assert declined is not None
+        assert declined.trial.proposal is not None
+        trajectory = declined.trial.proposal.trajectory
+        told = declined.decision, declined.note, declined.stopped
+        decision = self.describe_decision(trial, attempt, trajectory, *told)
+        return {**nothing(), DECISIONS.name: decision}
+
+    def describe_decision(
+        self, trial: int, attempt: int, trajectory: int | float | None, decision: str, note: str, stopped: str
+    ) -> pd.DataFrame:
+        """Return a decision's row."""
+        row = {"attempt": attempt, "trajectory": trajectory, "decision": decision, "note": note, "stopped": stopped}
+        return self.label(pd.DataFrame([row]), trial)
+
+    def begin(self) -> Interaction:
+        """Identify the models from the initial points."""
+        inputs, outputs = self.muscles.standardise(self.start)
+        return Interaction.begin(
+            self.design(),
+            self.muscles.candidates,
+            self.muscles.priors,
+            inputs,
+            outputs,
+            self.muscles.indices(self.initial),
+            self.starts(0),
+        )
+
+    def continue_from(self, landed: Sequence[dict[str, pd.DataFrame]]) -> Interaction:
+        """Rebuild the state from what the trials so far left on disk, and from nothing else."""
+        inputs, outputs = self.muscles.standardise(pd.concat([part["points"] for part in landed], ignore_index=True))
+        models = landed[-1]["models"]
+        latest = models[models["trial"] == models["trial"].max()]
+        thetas = [latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in self.muscles.names]
+        used = [*self.initial, *(int(part["trials"]["trajectory"].iloc[0]) for part in landed)]
+        return Interaction(
+            self.design(),
+            tuple(self.muscles.candidates),
+            tuple(self.muscles.priors),
+            tuple(inputs),
+            tuple(outputs),
+            tuple(thetas),
+            frozenset(self.muscles.indices(used)),
+        )
+
+    def design(self) -> Design:
+        """Return the arm's way of choosing."""
+        return self.cfg.active_loop.design(self.muscles.mean, self.arm)
+
+    def starts(self, trial: int) -> list[np.random.Generator]:
+        """Return a generator for each muscle's MAP search; arms share them."""
+        return [
+            self.ctx.generator("starts", self.participant, self.experiment, trial, name) for name in self.muscles.names
+        ]
+
+    def execute(
+        self,
+        choice: Choice,
+        described: dict[str, int | float],
+        trial: int,
+        landed: Sequence[dict[str, pd.DataFrame]],
+        left: int,
+        rig: Rig,
+    ) -> pd.DataFrame:
+        """Execute the chosen trajectory; arms share the person's and the sensors' noise at equal trial number."""
+        label = f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}"
+        generator = self.ctx.generator("rig", self.participant, self.experiment, trial)
+        trajectory = self.muscles.trajectories[choice.trajectory]
+        proposal = Proposal(
+            position=trial,
+            total=self.cfg.active_loop.trials,
+            reason=explain(described, self.arm),
+            trajectory=trajectory,
+            utilities=self.rank(choice),
+            errors=tuple(float(part[TRIALS.name]["surprise"].iloc[0]) for part in landed),
+            can_skip=left > 1,
+            can_reject=left > self.needed(trial),
+        )
+        watch = self.ctx.record.watch(self.key(trial))
+        number = self.first + trial - 1
+        return track(self.references, trajectory, rig, self.participant, label, generator, watch, number, proposal)
+
+    def needed(self, trial: int) -> int:
+        """Return how many movements the trials from this one on take."""
+        section = self.cfg.active_loop
+        return 1 if section.reuse_trajectories else section.trials - trial + 1
+
+    def rank(self, choice: Choice) -> dict[int, float]:
+        """Return the utility of each movement of the bank that could be chosen; none where it was drawn."""
+        scores = () if choice.scores is None else choice.scores
+        pairs = zip(self.muscles.trajectories, scores, strict=choice.scores is not None)
+        return {trajectory: float(score) for trajectory, score in pairs if np.isfinite(score)}
+
+    def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
+        """Put participant, experiment, arm and trial before a frame's columns."""
+        return frame.assign(**self.where(trial))[[*WHERE, *(name for name in frame if name not in WHERE)]]
+
+    def where(self, trial: int) -> dict[str, Any]:
+        """Return the columns that say which trial this is."""
+        return {"participant": self.participant, "experiment": self.experiment, "arm": self.arm, "trial": trial}
+
+
+def nothing() -> dict[str, pd.DataFrame]:
+    """Return a part without rows."""
+    return {table.name: pd.DataFrame(columns=list(table.columns)) for table in active_loop.writes}
+
+
+def list_declined(declined: Sequence[pd.DataFrame], trial: int) -> tuple[list[int], list[int]]:
+    """Return the movements that were rejected so far, and those that were skipped in a trial."""
+    if not declined:
+        return [], []
+    rows = pd.concat(declined, ignore_index=True)
+    rejected = rows.loc[rows["decision"] == "reject", "trajectory"]
+    skipped = rows.loc[(rows["decision"] == "skip") & (rows["trial"] == trial), "trajectory"]
+    return sorted(set(rejected.astype(int))), sorted(set(skipped.astype(int)))
+
+
+def explain(described: dict[str, int | float], arm: str) -> str:
+    """Say why a movement was chosen."""
+    if np.isnan(described["utility"]):
+        return f"movement {described['trajectory']} of the bank, drawn at random"
+    told = f"movement {described['trajectory']} of the bank tells most: utility {arm} {described['utility']:.4g}"
+    if np.isnan(described["runner_up"]):
+        return f"{told}; no other is left"
+    return f"{told}, the next best's {described['runner_up']:.4g}"
+
+
+def group_muscles(rig: Rig) -> dict[str, list[str]]:
+    """Return the muscles of each joint."""
+    pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
+    return {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}

@@ -1,0 +1,355 @@
+"""Learning curves of every arm on measured forces, paired tests of the design against each control, and an advice.
+
+In: `bank` (a test set, with force), `hyperprior`, `scaling`, `models`, `points`, and `unseen_bank` (another test set)
+where there is one. Out: `learning_curve`, `learning_summary`, `final_errors`, `paired_comparison`, `recommendation`.
+This stage only reads: it chooses and measures nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import Field, PositiveInt
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.figures.learning_curves import draw_learning_curves
+from stages.science.muscle_models.recorded_models import RecordedModels
+from stages.science.signals.measures import error_rate
+from stages.science.statistics.paired import adjust_holm, compare_pairs
+
+Array = NDArray[np.float64]
+
+ALL_MUSCLES = "mean"
+LEVEL = 0.05
+DESCRIBED = {
+    "bank": "the bank that trials were chosen from",
+    "unseen_bank": "a second bank that nothing else saw",
+}
+
+ARM = column(str, "how trajectories were chosen")
+TESTED_ON = column(
+    str,
+    "bank: the movements that trials were chosen from; unseen_bank: movements that nothing else saw",
+    among=["bank", "unseen_bank"],
+)
+LEARNING_CURVE = Table(
+    "learning_curve",
+    "Error of one muscle's model after one trial, over every sample of a test set",
+    {
+        "participant": column(str, "who tracked"),
+        "experiment": column(int, "experiment of this participant", low=1),
+        "arm": ARM,
+        "trial": column(int, "trials learned from; 0 = initial data alone", low=0),
+        "tested_on": TESTED_ON,
+        "muscle": column(str, "muscle"),
+        "rmse_n": column(float, "root mean square error of the force", unit="N", low=0),
+        "error_rate": column(float, "the same over the largest force of the test data", low=0),
+    },
+    key=("participant", "experiment", "arm", "trial", "tested_on", "muscle"),
+)
+LEARNING_SUMMARY = Table(
+    "learning_summary",
+    "Error rate after each trial over the experiments that every arm has",
+    {
+        "tested_on": TESTED_ON,
+        "arm": ARM,
+        "trial": column(int, "trials learned from", low=0),
+        "muscle": column(str, "muscle, or mean for the average over muscles"),
+        "error_rate_mean": column(float, "mean over experiments", low=0),
+        "error_rate_sd": column(float, "standard deviation over experiments", low=0, nullable=True),
+        "experiments": column(int, "how many", low=1),
+    },
+    key=("tested_on", "arm", "trial", "muscle"),
+)
+FINAL_ERRORS = Table(
+    "final_errors",
+    "Error rate before and after the designed trials (RMSE / largest test force; mean and SD over experiments)",
+    {
+        "tested_on": TESTED_ON,
+        "muscle": column(str, "muscle, or mean for the average over muscles"),
+        "arm": ARM,
+        "before": column(float, "mean error rate of the initial data alone", low=0),
+        "after": column(float, "mean error rate after the last trial", low=0),
+        "after_sd": column(float, "standard deviation of the latter over experiments", low=0, nullable=True),
+        "experiments": column(int, "how many", low=1),
+    },
+    key=("tested_on", "muscle", "arm"),
+)
+PAIRED_COMPARISON = Table(
+    "paired_comparison",
+    "The design against each control, paired over experiments: mean error rate of muscles, negative = design better",
+    {
+        "tested_on": TESTED_ON,
+        "measure": column(str, "final: after the last trial; curve: averaged over trials 1 to the last"),
+        "design": column(str, "arm"),
+        "control": column(str, "arm"),
+        "n": column(int, "experiments", low=1),
+        "design_mean": column(float, "error rate", low=0),
+        "control_mean": column(float, "error rate", low=0),
+        "difference": column(float, "design minus control"),
+        "low": column(float, "lower end of its 95 % interval (t)", nullable=True),
+        "high": column(float, "upper end of its 95 % interval (t)", nullable=True),
+        "d_z": column(float, "effect size: difference over the SD of differences", nullable=True),
+        "wins": column(int, "experiments in which the design is better", low=0),
+        "p_t": column(float, "two-sided paired t-test", low=0, high=1, nullable=True),
+        "p_wilcoxon": column(float, "two-sided Wilcoxon signed-rank test", low=0, high=1, nullable=True),
+        "p_holm": column(
+            float, "p_t adjusted by Holm over the rows of this test set and n", low=0, high=1, nullable=True
+        ),
+        "verdict": column(str, f"at p_holm below {LEVEL}", among=["design better", "control better", "undecided"]),
+    },
+    key=("tested_on", "measure", "design", "control", "n"),
+    brief=("tested_on", "measure", "control", "n", "difference", "low", "high", "d_z", "p_holm", "verdict"),
+)
+RECOMMENDATION = Table(
+    "recommendation",
+    "How to choose trajectories, by the largest number of experiments",
+    {
+        "tested_on": TESTED_ON,
+        "measure": column(str, "final: after the last trial; curve: averaged over trials 1 to the last"),
+        "n": column(int, "experiments", low=1),
+        "recommended": ARM,
+        "advice": column(str, "in words"),
+    },
+    key=("tested_on", "measure"),
+)
+
+
+class Comparison(Section):
+    """Config group ``comparison``."""
+
+    experiments: Annotated[list[PositiveInt | None], Field(min_length=1)]
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    comparison: Comparison
+
+
+@stage(LEARNING_CURVE, LEARNING_SUMMARY, FINAL_ERRORS, PAIRED_COMPARISON, RECOMMENDATION)
+def comparison(
+    cfg: Config,
+    bank: pd.DataFrame,
+    hyperprior: pd.DataFrame,
+    scaling: pd.DataFrame,
+    models: pd.DataFrame,
+    points: pd.DataFrame,
+    ctx: Context,
+    unseen_bank: pd.DataFrame | None = None,
+) -> tuple[pd.DataFrame, ...]:
+    """Draw the learning curves of every arm and test the design against each control."""
+    muscles, arms = list(hyperprior["muscle"].unique()), list(models["arm"].unique())
+    tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
+    jobs = list(gather(muscles, tests, hyperprior, scaling, models, points))
+    rows: list[tuple[Any, ...]] = []
+    with ctx.progress("experiments", len(jobs)) as advance:
+        for job, found in zip(jobs, ctx.spread(measure_errors, jobs), strict=True):
+            rows += found
+            advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
+    order = {name: position for position, name in enumerate(arms)}
+    curve = pd.DataFrame(rows, columns=list(LEARNING_CURVE.columns)).sort_values(
+        list(LEARNING_CURVE.key),
+        key=lambda values: values.map(order) if values.name == "arm" else values,
+        ignore_index=True,
+    )
+    common = keep_common(curve, len(arms))
+    summary = summarise(common, list(tests), arms, muscles)
+    for tested_on in tests:
+        its = summary[summary["tested_on"] == tested_on]
+        caption = (
+            "Error rate (RMSE over the largest force of the test data) after each trial, for every muscle and their "
+            f"average: mean and standard deviation (of {arms[0]}, where there are many arms) over "
+            f"{its['experiments'].max()} experiments, tested on {DESCRIBED[tested_on]}. Trial 0 is the initial data, "
+            "the same for every arm."
+        )
+        name = "learning_curve" if tested_on == "bank" else f"learning_curve_{tested_on}"
+        ctx.figure(name, draw_learning_curves(its, arms, [ALL_MUSCLES, *muscles]), caption)
+    compared = pair_arms(common, arms, cfg.comparison.experiments)
+    final = tell_final_errors(summary, list(tests), arms, muscles)
+    return curve, summary, final, compared, recommend(compared, arms[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """The models of one muscle in one experiment, in all arms and after all trials, and what they are tested on."""
+
+    participant: str
+    experiment: int
+    muscle: str
+    recorded: RecordedModels
+    tests: Mapping[str, tuple[Array, Array]]
+    models: pd.DataFrame
+    points: pd.DataFrame
+
+
+def gather(
+    muscles: Sequence[str],
+    tests: Mapping[str, pd.DataFrame],
+    hyperprior: pd.DataFrame,
+    scaling: pd.DataFrame,
+    models: pd.DataFrame,
+    points: pd.DataFrame,
+) -> Iterator[Job]:
+    """Yield the job of every muscle and experiment."""
+    for muscle in muscles:
+        recorded = RecordedModels.read(hyperprior, scaling, muscle)
+        its_tests = {}
+        for name, frame in tests.items():
+            its = frame[frame["muscle"] == muscle]
+            its_tests[name] = (recorded.scaling.inputs_of(its), its["force_n"].to_numpy())
+        who = ["participant", "experiment"]
+        its_points: dict[Any, pd.DataFrame] = dict(list(points[points["muscle"] == muscle].groupby(who, sort=False)))
+        for key, its_models in models[models["muscle"] == muscle].groupby(who, sort=False):
+            participant, experiment = str(key[0]), int(str(key[1]))
+            found = its_points[(participant, experiment)]
+            yield Job(participant, experiment, muscle, recorded, its_tests, its_models, found)
+
+
+def measure_errors(job: Job) -> list[tuple[Any, ...]]:
+    """Return the rows of `learning_curve` of one muscle in one experiment."""
+    rows = []
+    points_of: dict[Any, pd.DataFrame] = dict(list(job.points.groupby("arm", sort=False)))
+    for (arm, trial), model in job.models.groupby(["arm", "trial"], sort=False):
+        gp = job.recorded.rebuild(model, points_of[arm])
+        for tested_on, (test_inputs, test_force) in job.tests.items():
+            rate = error_rate(job.recorded.scaling.restore_force(gp.predict_mean(test_inputs)), test_force)
+            rmse_n = rate * float(test_force.max())
+            rows.append((job.participant, job.experiment, arm, trial, tested_on, job.muscle, rmse_n, rate))
+    return rows
+
+
+def keep_common(curve: pd.DataFrame, arms: int) -> pd.DataFrame:
+    """Return the rows of the experiments that every arm has, so that arms are compared on the same ones."""
+    counted = curve.groupby(["participant", "experiment"])["arm"].transform("nunique")
+    return curve[counted == arms]
+
+
+def summarise(curve: pd.DataFrame, tests: Sequence[str], arms: Sequence[str], muscles: Sequence[str]) -> pd.DataFrame:
+    """Return mean and SD over experiments, for each muscle and for their average."""
+    average = average_muscles(curve).assign(muscle=ALL_MUSCLES)
+    rows = pd.concat([curve, average], ignore_index=True)
+    grouped = rows.groupby(["tested_on", "arm", "trial", "muscle"])["error_rate"].agg(["mean", "std", "count"])
+    trials = sorted(curve["trial"].unique())
+    keys = list(product(tests, arms, trials, [*muscles, ALL_MUSCLES]))
+    ordered = grouped.loc[keys].reset_index()
+    ordered.columns = pd.Index(LEARNING_SUMMARY.columns)
+    return ordered
+
+
+def average_muscles(curve: pd.DataFrame) -> pd.DataFrame:
+    """Return the error rate averaged over muscles."""
+    keys = ["participant", "experiment", "arm", "trial", "tested_on"]
+    return curve.groupby(keys, sort=False)["error_rate"].mean().reset_index()
+
+
+def tell_final_errors(
+    summary: pd.DataFrame, tests: Sequence[str], arms: Sequence[str], muscles: Sequence[str]
+) -> pd.DataFrame:
+    """Return the rows of `final_errors`."""
+    keys = ["tested_on", "muscle", "arm"]
+    before = summary[summary["trial"] == 0].set_index(keys)
+    after = summary[summary["trial"] == summary["trial"].max()].set_index(keys)
+    found = pd.DataFrame(
+        {
+            "before": before["error_rate_mean"],
+            "after": after["error_rate_mean"],
+            "after_sd": after["error_rate_sd"],
+            "experiments": after["experiments"],
+        }
+    )
+    return found.loc[list(product(tests, [*muscles, ALL_MUSCLES], arms))].reset_index()
+
+
+def pair_arms(curve: pd.DataFrame, arms: Sequence[str], sizes: Sequence[int | None]) -> pd.DataFrame:
+    """Return the rows of `paired_comparison`: the first arm against each other one.
+
+    Parameters
+    ----------
+    curve : DataFrame
+        Of the experiments that every arm has.
+    arms : sequence of str
+        The design first.
+    sizes : sequence of int or None
+        How many experiments of each participant count, each size a family of tests; None for all.
+    """
+    ranks = curve.groupby("participant")["experiment"].rank(method="dense")
+    taken = [ranks <= (ranks.max() if size is None else size) for size in sizes]
+    distinct = {int(rows.sum()): rows for rows in taken}
+    frames = [
+        pair_family(curve[rows & (curve["tested_on"] == tested_on)], arms, str(tested_on))
+        for tested_on in curve["tested_on"].unique()
+        for rows in distinct.values()
+    ]
+    return pd.concat(frames, ignore_index=True)
+
+
+def pair_family(curve: pd.DataFrame, arms: Sequence[str], tested_on: str) -> pd.DataFrame:
+    """Return the rows of one test set and number of experiments, whose p-values are adjusted together."""
+    table = average_muscles(curve).pivot_table(
+        index=["participant", "experiment"], columns=["arm", "trial"], values="error_rate"
+    )
+    last = curve["trial"].max()
+    measures = {
+        "final": {arm: table[arm][last].to_numpy() for arm in arms},
+        "curve": {arm: table[arm].drop(columns=0).to_numpy().mean(axis=1) for arm in arms},
+    }
+    design, controls = arms[0], arms[1:]
+    rows = []
+    for measure, values in measures.items():
+        for control in controls:
+            told = compare_pairs(values[design], values[control])
+            rows.append(
+                (
+                    tested_on,
+                    measure,
+                    design,
+                    control,
+                    told.n,
+                    told.mean_first,
+                    told.mean_second,
+                    told.difference,
+                    told.low,
+                    told.high,
+                    told.effect_size,
+                    told.wins,
+                    told.t_p_value,
+                    told.wilcoxon_p_value,
+                )
+            )
+    frame = pd.DataFrame(rows, columns=list(PAIRED_COMPARISON.columns)[:-2])
+    adjusted = adjust_holm(frame["p_t"].to_numpy(dtype=float))
+    better = np.where(frame["difference"] < 0, "design better", "control better")
+    return frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, better, "undecided"))
+
+
+def recommend(compared: pd.DataFrame, design: str) -> pd.DataFrame:
+    """Return the rows of `recommendation`: the best of the controls that are shown to be better, else the design."""
+    rows = []
+    for (tested_on, measure), its in compared.groupby(["tested_on", "measure"], sort=False):
+        its = its[its["n"] == its["n"].max()]
+        better = its[its["verdict"] == "control better"].sort_values("control_mean")
+        worse = list(its.loc[its["verdict"] == "design better", "control"])
+        others = list(its.loc[its["verdict"] == "undecided", "control"])
+        if len(better):
+            best = better.iloc[0]
+            chosen = str(best["control"])
+            advice = (
+                f"choose by {chosen}: error rate lower than by {design} by {100 * best['difference']:.2g} points "
+                f"(95 % {100 * best['low']:.2g} to {100 * best['high']:.2g}); set active_loop.utility={chosen}"
+            )
+        else:
+            chosen, advice = design, f"keep {design}: no other choice is shown to be better"
+            advice += f"; it is better than {', '.join(worse)}" if worse else ""
+            advice += f"; undecided against {', '.join(others)}" if others else ""
+        rows.append((tested_on, measure, int(its["n"].max()), chosen, advice))
+    return pd.DataFrame(rows, columns=list(RECOMMENDATION.columns))

@@ -1,0 +1,157 @@
+"""Executes given lists of trials on the rig: those that give each experiment its initial data, and a protocol's.
+
+In: `initial_trials`, `references` and, where the workflow has a protocol, `protocol_commands`. Out, in parts:
+`hardware_recordings`, `protocol_recordings` (nobody moves; empty without a protocol) and `executed_by`, which says what
+the recordings come from.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import pandas as pd
+
+from pipeline.config import Section, Target
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.rig.attendance import Proposal, until_kept
+from stages.science.rig.contract import RECORDING_COLUMNS, Rig, tidy
+from stages.science.rig.pacing import measure_pace
+from stages.science.rig.reference import tracked_trial
+from stages.science.rig.sweeps import passive_trial
+
+NOBODY = "nobody"
+"""Who is in a passive trial; no participant has this name."""
+
+HARDWARE_RECORDINGS = Table(
+    "hardware_recordings",
+    "A sample of a muscle in an executed trial",
+    {
+        "participant": column(str, "who tracked"),
+        "experiment": column(int, "experiment of this participant", low=1),
+        "position": column(int, "order of execution", low=1),
+        "trajectory": column(int, "movement of the bank that was tracked", low=0),
+        **RECORDING_COLUMNS,
+    },
+    key=("participant", "experiment", "position", "muscle", "time_s"),
+)
+PROTOCOL_RECORDINGS = Table(
+    "protocol_recordings",
+    "A sample of a muscle in an executed trial of the automatic protocol, in which nobody moves",
+    {
+        "experiment": column(int, "sequence of trials", low=1),
+        "trial": column(int, "trial of this experiment", low=1),
+        **RECORDING_COLUMNS,
+    },
+    key=("experiment", "trial", "muscle", "time_s"),
+)
+EXECUTED_BY = Table(
+    "executed_by",
+    "The rig that executed the trials",
+    {
+        "rig": column(str, "its class"),
+        "real": column(bool, "whether it is a machine, not a simulation"),
+        "sampling_rate_hz": column(float, "samples per second", unit="Hz", low=0),
+        "period_p50_s": column(float, "median time from one sample to the next", unit="s", low=0),
+        "period_p99_s": column(float, "99th percentile of it", unit="s", low=0),
+        "overruns": column(int, "samples that were missed, or taken over half a period late", low=0),
+        "samples": column(int, "of all tracked trials", low=1),
+    },
+)
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    rig: Target
+    seed: int
+
+
+@stage(HARDWARE_RECORDINGS, PROTOCOL_RECORDINGS, EXECUTED_BY, stream="hardware")
+def hardware(
+    cfg: Config,
+    initial_trials: pd.DataFrame,
+    references: pd.DataFrame,
+    ctx: Context,
+    protocol_commands: pd.DataFrame | None = None,
+) -> dict[str, pd.DataFrame]:
+    """Execute each experiment's initial trials, then those of the protocol."""
+    ctx.rig.check_bank(references, "trajectory")
+    passive = split_turns(protocol_commands, ctx.rig.real or ctx.is_attended)
+    with ctx.rig as rig, ctx.progress("trials", len(initial_trials) + len(passive)) as advance:
+        for number, row in enumerate(rows_of(initial_trials)):
+            key = (row["participant"], row["experiment"], row["position"])
+            make = partial(execute_tracked, row, number, len(initial_trials), references, rig, ctx)
+            until_kept(partial(ctx.record.part, key, make))
+            advance(f"{row['participant']} experiment {row['experiment']}")
+        first = 0
+        for turn, commands in passive.items():
+            make = partial(execute_passive, commands, turn, first, rig, ctx)
+            until_kept(partial(ctx.record.part, (NOBODY, *turn), make))
+            first += commands.groupby(["experiment", "trial"]).ngroups
+            advance(f"protocol experiment {turn[0]}")
+    tables = ctx.record.collect()
+    pace = measure_pace(tables[HARDWARE_RECORDINGS.name], ["participant", "experiment", "position"])
+    executed_by = {
+        "rig": type(rig).__name__,
+        "real": rig.real,
+        "sampling_rate_hz": float(rig.sampling_rate_hz),
+        "period_p50_s": pace.p50_s,
+        "period_p99_s": pace.p99_s,
+        "overruns": pace.overruns,
+        "samples": pace.samples,
+    }
+    return {**tables, EXECUTED_BY.name: pd.DataFrame([executed_by])}
+
+
+def execute_tracked(
+    row: dict[str, Any], number: int, total: int, references: pd.DataFrame, rig: Rig, ctx: Context
+) -> dict[str, pd.DataFrame]:
+    """Execute one initial trial."""
+    key = (row["participant"], row["experiment"], row["position"])
+    samples = references[references["trajectory"] == row["trajectory"]]
+    label = f"{row['participant']} experiment {row['experiment']} initial {row['position']}"
+    proposal = Proposal(number + 1, total, "an initial trial, drawn at random", int(row["trajectory"]))
+    trial = tracked_trial(samples, rig, row["participant"], label, number, proposal)
+    recording = rig.execute(trial, ctx.generator(*key), ctx.record.watch(key))
+    return make_part(HARDWARE_RECORDINGS, pd.DataFrame(tidy(recording, rig)).assign(**row))
+
+
+def split_turns(commands: pd.DataFrame | None, singly: bool) -> dict[tuple[int, ...], pd.DataFrame]:
+    """Return the protocol's commands by turn of the loop, named by experiment and, where they land singly, trial.
+
+    What a machine measured lands trial by trial, and so does what somebody decides on. A simulation's trials land by
+    experiment else, as each is made sooner than a part is written.
+    """
+    if commands is None:
+        return {}
+    by = ["experiment", "trial"] if singly else ["experiment"]
+    return {tuple(int(str(each)) for each in key): rows for key, rows in commands.groupby(by, sort=False)}
+
+
+def execute_passive(
+    commands: pd.DataFrame, key: tuple[int, ...], first: int, rig: Rig, ctx: Context
+) -> dict[str, pd.DataFrame]:
+    """Execute trials of the protocol, numbered from the first on."""
+    frames = []
+    watch = ctx.record.watch((NOBODY, *key))
+    trials = commands.groupby(["experiment", "trial"], sort=False)
+    for number, ((experiment, trial), samples) in enumerate(trials, first):
+        turn = int(str(experiment)), int(str(trial))
+        label = "protocol experiment {} trial {}".format(*turn)
+        recording = rig.execute(passive_trial(samples, rig, label, number), ctx.generator(NOBODY, *turn), watch)
+        frames.append(pd.DataFrame(tidy(recording, rig)).assign(experiment=turn[0], trial=turn[1]))
+    return make_part(PROTOCOL_RECORDINGS, pd.concat(frames, ignore_index=True))
+
+
+def make_part(table: Table, frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return the part of a trial: its rows for the table they belong to, none for the others."""
+    empty = {each.name: pd.DataFrame(columns=list(each.columns)) for each in hardware.writes}
+    return {**empty, table.name: frame[list(table.columns)]}
+
+
+def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return a frame's rows as plain mappings."""
+    return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]

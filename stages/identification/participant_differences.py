@@ -1,0 +1,178 @@
+"""Whether the people differ: every pair of participants after the last trial, for difference and for equivalence.
+
+In: `learning_curve`. Out: `participant_comparison`. "Not significant" is not "equal": beside Welch's test stands that
+of equivalence for a stated margin, with the power that it had.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Annotated, Any
+
+import pandas as pd
+from pydantic import Field, PositiveInt
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.figures.learning_curves import draw_learning_curves
+from stages.science.statistics.equivalence import judge_equivalence
+from stages.science.statistics.groups import compare_groups
+from stages.science.statistics.paired import adjust_holm
+
+ALL_MUSCLES = "mean"
+LEVEL = 0.05
+
+PARTICIPANT_COMPARISON = Table(
+    "participant_comparison",
+    "Two participants' error rates after the last designed trial: Welch's test and the test of equivalence",
+    {
+        "first": column(str, "participant"),
+        "second": column(str, "participant"),
+        "tested_on": column(str, "test set, as in learning_curve"),
+        "muscle": column(str, "muscle, or mean for the average over muscles"),
+        "n_first": column(int, "experiments of the first", low=1),
+        "n_second": column(int, "experiments of the second", low=1),
+        "first_mean": column(float, "error rate", low=0),
+        "second_mean": column(float, "error rate", low=0),
+        "difference": column(float, "first minus second"),
+        "low": column(float, "lower end of its 95 % interval (Welch)", nullable=True),
+        "high": column(float, "upper end of its 95 % interval (Welch)", nullable=True),
+        "hedges_g": column(float, "effect size", nullable=True),
+        "p_welch": column(float, "two-sided Welch's t-test", low=0, high=1, nullable=True),
+        "p_holm": column(
+            float, "p_welch adjusted by Holm over the rows of this test set and n", low=0, high=1, nullable=True
+        ),
+        "margin": column(float, "largest difference of error rates that does not matter", low=0),
+        "p_tost": column(float, "two one-sided tests of equivalence", low=0, high=1, nullable=True),
+        "power": column(float, "of that test, were the true difference zero", low=0, high=1, nullable=True),
+        "n_needed": column(float, "experiments of each for a power of 0.8", low=2, nullable=True),
+        "verdict": column(
+            str,
+            f"different at p_holm below {LEVEL}, equivalent at p_tost below {LEVEL}, both, or neither",
+            among=["different", "equivalent", "different within the margin", "undecided"],
+        ),
+    },
+    key=("first", "second", "tested_on", "muscle", "n_first"),
+    brief=("tested_on", "muscle", "n_first", "difference", "low", "high", "hedges_g", "p_holm", "power", "verdict"),
+)
+
+
+class ParticipantDifferences(Section):
+    """Config group ``participant_differences``."""
+
+    experiments: Annotated[list[PositiveInt | None], Field(min_length=1)]
+    margin: Annotated[float, Field(gt=0, le=1)]
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    participant_differences: ParticipantDifferences
+
+
+@stage(PARTICIPANT_COMPARISON)
+def participant_differences(cfg: Config, learning_curve: pd.DataFrame, ctx: Context) -> pd.DataFrame:
+    """Compare the participants' error rates in the design's arm."""
+    design = learning_curve["arm"].iloc[0]
+    curve = add_average(learning_curve[learning_curve["arm"] == design])
+    muscles = [ALL_MUSCLES, *learning_curve["muscle"].unique()]
+    people = list(curve["participant"].unique())
+    caption = (
+        f"Error rate after each trial of the design ({design}), for every participant: mean and SD over "
+        f"each one's {curve['experiment'].nunique()} experiments, tested on {curve['tested_on'].iloc[0]}."
+    )
+    shown = summarise(curve[curve["tested_on"] == curve["tested_on"].iloc[0]])
+    ctx.figure("participants", draw_learning_curves(shown, people, muscles, "participant", "participant"), caption)
+    section = cfg.participant_differences
+    return compare_participants(curve, people, muscles, section.margin, section.experiments)
+
+
+def add_average(curve: pd.DataFrame) -> pd.DataFrame:
+    """Return the curve with rows of the average over muscles."""
+    keys = ["participant", "experiment", "trial", "tested_on"]
+    average = curve.groupby(keys, sort=False)["error_rate"].mean().reset_index().assign(muscle=ALL_MUSCLES)
+    columns = [*keys, "muscle", "error_rate"]
+    return pd.concat([curve[columns], average[columns]], ignore_index=True)
+
+
+def summarise(curve: pd.DataFrame) -> pd.DataFrame:
+    """Return mean and SD over each participant's experiments."""
+    told = curve.groupby(["participant", "trial", "muscle"])["error_rate"].agg(["mean", "std"]).reset_index()
+    return told.rename(columns={"mean": "error_rate_mean", "std": "error_rate_sd"})
+
+
+def compare_participants(
+    curve: pd.DataFrame, people: list[str], muscles: list[str], margin: float, sizes: Sequence[int | None]
+) -> pd.DataFrame:
+    """Return the rows of `participant_comparison`.
+
+    Parameters
+    ----------
+    curve : DataFrame
+        With the average over muscles.
+    people, muscles : list of str
+        To be compared, in this order.
+    margin : float
+        Largest difference of error rates that does not matter.
+    sizes : sequence of int or None
+        How many experiments of each participant count, each size a family of tests; None for all.
+    """
+    last = curve[curve["trial"] == curve["trial"].max()]
+    rank = last.groupby("participant")["experiment"].rank(method="dense")
+    taken = [rank <= (rank.max() if size is None else size) for size in sizes]
+    distinct = {int(rows.sum()): rows for rows in taken}
+    frames = [
+        compare_family(last[rows & (last["tested_on"] == tested_on)], people, muscles, margin).assign(
+            tested_on=tested_on
+        )
+        for tested_on in last["tested_on"].unique()
+        for rows in distinct.values()
+    ]
+    return pd.concat(frames, ignore_index=True)[list(PARTICIPANT_COMPARISON.columns)]
+
+
+def compare_family(last: pd.DataFrame, people: list[str], muscles: list[str], margin: float) -> pd.DataFrame:
+    """Return the rows of one test set and number of experiments, whose p-values are adjusted together."""
+    values = {key: rows["error_rate"].to_numpy() for key, rows in last.groupby(["participant", "muscle"])}
+    rows: list[dict[str, Any]] = []
+    for first, second in combinations(people, 2):
+        for muscle in muscles:
+            pair = values[(first, muscle)], values[(second, muscle)]
+            told, same = compare_groups(*pair), judge_equivalence(*pair, margin)
+            rows.append(
+                {
+                    "first": first,
+                    "second": second,
+                    "muscle": muscle,
+                    "n_first": told.n_first,
+                    "n_second": told.n_second,
+                    "first_mean": told.mean_first,
+                    "second_mean": told.mean_second,
+                    "difference": told.difference,
+                    "low": told.low,
+                    "high": told.high,
+                    "hedges_g": told.effect_size,
+                    "p_welch": told.p_value,
+                    "margin": margin,
+                    "p_tost": same.p_value,
+                    "power": same.power,
+                    "n_needed": float("nan") if same.n_needed is None else float(same.n_needed),
+                }
+            )
+    if not rows:
+        return pd.DataFrame(columns=list(PARTICIPANT_COMPARISON.columns))
+    frame = pd.DataFrame(rows)
+    frame = frame.assign(p_holm=adjust_holm(frame["p_welch"].to_numpy(dtype=float)))
+    frame["verdict"] = [judge(*each) for each in zip(frame["p_holm"], frame["p_tost"], strict=True)]
+    return frame
+
+
+def judge(p_different: float, p_equivalent: float) -> str:
+    """Return the verdict of two p-values; a missing one decides nothing."""
+    different, equivalent = p_different < LEVEL, p_equivalent < LEVEL
+    if different and equivalent:
+        return "different within the margin"
+    return "different" if different else "equivalent" if equivalent else "undecided"

@@ -1,0 +1,396 @@
+"""The paper's claims beside what this study found: holds, does not hold, or cannot be tested in simulation.
+
+In: whichever comparisons the workflow has. Out: `claims`, a row for each claim, setting and test set. Nothing is
+measured here and no verdict is written down: each follows from its statistics by one of three rules.
+
+A claim that something is better holds where the difference has that sign and its p-value, adjusted in the table that it
+comes from, is below 5 %. A claim that something does not matter holds where the test of equivalence is below 5 %; of
+several muscles, where every one's is (the largest p-value of an intersection-union test, Berger 1982). A claim that
+choices agree holds where they are more alike than at random. What was tested otherwise does not hold; the finding says
+whether the opposite was found, or nothing. What was not tested, for want of experiments or of an arm, is called that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.statistics.paired import compare_pairs
+
+ALL_MUSCLES = "mean"
+LEVEL = 0.05
+
+HOLDS, FAILS, UNTESTED, UNTESTABLE = "holds", "does not hold", "not tested", "not testable in simulation"
+
+CLAIMS = Table(
+    "claims",
+    "A claim of the paper beside what this study found",
+    {
+        "claim": column(str, "short name"),
+        "paper": column(str, "what the paper says, and where"),
+        "setting": column(str, "what it was tested with; empty where there is one way only"),
+        "tested_on": column(str, "test set, as in learning_curve; empty where the claim is not about errors"),
+        "verdict": column(str, f"at p below {LEVEL}", among=[HOLDS, FAILS, UNTESTED, UNTESTABLE]),
+        "finding": column(str, "what was found, in words"),
+        "n": column(int, "units of the test (of the smaller group); 0 where nothing could be tested", low=0),
+        "p": column(float, "p-value that decides", low=0, high=1, nullable=True),
+        "estimate": column(float, "difference of error rates, negative = as claimed to be better", nullable=True),
+        "low": column(float, "lower end of its 95 % interval", nullable=True),
+        "high": column(float, "upper end of its 95 % interval", nullable=True),
+        "effect": column(float, "effect size, of the kind that the statistic names", nullable=True),
+        "statistic": column(str, "test, and kind of effect size"),
+    },
+    key=("claim", "setting", "tested_on"),
+    brief=("claim", "setting", "tested_on", "n", "estimate", "low", "high", "effect", "p", "verdict"),
+)
+
+PAPER = {
+    "error_falls": "the models' error falls over the trials with a person moving (5.1, Fig. 6)",
+    "beats_linear_all_along": "over the trials, the error is below the standard linear procedure's, which has no "
+    "interaction (5.1, Fig. 6)",
+    "beats_linear": "after the last trial, the error is below the standard linear procedure's (5.2, Fig. 7)",
+    "beats_sparse_gp": "after the last trial, the error is below that of a sparse GP on all data without "
+    "interaction (5.2, Fig. 7)",
+    "participants_alike": "two participants give comparable models (5.2, Fig. 8)",
+    "robust_to_shift": "learning is robust against the participant's tracking error (5.3, Fig. 9)",
+    "best_without_shift": "without tracking error, learning is better (5.3, Fig. 9)",
+    "beats_random_choice": "chosen trajectories hold more information than others (5.3); here, than random ones",
+    "robust_to_prior_means": "performance is not highly sensitive to the hyperpriors' means (6.1)",
+    "robust_to_prior_spread": "performance is not highly sensitive to the hyperpriors' variances (6.1)",
+    "choices_agree": "some trajectories are chosen again and again (6.2, Fig. 10)",
+    "sparse_model_gains": "a sparse model that keeps all samples would do better (7, future work)",
+    "works_on_real_robot": "the error falls on a real exoskeleton with two healthy adults (5.1)",
+}
+
+
+ABSENT = "this study has no comparison for it: an arm, a second participant or an analysis is missing"
+
+
+class Config(Section):
+    """What this stage reads: tables alone."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a comparison says about a claim.
+
+    Parameters
+    ----------
+    statistic : str
+        Test and effect size.
+    n : int
+        Units of the smaller group.
+    estimate, low, high : float
+        Difference with its 95 % interval; negative = as claimed to be better.
+    effect : float
+        Effect size.
+    p_different, p_equivalent : float
+        Of the test of difference, adjusted where it is one of many, and of that of equivalence; NaN without one.
+    """
+
+    statistic: str
+    n: int
+    estimate: float
+    low: float
+    high: float
+    effect: float
+    p_different: float
+    p_equivalent: float = np.nan
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What follows: the p-value that decided, the verdict, and the finding in words."""
+
+    p: float
+    verdict: str
+    finding: str
+
+
+TOO_FEW = Verdict(np.nan, UNTESTED, "too few experiments for a test")
+
+
+def judge_better(evidence: Evidence) -> Verdict:
+    """Judge a claim that something is better."""
+    p = evidence.p_different
+    if np.isnan(p):
+        return TOO_FEW
+    if not p < LEVEL:
+        return Verdict(p, FAILS, "not shown: no difference was found, which is not the same as none")
+    if evidence.estimate < 0:
+        return Verdict(p, HOLDS, "shown")
+    return Verdict(p, FAILS, "the opposite was found")
+
+
+def judge_same(evidence: Evidence) -> Verdict:
+    """Judge a claim that something does not matter."""
+    p, different = evidence.p_equivalent, evidence.p_different < LEVEL
+    if np.isnan(p):
+        return TOO_FEW
+    if p < LEVEL:
+        return Verdict(p, HOLDS, "it matters, but by less than the margin" if different else "equivalent to the margin")
+    if different:
+        return Verdict(p, FAILS, "it matters" if evidence.estimate > 0 else "it matters, and improves")
+    return Verdict(p, FAILS, "undecided: neither a difference nor equivalence was found")
+
+
+def judge_all_same(evidence: Evidence, differing: Sequence[str]) -> Verdict:
+    """Judge a claim that something matters to none of several muscles, of which some were shown to differ."""
+    told = judge_same(evidence)
+    if told.verdict == HOLDS:
+        more = f"; within it, it matters to {', '.join(differing)}" if differing else ""
+        return Verdict(told.p, HOLDS, f"equivalent to the margin for every muscle{more}")
+    if told.verdict == FAILS and differing:
+        return Verdict(told.p, FAILS, f"it matters to {', '.join(differing)}, and is not equivalent for every muscle")
+    return told
+
+
+def judge_concentrated(evidence: Evidence) -> Verdict:
+    """Judge a claim that choices agree more than by chance."""
+    p = evidence.p_different
+    if np.isnan(p):
+        return TOO_FEW
+    if p < LEVEL:
+        return Verdict(p, HOLDS, "chosen more alike than at random")
+    return Verdict(p, FAILS, "not shown: choices as spread as at random")
+
+
+Judge = Callable[[Evidence], Verdict]
+"""A rule: evidence to verdict."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row to be: a claim, how and on what it was tested, what was found, and the rule that judges it."""
+
+    claim: str
+    setting: str
+    tested_on: str
+    evidence: Evidence
+    judge: Judge
+
+
+@stage(CLAIMS)
+def claims(
+    cfg: Config,
+    ctx: Context,
+    executed_by: pd.DataFrame | None = None,
+    learning_curve: pd.DataFrame | None = None,
+    paired_comparison: pd.DataFrame | None = None,
+    rival_comparison: pd.DataFrame | None = None,
+    participant_comparison: pd.DataFrame | None = None,
+    shift_comparison: pd.DataFrame | None = None,
+    sensitivity_comparison: pd.DataFrame | None = None,
+    choice_concentration: pd.DataFrame | None = None,
+    sparse_comparison: pd.DataFrame | None = None,
+) -> pd.DataFrame:
+    """Judge every claim that the workflow's comparisons bear on."""
+    sources: list[tuple[Callable[[pd.DataFrame], Iterator[Case]], pd.DataFrame | None]] = [
+        (weigh_fall, learning_curve),
+        (weigh_rivals, rival_comparison),
+        (weigh_participants, participant_comparison),
+        (weigh_time_shift, shift_comparison),
+        (weigh_choices_against_random, paired_comparison),
+        (weigh_hyperpriors, sensitivity_comparison),
+        (weigh_concentration, choice_concentration),
+        (weigh_sparse_model, sparse_comparison),
+    ]
+    rows = [describe(each) for weigh, frame in sources if frame is not None for each in weigh(frame)]
+    if executed_by is not None:
+        rows.append(tell_reality(bool(executed_by["real"].all()), rows))
+        rows += [leave_open(claim, UNTESTED, ABSENT) for claim in PAPER if claim not in {row["claim"] for row in rows}]
+    return pd.DataFrame(rows, columns=list(CLAIMS.columns))
+
+
+def describe(case: Case) -> dict[str, Any]:
+    """Return the row of `claims`."""
+    found, told = case.evidence, case.judge(case.evidence)
+    return {
+        "claim": case.claim,
+        "paper": PAPER[case.claim],
+        "setting": case.setting,
+        "tested_on": case.tested_on,
+        "statistic": found.statistic,
+        "n": found.n,
+        "estimate": found.estimate,
+        "low": found.low,
+        "high": found.high,
+        "effect": found.effect,
+        "p": told.p,
+        "verdict": told.verdict,
+        "finding": told.finding,
+    }
+
+
+def tell_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the row of the claim about a real robot: that of `error_falls` if a real rig executed the trials."""
+    row = next((each for each in rows if each["claim"] == "error_falls"), None)
+    if real and row is not None:
+        return {**row, "claim": "works_on_real_robot", "paper": PAPER["works_on_real_robot"]}
+    if real:
+        return leave_open("works_on_real_robot", UNTESTED, ABSENT)
+    return leave_open("works_on_real_robot", UNTESTABLE, "all trials were simulated")
+
+
+def leave_open(claim: str, verdict: str, finding: str) -> dict[str, Any]:
+    """Return the row of a claim about which nothing was measured."""
+    return {
+        **dict.fromkeys(("estimate", "low", "high", "effect", "p"), np.nan),
+        "claim": claim,
+        "paper": PAPER[claim],
+        "setting": "",
+        "tested_on": "",
+        "verdict": verdict,
+        "finding": finding,
+        "n": 0,
+        "statistic": "none",
+    }
+
+
+def weigh_fall(curve: pd.DataFrame) -> Iterator[Case]:
+    """Compare the design's error after the last trial with that of its initial data, paired over experiments."""
+    design = curve[curve["arm"] == curve["arm"].iloc[0]]
+    for tested_on, its in design.groupby("tested_on", sort=False):
+        means = its.groupby(["participant", "experiment", "trial"])["error_rate"].mean().unstack("trial")
+        told = compare_pairs(means[means.columns.max()].to_numpy(), means[0].to_numpy())
+        evidence = Evidence(
+            "paired t, d_z", told.n, told.difference, told.low, told.high, told.effect_size, told.t_p_value
+        )
+        yield Case("error_falls", "", str(tested_on), evidence, judge_better)
+
+
+def weigh_participants(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take the comparison of every two participants, over all muscles and their largest number of experiments."""
+    average = compared[compared["muscle"] == ALL_MUSCLES]
+    for _, its in average.groupby(["first", "second", "tested_on"], sort=False):
+        row = rows_of(its.sort_values("n_first"))[-1]
+        n = int(min(row["n_first"], row["n_second"]))
+        evidence = Evidence(
+            f"Welch, TOST to {row['margin']:g}, Hedges g", n, *numbers(row, "hedges_g", "p_holm", "p_tost")
+        )
+        yield Case("participants_alike", f"{row['first']}, {row['second']}", row["tested_on"], evidence, judge_same)
+
+
+def weigh_time_shift(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take each amplitude's comparison: equivalence after the last trial, and the curve without shift against with."""
+    for row in rows_of(compared):
+        setting = f"up to {plain(row['amplitude_s'])} s"
+        if row["measure"] == "final":
+            evidence = Evidence(
+                f"paired t, TOST to {row['margin']:g}, d_z", row["n"], *numbers(row, "d_z", "p_holm", "p_tost")
+            )
+            yield Case("robust_to_shift", setting, row["tested_on"], evidence, judge_same)
+        else:
+            # the table tells the shift less none; the claim is about none
+            found = Evidence("paired t of the curve, d_z", row["n"], *numbers(row, "d_z", "p_holm"))
+            yield Case("best_without_shift", setting, row["tested_on"], turn(found), judge_better)
+
+
+def weigh_choices_against_random(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take the design's comparison with the control that chooses at random, over the largest number of experiments."""
+    its = compared[compared["control"] == "random"]
+    for _, rows in its.groupby(["tested_on", "measure"], sort=False):
+        row = rows_of(rows.sort_values("n"))[-1]
+        evidence = Evidence("paired t, d_z", int(row["n"]), *numbers(row, "d_z", "p_holm"))
+        setting = "after the last trial" if row["measure"] == "final" else "over the curve"
+        yield Case("beats_random_choice", setting, row["tested_on"], evidence, judge_better)
+
+
+def numbers(row: Any, effect: str, p_different: str, p_equivalent: str | None = None) -> tuple[float, ...]:
+    """Return difference, interval, effect size and p-values of a comparison's row, in the order of `Evidence`."""
+    names = ["difference", "low", "high", effect, p_different, *([p_equivalent] if p_equivalent else [])]
+    return tuple(float(row[name]) for name in names)
+
+
+def turn(evidence: Evidence) -> Evidence:
+    """Return the same evidence for the second less the first."""
+    return replace(
+        evidence, estimate=-evidence.estimate, low=-evidence.high, high=-evidence.low, effect=-evidence.effect
+    )
+
+
+def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return a frame's rows as plain mappings."""
+    return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
+
+
+def weigh_rivals(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take the design's comparisons with the two rivals of the paper, over all muscles."""
+    about = {
+        ("linear", "curve"): "beats_linear_all_along",
+        ("linear", "final"): "beats_linear",
+        ("sparse_gp", "final"): "beats_sparse_gp",
+    }
+    for row in rows_of(compared[compared["muscle"] == ALL_MUSCLES]):
+        claim = about.get((row["rival"], row["measure"]))
+        if claim:
+            n = min(row["n_design"], row["n_rival"])
+            evidence = Evidence("Welch, Hedges g", n, *numbers(row, "effect", "p_holm"))
+            yield Case(claim, "", row["tested_on"], evidence, judge_better)
+
+
+def weigh_hyperpriors(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take each setting's comparison with Table 1, of the muscle that is least surely equivalent."""
+    names = {
+        "mean": ("robust_to_prior_means", "means with SD {}", "Welch, Welch's TOST", "hedges_g", "difference"),
+        "variance": (
+            "robust_to_prior_spread",
+            "variances x {}",
+            "Wilcoxon, paired t TOST",
+            "rank_biserial",
+            "hodges_lehmann",
+        ),
+    }
+    for _, rows in compared.groupby(["kind", "setting", "tested_on"], sort=False):
+        claim, described, test, effect, estimate = names[str(rows["kind"].iloc[0])]
+        its = rows[rows["muscle"] != ALL_MUSCLES].sort_values("p_tost", na_position="last")
+        row = rows_of(its)[-1]
+        evidence = Evidence(
+            f"{test} to {row['margin']:g}, {effect}: of {row['muscle']}, least surely equivalent",
+            int(row["n"]),
+            float(row[estimate]),
+            float(row["low"]),
+            float(row["high"]),
+            float(row[effect]),
+            float(its["p_holm"].min()),
+            float(row["p_tost"]),
+        )
+        judge = partial(judge_all_same, differing=sorted(its.loc[its["p_holm"] < LEVEL, "muscle"]))
+        yield Case(claim, described.format(plain(row["setting"])), row["tested_on"], evidence, judge)
+
+
+def plain(value: float) -> str:
+    """Return a number with all the digits that tell it from others."""
+    return repr(float(value)).removesuffix(".0")
+
+
+def weigh_concentration(concentration: pd.DataFrame) -> Iterator[Case]:
+    """Take the design's test, the first of the arms."""
+    row = rows_of(concentration)[0]
+    evidence = Evidence(
+        "Monte Carlo test of dispersion, over its mean at random",
+        row["n"],
+        np.nan,
+        np.nan,
+        np.nan,
+        float(row["effect"]),
+        float(row["p_holm"]),
+    )
+    yield Case("choices_agree", "", "", evidence, judge_concentrated)
+
+
+def weigh_sparse_model(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take the comparison of a sparse model that keeps all samples with an exact one of few, after the last trial."""
+    its = compared[(compared["question"] == "keeping all samples") & (compared["measure"] == "final")]
+    for row in rows_of(its.drop_duplicates("tested_on")):  # the design's comparison stands first
+        evidence = Evidence("paired t, d_z", row["n"], *numbers(row, "d_z", "p_holm"))
+        yield Case("sparse_model_gains", f"{row['first']} - {row['second']}", row["tested_on"], evidence, judge_better)

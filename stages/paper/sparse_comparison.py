@@ -1,0 +1,315 @@
+"""Whether keeping all samples pays: sparse models against exact ones, and designed choices against random ones.
+
+In: `bank` (a test set, with force), `scaling`, `sparse_models`, `sparse_pseudo_inputs`, `learning_curve` (the exact
+models' errors) and `unseen_bank` (another test set) where there is one. Out: `sparse_curve`, `sparse_comparison`.
+Experiments are paired: both models begin with the same initial trials. This stage only reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import Field
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.figures.learning_curves import draw_learning_curves
+from stages.science.gp.sparse_model import predict_weighted
+from stages.science.signals.measures import error_rate
+from stages.science.signals.scaling import Scaling
+from stages.science.statistics.equivalence import judge_paired_equivalence
+from stages.science.statistics.paired import adjust_holm, compare_pairs
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.05
+KEEPING, CHOOSING = "keeping all samples", "choosing by utility"
+
+MODEL = column(str, "sparse: of all samples; exact: of a trial's most informative ones", among=["sparse", "exact"])
+TESTED_ON = column(str, "test set, as in learning_curve", among=["bank", "unseen_bank"])
+SPARSE_CURVE = Table(
+    "sparse_curve",
+    "Error of one muscle's model after one trial over every sample of a test set, sparse and exact",
+    {
+        "participant": column(str, "who tracked"),
+        "experiment": column(int, "experiment of this participant, in which both began with the same trials", low=1),
+        "model": MODEL,
+        "arm": column(str, "how trajectories were chosen"),
+        "trial": column(int, "trials learned from; 0 = initial data alone", low=0),
+        "tested_on": TESTED_ON,
+        "muscle": column(str, "muscle"),
+        "rmse_n": column(float, "root mean square error of the force", unit="N", low=0),
+        "error_rate": column(float, "the same over the largest force of the test data", low=0),
+    },
+    key=("participant", "experiment", "model", "arm", "trial", "tested_on", "muscle"),
+)
+SPARSE_COMPARISON = Table(
+    "sparse_comparison",
+    "Two ways to learn, paired over experiments: mean error rate of muscles, negative = first better",
+    {
+        "tested_on": TESTED_ON,
+        "question": column(str, "what the two differ in", among=[KEEPING, CHOOSING]),
+        "measure": column(str, "final: after the last trial; curve: averaged over trials 1 to the last"),
+        "first": column(str, "model and arm"),
+        "second": column(str, "model and arm"),
+        "n": column(int, "experiments", low=1),
+        "first_mean": column(float, "error rate", low=0),
+        "second_mean": column(float, "error rate", low=0),
+        "difference": column(float, "first minus second"),
+        "low": column(float, "lower end of its 95 % interval (t)", nullable=True),
+        "high": column(float, "upper end of its 95 % interval (t)", nullable=True),
+        "d_z": column(float, "effect size: difference over the SD of differences", nullable=True),
+        "wins": column(int, "experiments in which the first is better", low=0),
+        "p_t": column(float, "two-sided paired t-test", low=0, high=1, nullable=True),
+        "p_wilcoxon": column(float, "two-sided Wilcoxon signed-rank test", low=0, high=1, nullable=True),
+        "p_holm": column(float, "p_t adjusted by Holm over the rows of this test set", low=0, high=1, nullable=True),
+        "margin": column(float, "largest difference of error rates that does not matter", low=0),
+        "p_tost": column(float, "two one-sided paired tests of equivalence", low=0, high=1, nullable=True),
+        "power": column(float, "of that test, were the true difference zero", low=0, high=1, nullable=True),
+        "n_needed": column(float, "experiments for a power of 0.8", low=2, nullable=True),
+        "verdict": column(
+            str,
+            f"better at p_holm below {LEVEL}, equivalent at p_tost below {LEVEL}, both, or neither",
+            among=[
+                "first better",
+                "second better",
+                "equivalent",
+                "first better within the margin",
+                "second better within the margin",
+                "undecided",
+            ],
+        ),
+    },
+    key=("tested_on", "question", "measure", "first", "second"),
+    brief=("tested_on", "measure", "first", "second", "n", "difference", "low", "high", "d_z", "p_holm", "verdict"),
+)
+
+
+class SparseComparison(Section):
+    """Config group ``sparse_comparison``."""
+
+    margin: Annotated[float, Field(gt=0, le=1)]
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    sparse_comparison: SparseComparison
+
+
+@stage(SPARSE_CURVE, SPARSE_COMPARISON)
+def sparse_comparison(
+    cfg: Config,
+    bank: pd.DataFrame,
+    scaling: pd.DataFrame,
+    sparse_models: pd.DataFrame,
+    sparse_pseudo_inputs: pd.DataFrame,
+    learning_curve: pd.DataFrame,
+    ctx: Context,
+    unseen_bank: pd.DataFrame | None = None,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Draw the learning curves of sparse and exact models and test what keeping and choosing gain."""
+    tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
+    jobs = list(gather(tests, scaling, sparse_models, sparse_pseudo_inputs))
+    rows: list[tuple[Any, ...]] = []
+    with ctx.progress("experiments", len(jobs)) as advance:
+        for job, found in zip(jobs, ctx.spread(measure_errors, jobs), strict=True):
+            rows += found
+            advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
+    measured = pd.DataFrame(rows, columns=list(SPARSE_CURVE.columns))
+    if measured.empty:
+        return measured, pd.DataFrame(columns=list(SPARSE_COMPARISON.columns))
+    curve = join_exact(measured, learning_curve)
+    labelled = label_lines(curve)
+    lines, panels = list(labelled["line"].unique()), [f"average of the muscles, {name}" for name in tests]
+    caption = (
+        "Error rate (RMSE over the largest force of the test data, averaged over muscles) after each trial, of sparse "
+        "models that keep all samples and of exact models of the most informative ones, for each test set: mean and "
+        f"standard deviation over at least {count_fewest(labelled)} experiments. Both begin with the same initial "
+        "trials, of which the exact ones keep few samples."
+    )
+    figure = draw_learning_curves(summarise(labelled), lines, panels, "line", "model and choice")
+    ctx.figure("sparse_curve", figure, caption)
+    return curve, compare_ways(curve, cfg.sparse_comparison.margin)
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """The sparse models of one muscle in one experiment, in all arms and after all trials, and what tests them."""
+
+    participant: str
+    experiment: int
+    muscle: str
+    scaling: Scaling
+    tests: Mapping[str, tuple[Array, Array]]
+    models: pd.DataFrame
+    pseudo: pd.DataFrame
+
+
+def gather(
+    tests: Mapping[str, pd.DataFrame], scaling: pd.DataFrame, models: pd.DataFrame, pseudo: pd.DataFrame
+) -> Iterator[Job]:
+    """Yield the job of every muscle and experiment."""
+    who = ["participant", "experiment"]
+    for muscle in models["muscle"].unique():
+        constants = Scaling.of_muscle(scaling, muscle)
+        its_tests = {}
+        for name, frame in tests.items():
+            its = frame[frame["muscle"] == muscle]
+            its_tests[name] = (constants.inputs_of(its), its["force_n"].to_numpy())
+        its_pseudo: dict[Any, pd.DataFrame] = dict(list(pseudo[pseudo["muscle"] == muscle].groupby(who, sort=False)))
+        for key, its_models in models[models["muscle"] == muscle].groupby(who, sort=False):
+            participant, experiment = str(key[0]), int(str(key[1]))
+            found = its_pseudo[(participant, experiment)]
+            yield Job(participant, experiment, str(muscle), constants, its_tests, its_models, found)
+
+
+def measure_errors(job: Job) -> list[tuple[Any, ...]]:
+    """Return the rows of `sparse_curve` of one muscle's sparse models in one experiment."""
+    rows = []
+    pseudo_of: dict[Any, pd.DataFrame] = dict(list(job.pseudo.groupby(["arm", "trial"], sort=False)))
+    for key, model in job.models.groupby(["arm", "trial"], sort=False):
+        pseudo, theta = pseudo_of[key], model["value"].to_numpy()
+        at, weights = job.scaling.inputs_of(pseudo), pseudo["weight"].to_numpy()
+        for tested_on, (inputs, force_n) in job.tests.items():
+            rate = error_rate(job.scaling.restore_force(predict_weighted(at, weights, theta, inputs)), force_n)
+            where = (job.participant, job.experiment, "sparse", *key, tested_on, job.muscle)
+            rows.append((*where, rate * float(force_n.max()), rate))
+    return rows
+
+
+def join_exact(measured: pd.DataFrame, learning_curve: pd.DataFrame) -> pd.DataFrame:
+    """Return the sparse models' errors with the exact models' in the same experiments: the design and equal arms.
+
+    Parameters
+    ----------
+    measured : DataFrame
+        Rows of `sparse_curve`, sparse models alone, the design's arm first.
+    learning_curve : DataFrame
+        Of the exact models, the design's arm first.
+    """
+    arms = [learning_curve["arm"].iloc[0], *measured["arm"].unique()]
+    exact = learning_curve[learning_curve["arm"].isin(arms)]
+    same = measured[["participant", "experiment", "tested_on"]].drop_duplicates()
+    exact = exact.merge(same, on=list(same.columns), how="inner").assign(model="exact")
+    parts = [measured, exact[list(SPARSE_CURVE.columns)]]
+    return pd.concat(parts, ignore_index=True)
+
+
+def label_lines(curve: pd.DataFrame) -> pd.DataFrame:
+    """Return the curve with model and arm in one column."""
+    return curve.assign(line=curve["model"] + " " + curve["arm"])
+
+
+def average_muscles(labelled: pd.DataFrame) -> pd.DataFrame:
+    """Return the error rate averaged over muscles."""
+    keys = ["participant", "experiment", "line", "trial", "tested_on"]
+    return labelled.groupby(keys, sort=False)["error_rate"].mean().reset_index()
+
+
+def count_fewest(labelled: pd.DataFrame) -> int:
+    """Return how many experiments the line with the fewest has."""
+    distinct = labelled[["line", "participant", "experiment"]].drop_duplicates()
+    return int(distinct["line"].value_counts().min())
+
+
+def summarise(labelled: pd.DataFrame) -> pd.DataFrame:
+    """Return mean and SD over experiments of the average over muscles, one panel for each test set."""
+    rows = average_muscles(labelled)
+    told = rows.groupby(["line", "trial", "tested_on"])["error_rate"].agg(["mean", "std"]).reset_index()
+    told = told.rename(columns={"mean": "error_rate_mean", "std": "error_rate_sd"})
+    return told.assign(muscle="average of the muscles, " + told["tested_on"])
+
+
+def pair_lines(curve: pd.DataFrame) -> list[tuple[str, str, str]]:
+    """Return question, first and second of every comparison: the designs, equal arms, and choices with sparse models.
+
+    Parameters
+    ----------
+    curve : DataFrame
+        The design's arm first for either model; where the exact models lack the sparse ones' design, theirs stands.
+    """
+    arms = {model: list(its["arm"].unique()) for model, its in curve.groupby("model", sort=False)}
+    design, exact = arms["sparse"][0], arms.get("exact", [])
+    rival = design if design in exact else (exact or [None])[0]
+    pairs = [(KEEPING, f"sparse {design}", f"exact {rival}")] if rival else []
+    for arm in arms["sparse"][1:]:
+        if arm in exact:
+            pairs.append((KEEPING, f"sparse {arm}", f"exact {arm}"))
+        pairs.append((CHOOSING, f"sparse {design}", f"sparse {arm}"))
+    return pairs
+
+
+def compare_ways(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
+    """Return the rows of `sparse_comparison`.
+
+    Parameters
+    ----------
+    curve : DataFrame
+        The design's arm first for either model.
+    margin : float
+        Largest difference of error rates that does not matter.
+    """
+    pairs = pair_lines(curve)
+    frames = [
+        compare_family(label_lines(curve[curve["tested_on"] == tested_on]), pairs, margin).assign(tested_on=tested_on)
+        for tested_on in curve["tested_on"].unique()
+    ]
+    return pd.concat(frames, ignore_index=True)[list(SPARSE_COMPARISON.columns)]
+
+
+def compare_family(labelled: pd.DataFrame, pairs: Sequence[tuple[str, str, str]], margin: float) -> pd.DataFrame:
+    """Return the rows of one test set, whose p-values are adjusted together."""
+    table = average_muscles(labelled).pivot_table(
+        index=["participant", "experiment"], columns=["line", "trial"], values="error_rate"
+    )
+    rows: list[dict[str, Any]] = []
+    for measure in ("final", "curve"):
+        for question, first, second in pairs:
+            last = min(int(table[line].columns.max()) for line in (first, second))
+            trials = [last] if measure == "final" else list(range(1, last + 1))
+            both = pd.DataFrame({line: table[line][trials].to_numpy().mean(axis=1) for line in (first, second)})
+            values = both.dropna()[first].to_numpy(), both.dropna()[second].to_numpy()
+            told, same = compare_pairs(*values), judge_paired_equivalence(*values, margin)
+            rows.append(
+                {
+                    "question": question,
+                    "measure": measure,
+                    "first": first,
+                    "second": second,
+                    "n": told.n,
+                    "first_mean": told.mean_first,
+                    "second_mean": told.mean_second,
+                    "difference": told.difference,
+                    "low": told.low,
+                    "high": told.high,
+                    "d_z": told.effect_size,
+                    "wins": told.wins,
+                    "p_t": told.t_p_value,
+                    "p_wilcoxon": told.wilcoxon_p_value,
+                    "margin": margin,
+                    "p_tost": same.p_value,
+                    "power": same.power,
+                    "n_needed": float("nan") if same.n_needed is None else float(same.n_needed),
+                }
+            )
+    frame = pd.DataFrame(rows)
+    frame = frame.assign(p_holm=adjust_holm(frame["p_t"].to_numpy(dtype=float)))
+    told_apart = zip(frame["difference"], frame["p_holm"], frame["p_tost"], strict=True)
+    return frame.assign(verdict=[judge(*each) for each in told_apart])
+
+
+def judge(difference: float, p_different: float, p_equivalent: float) -> str:
+    """Return the verdict of a difference and two p-values; a missing one decides nothing."""
+    better = "first better" if difference < 0 else "second better"
+    different, equivalent = p_different < LEVEL, p_equivalent < LEVEL
+    if different and equivalent:
+        return f"{better} within the margin"
+    return better if different else "equivalent" if equivalent else "undecided"

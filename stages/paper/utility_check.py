@@ -1,0 +1,287 @@
+"""How well each utility ranks trajectories by what they tell, against mutual information by Monte Carlo.
+
+In: `candidates`, `hyperprior`, `scaling`, `models`, `points`. Out: `utility_agreement`, for the design's models after
+trials 0, the middle and the last, and `utility_summary`. The yardstick is I(y; theta) over draws of theta from the
+Laplace approximation: of a trajectory's samples one by one, added up, and of all of them together. Nothing is executed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import Field, PositiveInt
+from scipy.stats import spearmanr
+
+from pipeline.config import Section
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.figures.agreement import draw_agreement
+from stages.science.gp.marginal import MarginalGP, condition
+from stages.science.gp.mutual_information import Information, draw_models, path_information, point_information
+from stages.science.gp.scoring import trajectory_utility
+from stages.science.gp.utilities import UTILITIES
+from stages.science.muscle_models.muscle_set import MuscleSet
+from stages.science.statistics.paired import adjust_holm, compare_pairs
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.05
+DESIGN = "y_y"
+TRAJECTORY = "log_det"
+RANDOM = "random"
+CHOICES = (*UTILITIES, TRAJECTORY, RANDOM)
+TARGETS = ("one by one", "together")
+
+UTILITY = column(str, "what trajectories are ranked by; random: not at all", among=CHOICES)
+TARGET = column(str, "what a trajectory's samples tell, added up one by one, or together", among=TARGETS)
+UTILITY_AGREEMENT = Table(
+    "utility_agreement",
+    "A utility's scores of the bank's trajectories against Monte Carlo mutual information, for one set of models",
+    {
+        "participant": column(str, "who tracked"),
+        "experiment": column(int, "experiment of this participant", low=1),
+        "trial": column(int, "trials that the models learned from", low=0),
+        "target": TARGET,
+        "utility": UTILITY,
+        "spearman": column(float, "rank correlation over trajectories; 0 for random", low=-1, high=1, nullable=True),
+        "regret": column(
+            float, "share of the best trajectory's information that the utility's choice forgoes", low=0, high=1
+        ),
+        "reliability": column(
+            float,
+            "of the yardstick itself: rank correlation of its two halves of draws, stepped up to all of them",
+            low=-1,
+            high=1,
+            nullable=True,
+        ),
+        "information": column(float, "of the best trajectory, over all muscles", unit="nat"),
+        "standard_error": column(float, "of that, over draws", unit="nat", low=0),
+    },
+    key=("participant", "experiment", "trial", "target", "utility"),
+)
+UTILITY_SUMMARY = Table(
+    "utility_summary",
+    "How well each utility agrees with Monte Carlo mutual information, over experiments, and against y_y",
+    {
+        "target": TARGET,
+        "utility": UTILITY,
+        "n": column(int, "experiments, each averaged over trials", low=1),
+        "spearman": column(float, "mean rank correlation", low=-1, high=1, nullable=True),
+        "spearman_low": column(float, "lower end of its 95 % interval (t)", nullable=True),
+        "spearman_high": column(float, "upper end of its 95 % interval (t)", nullable=True),
+        "reliability": column(
+            float, "of the yardstick itself; a perfect utility's rank correlation is its root", nullable=True
+        ),
+        "regret": column(float, "mean share of information forgone", low=0, high=1),
+        "difference": column(float, "regret less that of y_y", nullable=True),
+        "low": column(float, "lower end of its 95 % interval (t)", nullable=True),
+        "high": column(float, "upper end of its 95 % interval (t)", nullable=True),
+        "d_z": column(float, "effect size", nullable=True),
+        "p_holm": column(
+            float, "paired t-test, adjusted by Holm over the rows of this target", low=0, high=1, nullable=True
+        ),
+        "verdict": column(
+            str,
+            f"at p_holm below {LEVEL}",
+            among=["forgoes less than y_y", "forgoes more than y_y", "undecided", "the design"],
+        ),
+    },
+    key=("target", "utility"),
+    brief=("target", "utility", "n", "spearman", "regret", "difference", "low", "high", "p_holm", "verdict"),
+)
+
+
+class UtilityCheck(Section):
+    """Config group ``utility_check``."""
+
+    experiments: PositiveInt
+    draws: Annotated[int, Field(ge=2, le=2000)]
+    every: PositiveInt
+    outputs: Annotated[int, Field(ge=1, le=1000)]
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    utility_check: UtilityCheck
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """The models of all muscles in one experiment after one trial."""
+
+    participant: str
+    experiment: int
+    trial: int
+    thetas: list[Array]
+    points: pd.DataFrame
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """How utilities are checked, the same for all jobs."""
+
+    cfg: UtilityCheck
+    ctx: Context
+    muscles: MuscleSet
+
+    def run(self, job: Job) -> list[tuple[Any, ...]]:
+        """Return the rows of `utility_agreement` of one set of models."""
+        inputs, outputs = self.muscles.standardise(job.points)
+        models = [
+            condition(x, y, theta, prior, mean=self.muscles.mean)
+            for x, y, theta, prior in zip(inputs, outputs, job.thetas, self.muscles.priors, strict=True)
+        ]
+        paths = [each[:, :: self.cfg.every] for each in self.muscles.candidates]
+        told = dict(zip(TARGETS, self.estimate(job, models, paths), strict=True))
+        scores = {name: trajectory_utility(models, paths, name, stride=1) for name in CHOICES if name != RANDOM}
+        rows = []
+        for target, densities in told.items():
+            information = densities.mean(axis=0)
+            best = Information.of(densities[:, int(np.argmax(information))])
+            reliability = rely(densities)
+            for name in CHOICES:
+                agreement = (0.0, forgo_at_random(information)) if name == RANDOM else agree(scores[name], information)
+                rows.append(
+                    (
+                        job.participant,
+                        job.experiment,
+                        job.trial,
+                        target,
+                        name,
+                        *agreement,
+                        reliability,
+                        best.value,
+                        best.standard_error,
+                    )
+                )
+        return rows
+
+    def estimate(self, job: Job, models: Sequence[MarginalGP], paths: Sequence[Array]) -> tuple[Array, Array]:
+        """Return each trajectory's information densities, (S, R), over all muscles: one by one, and together."""
+        trajectories, samples, dimensions = paths[0].shape
+        alone = np.zeros((self.cfg.draws, trajectories))
+        together = np.zeros((self.cfg.draws, trajectories))
+        for name, model, its in zip(self.muscles.names, models, paths, strict=True):
+            generator = self.ctx.generator(job.participant, job.experiment, job.trial, name)
+            drawn = draw_models(model, self.cfg.draws, generator)
+            densities = point_information(drawn, its.reshape(-1, dimensions))
+            alone += densities.reshape(self.cfg.draws, trajectories, samples).sum(axis=2)
+            noise = generator.standard_normal((self.cfg.outputs, self.cfg.draws, samples))
+            together += path_information(drawn, its, noise)
+        return alone, together
+
+
+@stage(UTILITY_AGREEMENT, UTILITY_SUMMARY, stream="utility_check")
+def utility_check(
+    cfg: Config,
+    candidates: pd.DataFrame,
+    hyperprior: pd.DataFrame,
+    scaling: pd.DataFrame,
+    models: pd.DataFrame,
+    points: pd.DataFrame,
+    ctx: Context,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Check every utility against Monte Carlo mutual information."""
+    muscles = MuscleSet.read(candidates, hyperprior, scaling)
+    design = models["arm"].iloc[0]
+    jobs = list(
+        gather(muscles, models[models["arm"] == design], points[points["arm"] == design], cfg.utility_check.experiments)
+    )
+    check = Check(cfg.utility_check, ctx, muscles)
+    rows: list[tuple[Any, ...]] = []
+    with ctx.progress("models", len(jobs)) as advance:
+        for job, found in zip(jobs, ctx.spread(check.run, jobs), strict=True):
+            rows += found
+            advance(f"{job.participant} experiment {job.experiment} trial {job.trial}")
+    agreement = pd.DataFrame(rows, columns=list(UTILITY_AGREEMENT.columns))
+    summary = summarise(agreement)
+    caption = (
+        "Share of the most telling trajectory's information that the choice of each utility forgoes, by Monte Carlo "
+        "mutual information with the hyperparameters: each experiment (dots) and their mean with its 95 % interval."
+    )
+    ctx.figure("utility_agreement", draw_agreement(agreement, CHOICES, TARGETS), caption)
+    return agreement, summary
+
+
+def gather(muscles: MuscleSet, models: pd.DataFrame, points: pd.DataFrame, experiments: int) -> Iterator[Job]:
+    """Yield the models of the first experiments of each participant, after trials 0, the middle and the last."""
+    last = int(models["trial"].max())
+    trials = sorted({0, last // 2, last})
+    chosen = models[(models["experiment"] <= experiments) & models["trial"].isin(trials)]
+    for key, its in chosen.groupby(["participant", "experiment", "trial"], sort=False):
+        participant, experiment, trial = str(key[0]), int(str(key[1])), int(str(key[2]))
+        thetas = [its.loc[its["muscle"] == name, "value"].to_numpy() for name in muscles.names]
+        known = points[(points["participant"] == participant) & (points["experiment"] == experiment)]
+        yield Job(participant, experiment, trial, thetas, known[known["trial"] <= trial])
+
+
+def agree(scores: Array, information: Array) -> tuple[float, float]:
+    """Return rank correlation and regret of scores; NaN and the regret of the first where all scores are equal."""
+    chosen, best = information[int(np.argmax(scores))], information.max()
+    regret = float(np.clip(1.0 - chosen / best, 0.0, 1.0)) if best > 0 else 0.0
+    if np.ptp(scores) == 0 or np.ptp(information) == 0:
+        return np.nan, regret
+    return float(spearmanr(scores, information).statistic), regret
+
+
+def rely(densities: Array) -> float:
+    """Return how well (S, R) densities rank R trajectories, from the rank correlation r of the means of their halves.
+
+    2 r / (1 + r) for all draws, after Spearman and Brown (1910), and r itself where that is negative. NaN where a half
+    does not tell trajectories apart.
+    """
+    halves = [densities[start::2].mean(axis=0) for start in (0, 1)]
+    if any(np.ptp(each) == 0 for each in halves):
+        return np.nan
+    r = float(spearmanr(*halves).statistic)
+    return r if r < 0 else 2 * r / (1 + r)
+
+
+def forgo_at_random(information: Array) -> float:
+    """Return the regret that a random choice is expected to have."""
+    best = information.max()
+    return float(np.clip(1.0 - information.mean() / best, 0.0, 1.0)) if best > 0 else 0.0
+
+
+def summarise(agreement: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of `utility_summary`."""
+    keys = ["target", "utility", "participant", "experiment"]
+    means = agreement.groupby(keys, sort=False)[["spearman", "reliability", "regret"]].mean().reset_index()
+    frames = []
+    for target, its in means.groupby("target", sort=False):
+        of = {name: rows.sort_values(["participant", "experiment"]) for name, rows in its.groupby("utility")}
+        design = of[DESIGN]["regret"].to_numpy()
+        rows = []
+        for name in CHOICES:
+            ranks, regret = of[name]["spearman"].to_numpy(), of[name]["regret"].to_numpy()
+            spread, told = compare_pairs(ranks, np.zeros_like(ranks)), compare_pairs(regret, design)
+            row = {
+                "target": target,
+                "utility": name,
+                "n": regret.size,
+                "spearman": spread.mean_first,
+                "spearman_low": spread.low,
+                "spearman_high": spread.high,
+                "reliability": of[name]["reliability"].mean(),
+                "regret": told.mean_first,
+                "difference": told.difference,
+                "low": told.low,
+                "high": told.high,
+                "d_z": told.effect_size,
+                "p": told.t_p_value,
+            }
+            rows.append(row)
+        frame = pd.DataFrame(rows)
+        adjusted = adjust_holm(frame["p"].to_numpy(dtype=float))
+        side = np.where(frame["difference"] < 0, "forgoes less than y_y", "forgoes more than y_y")
+        verdict = np.where(frame["utility"] == DESIGN, "the design", np.where(adjusted < LEVEL, side, "undecided"))
+        frames.append(frame.assign(p_holm=adjusted, verdict=verdict)[list(UTILITY_SUMMARY.columns)])
+    return pd.concat(frames, ignore_index=True)

@@ -1,0 +1,98 @@
+"""The amended plant: fitted constants and named effects, written as the simulator's own configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stages.science.discrepancy.fitting import Model, fit
+from stages.science.discrepancy.noise import Noise
+from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.plant.effect import Parameter
+from stages.science.plant.plant import MuscleModel, Plant
+from stages.science.signals.trajectories import Array
+
+
+def amend(plant: Plant, values: pd.DataFrame, channels: pd.DataFrame, types: Mapping[str, str]) -> dict[str, Any]:
+    """Return a plant's configuration with fitted constants, noises and added effects.
+
+    Effects that the plant had along its muscles' chains are left out: the constants were fitted without them.
+
+    Parameters
+    ----------
+    plant : Plant
+        What the simulator had; its encoder and integrator stay.
+    values : DataFrame
+        Columns ``muscle effect form parameter value``; an empty effect marks a nominal constant.
+    channels : DataFrame
+        Columns ``muscle channel white``: the white noise of each sensor.
+    types : mapping of str to str
+        Type of each measured muscle.
+    """
+    noise = channels.set_index(["channel", "muscle"])["white"]
+    muscles: dict[str, Any] = {name: model.model_dump() for name, model in plant.muscles.items()}
+    for muscle, kind in types.items():
+        base = plant.muscles.get(muscle) or plant.muscles.get(kind) or next(iter(plant.muscles.values()))
+        muscles[muscle] = _amend_muscle(base, values[values["muscle"] == muscle], noise, muscle)
+    entries = [entry.model_dump() for entry in plant.effects if entry.effect.site == "joint"]
+    chosen = values[values["effect"] != ""]
+    for (effect, form, carrier), rows in chosen.groupby(["effect", "form", "muscle"], sort=False):
+        parameters = dict(zip(rows["parameter"], rows["value"].astype(float), strict=True))
+        entries.append({"name": str(effect), "form": str(form), "muscles": [str(carrier)], **parameters})
+    return {**plant.model_dump(), "muscles": muscles, "effects": entries}
+
+
+def _amend_muscle(base: MuscleModel, rows: pd.DataFrame, noise: Any, muscle: str) -> dict[str, Any]:
+    constants = rows[rows["effect"] == ""].set_index("parameter")["value"]
+    fitted = {str(name): float(value) for name, value in constants.items()}
+    for channel, name in (("pressure_kpa", "pressure_noise_kpa"), ("force_n", "force_noise_n")):
+        if (channel, muscle) in noise.index:
+            fitted[name] = float(noise[channel, muscle])
+    return {**base.model_dump(), **fitted}
+
+
+def estimate_intervals(
+    model: Model, values: Array, noise: Any, settings: DiscrepancySettings, generator: np.random.Generator
+) -> list[dict[str, Any]]:
+    """Return every value of a fitted model with its interval over resampled trials, and the bound it stands at, if any.
+
+    Parameters
+    ----------
+    model : Model
+        Of the fitted trials.
+    values : (P,) ndarray
+        Fitted.
+    noise : Series
+        Row of the table `channels`.
+    settings : DiscrepancySettings
+        Number of resamplings and level.
+    generator : numpy.random.Generator
+        Draws the trials.
+    """
+    known = Noise(*(float(noise[name]) for name in Noise._fields))
+    found = fit(model, known, values, iterations=0)
+    weights = resample(model.cell.trials, settings.bootstraps, generator)
+    tail = 0.5 * (1.0 - settings.level)
+    low, high = np.quantile(found.drawn_values(weights), [tail, 1.0 - tail], axis=0)
+    bounds = np.where(found.free, "", np.where(2.0 * values < sum(model.bounds), "low", "high"))
+    owners: list[tuple[str, str, Parameter]] = [("", "", each) for each in model.cell.constants]
+    owners += [(form.name, form.form, each) for form in model.forms for each in form.parameters]
+    return [
+        {
+            "channel": model.cell.channel,
+            "muscle": model.cell.element,
+            "effect": effect,
+            "form": form,
+            "parameter": parameter.name,
+            "unit": parameter.unit,
+            "value": float(values[index]),
+            "low": float(min(low[index], values[index])),
+            "high": float(max(high[index], values[index])),
+            "at_bound": str(bounds[index]),
+        }
+        for index, (effect, form, parameter) in enumerate(owners)
+    ]

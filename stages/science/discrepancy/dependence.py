@@ -1,0 +1,332 @@
+"""On which measured signals a residual depends: a few inputs, chosen forward, and a sparse GP of them.
+
+A cell and what a model leaves of it flow in; out flow the inputs, what the GP says of each trial that it has not seen,
+and what it says when it has seen all. It names nothing: it tells where to look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.discrepancy.cell import Cell, Driver
+from stages.science.discrepancy.features import list_histories
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.sparse_fit import fit_sparse
+from stages.science.gp.sparse_model import SparseGP
+from stages.science.signals.trajectories import Array
+
+FOLDS = 10
+MOST_ROWS = 2000
+"""Samples that a GP is fitted to, at most; neighbours in time tell the same."""
+SURE = 1.5
+"""Standard errors over trials by which one more input must help."""
+LEAST_HELP = 0.03
+"""Share of the residual's squares that one more input must take away."""
+LENGTHS = (0.35, 1.0)
+"""Of the kernels by which inputs are chosen, in standard deviations of an input, for one input; more are longer."""
+RIDGES = (1.0, 10.0)
+"""Noise over signal variance, by which inputs are chosen; noise that wanders counts as more than it is."""
+SPREAD = 1.0
+"""Standard deviation of the logarithms of a GP's hyperparameters about those that it starts from."""
+LEAST_VARIANCE = 1e-6
+"""Of a row given those chosen, over that of one alone, below which no more pseudo-inputs are needed."""
+ITERATIONS = 30
+BINS = 20
+LEAST_PART = 0.5
+"""Of what is taken away, the part that the range holds which is told."""
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """On which inputs a residual depends, as far as trials left out confirm it.
+
+    Parameters
+    ----------
+    inputs : tuple of Driver
+        The one that tells most first; empty where none tells anything.
+    heldout : (T, K) ndarray
+        What a GP says of each trial, inputs and all chosen without it; zero where not present, in the channel's unit.
+    mean, deviation : (T, K) ndarray
+        What the GP of all trials says at each sample, and its standard deviation, in the channel's unit.
+    """
+
+    inputs: tuple[Driver, ...]
+    heldout: Array
+    mean: Array
+    deviation: Array
+
+    @property
+    def along(self) -> Array:
+        """The first input, (T, K)."""
+        return self.inputs[0].values
+
+    def split(self, present: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
+        """Return the samples where the second input is low, and where it is high; all, under no name, without one."""
+        if len(self.inputs) < 2:
+            return {"": present}
+        second, name = self.inputs[1].values, self.inputs[1].name
+        low = second <= float(np.median(second[present]))
+        return {f"low {name}": present & low, f"high {name}": present & ~low}
+
+
+def list_inputs(cell: Cell) -> list[Driver]:
+    """Return what a residual may depend on: drivers, their histories, time in trial and session; those that vary."""
+    within = np.repeat((np.arange(len(cell.measured)) * cell.step_s)[:, None], cell.trials, axis=1)
+    times = [Driver("time_s", within, own=False), Driver("start_s", within + cell.start_s, own=False)]
+    return [
+        each for each in (*cell.drivers(), *list_histories(cell), *times) if np.ptp(each.values[cell.present]) > 0.0
+    ]
+
+
+def find_dependence(
+    cell: Cell, residual: Array, most_inputs: int, pseudo_count: int, generator: np.random.Generator
+) -> Dependence:
+    """Return on which inputs a residual depends.
+
+    Parameters
+    ----------
+    cell : Cell
+        Whose drivers are the inputs, with the trials that may be looked at.
+    residual : (T, K) ndarray
+        What a model leaves, zero where not present, in the channel's unit.
+    most_inputs : int
+        How many may be chosen.
+    pseudo_count : int
+        Pseudo-inputs of each GP.
+    generator : numpy.random.Generator
+        Draws pseudo-inputs.
+
+    Notes
+    -----
+    Inputs are added one by one, each the one with which a GP of fixed lengths predicts trials left out best, as long as
+    that helps by `SURE` standard errors over trials; where none helps alone, two of the element's own may together. The
+    GP of the chosen ones is that of Snelson and Ghahramani (2006) with a length for each input. What it takes away is
+    told of trials that had no part in either: in each of `FOLDS` folds inputs are chosen anew.
+    """
+    inputs = list_inputs(cell)
+    present = cell.present
+    columns = np.stack([_standardise(each.values, present) for each in inputs], axis=2)
+    nothing = Dependence((), *np.zeros((3, *residual.shape)))
+    if not (residual[present] != 0.0).any() or cell.trials < 3:
+        return nothing
+    thin = _draw_samples(present, generator)
+    rows, trial, target = columns[thin], np.nonzero(thin)[1], residual[thin]
+    everything = np.ones(cell.trials, dtype=bool)
+    search = _Forward(rows, target, trial, cell.trials, pseudo_count, [each.own for each in inputs])
+    chosen = search.choose(everything, most_inputs)
+    if not chosen:
+        return nothing
+    heldout, mean, deviation = np.zeros((3, *residual.shape))
+    scale = _measure(target)
+    whole = fit_gaussian_process(rows[:, chosen], target / scale, pseudo_count, generator)
+    said, variance = whole.predict(columns[present][:, chosen])
+    mean[present], deviation[present] = scale * said, scale * np.sqrt(variance)
+    for fold in range(min(FOLDS, cell.trials)):
+        out = np.arange(cell.trials) % FOLDS == fold
+        told = search.choose(~out, most_inputs)
+        asked = present & out
+        if not told or not asked.any():
+            continue
+        learnt = ~out[trial]
+        scale = _measure(target[learnt])
+        model = fit_gaussian_process(rows[learnt][:, told], target[learnt] / scale, pseudo_count, generator)
+        heldout[asked] = scale * model.predict_mean(columns[asked][:, told])
+    return Dependence(tuple(inputs[k] for k in chosen), heldout, mean, deviation)
+
+
+def _draw_samples(present: NDArray[np.bool_], generator: np.random.Generator) -> NDArray[np.bool_]:
+    """Return which samples are learnt from; drawn at random, as an even stride would turn a hum into an offset."""
+    known = np.flatnonzero(present)
+    thin = np.zeros(present.size, dtype=bool)
+    thin[generator.permutation(known)[:MOST_ROWS]] = True
+    return thin.reshape(present.shape)
+
+
+def _measure(values: Array) -> float:
+    """Return a root mean square; one of nothing but zeros."""
+    return float(np.sqrt((values**2).mean())) or 1.0
+
+
+def fit_gaussian_process(
+    inputs: Array, outputs: Array, pseudo_count: int, generator: np.random.Generator, iterations: int = ITERATIONS
+) -> SparseGP:
+    """Return a sparse GP of a residual, its hyperparameters the most probable ones.
+
+    Parameters
+    ----------
+    inputs : (N, D) ndarray
+        Standardised.
+    outputs : (N,) ndarray
+        Over their root mean square.
+    pseudo_count : int
+        Pseudo-inputs; rows drawn at random, or all rows where there are no more.
+    generator : numpy.random.Generator
+        Draws them.
+    iterations : int
+        Of the climb to the most probable hyperparameters, at most.
+
+    Raises
+    ------
+    ValueError
+        When a shape does not fit or a value is not finite.
+    FactorisationError
+        When the likelihood cannot be evaluated.
+    """
+    dimensions = inputs.shape[1]
+    length = LENGTHS[0] * np.sqrt(dimensions)
+    kept = _decompose(inputs / length, pseudo_count)[0]
+    start = np.log([*np.full(dimensions, 2.0 * length), 0.7, 0.7])
+    prior = Hyperprior(start, np.full(start.size, SPREAD**2))
+    return fit_sparse(
+        inputs,
+        outputs,
+        len(kept),
+        prior,
+        generator=generator,
+        starts=0,
+        warm_starts=[(inputs[kept], start)],
+        hold_pseudo=True,
+        iterations=iterations,
+    )
+
+
+@dataclass
+class _Forward:
+    """Inputs chosen one by one: sums over each trial's rows are kept, so that leaving trials out costs little."""
+
+    rows: Array
+    target: Array
+    trial: NDArray[np.intp]
+    trials: int
+    count: int
+    own: Sequence[bool]
+    known: dict[tuple[int, ...], list[tuple[Array, Array]]] = field(default_factory=dict)
+
+    def choose(self, learnt: NDArray[np.bool_], most: int) -> list[int]:
+        """Return the columns that help, told by some trials alone, the most telling first."""
+        squares = np.bincount(self.trial, self.target**2, self.trials).astype(float)
+        chosen: list[int] = []
+        left = squares[learnt]
+        while len(chosen) < most:
+            others = [k for k in range(self.rows.shape[1]) if k not in chosen]
+            found = {k: self._leave_out([*chosen, k], squares, learnt) for k in others}
+            if not others:
+                break
+            best = self._prefer(found)
+            if not self._helps(left - found[best], squares[learnt]):
+                break
+            chosen.append(best)
+            left = found[best]
+        return chosen or (self._choose_pair(squares, learnt) if most > 1 else [])
+
+    def _choose_pair(self, squares: Array, learnt: NDArray[np.bool_]) -> list[int]:
+        """Return two of the element's own columns that help together, though neither does alone."""
+        pairs = list(combinations([k for k, own in enumerate(self.own) if own], 2))
+        found = {pair: self._leave_out(pair, squares, learnt) for pair in pairs}
+        best = min(pairs, key=lambda pair: float(found[pair].sum()), default=None)
+        return list(best) if best and self._helps(squares[learnt] - found[best], squares[learnt]) else []
+
+    def _helps(self, gain: Array, squares: Array) -> bool:
+        error = float(gain.std(ddof=1)) * np.sqrt(len(gain))
+        return bool(gain.sum() > max(SURE * error, LEAST_HELP * float(squares.sum())))
+
+    def _prefer(self, found: Mapping[int, Array]) -> int:
+        """Return the column that leaves least; of the element's own, unless another's is surely better."""
+        best = min(found, key=lambda k: float(found[k].sum()))
+        nearest = min((k for k in found if self.own[k]), key=lambda k: float(found[k].sum()), default=best)
+        loss = found[nearest] - found[best]
+        return nearest if loss.sum() <= SURE * loss.std(ddof=1) * np.sqrt(len(loss)) else best
+
+    def _leave_out(self, chosen: Sequence[int], squares: Array, learnt: NDArray[np.bool_]) -> Array:
+        """Return what is left of the squares of each trial learnt, when the others predict it."""
+        least = None
+        for grams, cross in self._sum(tuple(sorted(chosen))):
+            own, against = grams[learnt], cross[learnt]
+            total, summed = own.sum(axis=0) - own, against.sum(axis=0) - against
+            for ridge in RIDGES:
+                weights = np.linalg.solve(total + ridge * np.eye(total.shape[1]), summed[:, :, None])[:, :, 0]
+                curved = np.einsum("kp,kpq,kq->k", weights, own, weights)
+                left = squares[learnt] - 2.0 * (weights * against).sum(axis=1) + curved
+                least = left if least is None or left.sum() < least.sum() else least
+        assert least is not None
+        return least
+
+    def _sum(self, chosen: tuple[int, ...]) -> list[tuple[Array, Array]]:
+        """Return by length the sums of each trial's features, (K, M, M), and of them by the target, (K, M)."""
+        if chosen not in self.known:
+            columns = self.rows[:, chosen] / np.sqrt(len(chosen))
+            self.known[chosen] = [self._sum_features(columns / length) for length in LENGTHS]
+        return self.known[chosen]
+
+    def _sum_features(self, scaled: Array) -> tuple[Array, Array]:
+        features = _decompose(scaled, self.count)[1]
+        parts = [features[:, self.trial == k] for k in range(self.trials)]
+        cross = [part @ self.target[self.trial == k] for k, part in enumerate(parts)]
+        return np.stack([part @ part.T for part in parts]), np.stack(cross)
+
+
+def _decompose(scaled: Array, count: int) -> tuple[list[int], Array]:
+    """Return rows that tell most of the others, and the covariance's root through them, (M, N).
+
+    Each row is that of the largest variance given those before: Cholesky with pivots, of (N, D) rows in units of the
+    lengths (Fine and Scheinberg, JMLR 2, 2001; as pseudo-inputs, Burt, Rasmussen and van der Wilk, JMLR 21, 2020).
+    """
+    halves = 0.5 * (scaled**2).sum(axis=1)
+    rest, root = np.ones(len(scaled)), np.zeros((min(count, len(scaled)), len(scaled)))
+    rows: list[int] = []
+    for place in range(len(root)):
+        row = int(np.argmax(rest))
+        if rest[row] < LEAST_VARIANCE:
+            break
+        covariance = np.exp(np.minimum(scaled @ scaled[row] - halves - halves[row], 0.0))
+        root[place] = (covariance - root[:place, row] @ root[:place]) / np.sqrt(rest[row])
+        rest = np.maximum(rest - root[place] ** 2, 0.0)
+        rest[row] = 0.0
+        rows.append(row)
+    return rows, root[: len(rows)]
+
+
+def _standardise(values: Array, present: NDArray[np.bool_]) -> Array:
+    known = values[present]
+    standard: Array = (values - known.mean()) / known.std()
+    return standard
+
+
+@dataclass(frozen=True)
+class Range:
+    """Where, along an input, most is taken away: from, to, the part of it that lies there, and the part of the time."""
+
+    low: float
+    high: float
+    part: float
+    time: float
+
+
+def find_range(values: Array, taken: Array, parts: int = BINS) -> Range:
+    """Return the range of an input, shortest in time, that holds at least half of what is taken away.
+
+    Parameters
+    ----------
+    values, taken : (N,) ndarray
+        The input, and the fall of the squared residual, sample by sample.
+    parts : int
+        Into which the samples are cut along the input, equal in number.
+    """
+    edges = np.quantile(values, np.linspace(0.0, 1.0, parts + 1))
+    place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, parts - 1)
+    sums = np.bincount(place, taken, parts)
+    total = max(float(sums.sum()), 1e-300)
+    along = np.concatenate([[0.0], np.cumsum(sums)])
+    for width in range(1, parts + 1):
+        held = along[width:] - along[:-width]
+        first = int(np.argmax(held))
+        if held[first] >= LEAST_PART * total or width == parts:
+            break
+    inside = (place >= first) & (place < first + width)
+    part = min(float(held[first]) / total, 1.0)
+    return Range(float(edges[first]), float(edges[first + width]), part, float(inside.mean()))

@@ -1,0 +1,276 @@
+"""What a channel's residual depends on, for the table, the figure and the words: a hint where to look, never a name.
+
+A fitted model, the noise floor and trials drawn again flow in; a row and averages along the first input flow out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from math import nan
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pydantic import Field, field_validator
+
+from stages.science.discrepancy.cell import Cell
+from stages.science.discrepancy.dependence import Dependence, find_dependence, find_range
+from stages.science.discrepancy.fitting import Fit, fit
+from stages.science.discrepancy.flexible import find_floor
+from stages.science.discrepancy.noise import Noise
+from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
+from stages.science.discrepancy.restoring import restore
+from stages.science.discrepancy.signal_names import name_signal
+from stages.science.discrepancy.sketch import Regression, Sketch, sketch_residual
+from stages.science.plant.declaration import Declared
+from stages.science.signals.trajectories import Array
+
+
+class DescriptionSettings(Declared):
+    """How what stays unexplained is described."""
+
+    most_inputs: int = Field(ge=1, le=5)
+    pseudo_inputs: int = Field(ge=2, le=200)
+    most_terms: int = Field(ge=1, le=10)
+    regression: Regression
+
+    @field_validator("regression")
+    @classmethod
+    def _is_installed(cls, chosen: Regression) -> Regression:
+        if chosen == "pysindy" and find_spec("pysindy") is None:
+            raise ValueError('pysindy is not installed: pip install -e ".[sketch]", or choose stepwise')
+        return chosen
+
+
+@dataclass(frozen=True)
+class Share:
+    """Of a residual's squares, the share that is taken away, with an interval over resampled trials."""
+
+    value: float
+    low: float
+    high: float
+
+
+def measure_share(before: Array, after: Array, weights: Array, level: float) -> Share:
+    """Return the share of a residual's squares that is taken away.
+
+    Parameters
+    ----------
+    before, after : (K,) ndarray
+        Sums of squares of each trial.
+    weights : (B, K) ndarray
+        Resampled trials.
+    level : float
+        Of the interval.
+    """
+    tail = 0.5 * (1.0 - level)
+    low, high = np.quantile(1.0 - (weights @ after) / np.maximum(weights @ before, 1e-300), [tail, 1.0 - tail])
+    return Share(float(1.0 - after.sum() / max(before.sum(), 1e-300)), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Description:
+    """One cell's residual, described.
+
+    Parameters
+    ----------
+    cell : Cell
+        Whose.
+    residual : (T, K) ndarray
+        In the channel's unit.
+    floor : float
+        Noise floor, in the channel's unit.
+    dependence : Dependence
+        Inputs, and what a GP of them says.
+    share : Share
+        What the GP takes away of trials left out.
+    sketch : Sketch
+        A formula.
+    sketched : Share
+        What it takes away of trials left out.
+    """
+
+    cell: Cell
+    residual: Array
+    floor: float
+    dependence: Dependence
+    share: Share
+    sketch: Sketch
+    sketched: Share
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether trials left out confirm the inputs: the interval of the share does not reach zero."""
+        return bool(self.dependence.inputs) and self.share.low > 0.0
+
+    @property
+    def gap(self) -> float:
+        """Root mean square of the residual, in the channel's unit."""
+        return _measure(self.residual, self.cell)
+
+    @property
+    def above_floor(self) -> float:
+        """Share of the residual's squares above the noise floor."""
+        return max(1.0 - self.floor**2 / max(self.gap**2, 1e-300), 0.0)
+
+
+def describe_above_floor(
+    cells: Sequence[Cell],
+    steps: pd.DataFrame,
+    step: int,
+    channels: pd.DataFrame,
+    smallest_gap: float,
+    settings: DescriptionSettings,
+    weights: Array,
+    level: float,
+    generator: np.random.Generator,
+) -> list[Description]:
+    """Return a description of each cell in which more than noise is left after a number of additions.
+
+    Where an effect was added, the floor is what flexible models leave with it, if that is less: they do better beside
+    the right name than alone.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        With the trials that may be looked at.
+    steps : DataFrame
+        Values after each addition.
+    step : int
+        Effects added.
+    channels : DataFrame
+        Noise, noise floor and gap over floor of each cell after the nominal fit.
+    smallest_gap : float
+        Over the floor; below it a cell is passed over.
+    settings, weights, level, generator
+        As `describe` takes them.
+    """
+    known = {(row["channel"], row["muscle"]): row for row in channels.to_dict("records")}
+    described = []
+    for cell in cells:
+        row = known[cell.channel, cell.element]
+        if row["gap_over_floor"] <= smallest_gap:
+            continue
+        model, values = restore(cell, steps, step)
+        noise = Noise(*(float(row[name]) for name in Noise._fields))
+        found = fit(model, noise, values, iterations=0)
+        floor = float(row["noise_floor"])
+        if model.forms:
+            least = find_floor(found, noise, np.ones(model.cell.trials, dtype=bool)).raw.sum()
+            floor = min(floor, float(np.sqrt(least / max(int(model.cell.present.sum()), 1))))
+        if _measure(found.residual, found.model.cell) > smallest_gap * floor:
+            described.append(describe(found, floor, settings, weights, level, generator))
+    return described
+
+
+def describe(
+    fitted: Fit,
+    floor: float,
+    settings: DescriptionSettings,
+    weights: Array,
+    level: float,
+    generator: np.random.Generator,
+) -> Description:
+    """Return on what a fitted model's residual depends.
+
+    Parameters
+    ----------
+    fitted : Fit
+        To the trials that may be looked at.
+    floor : float
+        Noise floor, in the channel's unit.
+    settings : DescriptionSettings
+        How many inputs, pseudo-inputs and terms, and how terms are chosen.
+    weights : (B, K) ndarray
+        Resampled trials.
+    level : float
+        Of intervals.
+    generator : numpy.random.Generator
+        Draws pseudo-inputs.
+    """
+    cell, residual = fitted.model.cell, fitted.residual
+    found = find_dependence(cell, residual, settings.most_inputs, settings.pseudo_inputs, generator)
+    left = ((residual - found.heldout) ** 2).sum(axis=0)
+    share = measure_share((residual**2).sum(axis=0), left, weights, level)
+    sketch = sketch_residual(fitted, found.inputs, settings.most_terms, settings.regression)
+    return Description(
+        cell, residual, floor, found, share, sketch, measure_share(sketch.before, sketch.after, weights, level)
+    )
+
+
+def _measure(residual: Array, cell: Cell) -> float:
+    return float(np.sqrt((residual**2).sum() / max(int(cell.present.sum()), 1)))
+
+
+def tabulate(described: Description) -> dict[str, Any]:
+    """Return a description as a row; what trials left out do not confirm is left empty."""
+    cell, share = described.cell, described.share
+    inputs = described.dependence.inputs if described.is_confirmed else ()
+    row = {
+        "channel": cell.channel,
+        "muscle": cell.element,
+        "unit": cell.unit,
+        "gap": described.gap,
+        "noise_floor": described.floor,
+        "above_floor": described.above_floor,
+        "inputs": ", ".join(each.name for each in inputs),
+        "share": share.value,
+        "low": share.low,
+        "high": share.high,
+        **dict.fromkeys(("range_low", "range_high", "range_part", "range_time"), nan),
+        "hint": "",
+        **dict.fromkeys(("hint_share", "hint_low", "hint_high"), nan),
+    }
+    if inputs:
+        rest = described.residual - described.dependence.heldout
+        taken = (described.residual**2 - rest**2)[cell.present]
+        where = find_range(described.dependence.along[cell.present], taken)
+        row |= {"range_low": where.low, "range_high": where.high}
+        row |= {"range_part": where.part, "range_time": where.time}
+    sketched = described.sketched
+    if inputs and described.sketch.terms and sketched.low > 0.0:
+        row |= {"hint": described.sketch.formula, "hint_share": sketched.value}
+        row |= {"hint_low": sketched.low, "hint_high": sketched.high}
+    return row
+
+
+def average_dependence(described: Sequence[Description]) -> pd.DataFrame:
+    """Return residuals, and what the GP says of them, averaged along the first input, for each half of the second.
+
+    Parameters
+    ----------
+    described : sequence of Description
+        Those not confirmed are passed over.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``channel muscle unit variable beside x mean error said deviation``: mean residual, its standard error
+        over trials, mean and standard deviation of the GP; ``beside`` tells the half of the second input, or is empty.
+    """
+    columns = ["channel", "muscle", "unit", "variable", "beside", "x", "mean", "error", "said", "deviation"]
+    frames = [_average(each) for each in described if each.is_confirmed]
+    return pd.concat(frames, ignore_index=True)[columns] if frames else pd.DataFrame(columns=columns)
+
+
+def _average(described: Description) -> pd.DataFrame:
+    cell, found = described.cell, described.dependence
+    present, edges = cell.present, equal_edges(found.along[cell.present], LOOP_BINS)
+    centres, frames = 0.5 * (edges[1:] + edges[:-1]), []
+    words, unit = name_signal(found.inputs[0].name)
+    for beside, mask in found.split(present).items():
+        mean, error, count = average_in_bins(found.along, described.residual, mask, edges)
+        said, deviation = (average_in_bins(found.along, each, mask, edges)[0] for each in (found.mean, found.deviation))
+        kept = count >= max(LEAST_SHARE * present.sum(), 3.0)
+        told = {"x": centres, "mean": mean, "error": error, "said": said, "deviation": deviation}
+        frames.append(
+            pd.DataFrame({name: values[kept] for name, values in told.items()}).assign(beside=name_signal(beside)[0])
+        )
+    return pd.concat(frames).assign(
+        channel=cell.channel,
+        muscle=cell.element,
+        unit=cell.unit,
+        variable=f"{words} ({unit})" if unit else words,
+    )

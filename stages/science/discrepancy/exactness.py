@@ -1,0 +1,49 @@
+"""How well one form can write an effect that was simulated elsewhere, without noise.
+
+Two cells of the same session, with the effect and without, flow in; out flow the effect's size beyond the nominal
+constants and what the fitted form leaves of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.science.discrepancy.cell import Cell, Form
+from stages.science.discrepancy.fitting import Fit, Model, begin, fit
+from stages.science.discrepancy.noise import Noise
+from stages.science.discrepancy.screening import screen
+
+FINE = 1e-3
+"""Standard deviation, over the range, to which a record without noise is fitted; priors then hardly pull."""
+STEPS = 40
+
+
+def explain_exactly(form: Form, with_it: Cell, without: Cell) -> tuple[float, float]:
+    """Return an effect's size and what a form leaves of it, root mean squares over the range.
+
+    Parameters
+    ----------
+    form : Form
+        Offered by the cell.
+    with_it, without : Cell
+        Of one session without noise, with the effect and without.
+
+    Notes
+    -----
+    What the nominal model itself leaves without the effect, as of filters and geometry, is taken off both residuals.
+    """
+    noise = Noise(FINE * with_it.range, 1e-12, 0.03, 1e-12, 1.0)
+    nominal, plain = (fit(Model(cell), noise, begin(Model(cell)), STEPS) for cell in (with_it, without))
+    effect = _differ(nominal, plain)
+    promised = screen(nominal, noise, [form])
+    if not promised:
+        return effect, effect
+    added = [promised[0].start[each.name] for each in form.parameters]
+    amended = fit(Model(with_it, (form,)), noise, np.concatenate([nominal.values, added]), STEPS)
+    return effect, min(_differ(amended, plain), effect)
+
+
+def _differ(first: Fit, second: Fit) -> float:
+    cell = first.model.cell
+    difference = (first.residual - second.residual)[cell.present]
+    return float(np.sqrt((difference**2).mean()) / cell.range)

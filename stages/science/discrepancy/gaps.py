@@ -1,0 +1,93 @@
+"""How large a gap is, where it lies and how sure that is: the table of regimes.
+
+Fits, and what a flexible model leaves, flow in; rows flow out. The unit of every test is the trial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from stages.science.discrepancy.fitted_cell import CellState
+from stages.science.discrepancy.regimes import find_regimes, split_bands
+from stages.science.signals.trajectories import Array
+from stages.science.statistics.sign_flips import compare_signs, least_p
+
+LARGEST = 0.99
+"""Share of samples that deviate less than what is called the largest deviation; a spike is no gap."""
+
+
+def locate(states: Sequence[CellState], generator: np.random.Generator) -> list[dict[str, Any]]:
+    """Return a row for each channel, element and regime.
+
+    Parameters
+    ----------
+    states : sequence of CellState
+        Prepared cells.
+    generator : numpy.random.Generator
+        For tests with many trials.
+
+    Notes
+    -----
+    Compared are, trial by trial, the nominal model's squared residual and what a flexible model leaves of that trial
+    when it is left out; p-values are corrected for all rows by Benjamini and Yekutieli (Ann. Stat. 29, 2001), which
+    bears that rows depend on each other.
+    """
+    from statsmodels.stats.multitest import multipletests
+
+    rows: list[dict[str, Any]] = []
+    for state in states:
+        rows += _locate_in(state, generator)
+    if rows:
+        adjusted = multipletests([row["p_value"] for row in rows], method="fdr_by")[1]
+        for row, p in zip(rows, adjusted, strict=True):
+            row["p_adjusted"] = float(p)
+    return rows
+
+
+def _locate_in(state: CellState, generator: np.random.Generator) -> list[dict[str, Any]]:
+    cell, nominal = state.cell, state.nominal.fit.residual
+    least = np.where(cell.present, state.leftover.residual, 0.0)
+    excess = nominal**2 - least**2
+    whole = float(excess.sum())
+    regimes = {"everywhere": cell.present, **find_regimes(cell)}
+    names, columns, rows = [], [], []
+    for name, mask in regimes.items():
+        inside = mask.sum(axis=0)
+        columns.append(np.where(inside > 0, (excess * mask).sum(axis=0) / np.maximum(inside, 1), np.nan))
+        rows.append(_describe(state, name, mask, nominal, least, excess, whole))
+        names.append(name)
+    for name, part in split_bands(nominal, cell.step_s, cell.pace_s).items():
+        rest = split_bands(least, cell.step_s, cell.pace_s)[name]
+        band = np.where(cell.present, part**2 - rest**2, 0.0)
+        columns.append(band.mean(axis=0))
+        rows.append(_describe(state, name, cell.present, part, rest, band, whole))
+    p = compare_signs(np.column_stack(columns), generator)
+    floor = least_p(cell.trials)
+    return [{**row, "p_value": float(each), "p_least": floor} for row, each in zip(rows, p, strict=True)]
+
+
+def _describe(
+    state: CellState, name: str, mask: Any, gap: Array, least: Array, excess: Array, whole: float
+) -> dict[str, Any]:
+    count = int(mask.sum())
+    return {
+        "channel": state.cell.channel,
+        "muscle": state.cell.element,
+        "regime": name,
+        "samples": count,
+        "share_of_time": count / max(int(state.cell.present.sum()), 1),
+        "gap": float(np.sqrt((gap**2 * mask).sum() / max(count, 1))),
+        "noise_floor": float(np.sqrt((least**2 * mask).sum() / max(count, 1))),
+        "largest": float(np.quantile(np.abs(gap[mask]), LARGEST)) if count else 0.0,
+        "share_of_gap": float((excess * mask).sum() / whole) if whole > 0.0 else 0.0,
+    }
+
+
+def upper_ratio(state: CellState, weights: Array, level: float) -> float:
+    """Return the one-sided upper limit of a cell's gap over the floor, over resampled trials (B, K)."""
+    gap = weights @ state.current.raw
+    floor = weights @ np.minimum(state.leftover.raw, state.current.raw)
+    return float(np.quantile(np.sqrt(gap / np.maximum(floor, 1e-300)), level))

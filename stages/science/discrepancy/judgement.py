@@ -1,0 +1,172 @@
+"""The whole search on one session at once, and what it would have reached had it been told the answer.
+
+Cells with all trials flow in, with those that are opened at the end; out flow the search, its status, and the gap on
+the opened trials before, after, at the noise floor, and with the true names told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stages.science.discrepancy.cell import Cell
+from stages.science.discrepancy.fitted_cell import CellState, prepare
+from stages.science.discrepancy.fitting import Fit, fit
+from stages.science.discrepancy.flexible import find_floor
+from stages.science.discrepancy.naming import Named, SearchSettings
+from stages.science.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
+from stages.science.discrepancy.search import Search, search
+from stages.science.discrepancy.verdict import Status, decide_status
+from stages.science.signals.trajectories import Array
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What was found in a session.
+
+    Parameters
+    ----------
+    cells : list of Cell
+        With all trials.
+    opened : list of int
+        Positions of the trials that nothing was fitted to.
+    prepared : list of CellState
+        After the nominal fit.
+    found : Search
+        Ended.
+    left : dict of str to Remainder
+        By channel, what was named leaves.
+    certain : float
+        Probability at which something is said.
+    """
+
+    cells: list[Cell]
+    opened: list[int]
+    prepared: list[CellState]
+    found: Search
+    left: dict[str, Remainder]
+    certain: float
+
+    @property
+    def unexplained(self) -> str:
+        """Channel in which most probably something without a name is left."""
+        return max(self.left, key=lambda channel: self.left[channel].unknown)
+
+    @property
+    def unknown(self) -> float:
+        """Probability that something without a name is left, and matters."""
+        return max((each.unknown for each in self.left.values()), default=0.0)
+
+    @property
+    def doubt(self) -> float:
+        """Probability of something without a name; it takes its part from every name's."""
+        return sum_doubt(self.left)
+
+    @property
+    def status(self) -> Status:
+        """As in the verdict."""
+        return decide_status([each.doubt(self.doubt) for each in self.found.named], self.unknown, self.certain)
+
+    @property
+    def named(self) -> list[Named]:
+        """Effects that are said; none while something is left unexplained."""
+        return self.found.named if self.status == "named" else []
+
+    def gap(self, fits: Sequence[Fit], channels: Collection[str]) -> float:
+        """Return the gap on the opened trials, RMSE over range, root mean square over cells of some channels."""
+        squares = []
+        for cell, each in zip(self.cells, fits, strict=True):
+            if cell.channel in channels:
+                simulated = replace(each.model, cell=cell).simulate(each.values)
+                squares.append(_mean_square(cell, cell.measured - simulated, self.opened))
+        return float(np.sqrt(np.mean(squares)))
+
+    def floor(self, channels: Collection[str]) -> float:
+        """Return what neither the last model nor a flexible one explains on the opened trials, in the same unit."""
+        learnt = np.ones(self.cells[0].trials, dtype=bool)
+        learnt[self.opened] = False
+        squares = []
+        for cell, state in zip(self.cells, self.found.cells, strict=True):
+            if cell.channel in channels:
+                last = state.current.fit
+                whole = fit(replace(last.model, cell=cell), state.noise, last.values, iterations=0)
+                least = find_floor(whole, state.noise, learnt).residual
+                kept = (_mean_square(cell, each, self.opened) for each in (least, whole.residual))
+                squares.append(min(kept))
+        return float(np.sqrt(np.mean(squares)))
+
+
+def judge(
+    cells: Sequence[Cell],
+    opened: Sequence[int],
+    settings: SearchSettings,
+    draw: Callable[[str], np.random.Generator],
+) -> Judgement:
+    """Return what the search finds in a session.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        With all trials.
+    opened : sequence of int
+        Positions of the trials that are not fitted.
+    settings : SearchSettings
+        When a gap matters and a name is accepted.
+    draw : callable
+        Returns the generator of a purpose.
+    """
+    fitted = [trial for trial in range(cells[0].trials) if trial not in set(opened)]
+    prepared = [prepare(cell.take(fitted)) for cell in cells]
+    found = search(prepared, settings, draw("trials"))
+    left = weigh_remainder(found, settings, draw("unexplained"))
+    return Judgement(list(cells), list(opened), prepared, found, left, settings.certain)
+
+
+def tell_truth(
+    judged: Judgement, names: Collection[str], settings: SearchSettings, generator: np.random.Generator
+) -> Search:
+    """Return the search that knows which effects there are, and adds them whatever they gain.
+
+    Parameters
+    ----------
+    judged : Judgement
+        Of the session.
+    names : collection of str
+        True names; the library is restricted to them.
+    settings : SearchSettings
+        Of the search that did not know.
+    generator : numpy.random.Generator
+        Draws weights of trials.
+    """
+    easy = replace(
+        settings,
+        smallest_gap=1.0,
+        least_gain=0.0,
+        least_share=0.0,
+        later_share=0.0,
+        later_gain=0.0,
+        later_rest=0.0,
+        none_prior=1e-9,
+    )
+    states = [replace(state, cell=_restrict(state.cell, names)) for state in judged.prepared]
+    return search(states, replace(easy, most_effects=len(names)), generator)
+
+
+def _restrict(cell: Cell, names: Collection[str]) -> Cell:
+    """Return a cell that offers only the effects of these names."""
+    forms = tuple(form for form in cell.forms if form.name in names)
+    kind = type(cell.__class__.__name__, (cell.__class__,), {"forms": forms})
+    narrow: Cell = object.__new__(kind)
+    vars(narrow).update(vars(cell))
+    return narrow
+
+
+def _mean_square(cell: Cell, residual: Array, trials: Sequence[int]) -> float:
+    """Return the mean square over trials with samples, over the range squared; each trial counts alike."""
+    present = cell.present[:, trials]
+    count = present.sum(axis=0)
+    squares = np.where(present, residual[:, trials], 0.0)
+    each = (squares**2).sum(axis=0)[count > 0] / count[count > 0]
+    return float(each.mean() / cell.range**2) if each.size else 0.0

@@ -1,0 +1,133 @@
+"""Which trials are fitted, which are opened once at the end, and which are only reported.
+
+The parts and records that a recording tells of its trials flow in; what each trial is for flows out, and how many
+samples keep neighbouring ones apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Self
+
+import pandas as pd
+from pydantic import Field, model_validator
+
+from stages.science.discrepancy.settings import choose_verification
+from stages.science.plant.declaration import Declared, nearest
+
+PURPOSES = FITTED, VERIFICATION, OTHER = "fitted", "verification", "other"
+FEWEST_RECORDS = 3
+"""Records of one part from which whole ones are kept aside: two to fit, one to open."""
+Names = Annotated[list[str], Field(min_length=1)]
+
+
+class Parts(Declared):
+    """Parts of a recording that have a purpose; null where the workflow is to choose."""
+
+    fitted: Names | None = Field(description="parts that are fitted; null = all but those of verification")
+    verification: Names | None = Field(description="parts opened once; null = trials spread over the fitted parts")
+    last_share: Annotated[float, Field(gt=0.0, lt=1.0)] | None = Field(
+        description="share of the fitted parts' trials, at the end, that is opened; null = spread evenly"
+    )
+    gap_share: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(
+        description="share of a fitted block that is left out where it meets one that is opened"
+    )
+
+    @model_validator(mode="after")
+    def _keep_apart(self) -> Self:
+        both = sorted(set(self.fitted or []) & set(self.verification or []))
+        if both:
+            raise ValueError(f"expected parts that are either fitted or opened for verification, got {both[0]} in both")
+        if self.verification and self.last_share is not None:
+            raise ValueError("expected verification or last_share, got both; set one of them to null")
+        return self
+
+
+def assign_parts(given: Sequence[str], parts: Parts, share: float, records: Sequence[str] = ()) -> list[str]:
+    """Return what each trial is for: ``fitted``, ``verification`` or ``other``.
+
+    Parameters
+    ----------
+    given : sequence of str
+        Part of each trial, as recorded.
+    parts : Parts
+        Which parts are fitted and opened.
+    share : float
+        Of the fitted parts' trials that are opened, where no part is named for that. Of a part with at least three
+        records, whole records are.
+    records : sequence of str
+        Record that each trial is a block of; empty where trials are no blocks.
+
+    Raises
+    ------
+    ValueError
+        When a part is unknown, or when there are fewer than two trials to fit or none to open.
+    """
+    for name in [*(parts.fitted or []), *(parts.verification or [])]:
+        if name not in given:
+            raise ValueError(f"parts: no part '{name}' was recorded; {nearest(name, set(given))}")
+    opened = parts.verification or []
+    candidates = [k for k, part in enumerate(given) if part not in opened and part in (parts.fitted or given)]
+    chosen = [k for k, part in enumerate(given) if part in opened]
+    if not chosen and parts.last_share is not None:
+        chosen = candidates[len(candidates) - max(round(parts.last_share * len(candidates)), 1) :]
+    if not chosen:
+        chosen = _choose(candidates, given, records, share)
+    fitted = [k for k in candidates if k not in chosen]
+    if len(fitted) < 2:
+        raise ValueError(f"parts: expected at least 2 trials to fit, got {len(fitted)}; name other parts")
+    return [VERIFICATION if k in chosen else FITTED if k in fitted else OTHER for k in range(len(given))]
+
+
+def _choose(candidates: Sequence[int], given: Sequence[str], records: Sequence[str], share: float) -> list[int]:
+    """Return which trials are opened: whole records of the parts that have enough of them, else spread evenly."""
+    held: dict[str, list[str]] = {}
+    for k in candidates if records else []:
+        held.setdefault(given[k], []).append(records[k])
+    distinct = {part: list(dict.fromkeys(names)) for part, names in held.items() if all(names)}
+    whole = {part: names for part, names in distinct.items() if len(names) >= FEWEST_RECORDS}
+    taken = {names[k] for names in whole.values() for k in choose_verification(len(names), _round(share, len(names)))}
+    rest = [k for k in candidates if given[k] not in whole]
+    chosen = [k for k in candidates if given[k] in whole and records[k] in taken]
+    if rest and (len(rest) >= FEWEST_RECORDS or not whole):
+        chosen += [rest[k] for k in choose_verification(len(rest), share)]
+    return chosen
+
+
+def _round(share: float, count: int) -> float:
+    """Return the share that opens the nearest whole number of records, at least one."""
+    return max(math.floor(share * count + 0.5), 1) / count
+
+
+def leave_gaps(trials: pd.DataFrame, purposes: Sequence[str], share: float) -> pd.DataFrame:
+    """Return how many samples of each trial are left out at its beginning and its end.
+
+    What disturbs one sample disturbs its neighbours too. A fitted block that meets one that is opened would know some
+    of the noise in it, so the fitted one ends earlier, or begins later; the opened one stays whole.
+
+    Parameters
+    ----------
+    trials : DataFrame
+        Columns ``record`` and ``samples``, in the order of time within a record; ``record`` is empty where trials do
+        not follow each other.
+    purposes : sequence of str
+        From `assign_parts`.
+    share : float
+        Of a block, that is left out.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``left_before`` and ``left_after``, in samples.
+    """
+    before, after = [0] * len(trials), [0] * len(trials)
+    records, samples = list(trials["record"]), list(trials["samples"])
+    for k in range(len(trials) - 1):
+        if not records[k] or records[k] != records[k + 1]:
+            continue
+        if (purposes[k], purposes[k + 1]) == (FITTED, VERIFICATION):
+            after[k] = math.ceil(share * samples[k])
+        if (purposes[k], purposes[k + 1]) == (VERIFICATION, FITTED):
+            before[k + 1] = math.ceil(share * samples[k + 1])
+    return pd.DataFrame({"left_before": before, "left_after": after})

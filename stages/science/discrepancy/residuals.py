@@ -1,0 +1,169 @@
+"""Residuals as figures show them: averaged over the state plane, and along loops by direction of motion.
+
+Cells and their residuals flow in; tidy rows of averages flow out. The unit of every standard error is the trial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.science.discrepancy.cell import Cell
+from stages.science.signals.trajectories import Array
+
+LOOP_BINS, PLANE_BINS = 14, 28
+LEAST_SHARE = 0.002
+"""Share of the samples below which the average of a bin says nothing."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A cell with what a model leaves of it, (T, K), and the noise floor, both in the channel's unit."""
+
+    cell: Cell
+    residual: Array
+    floor: float
+
+
+def average_plane(seen: Sequence[Seen]) -> pd.DataFrame:
+    """Return the mean residual over two signals, over the noise floor.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``channel muscle across along x y over_floor``: the signals' names and the bins' centres.
+    """
+    return pd.concat([_average_plane(each) for each in seen], ignore_index=True)
+
+
+def _average_plane(seen: Seen) -> pd.DataFrame:
+    own = [each for each in seen.cell.drivers() if each.own]
+    signals, rates = list_signals(seen.cell), {each.name for each in own if each.rate}
+    across, along = seen.cell.plane
+    present = seen.cell.present
+    x, y = signals[across][present], signals[along][present]
+    edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else equal_edges(y, PLANE_BINS)]
+    counts = np.histogram2d(x, y, bins=edges)[0]
+    sums = np.histogram2d(x, y, bins=edges, weights=seen.residual[present])[0]
+    column, row = np.nonzero(counts >= max(LEAST_SHARE * 0.1 * x.size, 3.0))
+    centres = [0.5 * (each[1:] + each[:-1]) for each in edges]
+    return pd.DataFrame(
+        {
+            "channel": seen.cell.channel,
+            "muscle": seen.cell.element,
+            "across": across,
+            "along": along,
+            "x": centres[0][column],
+            "y": centres[1][row],
+            "over_floor": sums[column, row] / counts[column, row] / seen.floor,
+        }
+    )
+
+
+def average_loops(seen: Sequence[Seen]) -> pd.DataFrame:
+    """Return the mean residual along a signal, apart for the two directions of motion.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``channel muscle unit variable direction x mean error``; the last is the standard error over trials.
+    """
+    return pd.concat([_average_loop(each) for each in seen], ignore_index=True)
+
+
+def _average_loop(seen: Seen) -> pd.DataFrame:
+    signals = list_signals(seen.cell)
+    variable, rate = seen.cell.loop
+    rows = average_by_direction(signals[variable], signals[rate], seen.residual, seen.cell)
+    told = {"channel": seen.cell.channel, "muscle": seen.cell.element, "unit": seen.cell.unit, "variable": variable}
+    return rows.assign(**told)
+
+
+def list_signals(cell: Cell) -> dict[str, Array]:
+    """Return a cell's own drivers by name."""
+    own = [driver for driver in cell.drivers() if driver.own]
+    return dict(zip((each.name for each in own), map(attrgetter("values"), own), strict=True))
+
+
+def average_by_direction(variable: Array, rate: Array | None, values: Array, cell: Cell) -> pd.DataFrame:
+    """Return the mean of `values` in bins of `variable`, apart for the two directions of motion.
+
+    Parameters
+    ----------
+    variable, values : (T, K) ndarray
+        The signal that is cut into bins, and what is averaged.
+    rate : (T, K) ndarray or None
+        Its sign is the direction, which holds until the next movement; None takes all samples together.
+    cell : Cell
+        Says which samples count.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``direction x mean error``; direction is ``rising``, ``falling`` or ``both``.
+    """
+    present = cell.present
+    edges = equal_edges(variable[present], LOOP_BINS)
+    masks = {"both": present}
+    if rate is not None:
+        direction = hold_direction(rate, present)
+        masks = {"rising": present & (direction > 0.0), "falling": present & (direction < 0.0)}
+    frames = []
+    for direction_name, mask in masks.items():
+        mean, error, count = average_in_bins(variable, values, mask, edges)
+        kept = count >= max(LEAST_SHARE * present.sum(), 3.0)
+        centres = 0.5 * (edges[1:] + edges[:-1])
+        frames.append(
+            pd.DataFrame({"direction": direction_name, "x": centres[kept], "mean": mean[kept], "error": error[kept]})
+        )
+    return pd.concat(frames, ignore_index=True)
+
+
+def hold_direction(rate: Array, present: NDArray[np.bool_]) -> Array:
+    """Return the sign of the last movement, (T, K); zero before the first.
+
+    Rates below a twentieth of usual ones are no movement, as noise has a sign too.
+    """
+    usual = np.abs(rate[present])
+    moving = 0.05 * float(np.quantile(usual, 0.95)) if usual.size else 0.0
+    sign = np.where(np.abs(rate) > moving, np.sign(rate), 0.0)
+    last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(rate))[:, None], 0), axis=0)
+    held: Array = np.take_along_axis(sign, last, axis=0)
+    return held
+
+
+def average_in_bins(
+    variable: Array, values: Array, mask: NDArray[np.bool_], edges: Array
+) -> tuple[Array, Array, Array]:
+    """Return mean, standard error over trials, and samples of each bin; a trial weighs by its samples there."""
+    bins = len(edges) - 1
+    place = np.clip(np.searchsorted(edges, variable, side="right") - 1, 0, bins - 1)
+    trials = values.shape[1]
+    cells = (place + bins * np.arange(trials)[None, :])[mask]
+    counts = np.bincount(cells, minlength=bins * trials).reshape(trials, bins)
+    sums = np.bincount(cells, weights=values[mask], minlength=bins * trials).reshape(trials, bins)
+    count = counts.sum(axis=0)
+    mean = sums.sum(axis=0) / np.maximum(count, 1)
+    seen = np.maximum((counts > 0).sum(axis=0), 2)
+    spread = (sums - counts * mean) ** 2
+    error = np.sqrt(spread.sum(axis=0) * seen / (seen - 1)) / np.maximum(count, 1)
+    return mean, error, count
+
+
+def equal_edges(values: Array, bins: int) -> Array:
+    """Return the edges of bins of one width over nearly all of the values, (bins + 1,) ndarray."""
+    low, high = np.quantile(values, [0.005, 0.995]) if values.size else (0.0, 1.0)
+    return np.linspace(low, high if high > low else low + 1.0, bins + 1)
+
+
+def _compressed_edges(values: Array) -> Array:
+    """Return edges that are even for slow rates and ever wider for quick ones, as steps are very quick."""
+    usual = np.abs(values[values != 0.0])
+    scale = float(np.median(usual)) if usual.size else 1.0
+    edges: Array = scale * np.sinh(equal_edges(np.arcsinh(values / scale), PLANE_BINS))
+    return edges

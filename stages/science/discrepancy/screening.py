@@ -1,0 +1,158 @@
+"""A cheap look at every form: how much of what is left it could take away, and what the constants absorb.
+
+A fitted model flows in. Each form is simulated once from each of its starts; the change that it makes, less what the
+free constants could imitate, is regressed on the residual, trials left out in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.discrepancy.cell import Form
+from stages.science.discrepancy.fitting import Fit, Grams, collect_grams
+from stages.science.discrepancy.fitting import fit as fit_values
+from stages.science.discrepancy.noise import Noise, make_plain, whiten
+from stages.science.signals.trajectories import Array
+
+TRIED = 12
+"""Steps of a fit by which a form that sets in somewhere is judged."""
+
+
+@dataclass(frozen=True)
+class Screened:
+    """What one form promises in one cell.
+
+    Parameters
+    ----------
+    form : Form
+        Which.
+    start : dict of str to float
+        The best of its starts, its magnitude scaled to the residual.
+    gain : float
+        Fall of the whitened sum of squares of trials left out.
+    raw_gain : float
+        The same of the sum of squares in the channel's unit, fitted so, over what there is.
+    absorbed : float
+        Share of its change, squared, that the free constants imitate, at this start.
+    known : (P,) ndarray
+        Values of the model without it from which it begins.
+    """
+
+    form: Form
+    start: dict[str, float]
+    gain: float
+    raw_gain: float
+    absorbed: float
+    known: Array
+
+
+def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
+    """Return what each form promises, from the best of its starts."""
+    cell = fit.model.cell
+    present = cell.present
+    constants, placed = fit.model.name_values(fit.values)
+    simulated = cell.simulate(constants, placed)
+    best = _try_starts(fit, [form for form in forms if form.tried or not form.scales])
+    owners, starts, changes = [], [], []
+    for form in [each for each in forms if each.scales and not each.tried]:
+        for start in cell.starts(form, constants):
+            change = cell.simulate(constants, [*placed, (form, start)]) - simulated
+            if np.isfinite(change).all() and np.abs(change[present]).max(initial=0.0) > 0.0:
+                owners.append(form)
+                starts.append(start)
+                changes.append(np.where(present, change, 0.0))
+    if not changes:
+        return list(best.values())
+    columns = np.concatenate([fit.slopes, np.stack(changes, axis=2), fit.residual[:, :, None]], axis=2)
+    white = whiten(columns, present, noise, cell.step_s)
+    grams, raw = (collect_grams(each[:, :, :-1], each[:, :, -1], present) for each in (white, columns))
+    unit = raw.square.sum() / max(raw.samples.sum(), 1.0)
+    plain = Grams(raw.slopes / unit, raw.cross / unit, raw.square / unit, raw.samples)
+    known = len(fit.values)
+    for index, (form, start) in enumerate(zip(owners, starts, strict=True)):
+        signed = form.parameters[0].low < 0.0
+        gain, scale, absorbed = _regress(fit, grams, known + index, signed)
+        raw_gain = _regress(fit, plain, known + index, signed)[0]
+        if cell.is_exact(form):
+            scale, gain, raw_gain = 1.0, _take(grams, known + index), _take(plain, known + index)
+        raw_gain /= float(plain.square.sum())
+        first = form.parameters[0]
+        magnitude = float(np.clip(scale * start[first.name], first.low, first.high))
+        started = {**start, first.name: magnitude if magnitude != 0.0 else start[first.name]}
+        key = (form.name, form.form)
+        if key not in best or gain > best[key].gain:
+            best[key] = Screened(form, started, gain, raw_gain, absorbed, fit.values)
+    return list(best.values())
+
+
+def _try_starts(found: Fit, forms: Sequence[Form]) -> dict[tuple[str, str], Screened]:
+    """Return what forms promise by a few steps of a fit from each of their starts.
+
+    Constants begin where they are and, for a form that sets in somewhere, at their priors' means: without the effect
+    they may have gone far astray.
+    """
+    cell, model = found.model.cell, found.model
+    before = np.sum(np.where(cell.present, found.leave_each_out(), 0.0) ** 2)
+    noise = make_plain(float(np.sqrt((found.residual**2).sum() / max(cell.present.sum(), 1))))
+    fixed = len(cell.constants)
+    bases = (found.values, np.concatenate([model.prior[0][:fixed], found.values[fixed:]]))
+    best: dict[tuple[str, str], Screened] = {}
+    for form in forms:
+        constants, known = model.name_values(found.values)[0], len(found.values)
+        for base, start in product(bases[:1] if form.scales else bases, cell.starts(form, constants)):
+            extended = replace(model, forms=(*model.forms, form))
+            values = np.concatenate([base, [start[each.name] for each in form.parameters]])
+            tried = fit_values(extended, noise, values, iterations=TRIED)
+            share = 1.0 - float(np.sum(np.where(cell.present, tried.leave_each_out(), 0.0) ** 2) / before)
+            key = (form.name, form.form)
+            gain = found.cost(noise) - tried.cost(noise)
+            if key not in best or gain > best[key].gain:
+                reached = {each.name: float(v) for each, v in zip(form.parameters, tried.values[known:], strict=True)}
+                absorbed = _find_absorbed(tried.white.slopes.sum(axis=0), np.flatnonzero(tried.free[:known]), known)
+                best[key] = Screened(form, reached, gain, share, absorbed, tried.values[:known])
+    return best
+
+
+def _take(grams: Grams, column: int) -> float:
+    """Return by how much the sum of squares falls if a change is taken as it is."""
+    return float(2.0 * grams.cross[:, column].sum() - grams.slopes[:, column, column].sum())
+
+
+def _find_absorbed(total: Array, constants: NDArray[np.int_], column: int) -> float:
+    """Return the share of a column's square, of summed products of slopes, that free constants imitate."""
+    size = float(total[column, column])
+    if size <= 0.0:
+        return 1.0
+    shared, among = total[constants, column], total[np.ix_(constants, constants)]
+    firm = among + 1e-9 * np.diag(np.maximum(np.diag(among), 1e-300))  # a constant may do nothing in these data
+    return 1.0 - max(size - float(shared @ np.linalg.solve(firm, shared)), 0.0) / size
+
+
+def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, float, float]:
+    """Return the gain of one change beside the free constants: in all, its scale, share absorbed."""
+    free = np.flatnonzero(fit.free)
+    chosen = np.append(free, column)
+    precision = np.append(fit.precision[free], 0.0)
+    mean = fit.model.prior[0]
+    pull = np.append((mean - fit.values)[free] * fit.precision[free], 0.0)
+    slopes = grams.slopes[:, chosen[:, None], chosen]
+    cross = grams.cross[:, chosen]
+    total = slopes.sum(axis=0)
+    size = total[-1, -1]
+    if size <= 0.0:  # it changes nothing in these data
+        return 0.0, 0.0, 1.0
+    absorbed = _find_absorbed(total, np.arange(len(free)), len(free))
+    curvature = total + np.diag(precision) + np.diag(np.append(np.zeros(len(free)), 1e-9 * size))
+    whole = np.linalg.solve(curvature, cross.sum(axis=0) + pull)
+    if whole[-1] <= 0.0 and not signed:
+        return 0.0, 0.0, absorbed
+    changes = np.stack(
+        [np.linalg.solve(curvature - slopes[k], (cross.sum(axis=0) - cross[k]) + pull) for k in range(len(slopes))]
+    )
+    left = Grams(slopes, cross, grams.square, grams.samples).left_out(changes)
+    return float(grams.square.sum() - left.sum()), float(whole[-1]), absorbed

@@ -1,0 +1,172 @@
+"""The search for what is missing: locate, name, add, and repeat until what is left is noise or has no name.
+
+Cells with their trials flow in; out flow the rounds of the search, each with its ranking, and for every cell the
+nominal fit, the fit with what was named, and what a flexible model would leave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+
+from stages.science.discrepancy.cell import list_starts
+from stages.science.discrepancy.fitted_cell import CellState, Fitted, assess, go_on, prepare, refine
+from stages.science.discrepancy.fitting import Fit, fit
+from stages.science.discrepancy.naming import Choice, Named, Round, SearchSettings, list_candidates, rank
+from stages.science.discrepancy.noise import make_plain
+
+FRESH_STARTS, LONG = 4, 30
+"""Other starts from which a named effect is fitted once more, and steps of such a fit."""
+
+NEARBY_STARTS, NEARBY = 8, 0.1
+"""Starts about a fit of what sets in somewhere, as its cost has small hollows; how far off, in deviations of priors."""
+
+BETTER = 0.9
+"""Sum of squares, over the present one, below which constants that a candidate has found are taken alone."""
+
+
+@dataclass
+class Search:
+    """How the search went: its cells now, what each round found, what was named, and all cells' fits at each step."""
+
+    cells: list[CellState]
+    rounds: list[Round] = field(default_factory=list)
+    named: list[Named] = field(default_factory=list)
+    steps: list[list[Fit]] = field(default_factory=list)
+
+
+def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.random.Generator) -> Search:
+    """Name and add effects until none is worth it.
+
+    Parameters
+    ----------
+    cells : sequence of CellState
+        Prepared.
+    settings : SearchSettings
+        When a gap matters and a name is accepted.
+    generator : numpy.random.Generator
+        Draws weights of trials.
+    """
+    found = Search(list(cells))
+    found.steps.append([state.nominal.fit for state in cells])
+    while len(found.named) < settings.most_effects:
+        candidates = list_candidates(found.cells, settings)
+        looked, choices = rank(found.cells, candidates, settings, generator)
+        if _find_better_constants(found, choices):
+            continue
+        found.rounds.append(looked)
+        if looked.named is None:
+            break
+        _add(found, looked.named, choices, generator)
+        found.named.append(looked.named)
+        _take_out_redundant(found, settings)
+        found.steps.append([state.current.fit for state in found.cells])
+    return found
+
+
+def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
+    """Let a cell go on from the constants of a candidate, where these alone are better; return whether one does.
+
+    A form that sets in somewhere is tried from several constants, and may have found a better place for them by chance.
+    """
+    better = False
+    for place, state in enumerate(found.cells):
+        least = BETTER * float(state.current.raw.sum())
+        for fitted in choices[place].values():
+            if fitted.forms[-1].scales or fitted.raw.sum() >= least:
+                continue
+            known = len(state.current.fit.values)
+            again = refine(state.current.fit.model, fitted.fit.values[:known], fitted.spread)
+            if again.raw.sum() < least:
+                found.cells[place] = go_on(state, again)
+                better, least = True, BETTER * float(again.raw.sum())
+    if better:
+        found.steps[-1] = [state.current.fit for state in found.cells]
+    return better
+
+
+def _add(found: Search, named: Named, choices: Sequence[Choice], generator: np.random.Generator) -> None:
+    form_of = dict(zip(named.elements, named.forms, strict=True))
+    for place, state in enumerate(found.cells):
+        if state.cell.channel == named.channel and state.cell.element in form_of:
+            chosen = choices[place][named.name, form_of[state.cell.element]]
+            found.cells[place] = _update(state, _start_anew(chosen, generator.spawn(1)[0]))
+            _correct_others(found, place)
+
+
+def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
+    """Return the best of fits that begin at other values of the newest effect, the chosen one among them."""
+    model, noise = chosen.fit.model, chosen.estimate_noise()
+    newest = model.forms[-1]
+    known, fixed = len(chosen.fit.values) - len(newest.parameters), len(model.cell.constants)
+    found = [chosen.fit]
+    bases = [chosen.fit.values[:known]]
+    if not newest.scales:  # what sets in somewhere may leave constants far astray
+        bases.append(np.concatenate([model.prior[0][:fixed], chosen.fit.values[fixed:known]]))
+    for base, start in product(bases, list_starts(newest, 1 if model.cell.is_exact(newest) else FRESH_STARTS)):
+        values = np.concatenate([base, [start[each.name] for each in newest.parameters]])
+        found.append(fit(model, noise, values, iterations=LONG))
+    if not newest.scales:
+        noise = make_plain(chosen.spread)
+        best = min(found, key=lambda each: each.cost(noise)).values
+        for drawn in generator.standard_normal((NEARBY_STARTS, len(best))):
+            found.append(fit(model, noise, best + NEARBY * model.prior[1] * drawn, iterations=LONG))
+    return min(found, key=lambda each: each.cost(noise))
+
+
+def _correct_others(found: Search, place: int) -> None:
+    """Let what is known of a sensor count where its signal is an input: prepare cells anew that it feeds."""
+    source = found.cells[place].current.fit
+    for other, state in enumerate(found.cells):
+        if other != place and state.cell.element == source.model.cell.element and not state.current.forms:
+            effects = source.model.name_values(source.values)[1]
+            corrected = state.cell.correct([(form.name, form.form, values) for form, values in effects])
+            if corrected is not state.cell:
+                found.cells[other] = prepare(corrected)
+
+
+def _update(state: CellState, found: Fit) -> CellState:
+    """Go on from a fit: refine it, and estimate the noise anew from what a flexible model leaves of it."""
+    spread = float(np.sqrt((found.residual**2).sum() / max(state.cell.present.sum(), 1)))
+    return go_on(state, refine(found.model, found.values, spread))
+
+
+def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
+    """Take out an earlier effect that a later one has made superfluous."""
+    for named in found.named[:-1]:
+        keep: list[tuple[int, Fitted]] = []
+        worth = False
+        for place, state in enumerate(found.cells):
+            if state.cell.channel != named.channel or state.cell.element not in named.elements:
+                continue
+            without = _without(state, named.name)
+            keep.append((place, without))
+            worth |= _is_given(state, named.name)
+            worth |= state.ratio(without.raw) - state.ratio(state.current.raw) > settings.least_gain
+        if not worth:
+            for place, without in keep:
+                found.cells[place] = replace(found.cells[place], current=without)
+            del found.steps[1 + found.named.index(named)]
+            found.named.remove(named)
+            return
+
+
+def _without(state: CellState, name: str) -> Fitted:
+    model = state.current.fit.model
+    start = list(state.current.fit.values[: len(model.cell.constants)])
+    place = len(start)
+    for form in model.forms:
+        if form.name != name:
+            start += list(state.current.fit.values[place : place + len(form.parameters)])
+        place += len(form.parameters)
+    kept = replace(model, forms=tuple(form for form in model.forms if form.name != name))
+    return assess(fit(kept, state.noise, np.array(start)), state.noise)
+
+
+def _is_given(state: CellState, name: str) -> bool:
+    """Return whether exact values of a cell show what a named effect does."""
+    own = [form for form in state.current.forms if form.name == name]
+    return state.cell.gives_away() and any(state.cell.is_exact(form) for form in own)

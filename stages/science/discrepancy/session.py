@@ -1,0 +1,162 @@
+"""A measured session as records of each muscle: tidy rows become arrays of samples by trials.
+
+Frames of samples, trials and muscles flow in; `Records` flow out, gaps bridged and remembered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from stages.science.discrepancy.muscle_cells import Build, ForceCell, MuscleCell, PressureCell, Records
+from stages.science.discrepancy.settings import DiscrepancySettings, Tolerance
+from stages.science.plant.effect import Parameter
+from stages.science.signals.trajectories import Array
+
+SIGNALS = {
+    "command_kpa": "pressure_command_kpa",
+    "pressure_kpa": "pressure_kpa",
+    "contraction": "contraction",
+    "velocity_per_s": "contraction_velocity_per_s",
+    "force_n": "force_n",
+}
+SMOOTHED_S = 0.044
+"""Width over which pressure and velocity are smoothed before force is simulated, s; a valve's time constant."""
+LEAST_SAMPLES = 50
+"""Samples of a muscle's channel below which it is left out."""
+
+
+def collect_records(measured: pd.DataFrame, trials: pd.DataFrame, muscle: str, joints: Mapping[str, str]) -> Records:
+    """Return one muscle's trials as arrays.
+
+    Parameters
+    ----------
+    measured : DataFrame
+        Columns of the table `measured`.
+    trials : DataFrame
+        Columns ``trial`` and ``start_s``, in the order of the arrays' last axis.
+    muscle : str
+        Whose.
+    joints : mapping of str to str
+        Joint of every muscle; another joint's angle is read from the first muscle on it.
+    """
+    order = list(trials["trial"])
+    samples = int(measured.groupby(["trial", "muscle"]).size().max())
+    own = measured[measured["muscle"] == muscle]
+    step_s = float(np.median(np.diff(own[own["trial"] == order[0]]["time_s"])))
+    known, signals = {}, {}
+    for name, column in SIGNALS.items():
+        known[name], signals[name] = _spread(own, order, column, samples)
+    start = trials["start_s"].to_numpy(dtype=float)
+    start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
+    signals["smooth_pressure_kpa"] = _smooth(signals["pressure_kpa"], step_s)
+    signals["velocity_per_s"] = _smooth(signals["velocity_per_s"], step_s)
+    others = _look_aside(measured, order, muscle, joints, samples)
+    return Records(step_s, start - start[0], **signals, known=known, others=others)
+
+
+def _smooth(signal: Array, step_s: float) -> Array:
+    """Return a signal without most of its sensor's noise and without delay: local cubics (Savitzky and Golay 1964).
+
+    Noise of an input passes into what is simulated from it; left there, every effect that blurs would seem to help.
+    """
+    from scipy.signal import savgol_filter
+
+    window = 2 * max(round(0.5 * SMOOTHED_S / step_s), 2) + 1
+    if len(signal) < window:
+        return signal
+    smooth: Array = savgol_filter(signal, window, 3, axis=0)
+    return smooth
+
+
+def _look_aside(
+    measured: pd.DataFrame, order: Sequence[int], muscle: str, joints: Mapping[str, str], samples: int
+) -> dict[str, Array]:
+    others = {}
+    seen = {joints.get(muscle)}
+    for name in [each for each in joints if each != muscle]:
+        rows = measured[measured["muscle"] == name]
+        others[f"{name} pressure_kpa"] = _spread(rows, order, "pressure_kpa", samples)[1]
+        others[f"{name} pressure_command_kpa"] = _spread(rows, order, "pressure_command_kpa", samples)[1]
+        if joints[name] not in seen:
+            seen.add(joints[name])
+            others[f"{joints[name]} contraction"] = _spread(rows, order, "contraction", samples)[1]
+    return others
+
+
+def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int) -> tuple[Any, Array]:
+    """Return where a column was measured, and its values with gaps bridged by straight lines and ends held."""
+    known = np.zeros((samples, len(order)), dtype=bool)
+    values = np.zeros((samples, len(order)))
+    groups = dict(tuple(rows.groupby("trial")[column])) if column in rows else {}
+    for place, trial in enumerate(order):
+        if trial not in groups:
+            continue
+        got = groups[trial].to_numpy(dtype=float)
+        finite = np.isfinite(got)
+        known[: len(got), place] = finite
+        if finite.any():
+            at = np.flatnonzero(finite)
+            values[:, place] = np.interp(np.arange(samples), at, got[at])
+    return known, values
+
+
+def build_cells(
+    measured: pd.DataFrame,
+    trials: pd.DataFrame,
+    muscles: pd.DataFrame,
+    session: pd.DataFrame,
+    settings: DiscrepancySettings,
+) -> list[MuscleCell]:
+    """Return the cells of a session: for every muscle its pressure and its force, where there are data.
+
+    Parameters
+    ----------
+    measured, trials, muscles, session : DataFrame
+        Tables of what was measured; `session` has one row.
+    settings : DiscrepancySettings
+        Tolerances of the constants.
+    """
+    tolerances = settings.tolerances
+    site = str(session["load_cell_site"].iloc[0])
+    load_cell_site: Literal["muscle_tip", "joint_end"] = "muscle_tip" if site == "muscle_tip" else "joint_end"
+    joints = dict(zip(muscles["muscle"], muscles["joint"], strict=True))
+    cells: list[MuscleCell] = []
+    for row in muscles.to_dict("records"):
+        records = collect_records(measured, trials, row["muscle"], joints)
+        build = _build(row, settings.max_pressure_kpa)
+        for kind in (PressureCell, ForceCell):
+            declared = tolerances[kind.channel]
+            largest = float(np.abs(records.force_n[records.known["force_n"]]).max(initial=1.0))
+            constants = tuple(_constant(name, each, row, largest) for name, each in declared.items())
+            cell = kind(build, records, constants, load_cell_site)
+            if cell.present.sum() >= LEAST_SAMPLES and cell.range > 0.0 and cell.is_driven():
+                cells.append(cell)
+    return cells
+
+
+def _build(row: Mapping[Any, Any], max_pressure_kpa: Mapping[str, float]) -> Build:
+    area = 1000.0 * np.pi * (0.5 * row["nominal_diameter_m"]) ** 2
+    per_rad = row["sign"] * row["moment_arm_m"] / row["rest_length_m"]
+    return Build(
+        row["muscle"],
+        area,
+        max_pressure_kpa[row["type"]],
+        row["contraction_at_angle_0"],
+        per_rad,
+        row["sign"] * row["moment_arm_m"],
+    )
+
+
+def _constant(name: str, tolerance: Tolerance, row: Mapping[Any, Any], largest: float) -> Parameter:
+    start = tolerance.start
+    if start is None:
+        start = float(row[name])
+    scale = {"one": 1.0, "start": abs(start), "largest": largest}[tolerance.times]
+    low, high = start + scale * tolerance.low, start + scale * tolerance.high
+    return Parameter(
+        name, tolerance.unit, low, high, start, scale * tolerance.sd, tolerance.description, starts=(start,)
+    )

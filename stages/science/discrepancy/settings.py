@@ -1,0 +1,86 @@
+"""What the discrepancy workflow is told: the section of the configuration that its stages share."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from stages.science.discrepancy.naming import SearchSettings
+from stages.science.plant.declaration import Declared, nearest
+from stages.science.plant.effect import list_effects, name_module
+
+
+class Tolerance(Declared):
+    """How far a nominal constant may be from its starting value."""
+
+    unit: str
+    start: float | None = Field(description="starting value; null takes the one measured data come with")
+    low: float
+    high: float
+    sd: float = Field(gt=0.0)
+    times: Literal["one", "start", "largest"] = Field(description="what low, high and sd are multiples of")
+    description: str
+
+
+class SearchSection(Declared):
+    """When a gap matters and a name is accepted."""
+
+    smallest_gap: float = Field(gt=1.0, le=10.0)
+    least_gain: float = Field(ge=0.0, le=1.0)
+    least_share: float = Field(ge=0.0, le=1.0)
+    later_share: float = Field(ge=0.0, le=1.0)
+    later_gain: float = Field(ge=0.0)
+    later_rest: float = Field(ge=0.0, le=1.0)
+    unexplained_share: float = Field(gt=0.0, lt=1.0)
+    imitation_share: float = Field(gt=0.0, lt=1.0)
+    temper: float = Field(ge=1.0, le=1e4)
+    shortlist: int = Field(ge=1, le=100)
+    most_effects: int = Field(ge=1, le=10)
+    absorbed: float = Field(gt=0.5, lt=1.0)
+    none_prior: float = Field(gt=0.0, lt=1.0)
+    certain: float = Field(gt=0.0, lt=1.0)
+    left_out: list[str] = Field(description="effects that are not looked for")
+
+    @model_validator(mode="after")
+    def _know_effects(self) -> Self:
+        for name in self.left_out:
+            if name not in list_effects():
+                raise ValueError(f"left_out: no effect '{name}'; {nearest(name, list_effects())}")
+        return self
+
+    @property
+    def imported_by_name(self) -> tuple[str, ...]:
+        """Modules of all effects, as any may be looked for."""
+        return tuple(name_module(name) for name in list_effects())
+
+    @property
+    def settings(self) -> SearchSettings:
+        """As the search takes them."""
+        return SearchSettings(**{**self.model_dump(), "left_out": tuple(self.left_out)})
+
+
+class DiscrepancySettings(Declared):
+    """How gaps are found, named and mended."""
+
+    verification_share: float = Field(gt=0.0, lt=0.8)
+    bootstraps: int = Field(ge=100, le=100000)
+    level: float = Field(gt=0.5, lt=1.0)
+    search: SearchSection
+    max_pressure_kpa: dict[str, float]
+    tolerances: dict[str, dict[str, Tolerance]]
+
+
+def choose_verification(trials: int, share: float) -> list[int]:
+    """Return the positions of the trials that are opened once, spread evenly; at least one, and never the first two.
+
+    Raises
+    ------
+    ValueError
+        When there are fewer than three trials.
+    """
+    if trials < 3:
+        raise ValueError(f"expected at least 3 trials, two to fit and one to verify, got {trials}; record more")
+    chosen = [k for k in range(trials) if int((k + 1) * share + 1e-9) > int(k * share + 1e-9)]
+    kept = chosen[-(trials - 2) :] if len(chosen) > trials - 2 else chosen
+    return kept or [trials - 1]

@@ -1,0 +1,41 @@
+"""What measured signals are called in sentences and formulas: their names in words, and their units apart."""
+
+from __future__ import annotations
+
+from stages.science.discrepancy.features import DISTANCE
+from stages.science.recording.units import ENDS, own_unit
+
+CALLED = {
+    "contraction_velocity_per_s": ("velocity", "1/s"),
+    "contraction_acceleration_per_s2": ("acceleration", "1/s^2"),
+    "pressure_command_kpa": ("command", "kPa"),
+    "pressure_rate": ("rate of pressure", "kPa/s"),
+    "command_rate": ("rate of command", "kPa/s"),
+    "time_s": ("time in the trial", "s"),
+    "start_s": ("time in the session", "s"),
+}
+
+
+RATE = "rate of"
+
+
+def name_signal(name: str) -> tuple[str, str]:
+    """Return a signal's name in words, and its unit; empty where the name tells none.
+
+    Parameters
+    ----------
+    name : str
+        As drivers are called: words before the last blank stay as they are.
+    """
+    before, blank, column = name.rpartition(" ")
+    if column in CALLED:
+        words, unit = CALLED[column]
+    else:
+        end = max((each for each in ENDS if column.endswith(f"_{each}")), key=len, default="")
+        words = column.removesuffix(f"_{end}").replace("_", " ") if end else column.replace("_", " ")
+        unit = own_unit(column) if end else ""
+    if before == RATE:
+        unit = ""  # in scales per pace
+    if before.startswith(DISTANCE):
+        unit = unit.removesuffix("/s").removesuffix("1")
+    return f"{before}{blank}{words}", unit

@@ -1,0 +1,132 @@
+"""What an added effect does, beside what was measured: the variable in which it shows is chosen by how much it tells.
+
+Cells with all trials and the last step's values flow in; averages along that variable flow out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stages.science.discrepancy.cell import Cell
+from stages.science.discrepancy.residuals import (
+    LOOP_BINS,
+    average_by_direction,
+    average_in_bins,
+    hold_direction,
+    list_signals,
+)
+from stages.science.discrepancy.restoring import restore
+from stages.science.signals.trajectories import Array
+
+
+def trace_effects(cells: Sequence[Cell], steps: pd.DataFrame, trials: Sequence[int]) -> pd.DataFrame:
+    """Return each added effect's share of the signal and the residual without it, averaged in the same bins.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        With all trials.
+    steps : DataFrame
+        Values after each addition; the last are taken.
+    trials : sequence of int
+        Positions of the trials that are averaged.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``effect form channel muscle unit variable direction x measured error added``: mean residual of the
+        amended model without the effect, its standard error over trials, and what the effect adds.
+    """
+    last = int(steps["step"].max())
+    columns = ["effect", "form", "channel", "muscle", "unit", "variable", "direction", "x", "measured", "error"]
+    frames = [pd.DataFrame(columns=[*columns, "added"])]
+    effects = steps[(steps["step"] == last) & (steps["effect"] != "")]
+    for (name, channel), rows in effects.groupby(["effect", "channel"], sort=False):
+        concerned = [each for each in cells if each.channel == channel and each.element in set(rows["muscle"])]
+        traced = [_trace(each.take(trials), steps, last, str(name)) for each in concerned]
+        variable = _choose_variable(traced)
+        for each in traced:
+            cell = each.cell
+            told: dict[str, Any] = {
+                "effect": name,
+                "form": each.form,
+                "channel": channel,
+                "muscle": cell.element,
+                "unit": cell.unit,
+            }
+            frames.append(_average(each, variable).assign(variable=variable, **told))
+    filled = [each for each in frames if len(each)]
+    return pd.concat(filled, ignore_index=True) if filled else frames[0]
+
+
+@dataclass(frozen=True)
+class _Traced:
+    """One cell: the residual without an effect, what the effect adds, and signals in which it may show."""
+
+    cell: Cell
+    form: str
+    without: Array
+    added: Array
+    variables: dict[str, Array]
+    levels: frozenset[str]
+    rate: Array
+
+
+def _trace(cell: Cell, steps: pd.DataFrame, last: int, name: str) -> _Traced:
+    model, values = restore(cell, steps, last)
+    cell = model.cell
+    constants, effects = model.name_values(values)
+    whole = cell.simulate(constants, effects)
+    without = cell.simulate(constants, [each for each in effects if each[0].name != name])
+    form = next(each.form for each, _ in effects if each.name == name)
+    own = [each for each in cell.drivers() if each.own]
+    variables = list_signals(cell) | _list_variables(cell, without)
+    levels = frozenset({"simulated", *(each.name for each in own if not each.rate)})
+    rate = variables[cell.loop[1]]
+    return _Traced(cell, form, cell.measured - without, whole - without, variables, levels, rate)
+
+
+def _list_variables(cell: Cell, simulated: Array) -> dict[str, Array]:
+    """Return what a residual may depend on beside the cell's own drivers."""
+    samples, trials = cell.measured.shape
+    return {
+        "simulated": simulated,
+        "simulated_rate": np.gradient(simulated, cell.step_s, axis=0),
+        "time_s": np.repeat(np.arange(samples)[:, None] * cell.step_s, trials, axis=1),
+        "start_s": np.repeat(cell.start_s[None, :], samples, axis=0),
+    }
+
+
+def _choose_variable(traced: Sequence[_Traced]) -> str:
+    """Return the variable whose bins, by direction, hold most of the variance of what the effect adds."""
+    shares = {name: sum(_explain(each, name) for each in traced) for name in traced[0].variables}
+    return max(shares, key=lambda name: shares[name])
+
+
+def _explain(traced: _Traced, variable: str) -> float:
+    """Return the share of variance (correlation ratio) of what an effect adds between bins of equal count."""
+    present, values, added = traced.cell.present, traced.variables[variable], traced.added
+    edges = np.unique(np.quantile(values[present], np.linspace(0.0, 1.0, LOOP_BINS + 1)))
+    if len(edges) < 3:
+        return 0.0
+    masks = [present]
+    if variable in traced.levels:
+        direction = hold_direction(traced.rate, present)
+        masks = [present & (direction > 0.0), present & (direction < 0.0)]
+    middle, between = float(np.mean(added[present])), 0.0
+    for mask in masks:
+        mean, _, count = average_in_bins(values, added, mask, edges)
+        between += float((count * (mean - middle) ** 2).sum())
+    return between / (float(present.sum()) * float(np.var(added[present])) + 1e-300)
+
+
+def _average(traced: _Traced, variable: str) -> pd.DataFrame:
+    values, rate = traced.variables[variable], traced.rate if variable in traced.levels else None
+    seen = average_by_direction(values, rate, traced.without, traced.cell).rename(columns={"mean": "measured"})
+    model = average_by_direction(values, rate, traced.added, traced.cell)
+    return seen.assign(added=model["mean"].to_numpy())

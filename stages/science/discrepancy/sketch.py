@@ -1,0 +1,245 @@
+"""A formula of a few terms for a residual: a hint at what is missing, no finding.
+
+A fitted model and a few inputs flow in; out flow the terms that predict trials left out, with their weights. The
+nominal constants, and the parameters of effects already named, may change along with the weights.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.discrepancy.cell import Driver
+from stages.science.discrepancy.features import TURNING
+from stages.science.discrepancy.fitting import Fit
+from stages.science.discrepancy.signal_names import name_signal
+from stages.science.signals.trajectories import Array
+
+Regression = Literal["stepwise", "pysindy"]
+
+DEGREE = 3
+MOST_ROWS = 100_000
+"""Samples that terms are fitted to, at most."""
+LEAST_OWN = 0.02
+"""Share of a term's squares that constants and other terms do not imitate, below which it is passed over."""
+THRESHOLDS = (0.8, 0.4, 0.2, 0.1, 0.05)
+"""Of pysindy's optimiser: weights below them are cut, each term over its own root mean square, the residual too."""
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """A formula, and what trials left out say of it.
+
+    Parameters
+    ----------
+    terms : tuple of (str, float)
+        Text and weight, in the channel's unit over the term's; none where trials left out confirm none.
+    before, after : (K,) ndarray
+        Sums of squares of each trial's residual, without the terms and with terms and weights told by the others.
+    """
+
+    terms: tuple[tuple[str, float], ...]
+    before: Array
+    after: Array
+
+    @property
+    def formula(self) -> str:
+        """The terms as text; empty without any."""
+        signs = [("-" if weight < 0.0 else "+", f"{abs(weight):.3g}", text) for text, weight in self.terms]
+        joined = " ".join(f"{sign} {size}{f'*{text}' if text != '1' else ''}" for sign, size, text in signs)
+        return joined.removeprefix("+ ") if joined[:1] != "-" else f"-{joined[2:]}"
+
+
+def sketch_residual(fit: Fit, inputs: Sequence[Driver], most_terms: int, regression: Regression = "stepwise") -> Sketch:
+    """Return a short formula for what a fitted model leaves.
+
+    Parameters
+    ----------
+    fit : Fit
+        With its residual and slopes.
+    inputs : sequence of Driver
+        What may stand in the formula.
+    most_terms : int
+        How many terms it may have.
+    regression : str
+        ``stepwise`` for orthogonal least squares (Chen, Billings and Luo, Int. J. Control 50, 1989), or ``pysindy``
+        for the sequentially thresholded least squares of that package (Brunton, Proctor and Kutz, PNAS 113, 2016).
+
+    Raises
+    ------
+    ImportError
+        When pysindy is asked for and not installed.
+
+    Notes
+    -----
+    Terms are products of powers of the inputs, up to the third degree; of a rate v also v|v|, the direction tanh(v/s)
+    with s a tenth of its standard deviation, and the direction times other inputs. Of formulas of growing length the
+    shortest is taken whose error on trials left out is within one standard error of the least.
+    """
+    cell = fit.model.cell
+    stride = int(np.ceil(max(cell.present.sum(), 1) / MOST_ROWS))
+    present = cell.present[::stride]
+    residual = np.where(present, fit.residual[::stride], 0.0)
+    squares = (residual**2).sum(axis=0)
+    nothing = Sketch((), squares, squares)
+    if not inputs or cell.trials < 3 or squares.sum() == 0.0:
+        return nothing
+    names, library = build_library(inputs, cell.present)
+    answers = cell.respond(library)
+    names += [f"answer to ({name})" for name in names][: answers.shape[2] - len(names)]
+    terms = np.where(present[:, :, None], answers[::stride], 0.0)
+    sizes = np.sqrt(np.maximum((terms**2).sum(axis=(0, 1)) / present.sum(), 1e-300))
+    scale = float(np.sqrt(squares.sum() / present.sum()))
+    slopes = fit.slopes[::stride] / np.sqrt(fit.precision) / scale
+    sums = _Sums.collect(slopes, terms / sizes, residual / scale)
+    total = sums.trials.sum(axis=0)
+    paths = [sums.list_supports(total - own, most_terms, regression) for own in sums.trials]
+    left = np.stack(
+        [
+            [sums.measure(own, sums.solve(total - own, support), support) for support in path]
+            for own, path in zip(sums.trials, paths, strict=True)
+        ],
+        axis=1,
+    )
+    level = _choose_level(left)
+    chosen = sums.list_supports(total, most_terms, regression)[level]
+    if not chosen:
+        return nothing
+    weights = scale * sums.solve(total, chosen)[sums.held :] / sizes[chosen]
+    told = tuple((names[k], float(weight)) for k, weight in zip(chosen, weights, strict=True))
+    return Sketch(told, squares, scale**2 * left[level])
+
+
+def build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tuple[list[str], Array]:
+    """Return the terms that a formula may have: their texts, and their values, (T, K, F), in the inputs' own units.
+
+    Parameters
+    ----------
+    inputs : sequence of Driver
+        Of which they are made.
+    present : (T, K) ndarray of bool
+        Samples that count.
+    """
+    atoms = [_bracket(name_signal(each.name)[0]) for each in inputs]
+    names, columns = ["1"], [np.ones(present.shape)]
+    for degree in range(1, DEGREE + 1):
+        for chosen in combinations_with_replacement(range(len(inputs)), degree):
+            names.append(_multiply([atoms[k] for k in chosen]))
+            columns.append(np.prod([inputs[k].values for k in chosen], axis=0))
+    for place, each in enumerate(inputs):
+        if not each.rate:
+            continue
+        width = TURNING * float(each.values[present].std())
+        direction, text = np.tanh(each.values / width), f"tanh({atoms[place]}/{width:.2g})"
+        names += [f"{atoms[place]}*|{atoms[place].strip('[]')}|", text]
+        columns += [each.values * np.abs(each.values), direction]
+        for other, beside in enumerate(inputs):
+            if other != place:
+                names.append(f"{text}*{atoms[other]}")
+                columns.append(direction * beside.values)
+    return names, np.stack(columns, axis=2)
+
+
+def _bracket(words: str) -> str:
+    return f"[{words}]" if " " in words else words
+
+
+def _multiply(atoms: Sequence[str]) -> str:
+    powers = {atom: atoms.count(atom) for atom in atoms}
+    return "*".join(f"{atom}^{power}" if power > 1 else atom for atom, power in powers.items())
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Sums over each trial of products of P slopes, F terms and the residual, (K, P + F + 1, P + F + 1)."""
+
+    trials: Array
+    held: int
+
+    @classmethod
+    def collect(cls, slopes: Array, terms: Array, residual: Array) -> _Sums:
+        together = np.concatenate([slopes, terms, residual[:, :, None]], axis=2).transpose(1, 0, 2)
+        return cls(together.transpose(0, 2, 1) @ together, slopes.shape[2])
+
+    def solve(self, sums: Array, support: Sequence[int]) -> Array:
+        """Return the weights of all slopes, under their priors, and of some terms."""
+        kept = [*range(self.held), *(self.held + k for k in support)]
+        ridge = np.diag([1.0] * self.held + [1e-9 * float(np.trace(sums))] * len(support))
+        return np.asarray(np.linalg.solve(sums[np.ix_(kept, kept)] + ridge, sums[kept, -1]), dtype=np.float64)
+
+    def measure(self, sums: Array, weights: Array, support: Sequence[int]) -> float:
+        """Return the sum of squares that weights leave."""
+        kept = [*range(self.held), *(self.held + k for k in support), -1]
+        signed = np.append(-weights, 1.0)
+        return max(float(signed @ sums[np.ix_(kept, kept)] @ signed), 0.0)
+
+    def list_supports(self, sums: Array, most: int, regression: Regression) -> list[list[int]]:
+        """Return the terms of formulas of growing length; the first has none."""
+        rest = self._free_from_slopes(sums)
+        found = _add_stepwise(rest, most) if regression == "stepwise" else _threshold(rest, most)
+        return [[], *found]
+
+    def _free_from_slopes(self, sums: Array) -> Array:
+        """Return the sums over terms and residual of what slopes do not imitate, (F + 1, F + 1)."""
+        held = self.held
+        beside = sums[:held, held:]
+        among = sums[:held, :held] + np.eye(held)
+        rest = sums[held:, held:] - beside.T @ np.linalg.solve(among, beside)
+        own = np.maximum(np.diag(sums)[held:], 1e-300)
+        absorbed = np.diag(rest) < LEAST_OWN * own
+        absorbed[-1] = False
+        return np.where(absorbed | absorbed[:, None], 0.0, rest)
+
+
+def _add_stepwise(sums: Array, most: int) -> list[list[int]]:
+    """Return the terms added one by one, each the one that takes most of the residual beside those before."""
+    rest, own = sums.copy(), np.diag(sums)[:-1]
+    supports: list[list[int]] = []
+    chosen: list[int] = []
+    for _ in range(most):
+        free = np.diag(rest)[:-1]
+        possible = (free > LEAST_OWN * own) & (own > 0.0)
+        if possible.any():
+            gain = np.where(possible, rest[:-1, -1] ** 2 / np.where(possible, free, 1.0), -1.0)
+            best = int(np.argmax(gain))
+            chosen = [*chosen, best]
+            rest -= np.outer(rest[:, best], rest[best]) / rest[best, best]
+        supports.append(chosen)
+    return supports
+
+
+def _threshold(sums: Array, most: int) -> list[list[int]]:
+    """Return the terms that sequentially thresholded least squares keep, from the highest threshold to the lowest."""
+    from pysindy.optimizers import STLSQ
+
+    own = np.diag(sums)[:-1]
+    kept = np.flatnonzero(own > 0.0)
+    if not len(kept):
+        return [[] for _ in THRESHOLDS]
+    size = np.sqrt(own[kept])
+    among = sums[np.ix_(kept, kept)] / size / size[:, None]
+    whole = float(np.sqrt(sums[-1, -1]))
+    lower = np.linalg.cholesky(among + 1e-9 * np.eye(len(kept)))
+    target = np.linalg.solve(lower, sums[kept, -1] / size / whole)
+    supports = []
+    for threshold in THRESHOLDS:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # it warns where a threshold cuts all
+            weights = STLSQ(threshold=threshold, alpha=1e-3).fit(lower.T, target).coef_[0]
+        order = np.argsort(-np.abs(weights), kind="stable")[:most]
+        supports.append([int(kept[k]) for k in order if weights[k] != 0.0])
+    return supports
+
+
+def _choose_level(left: Array) -> int:
+    """Return the first level, of (L, K) squares left, that is within one standard error of the least."""
+    best = int(np.argmin(left.sum(axis=1)))
+    worse = left - left[best]
+    error = worse.std(axis=1, ddof=1) * np.sqrt(left.shape[1])
+    return int(np.argmax(worse.sum(axis=1) <= error))

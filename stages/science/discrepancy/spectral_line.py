@@ -1,0 +1,84 @@
+"""A spectral line: an oscillation of one frequency in all trials, whatever its phase in each.
+
+Residuals flow in; out flow the line's frequency, if there is one, and residuals without it. No measured signal predicts
+a line, but it is no noise either: mains, a compressor, a loose part that rings.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.signals.trajectories import Array
+
+LEAST_HZ = 6.0
+"""Below it people and pressures move, and a line cannot be told from what they bring about."""
+HIGHEST = 0.95
+"""Over half the sampling rate; at its edge a spectrum is no longer spread as elsewhere."""
+PADDING = 2
+NEIGHBOURS = 80
+"""Bins of the padded spectrum on either side that tell how much noise there is around a frequency."""
+WIDEST = 2.0
+"""Neighbours on either side, over the least frequency, that may be needed."""
+CHANCE = 1e-3
+"""Probability that noise alone shows a line."""
+
+
+def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> float | None:
+    """Return the frequency of a line in a residual, Hz, or None.
+
+    Parameters
+    ----------
+    residual : (T, K) ndarray
+        In any unit.
+    present : (T, K) ndarray of bool
+        Where it counts.
+    step_s : float
+        Time between samples, s.
+
+    Notes
+    -----
+    Mean power of K trials over the median around it, against the gamma distribution that it has under noise, for as
+    many frequencies as trials have samples; Percival and Walden, Spectral Analysis for Physical Applications (1993),
+    chapter 10.
+    """
+    from scipy.ndimage import median_filter
+    from scipy.stats import gamma
+
+    whole = np.flatnonzero(present.mean(axis=0) > 0.5)
+    samples = len(residual)
+    if not len(whole) or samples < 4 * NEIGHBOURS:
+        return None
+    if NEIGHBOURS / (PADDING * samples * step_s) > WIDEST * LEAST_HZ:  # a spectrum's slope would pass for a line
+        return None
+    kept = np.where(present, residual, 0.0)[:, whole]
+    windowed = (kept - kept.mean(axis=0)) * np.hanning(samples)[:, None]
+    power = np.abs(np.fft.rfft(windowed, PADDING * samples, axis=0)) ** 2
+    frequency = np.fft.rfftfreq(PADDING * samples, step_s)
+    sought = (frequency >= LEAST_HZ) & (frequency <= HIGHEST * frequency[-1])
+    if not sought.any():
+        return None
+    level = np.maximum(np.median(power[sought], axis=0), 1e-300)  # trials count alike, whatever wanders slowly in them
+    mean = (power / level).mean(axis=1)
+    usual = gamma.median(len(whole), scale=1.0 / len(whole))
+    over = usual * mean / median_filter(mean, size=2 * NEIGHBOURS + 1, mode="mirror")
+    peak = int(np.argmax(np.where(sought, over, 0.0)))
+    by_chance = gamma.sf(over[peak], len(whole), scale=1.0 / len(whole)) * PADDING * samples / 2
+    return float(frequency[peak]) if by_chance < CHANCE else None
+
+
+def remove_line(residual: Array, present: NDArray[np.bool_], step_s: float, frequency_hz: float) -> Array:
+    """Return a residual, (T, K), without the oscillation of one frequency that fits each trial best.
+
+    Its two weights are fitted to the trial itself, as its phase is its own; the residual is raised by what two weights
+    take from noise.
+    """
+    angle = 2.0 * np.pi * frequency_hz * step_s * np.arange(len(residual))
+    waves = np.column_stack([np.cos(angle), np.sin(angle)])
+    left = residual.copy()
+    for trial in np.flatnonzero(present.sum(axis=0) > 4):
+        rows = present[:, trial]
+        weights = np.linalg.lstsq(waves[rows], residual[rows, trial], rcond=None)[0]
+        left[rows, trial] -= waves[rows] @ weights
+        left[rows, trial] *= np.sqrt(rows.sum() / (rows.sum() - 2.0))
+    return left

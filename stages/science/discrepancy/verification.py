@@ -1,0 +1,298 @@
+"""The gap on trials that nothing was fitted to: before, after each addition, and what is left for noise.
+
+Cells with all trials and the values of each step flow in; predictions and gaps flow out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stages.science.discrepancy.cell import Cell
+from stages.science.discrepancy.fitting import Model, fit
+from stages.science.discrepancy.flexible import Mask, find_floor
+from stages.science.discrepancy.muscle_cells import ForceCell, MuscleCell
+from stages.science.discrepancy.noise import Noise
+from stages.science.discrepancy.remainder import hides
+from stages.science.discrepancy.restoring import restore
+from stages.science.signals.trajectories import Array
+from stages.science.statistics.sign_flips import compare_signs
+
+
+@dataclass(frozen=True)
+class Verified:
+    """One cell on all trials.
+
+    Parameters
+    ----------
+    cell : Cell
+        With all trials.
+    steps : list of (T, K) ndarray
+        Simulated from measured upstream signals, after each number of additions.
+    free : list of (T, K) ndarray
+        Simulated from the command and the joint's motion alone; empty where nothing measured is upstream.
+    floor : (K,) ndarray
+        Sum of squares that neither the last model nor a flexible one explains, by trial.
+    """
+
+    cell: Cell
+    steps: list[Array]
+    free: list[Array]
+    floor: Array
+
+    def over_std(self, squares: Array, trials: Sequence[int]) -> float:
+        """Return the gap in some trials over the standard deviation of what was measured in them.
+
+        Parameters
+        ----------
+        squares : (K,) ndarray
+            As `squares` returns them.
+        trials : sequence of int
+            Positions.
+        """
+        chosen = list(trials)
+        measured = self.cell.measured[:, chosen][self.cell.present[:, chosen]]
+        if not measured.size or measured.std() == 0.0:
+            return np.nan
+        return float(np.sqrt(squares[chosen].sum() / measured.size) * self.cell.range / measured.std())
+
+    def squares(self, simulated: Array) -> Array:
+        """Return each trial's sum of squares over the range squared."""
+        residual = np.where(self.cell.present, self.cell.measured - simulated, 0.0)
+        found: Array = (residual**2).sum(axis=0) / self.cell.range**2
+        return found
+
+
+def verify(cells: Sequence[Cell], steps: pd.DataFrame, channels: pd.DataFrame, learnt: Mask) -> list[Verified]:
+    """Simulate every cell after each addition.
+
+    Parameters
+    ----------
+    cells : sequence of MuscleCell
+        With all trials.
+    steps : DataFrame
+        Values after each addition.
+    channels : DataFrame
+        Noise of each cell.
+    learnt : (K,) ndarray of bool
+        Trials to which the values were fitted.
+    """
+    last = int(steps["step"].max())
+    pressures: dict[tuple[str, int], Array] = {}
+    found = []
+    for cell in sorted(cells, key=lambda each: each.channel != "pressure_kpa"):
+        simulated, free = [], []
+        for step in range(last + 1):
+            model, values = restore(cell, steps, step)
+            simulated.append(model.simulate(values))
+            driven: Cell = model.cell
+            if isinstance(cell, ForceCell) and (cell.element, step) in pressures:
+                driven = cell.from_pressure(pressures[cell.element, step])
+            if isinstance(cell, MuscleCell):
+                free.append(driven.simulate(*model.name_values(values)))
+            if cell.channel == "pressure_kpa":
+                pressures[cell.element, step] = simulated[-1]
+        noise = channels[(channels["channel"] == cell.channel) & (channels["muscle"] == cell.element)].iloc[0]
+        known = Noise(*(float(noise[name]) for name in Noise._fields))
+        found.append(Verified(cell, simulated, free, _find_floor(model, values, known, learnt) / cell.range**2))
+    return found
+
+
+def _find_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
+    """Return each trial's sum of squares that a flexible model, fitted to those learnt, leaves; zero without data."""
+    seen = np.flatnonzero(model.cell.present.any(axis=0))
+    still = fit(replace(model, cell=model.cell.take(seen.tolist())), noise, values, iterations=0)
+    floor = np.zeros(model.cell.trials)
+    least = find_floor(still, noise, learnt[seen])
+    floor[seen] = np.minimum(least.raw, (still.residual**2).sum(axis=0))
+    return floor
+
+
+def pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> Array:
+    """Return each trial's gap, RMSE over range, root mean square over cells with data in it, (K,) ndarray."""
+    counts = np.stack([each.cell.present.sum(axis=0) for each in found])[:, list(trials)]
+    mean = np.stack(squares)[:, list(trials)] / np.maximum(counts, 1)
+    gaps: Array = np.sqrt(np.where(counts > 0, mean, 0.0).sum(axis=0) / np.maximum((counts > 0).sum(axis=0), 1))
+    return gaps
+
+
+def compare_steps(
+    found: Sequence[Verified],
+    labels: Sequence[str],
+    opened: Sequence[int],
+    weights: Array,
+    level: float,
+    generator: np.random.Generator,
+) -> list[dict[str, Any]]:
+    """Return the gap on the verification trials before and after each addition, and the noise floor.
+
+    Parameters
+    ----------
+    found : sequence of Verified
+        Cells that count.
+    labels : sequence of str
+        Of the steps.
+    opened : sequence of int
+        Positions of the verification trials.
+    weights : (B, len(opened)) ndarray
+        Resampled trials.
+    level : float
+        Of the intervals.
+    generator : numpy.random.Generator
+        For the exact test, where there are many trials.
+    """
+    rows: list[dict[str, Any]] = []
+    kinds = ("measured upstream", "free run") if any(each.free for each in found) else ("measured upstream",)
+    for kind in kinds:
+        first: Array | None = None
+        before: Array | None = None
+        for step, label in enumerate(labels):
+            chosen = [each.squares((each.steps if kind == "measured upstream" else each.free)[step]) for each in found]
+            gaps = pool(found, chosen, opened)
+            first = gaps if first is None else first
+            rows.append(_row(kind, step, label, gaps, (first, before), weights, level, generator))
+            rows[-1]["gap_over_std"] = _pool_over_std(found, chosen, opened)
+            before = gaps
+        if kind == "measured upstream":
+            least = [each.floor for each in found]
+            floor = pool(found, least, opened)
+            rows.append(_row(kind, len(labels), "noise floor", floor, (first, before), weights, level, generator))
+            rows[-1]["gap_over_std"] = _pool_over_std(found, least, opened)
+    return rows
+
+
+def bound_ratio(
+    found: Sequence[Verified], step: int, opened: Sequence[int], weights: Array, level: float
+) -> dict[str, float]:
+    """Return the gap over the noise floor in the channel where it is largest, with one-sided limits over trials.
+
+    Parameters
+    ----------
+    found : sequence of Verified
+        All cells.
+    step : int
+        Effects added.
+    opened : sequence of int
+        Positions of the verification trials.
+    weights : (B, len(opened)) ndarray
+        Resampled trials.
+    level : float
+        Of each limit.
+    """
+    ratios = []
+    for channel in dict.fromkeys(each.cell.channel for each in found):
+        cells = [each for each in found if each.cell.channel == channel]
+        gap = pool(cells, [each.squares(each.steps[step]) for each in cells], opened) ** 2
+        floor = np.maximum(pool(cells, [each.floor for each in cells], opened) ** 2, 1e-300)
+        drawn = np.sqrt((weights @ gap) / (weights @ floor))
+        low, high = np.quantile(drawn, [1.0 - level, level])
+        ratios.append({"value": float(np.sqrt(gap.sum() / floor.sum())), "low": float(low), "high": float(high)})
+    return max(ratios, key=lambda each: each["value"])
+
+
+def is_hidden(channels: pd.DataFrame) -> bool:
+    """Return whether a noise floor of the fitted trials hides what there is.
+
+    Parameters
+    ----------
+    channels : DataFrame
+        Noise floor, white noise and range of each cell.
+    """
+    rows = channels[["noise_floor", "white", "range"]].to_numpy(dtype=float)
+    return any(hides(floor / scale, white / scale) for floor, white, scale in rows)
+
+
+def list_hidden(found: Sequence[Verified], channels: pd.DataFrame, opened: Sequence[int]) -> list[str]:
+    """Return the channels whose noise floor on the verification trials hides what there is, each once.
+
+    Parameters
+    ----------
+    found : sequence of Verified
+        All cells.
+    channels : DataFrame
+        Noise of each cell.
+    opened : sequence of int
+        Positions of the verification trials.
+    """
+    white = channels.set_index(["channel", "muscle"])["white"]
+    hidden = []
+    for each in found:
+        floor = float(np.sqrt(np.mean(pool([each], [each.floor], opened) ** 2)))
+        if hides(floor, float(white[each.cell.channel, each.cell.element]) / each.cell.range):
+            hidden.append(each.cell.channel)
+    return list(dict.fromkeys(hidden))
+
+
+def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> float:
+    each = [one.over_std(own, trials) for one, own in zip(found, squares, strict=True)]
+    known = [value for value in each if np.isfinite(value)]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else np.nan
+
+
+def _row(
+    kind: str,
+    step: int,
+    label: str,
+    gaps: Array,
+    earlier: tuple[Any, Any],
+    weights: Array,
+    level: float,
+    generator: Any,
+) -> dict[str, Any]:
+    trials, (first, before) = len(gaps), earlier
+    drawn = np.sqrt(weights @ gaps**2 / trials)
+    tail = 0.5 * (1.0 - level)
+    low, high = np.quantile(drawn, [tail, 1.0 - tail])
+    return {
+        "simulation": kind,
+        "step": step,
+        "label": label,
+        "trials": trials,
+        "gap": float(np.sqrt(np.mean(gaps**2))),
+        "low": float(low),
+        "high": float(high),
+        "p_value": float(compare_signs((first - gaps)[:, None], generator, two_sided=True)[0]) if step else 1.0,
+        "p_step": float(compare_signs((before - gaps)[:, None], generator)[0]) if step else 1.0,
+    }
+
+
+def list_predictions(
+    found: Sequence[Verified], trials: Sequence[int], parts: Mapping[int, str], last: int = -1
+) -> pd.DataFrame:
+    """Return every sample as measured and as simulated before and after, one row per trial, time, muscle, channel.
+
+    Parameters
+    ----------
+    found : sequence of Verified
+        Cells.
+    trials : sequence of int
+        Their numbers, in the order of the arrays.
+    parts : mapping of int to str
+        What each trial is for.
+    last : int
+        Number of additions after which it is told; -1 for all.
+    """
+    frames = []
+    for each in found:
+        cell = each.cell
+        for place, trial in enumerate(trials):
+            rows = cell.present[:, place]
+            frames.append(
+                pd.DataFrame(
+                    {
+                        "trial": trial,
+                        "part": parts[trial],
+                        "time_s": np.flatnonzero(rows) * cell.step_s,
+                        "muscle": cell.element,
+                        "channel": cell.channel,
+                        "measured": cell.measured[rows, place],
+                        "before": each.steps[0][rows, place],
+                        "after": each.steps[last][rows, place],
+                    }
+                )
+            )
+    return pd.concat(frames, ignore_index=True)

@@ -1,0 +1,429 @@
+"""The verdict in an engineer's words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from stages.science.discrepancy.remainder import MANY
+from stages.science.discrepancy.signal_names import name_signal
+from stages.science.plant.effect import Effect, Parameter, find_effect
+from stages.science.plant.element_plant import ElementPlant
+from stages.science.plant.plant import Plant
+from stages.science.plant.record_plant import RecordPlant
+
+FEW_TRIALS = 6
+"""Fitted trials below which it is told that they say little."""
+HIGH_FLOOR = 3.0
+"""Noise floor, over the white part of the noise, above which it is told that it is high."""
+NOT_EFFECTS = ("none", "unknown")
+CONCENTRATED = 1.2
+"""Share of the gap over share of time above which a gap is said to lie in a regime."""
+MOST_LISTED = 4
+IMITATED = 0.5
+"""Probability above which it is told that a name may stand in for something else."""
+LEAST_SHARE = 0.02
+"""Share of the gap above the noise that is worth telling."""
+LEAST_HELP = 0.97
+"""Gap with a candidate over the gap without, above which it is not told as the nearest."""
+
+
+def tell(
+    verdict: Mapping[str, Any],
+    places: Sequence[Mapping[str, Any]],
+    absorbed: Sequence[str],
+    remarks: Sequence[str],
+) -> list[str]:
+    """Return the verdict as sentences.
+
+    Parameters
+    ----------
+    verdict : mapping
+        As kept in verdict.json.
+    places : sequence of mapping
+        Rows of the table `gap` that tell where, the largest gap first.
+    absorbed : sequence of str
+        Names that could act where the gap is, but cannot be told from the fitted constants.
+    remarks : sequence of str
+        Sentences that follow.
+    """
+    middle = {"no_discrepancy": _tell_nothing, "named": _tell_named, "unexplained": _tell_unexplained}
+    sentences = [*_tell_places(places, verdict["status"]), *middle[verdict["status"]](verdict)]
+    if absorbed:
+        names = _shorten([_spell(each) for each in absorbed])
+        sentences.append(f"Not judged, as in these data the fitted constants absorb what it does: {names}.")
+    return [*sentences, *remarks]
+
+
+def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
+    gap = verdict["gap"]
+    return [
+        f"Nothing that matters is missing: on {_count(verdict)} not fitted the gap is "
+        f"{_percent(gap['before'])} of range, {gap['before'] / gap['noise_floor']:.2f} times the noise floor "
+        f"({_percent(gap['noise_floor'])}); in its worst channel it is at most {gap['over_floor']['high']:.2f} times "
+        "the floor (one-sided limit over trials)."
+    ]
+
+
+def _tell_named(verdict: Mapping[str, Any]) -> list[str]:
+    gap, effects = verdict["gap"], verdict["effects"]
+    told = [_tell_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
+    channels = [each["channel"] for each in effects]
+    if max(channels.count(each) for each in channels) >= MANY:
+        doubt = "So many names in one channel may stand in for one effect that the library does not hold."
+    elif verdict["unexplained_share"] > LEAST_SHARE:
+        doubt = (
+            f"What is left ({_percent(verdict['unexplained_share'])} of the gap above the noise) is more than forms of "
+            "one effect usually differ by: the name may stand in for something that the library does not hold."
+        )
+    else:
+        doubt = (
+            "The noise floor is so far above the sensor's noise that it may hide what is there: the name may stand in "
+            "for something that the library does not hold."
+        )
+    return [
+        *told,
+        *([doubt] if verdict["imitated"] > IMITATED else []),
+        f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} not fitted falls from "
+        f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
+        f"{_percent(gap['high'])}, p = {gap['p_value']:.2g}); the noise floor is {_percent(gap['noise_floor'])}.",
+    ]
+
+
+def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
+    gap, over_floor = verdict["gap"], verdict["gap"]["over_floor"]
+    on_opened = (
+        f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
+        f"{_percent(gap['noise_floor'])}."
+    )
+    if over_floor["value"] <= over_floor["smallest"]:
+        return [
+            f"Whether something is missing cannot be told: the gap is {over_floor['value']:.2f} times the noise floor, "
+            "but so much counts as noise that it may hide what is there. Nothing is named, and the plant is not "
+            "changed but for its fitted constants.",
+            on_opened,
+        ]
+    share = min(max(float(verdict["unexplained_share"]), 0.0), 1.0)
+    least = LEAST_HELP * next(each["heldout_gap"] for each in verdict["ranking"] if each["name"] == "none")
+    helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
+    nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
+    near = f" The nearest is {_spell(nearest['name'])}, which is not enough." if nearest else ""
+    line_hz = verdict["line_hz"]
+    reproducible = (
+        "it is far above the sensor's noise, and no measured signal tells what it depends on"
+        if line_hz is None and share < LEAST_SHARE
+        else f"{_tell_taker(verdict['remembered'])} would still take away {_percent(share)} of what is above the noise"
+        if line_hz is None
+        else f"an oscillation at {line_hz:.3g} Hz runs through all trials, which the simulation lacks"
+    )
+    return [
+        f"A gap is real and no effect of the library explains it: {reproducible}.{near} Nothing is named, and the "
+        "plant is not changed but for its fitted constants.",
+        on_opened,
+    ]
+
+
+def _tell_taker(remembered: bool) -> str:
+    if not remembered:
+        return "a flexible model"
+    return "a linear memory of the inputs (such as a resonance, a lag or a delay has that the plant lacks)"
+
+
+def _tell_places(places: Sequence[Mapping[str, Any]], status: str) -> list[str]:
+    if status == "no_discrepancy":
+        return []
+    channels = dict.fromkeys(each["channel"] for each in places)
+    return [_tell_channel([each for each in places if each["channel"] == channel]) for channel in channels]
+
+
+def _tell_channel(rows: Sequence[Mapping[str, Any]]) -> str:
+    first, muscles = rows[0], sorted(each["muscle"] for each in rows)
+    channel = _spell(first["channel"].removesuffix(f"_{first['unit'].lower()}"))
+    worst = max(rows, key=lambda each: each["largest"])
+    largest, where = float(f"{worst['largest']:.2g}"), f" on {worst['muscle']}" if len(rows) > 1 else ""
+    text = f"{_join(muscles)}: {channel} is off by up to {largest:g} {first['unit']}{where}"
+    if first["share_of_gap"] < CONCENTRATED * first["share_of_time"]:
+        return f"{text}, in no regime of motion more than in others."
+    whose = f"{first['muscle']}: " if len(rows) > 1 else ""
+    share = min(float(first["share_of_gap"]), 1.0)
+    return (
+        f"{text}, most of all {_place(first['regime'])} ({whose}{_percent(share)} of the gap in "
+        f"{_percent(first['share_of_time'])} of the time)."
+    )
+
+
+def _place(regime: str) -> str:
+    """Return a regime with the word that leads to it."""
+    if regime.startswith(("early", "late")):
+        return regime
+    motion = regime.endswith(("shortening", "lengthening", "rising", "falling"))
+    return f"{'while' if motion else 'at'} {regime}"
+
+
+def tell_silent(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
+    """Return which channels could not be judged, as their data are missing or never change.
+
+    Parameters
+    ----------
+    judged : collection of (str, str)
+        Channel and muscle of those that were.
+    muscles : sequence of str
+        That were measured.
+    """
+    told = []
+    for channel, name in (("pressure_kpa", "pressure"), ("force_n", "force")):
+        silent = [each for each in muscles if (channel, each) not in judged]
+        if silent:
+            told.append(f"{name} of {_join(silent)}")
+    if not told:
+        return []
+    return [f"Not judged, as data are missing, too few, or never change: {'; '.join(told)}."]
+
+
+def tell_odd(odd: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return which trials do not fit to the others.
+
+    Parameters
+    ----------
+    odd : sequence of mapping
+        Rows ``trial channel muscle ratio``, the worst first.
+    """
+    if not odd:
+        return []
+    trials = [str(each) for each in dict.fromkeys(int(row["trial"]) for row in odd)]
+    what = f"{odd[0]['muscle']}, {odd[0]['channel']}"
+    more = f" and {len(trials) - MOST_LISTED} more" if len(trials) > MOST_LISTED else ""
+    return [
+        f"Look at trial {', '.join(trials[:MOST_LISTED])}{more}: the error there is up to {odd[0]['ratio']:.0f} times "
+        f"that of other trials ({what}); if something came loose, run again without it."
+    ]
+
+
+def tell_bounds(values: pd.DataFrame) -> list[str]:
+    """Return which values stand at a bound, so that what lies beyond was not tried, if any do.
+
+    Parameters
+    ----------
+    values : DataFrame
+        Table `amended_values`.
+    """
+    stuck = values[values["at_bound"] != ""]
+    if stuck.empty:
+        return []
+    named = []
+    for (effect, name), rows in stuck.groupby(["effect", "parameter"], sort=False):
+        owner = f" of {_spell(str(effect))}" if effect else ""
+        sizes = _join([f"{each:.3g}" for each in dict.fromkeys(rows["value"])][:MOST_LISTED])
+        named.append(f"{name}{owner} ({sizes}, {_join(list(dict.fromkeys(rows['at_bound'])))})")
+    return [f"At a bound, beyond which nothing was tried, {'stands' if len(named) == 1 else 'stand'} {_join(named)}."]
+
+
+def tell_scales(plant: Plant | RecordPlant) -> list[str]:
+    """Return what the scales and the pace are in which effects on a machine of records tell their sizes.
+
+    Parameters
+    ----------
+    plant : Plant, or one of records
+        Settled; muscles tell sizes in units.
+    """
+    if not isinstance(plant, RecordPlant):
+        return []
+    scales = [(plant.output, plant.output_scale)]
+    if isinstance(plant, ElementPlant):
+        scales.append((plant.along, plant.along_scale))
+    told = [
+        f"a scale of {words} is {scale:.3g} {unit}".strip()
+        for name, scale in scales
+        if scale is not None
+        for words, unit in [name_signal(name)]
+    ]
+    pace = [f"a pace is {plant.pace_s:.3g} s"] if plant.pace_s is not None else []
+    return [f"Where sizes are told in them, {_join([*told, *pace])}."] if told or pace else []
+
+
+def tell_few(fitted: int, opened: int) -> list[str]:
+    """Return that so few trials say little, if they are."""
+    if fitted >= FEW_TRIALS:
+        return []
+    return [
+        f"This rests on {fitted} fitted trials and {opened} opened at the end: intervals and probabilities say less "
+        f"than they seem to; record {FEW_TRIALS} and more."
+    ]
+
+
+def tell_floor(channels: pd.DataFrame, final: float = math.inf) -> list[str]:
+    """Return where what is called noise is far above the sensor's own, from sample to sample.
+
+    Parameters
+    ----------
+    channels : DataFrame
+        Columns ``channel muscle noise_floor white range``.
+    final : float
+        The floor after all that was named, over the range; where it is less, the first one held what was missing.
+    """
+    floor = channels["noise_floor"]
+    if math.isfinite(final):
+        floor = floor.clip(upper=final * channels["range"])
+    high = channels[floor > HIGH_FLOOR * channels["white"]]
+    if high.empty:
+        return []
+    where = [f"{_spell(str(row['channel']))} of {row['muscle']}" for row in high.to_dict("records")]
+    return [
+        f"The noise floor is more than {HIGH_FLOOR:g} times the sensor's noise from sample to sample "
+        f"({_shorten(where)}): something wanders, or acts that no measured signal tells; trials repeated alike would "
+        "tell which."
+    ]
+
+
+def tell_unconfirmed(share: float) -> list[str]:
+    """Return that the gap of fitted trials is not there on those opened at the end.
+
+    Parameters
+    ----------
+    share : float
+        Of the fitted trials' gap, what a flexible model takes away.
+    """
+    return [
+        "Fitted trials, each left out in turn, show a gap of which a flexible model would take away "
+        f"{_percent(min(share, 1.0))}; those opened at the end show none."
+    ]
+
+
+def tell_remainder(remainder: pd.DataFrame, status: str) -> list[str]:
+    """Return on what depends that which stays unexplained, channel by channel; a hint, marked as one.
+
+    Parameters
+    ----------
+    remainder : DataFrame
+        Table `remainder`.
+    status : str
+        Of the verdict.
+    """
+    if status == "no_discrepancy":
+        return []
+    if remainder.empty and status == "unexplained":
+        return ["On what it depends is not told: on the fitted trials the gap is hardly above the noise floor."]
+    sentences = []
+    for channel, rows in remainder.groupby("channel", sort=False):
+        name = name_signal(str(channel))[0]
+        known = rows[rows["inputs"] != ""].sort_values("share", ascending=False).to_dict("records")
+        if known:
+            sentences.append(_tell_dependence(name, known))
+        sentences += [_tell_hint(name, row) for row in known if row["hint"]][:1]
+        silent = rows.loc[rows["inputs"] == "", "muscle"].to_list()
+        if silent:
+            sentences.append(
+                f"What stays unexplained in {name} of {_join(silent)} depends on no measured signal, as far as a "
+                "Gaussian process can tell on trials left out."
+            )
+    return sentences
+
+
+def _tell_dependence(name: str, rows: Sequence[Mapping[Any, Any]]) -> str:
+    first, inputs = rows[0], _name_inputs(rows[0])
+    unit = name_signal(str(first["inputs"]).split(", ")[0])[1]
+    above = first["above_floor"]
+    text = (
+        f"What stays unexplained in {name} of {first['muscle']} depends on {_join(inputs)}: a Gaussian process takes "
+        f"away {_percent(first['share'])} of its variance on trials left out ({_percent(first['low'])} to "
+        f"{_percent(first['high'])}{f'; {_percent(above)} is above the noise floor' if above > first['share'] else ''})"
+    )
+    if first["range_part"] > CONCENTRATED * first["range_time"]:
+        text += (
+            f", {_percent(first['range_part'])} of that at {inputs[0]} {first['range_low']:.3g} to "
+            f"{first['range_high']:.3g}{f' {unit}' if unit else ''}, in {_percent(first['range_time'])} of the time"
+        )
+    others = [f"{row['muscle']} on {_join(_name_inputs(row))} ({_percent(row['share'])})" for row in rows[1:]]
+    return f"{text}. Likewise {_shorten(others)}." if others else f"{text}."
+
+
+def _tell_hint(name: str, row: Mapping[Any, Any]) -> str:
+    named = [(name, str(row["unit"])), *map(name_signal, str(row["inputs"]).split(", "))]
+    by_unit = {unit: [words for words, own in named if own == unit] for _, unit in named if unit}
+    units = ", ".join(f"{_join(words)} in {unit}" for unit, words in by_unit.items())
+    return (
+        f"A hint, no finding: on {row['muscle']} it is about {row['hint']} ({units}), which, the constants refitted, "
+        f"takes away {_percent(row['hint_share'])} of it."
+    )
+
+
+def _name_inputs(row: Mapping[Any, Any]) -> list[str]:
+    return [name_signal(each)[0] for each in str(row["inputs"]).split(", ")]
+
+
+def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
+    known = find_effect(effect["name"], effect["form"])
+    alike_names = (effect["name"], *effect["indistinguishable_from"])
+    others = [each for each in ranking if _is_candidate(each) and each["name"] not in alike_names]
+    following = min(others, key=lambda each: (-round(each["probability"], 3), each["heldout_gap"]), default=None)
+    second = f"; next is {_spell(following['name'])}, {_sure(following['probability'])}" if following and first else ""
+    alike = " with those like it" if len(alike_names) > 1 else ""
+    text = (
+        f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
+        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. {_tell_size(effect, known)}"
+    )
+    if not effect["confirmed"]:
+        step = effect["step"]
+        text += (
+            f" Trials not fitted do not confirm it: with it the gap there goes from {_percent(step['before'])} to "
+            f"{_percent(step['after'])} of range (p = {step['p_value']:.2g}), so it may stand in for something else."
+        )
+    if effect["indistinguishable_from"]:
+        like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
+        text += f" These data do not exclude {like}; what would tell them apart: {known.split_by}."
+    return text
+
+
+def _tell_size(effect: Mapping[str, Any], known: Effect) -> str:
+    """Return the sizes of the parameters that were optional, else of the first."""
+    return " ".join(filter(None, (_tell_one(effect, each) for each in known.parameters if each.optional))) or _tell_one(
+        effect, known.parameters[0]
+    )
+
+
+def _tell_one(effect: Mapping[str, Any], size: Parameter) -> str:
+    """Return the size of a parameter: with its interval on one muscle, from muscle to muscle on several."""
+    unit = "" if size.unit == "1" else f" {size.unit}"
+    own = [each[size.name] for each in effect["by_muscle"].values() if size.name in each]
+    what = f"{_spell(size.name.removesuffix(f'_{size.unit.lower()}'))} ({size.description})"
+    if not own:
+        return ""
+    if len(own) == 1:
+        value, low, high = (f"{own[0][name]:.3g}" for name in ("value", "low", "high"))
+        return f"Its {what} is {value}{unit}." if low == high else f"Its {what} is {value}{unit} ({low} to {high})."
+    least, most = min(each["value"] for each in own), max(each["value"] for each in own)
+    return f"Its {what} is {least:.3g} to {most:.3g}{unit} by muscle."
+
+
+def _is_candidate(row: Mapping[str, Any]) -> bool:
+    return row["name"] not in NOT_EFFECTS and not row["absorbed"]
+
+
+def _count(verdict: Mapping[str, Any]) -> str:
+    trials = len(verdict["verification_trials"])
+    return f"{trials} trial{'s' if trials > 1 else ''}"
+
+
+def _sure(probability: float) -> str:
+    return "above 0.99" if probability > 0.995 else "below 0.01" if probability < 0.005 else f"{probability:.2f}"
+
+
+def _percent(value: float) -> str:
+    percent = 100.0 * value
+    return f"{percent:.0f} %" if percent >= 9.95 else f"{percent:.1f} %" if percent >= 0.995 else f"{percent:.2f} %"
+
+
+def _spell(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _shorten(names: Sequence[str]) -> str:
+    more = len(names) - MOST_LISTED
+    return ", ".join(names) if more <= 1 else f"{', '.join(names[:MOST_LISTED])} and {more} more"
+
+
+def _join(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

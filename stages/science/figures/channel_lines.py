@@ -1,0 +1,49 @@
+"""Points of a calibration, the line through them, and how far each lies from it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from stages.science.figures.learning_curves import COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def draw_channel_lines(points: pd.DataFrame, lines: pd.DataFrame) -> Figure:
+    """Draw the channels of one kind: counts over known values above, residuals below.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Columns channel, known (in the channel's unit), count and problem.
+    lines : DataFrame
+        Columns channel, unit, status, per_count, zero_count and sign, one row for each panel.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(max(2.9 * len(lines), 4.2), 4.6), layout="constrained")
+    above, below = figure.subplots(2, len(lines), squeeze=False, sharex="col", height_ratios=(2, 1))
+    for top, bottom, line in zip(above, below, lines.to_dict("records"), strict=True):
+        its = points[(points["channel"] == line["channel"]) & points["known"].notna() & points["count"].notna()]
+        used = its[its["problem"] == ""]
+        left_out = its[its["problem"] != ""]
+        top.plot(used["known"], used["count"], "o", color=COLOURS[0], markersize=5, zorder=3)
+        top.plot(left_out["known"], left_out["count"], "x", color=COLOURS[1], markersize=6, zorder=3)
+        top.set_title(line["channel"] if line["status"] == "calibrated" else f"{line['channel']}: refused")
+        if line["status"] == "calibrated":
+            per_count = line["sign"] * line["per_count"]
+            ends = np.array([min(0.0, its["known"].min()), its["known"].max()])
+            top.plot(ends, line["zero_count"] + ends / per_count, color="#9aa5b1", zorder=2)
+            residual = per_count * (used["count"] - line["zero_count"]) - used["known"]
+            bottom.plot(used["known"], residual, "o", color=COLOURS[0], markersize=5)
+        bottom.axhline(0.0, color="#9aa5b1")
+        bottom.set_xlabel(f"known ({line['unit']})")
+        for axis in (top, bottom):
+            axis.grid(alpha=0.25)
+    above[0].set_ylabel("count")
+    below[0].set_ylabel(f"residual ({lines['unit'].iloc[0]})")
+    return figure

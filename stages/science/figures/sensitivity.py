@@ -1,0 +1,60 @@
+"""Errors under Table 1 and other hyperpriors: every experiment a point, one panel for each set of recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from stages.science.figures.shift_curves import TITLES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STYLES = {"table_1": ("#2b2b2b", "o"), "mean": ("#c1272d", "s"), "variance": ("#3b6fb6", "^")}
+SPREAD = 0.24
+
+
+def draw_sensitivity(errors: pd.DataFrame, labels: Mapping[tuple[str, float], str]) -> Figure:
+    """Draw the error rate after the last trial, by setting.
+
+    Parameters
+    ----------
+    errors : DataFrame
+        Columns kind, setting, experiment, tested_on, before and after (error rates).
+    labels : mapping of (kind, setting) to str
+        The settings in their order, with their names; `STYLES` has the kinds.
+    """
+    from matplotlib.figure import Figure
+
+    panels = list(errors["tested_on"].unique())
+    figure = Figure(figsize=(5.4 * len(panels) + 0.4, 4.2), layout="constrained")
+    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for axis, panel in zip(axes, panels, strict=True):
+        for position, (kind, setting) in enumerate(labels):
+            chosen = (errors["tested_on"] == panel) & (errors["kind"] == kind) & (errors["setting"] == setting)
+            its = errors[chosen].sort_values("experiment")
+            colour, marker = STYLES[kind]
+            beside = position + SPREAD * np.linspace(-1, 1, len(its)) if len(its) > 1 else [position]
+            axis.plot(beside, 100 * its["after"], marker, color=colour, markersize=4, alpha=0.55, linestyle="none")
+            ends = [position - 0.36, position + 0.36]
+            for name, line, width in (("after", "-", 2.2), ("before", ":", 1.6)):
+                axis.plot(ends, [100 * its[name].mean()] * 2, linestyle=line, color=colour, linewidth=width)
+        axis.set(title=TITLES.get(panel, panel))
+        axis.set_xticks(range(len(labels)), list(labels.values()), fontsize=8.5)
+        axis.set_ylim(bottom=0)
+        axis.tick_params(labelleft=True)
+        axis.grid(axis="y", alpha=0.25)
+    axes[0].set_ylabel("error rate, average of the muscles (%)")
+    handles = [
+        axes[0].plot([], [], **style, color="#2b2b2b", label=label)[0]
+        for label, style in (
+            ("an experiment after its last trial", {"marker": "o", "linestyle": "none", "markersize": 4}),
+            ("their mean", {"linewidth": 2.2}),
+            ("their mean before any trial", {"linestyle": ":", "linewidth": 1.6}),
+        )
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    return figure

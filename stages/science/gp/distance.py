@@ -1,0 +1,167 @@
+"""All that predictions need of the distances between points and data, by two ways of equal results.
+
+`Expanded` multiplies matrices with the square (x - x*)^2 expanded, which is fast and loses digits where data lie many
+lengths apart or noise is low. `Direct` takes each difference. `choose_distances` says which one keeps the digits.
+Inputs are centred and in units of the kernel's lengths throughout; with k = k(X, x*), b = C^-1 k and a = C^-1 (y - m):
+
+    k                                         covariance
+    sum_n a_n k_n (x_n - x*)^2 - k' c_d       slope of the mean by the logarithm of each length, c_d = C^-1 K_d a
+    |L' (b o (x - x*))|^2                     spread of the variance, per input
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.gp.factor import Factor
+from stages.science.gp.triangle import Triangle
+
+Array = NDArray[np.float64]
+
+LOST_DIGITS = 2e5
+"""Largest squared radius x sf / sn for `Expanded`: rounding of V stays at about 1e-10 sf^2."""
+
+
+class Distances(Protocol):
+    """Distances from N data to points that come in chunks of at most a fixed size."""
+
+    def covariance(self, points: Array) -> Array:
+        """Return k, (N, B), of (D, B) points; the array is reused by the next call."""
+
+    def mean_slopes(self, points: Array, k: Array) -> tuple[Array, Array]:
+        """Return rows k, (1 + E, B), with a'k first, and the mean's slopes, (D, B); call after `covariance`."""
+
+    def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
+        """Return |L' (b o (x - x*))|^2, (D, B); call after `covariance`; b is overwritten; norms are k'b, (B,)."""
+
+
+def choose_distances(
+    scaled: Array,
+    signal_variance: float,
+    noise_variance: float,
+    factor: Factor,
+    rows: Array,
+    corrections: Array,
+    size: int,
+) -> Distances:
+    """Return the faster way that keeps the digits.
+
+    Parameters
+    ----------
+    scaled : (N, D) float array
+        Centred data in units of the lengths.
+    signal_variance, noise_variance : float
+        sf^2 and sn^2.
+    factor : Factor
+        Of the noisy covariance.
+    rows : (1 + E, N) float array
+        a, and whatever else is to be multiplied with k.
+    corrections : (D, N) float array
+        c_d.
+    size : int
+        Largest chunk.
+    """
+    way = Expanded if keeps_digits(scaled, signal_variance, noise_variance + factor.jitter) else Direct
+    return way(scaled, signal_variance, factor, rows, corrections, size)
+
+
+def keeps_digits(scaled: Array, signal_variance: float, noise_variance: float) -> bool:
+    """Return whether expanding the square loses few digits."""
+    radius = float(np.einsum("nd,nd->n", scaled, scaled).max())
+    return radius * np.sqrt(signal_variance) <= LOST_DIGITS * np.sqrt(min(noise_variance, signal_variance))
+
+
+def count_numbers(rows: int, dimensions: int) -> int:
+    """Return how many numbers per point either way holds at most."""
+    return rows * (2 * dimensions + 2) + 8 * dimensions
+
+
+class Expanded:
+    """Distances by matrix products."""
+
+    def __init__(
+        self, scaled: Array, signal_variance: float, factor: Factor, rows: Array, corrections: Array, size: int
+    ):
+        n, d = scaled.shape
+        half_norms = 0.5 * np.einsum("nd,nd->n", scaled, scaled)
+        self._left = np.column_stack([scaled, np.log(signal_variance) - half_norms, np.ones(n)])
+        self._right = np.ones((d + 2, size))
+        self._scaled = np.ascontiguousarray(scaled.T)
+        weighted = rows[0] * self._scaled
+        self._rows = np.vstack([rows, weighted, weighted * self._scaled - corrections])
+        self._stack = Triangle.stack([factor.lower.T * column for column in self._scaled], lower=False)
+        self._covariance = np.empty((n, size))
+        self._product = np.empty((self._stack.height, size))
+
+    def covariance(self, points: Array) -> Array:
+        """Return k."""
+        d, count = points.shape
+        right, k = self._right[:, :count], self._covariance[:, :count]
+        right[:d] = points
+        np.einsum("db,db->b", points, points, out=right[d + 1])
+        right[d + 1] *= -0.5
+        np.matmul(self._left, right, out=k)
+        return np.exp(k, out=k)
+
+    def mean_slopes(self, points: Array, k: Array) -> tuple[Array, Array]:
+        """Return rows k and the mean's slopes."""
+        d = len(points)
+        linear = self._rows @ k
+        first, second = linear[-2 * d : -d], linear[-d:]
+        return linear[: -2 * d], points * (points * linear[0] - 2.0 * first) + second
+
+    def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
+        """Return the spread of the variance."""
+        spread = self._stack.square(b, self._product[:, : b.shape[1]])
+        np.multiply(b, k, out=b)
+        spread += points * (points * norms - 2.0 * (self._scaled @ b))
+        return np.maximum(spread, 0.0, out=spread)
+
+
+class Direct:
+    """Distances by differences."""
+
+    def __init__(
+        self, scaled: Array, signal_variance: float, factor: Factor, rows: Array, corrections: Array, size: int
+    ):
+        n, d = scaled.shape
+        self._scaled, self._rows, self._corrections = scaled, rows, corrections
+        self._log_signal = np.log(signal_variance)
+        self._upper = Triangle.stack([factor.lower.T], lower=False)
+        self._covariance = np.empty((n, size))
+        self._differences = np.empty((d, n, size))
+        self._spare = np.empty((n, size))
+        self._product = np.empty((self._upper.height, size))
+
+    def covariance(self, points: Array) -> Array:
+        """Return k."""
+        count = points.shape[1]
+        k, spare = self._covariance[:, :count], self._spare[:, :count]
+        k[:] = self._log_signal
+        for column, point, difference in zip(self._scaled.T, points, self._differences[:, :, :count], strict=True):
+            np.subtract(column[:, None], point, out=difference)
+            np.multiply(difference, difference, out=spare)
+            spare *= 0.5
+            k -= spare
+        return np.exp(k, out=k)
+
+    def mean_slopes(self, points: Array, k: Array) -> tuple[Array, Array]:
+        """Return rows k and the mean's slopes."""
+        spare, slopes = self._spare[:, : k.shape[1]], -(self._corrections @ k)
+        for i, difference in enumerate(self._differences[:, :, : k.shape[1]]):
+            np.multiply(difference, k, out=spare)
+            spare *= difference
+            slopes[i] += self._rows[0] @ spare
+        return self._rows @ k, slopes
+
+    def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
+        """Return the spread of the variance."""
+        count = b.shape[1]
+        spare, spread = self._spare[:, :count], np.empty_like(points)
+        for i, difference in enumerate(self._differences[:, :, :count]):
+            np.multiply(difference, b, out=spare)
+            spread[i] = self._upper.square(spare, self._product[:, :count])[0]
+        return spread

@@ -1,0 +1,214 @@
+"""The maximum of the log posterior: Newton's method in a trust region, from several starts.
+
+Starts are ranked by their value, the best few are climbed to a local maximum each, and the highest wins. Directions of
+positive curvature are climbed by the size of their curvature (saddle-free) and saddles are left along them, so that no
+climb ends at one. A climb that is about to repeat an earlier one is not finished.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.gp.factor import FactorisationError
+from stages.science.gp.posterior import LogPosterior
+
+Array = NDArray[np.float64]
+
+GRADIENT_TOLERANCE = 1e-9
+CURVATURE_TOLERANCE = 1e-6
+LARGEST_STEP = 4.0
+SMALLEST_STEP = 1e-14
+SAME = 0.1
+"""Distance of a Newton step's end to a known maximum within which a climb counts as a repetition."""
+
+
+@dataclass(frozen=True)
+class Maximum:
+    """A local maximum.
+
+    Parameters
+    ----------
+    theta : (P,) float array
+        Where.
+    value : float
+        Log posterior there (nats).
+    gradient_norm : float
+        Largest entry of the gradient there.
+    """
+
+    theta: Array
+    value: float
+    gradient_norm: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a climb stands.
+
+    Parameters
+    ----------
+    theta : (P,) float array
+        Hyperparameters.
+    value : float
+        Log posterior (nats).
+    gradient : (P,) float array
+        Of the log posterior.
+    curvature : (P,) float array
+        Eigenvalues of its Hessian, ascending.
+    axes : (P, P) float array
+        Eigenvectors, in columns.
+    """
+
+    theta: Array
+    value: float
+    gradient: Array
+    curvature: Array
+    axes: Array
+
+    @classmethod
+    def at(cls, posterior: LogPosterior, theta: Array) -> Place | None:
+        """Return the place at theta, or None where the posterior cannot be evaluated."""
+        try:
+            value, gradient, hessian = posterior.derivatives(theta)
+        except FactorisationError:
+            return None
+        return cls(theta, value, gradient, *np.linalg.eigh(hessian))
+
+    @property
+    def slope(self) -> float:
+        """Largest entry of the gradient."""
+        return float(np.abs(self.gradient).max())
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the gradient is zero to tolerance."""
+        return self.slope <= GRADIENT_TOLERANCE * max(1.0, abs(self.value))
+
+    @property
+    def is_peak_shaped(self) -> bool:
+        """Whether no direction curves upwards."""
+        return bool(self.curvature[-1] <= CURVATURE_TOLERANCE * np.abs(self.curvature).max())
+
+    def step(self) -> Array:
+        """Return the saddle-free Newton step, (P,); from a saddle, a step along its steepest way out."""
+        if self.is_flat:
+            return 0.1 * self.axes[:, -1]
+        along = self.axes.T @ self.gradient
+        return np.asarray(self.axes @ (along / np.maximum(np.abs(self.curvature), 1e-10)))
+
+    def predict_gain(self, step: Array) -> float:
+        """Return what the quadratic model gains by a step (nats)."""
+        return float(self.gradient @ step + 0.5 * self.curvature @ (self.axes.T @ step) ** 2)
+
+    def is_below(self, other: Place) -> bool:
+        """Return whether another place is higher, or as high to rounding and flatter."""
+        gained = other.value - self.value
+        return gained > 0 or (gained > -1e-13 * max(1.0, abs(self.value)) and other.slope < self.slope)
+
+
+def find_map(
+    posterior: LogPosterior,
+    generator: np.random.Generator,
+    starts: int,
+    warm_starts: Sequence[Array] = (),
+    climbs: int = 4,
+) -> Maximum:
+    """Return the highest local maximum found.
+
+    Parameters
+    ----------
+    posterior : LogPosterior
+        To be maximised.
+    generator : Generator
+        Draws starts from the hyperprior.
+    starts : int
+        Draws, beside the prior's mean and the warm starts.
+    warm_starts : sequence of (P,) float arrays
+        Always climbed.
+    climbs : int
+        How many starts are climbed in all: after the warm ones the highest of the others, but at least one of them.
+
+    Raises
+    ------
+    ValueError
+        When a warm start has the wrong shape.
+    FactorisationError
+        When no start has a covariance that can be factorised.
+    """
+    for theta in warm_starts:
+        if np.shape(theta) != posterior.prior.mean.shape:
+            raise ValueError(f"warm start: expected {posterior.prior.mean.size} entries, got shape {np.shape(theta)}")
+    fresh = [posterior.prior.mean, *posterior.prior.draw(starts, generator)]
+    values = [_value_or_minus_infinity(posterior, theta) for theta in fresh]
+    ranked = [
+        fresh[index] for index in np.argsort(-np.array(values), kind="stable")[: max(1, climbs - len(warm_starts))]
+    ]
+    found: list[Maximum] = []
+    for theta in [*warm_starts, *ranked]:
+        maximum = climb(posterior, theta, known=[each.theta for each in found])
+        if maximum is not None:
+            found.append(maximum)
+    if not found:
+        posterior.derivatives(posterior.prior.mean)
+        raise FactorisationError("no start of the search has a log posterior that can be evaluated")
+    return max(found, key=lambda each: each.value)
+
+
+def climb(posterior: LogPosterior, start: Array, iterations: int = 200, known: Iterable[Array] = ()) -> Maximum | None:
+    """Climb from one start to a local maximum.
+
+    Parameters
+    ----------
+    posterior : LogPosterior
+        To be maximised.
+    start : (P,) float array
+        Where to begin.
+    iterations : int
+        At most.
+    known : iterable of (P,) float arrays
+        Maxima that need not be found again.
+
+    Returns
+    -------
+    Maximum or None
+        None when the climb cannot begin, or is about to end at a known maximum.
+    """
+    here = Place.at(posterior, np.array(start, dtype=float))
+    if here is None:
+        return None
+    radius = 1.0
+    for _ in range(iterations):
+        if here.is_flat and here.is_peak_shaped:
+            break
+        step = here.step()
+        length = float(np.linalg.norm(step))
+        if length <= radius and here.is_peak_shaped and _is_near(here.theta + step, known):
+            return None
+        if length > radius:
+            step *= radius / length
+        there = Place.at(posterior, here.theta + step)
+        if there is not None and here.is_below(there):
+            if there.value - here.value > 0.5 * here.predict_gain(step):
+                radius = min(LARGEST_STEP, max(radius, 2.0 * length))
+            here = there
+        else:
+            radius = 0.25 * min(radius, length)
+            if radius < SMALLEST_STEP * max(1.0, float(np.abs(here.theta).max())):
+                break
+    return Maximum(here.theta, here.value, here.slope)
+
+
+def _is_near(theta: Array, known: Iterable[Array]) -> bool:
+    return any(float(np.linalg.norm(theta - each)) <= SAME for each in known)
+
+
+def _value_or_minus_infinity(posterior: LogPosterior, theta: Array) -> float:
+    try:
+        value = posterior.value(theta)
+    except FactorisationError:
+        return -np.inf
+    return value if np.isfinite(value) else -np.inf

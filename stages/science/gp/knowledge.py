@@ -1,0 +1,170 @@
+"""What is known before a trial, and the question that it answers: which trajectory tells most.
+
+The bank's inputs and the muscles' models flow in; the trajectory to execute flows out. `Interaction` and
+`SparseInteraction` say what a trial adds to what is known.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.marginal_model import MarginalModel
+from stages.science.gp.scoring import trajectory_utility
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Policy:
+    """How the next trajectory is chosen.
+
+    Parameters
+    ----------
+    utility : str
+        What a trajectory is chosen by; a name in `UTILITIES`, or ``random``.
+    reduce : str
+        ``sum`` or ``max`` over a trajectory's samples.
+    reuse_trajectories : bool
+        Whether an executed trajectory may be chosen again.
+    mean : str
+        Of the models: ``zero`` or ``constant``.
+    memory_mb : float
+        Bound on the working memory of a bank's scores (MB).
+    """
+
+    utility: str
+    reduce: str
+    reuse_trajectories: bool
+    mean: str
+    memory_mb: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What `Knowledge.ask` answers.
+
+    Parameters
+    ----------
+    trajectory : int
+        Index into the bank.
+    scores : (R,) float array or None
+        Utility of each trajectory (nats for the information utilities); minus infinity where excluded. None when the
+        choice was random.
+    """
+
+    trajectory: int
+    scores: Array | None
+
+
+@dataclass(frozen=True)
+class Knowledge(ABC):
+    """What is known before a trial.
+
+    Parameters
+    ----------
+    design : Policy
+        How to choose.
+    candidates : tuple over M muscles of (R, T, D) float arrays
+        Inputs of every trajectory of the bank, standardised.
+    priors : tuple over M muscles of Hyperprior
+        Table 1.
+    inputs, outputs : tuples over M muscles of (N, D) and (N,) float arrays
+        The data so far, standardised.
+    thetas : tuple over M muscles of (P,) float arrays
+        The MAP of each muscle's hyperparameters, given the data.
+    used : frozenset of int
+        Trajectories executed so far.
+    """
+
+    design: Policy
+    candidates: tuple[Array, ...]
+    priors: tuple[Hyperprior, ...]
+    inputs: tuple[Array, ...]
+    outputs: tuple[Array, ...]
+    thetas: tuple[Array, ...]
+    used: frozenset[int]
+
+    @property
+    @abstractmethod
+    def models(self) -> Sequence[MarginalModel]:
+        """The muscles' models at their recorded MAP."""
+
+    @property
+    def stride(self) -> int:
+        """Samples of a trajectory to which a joint utility takes one."""
+        return 1
+
+    @property
+    def available(self) -> NDArray[np.intp]:
+        """Trajectories that may be chosen."""
+        count = len(self.candidates[0])
+        used = [] if self.design.reuse_trajectories else sorted(self.used)
+        return np.setdiff1d(np.arange(count), used)
+
+    def ask(self, generator: np.random.Generator, but: Collection[int] = ()) -> Choice:
+        """Choose the next trajectory.
+
+        Parameters
+        ----------
+        generator : Generator
+            Drawn from by the ``random`` control alone.
+        but : collection of int
+            Trajectories that are not to be chosen now, beside those executed so far.
+
+        Raises
+        ------
+        ValueError
+            When no trajectory is left.
+        """
+        available = np.setdiff1d(self.available, list(but))
+        if not available.size:
+            raise ValueError(
+                f"expected a trajectory that was not executed yet, but all {len(self.used)} of the bank were; "
+                "record a larger bank or allow reuse"
+            )
+        if self.design.utility == "random":
+            return Choice(int(generator.choice(available)), None)
+        scores = trajectory_utility(
+            self.models,
+            self.candidates,
+            self.design.utility,
+            reduce=self.design.reduce,
+            memory_mb=self.design.memory_mb,
+            stride=self.stride,
+        )
+        excluded = np.setdiff1d(np.arange(len(scores)), available)
+        scores[excluded] = -np.inf
+        return Choice(int(np.argmax(scores)), scores)
+
+
+def check_muscles(expected: int, *each: Sequence[object]) -> None:
+    """Refuse values that are not one for each muscle.
+
+    Raises
+    ------
+    ValueError
+        Saying how many there are.
+    """
+    for values in each:
+        if len(values) != expected:
+            raise ValueError(f"expected {expected} muscles, got {len(values)}")
+
+
+def check_trajectories(name: str, trajectories: Sequence[int], candidates: Sequence[Array]) -> None:
+    """Refuse trajectories that are not in the bank.
+
+    Raises
+    ------
+    ValueError
+        Naming the first.
+    """
+    last = len(candidates[0]) - 1
+    for each in trajectories:
+        if not 0 <= each <= last:
+            raise ValueError(f"{name} {last}, got {each}")

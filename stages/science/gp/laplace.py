@@ -1,0 +1,110 @@
+"""The Laplace approximation: p(theta | D) ~ N(theta_MAP, S), with S^-1 minus the Hessian of the log posterior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from stages.science.gp.hyperprior import Hyperprior
+
+Array = NDArray[np.float64]
+
+ROUNDING = 1e-12
+"""Eigenvalues of a Hessian below this share of the largest are rounding."""
+
+TOLERANCE = 1e-8
+"""Share of its largest entry by which a given covariance may miss symmetry or have a negative eigenvalue."""
+
+
+@dataclass(frozen=True)
+class Laplace:
+    """A Gaussian around the maximum.
+
+    Parameters
+    ----------
+    covariance : (P, P) float array
+        S.
+    min_eigenvalue : float
+        Smallest eigenvalue of minus the Hessian, before any repair; NaN when S was given.
+    repair : str
+        What was done when that was not positive; empty when nothing was.
+    """
+
+    covariance: Array
+    min_eigenvalue: float
+    repair: str
+
+    @cached_property
+    def root(self) -> Array:
+        """A (P, P) matrix R with S = R R'.
+
+        Raises
+        ------
+        ValueError
+            When a covariance that was given has a negative eigenvalue.
+        """
+        variances, axes = np.linalg.eigh(self.covariance)
+        if variances[0] < -TOLERANCE * np.abs(variances).max():
+            raise ValueError(f"covariance: expected positive semi-definite, got smallest eigenvalue {variances[0]:.3g}")
+        return axes * np.sqrt(np.maximum(variances, 0.0))
+
+    def spread(self, slopes: Array) -> Array:
+        """Return s' S s of (B, P) slopes, (B,)."""
+        return np.asarray(np.square(slopes @ self.root).sum(axis=1))
+
+
+def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
+    """Return the Laplace approximation from the Hessian of the log posterior.
+
+    Where minus the Hessian is not positive definite, the posterior has no peak along some eigenvectors. Those
+    directions get the hyperprior's precision: what is known there without data. All others stay as they are.
+
+    Parameters
+    ----------
+    hessian : (P, P) float array
+        Of the log posterior, at its maximum or elsewhere.
+    prior : Hyperprior
+        For the repair.
+    """
+    precision = -0.5 * (hessian + hessian.T)
+    curvature, axes = np.linalg.eigh(precision)
+    flat = curvature <= ROUNDING * float(np.abs(curvature).max())
+    if not flat.any():
+        return Laplace(_symmetrise(cho_solve(cho_factor(precision), np.eye(len(precision)))), float(curvature[0]), "")
+    smallest = float(curvature[0])
+    curvature = np.where(flat, prior.precision @ axes**2, curvature)
+    repair = f"indefinite Hessian: hyperprior's precision along {int(flat.sum())} of {flat.size} directions"
+    return Laplace(_symmetrise((axes / curvature) @ axes.T), smallest, repair)
+
+
+def accept(covariance: Array, size: int) -> Laplace:
+    """Return a covariance that was given, as it is.
+
+    Parameters
+    ----------
+    covariance : (P, P) float array
+        S.
+    size : int
+        P.
+
+    Raises
+    ------
+    ValueError
+        When it has another shape, is not finite or not symmetric.
+    """
+    given = np.array(covariance, dtype=float)
+    if given.shape != (size, size):
+        raise ValueError(f"covariance: expected shape ({size}, {size}), got {given.shape}")
+    largest = float(np.abs(given).max())
+    if not np.isfinite(largest) or np.abs(given - given.T).max() > TOLERANCE * largest:
+        raise ValueError(f"covariance: expected a finite symmetric matrix, got {given.tolist()}")
+    return Laplace(_symmetrise(given), np.nan, "")
+
+
+def _symmetrise(matrix: Array) -> Array:
+    symmetric: Array = 0.5 * (matrix + matrix.T)
+    return symmetric

@@ -1,0 +1,192 @@
+"""A Gaussian process at the MAP of its hyperparameters, and the marginal GP around it.
+
+Data, hyperprior and theta flow in; predictions, their derivatives by theta and the utilities of many points flow out,
+in chunks whose working memory is bounded (`prediction` has the formulas, `marginal_model` what the sparse one shares).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.gp.estimation import find_map
+from stages.science.gp.factor import Factor, factorise
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.kernel import covariance_among, squared_differences
+from stages.science.gp.laplace import Laplace, accept, approximate
+from stages.science.gp.marginal_model import MarginalModel
+from stages.science.gp.posterior import LogPosterior
+from stages.science.gp.prediction import Predictor, chunk_size
+
+Array = NDArray[np.float64]
+
+LARGEST_SLOPE = 1e150
+"""Its square is finite."""
+
+
+class MarginalGP(MarginalModel):
+    """An exact GP at given hyperparameters, with their Laplace approximation.
+
+    Parameters
+    ----------
+    posterior : LogPosterior
+        Data and hyperprior.
+    theta : (P,) float array
+        Where to condition, usually the MAP.
+    covariance : (P, P) float array, optional
+        S, instead of the Laplace approximation at theta.
+
+    Raises
+    ------
+    ValueError
+        When theta or covariance has the wrong shape or is not finite.
+    """
+
+    def __init__(self, posterior: LogPosterior, theta: Array, covariance: Array | None = None):
+        self.posterior = posterior
+        self.theta = np.array(theta, dtype=float)
+        self.hyperparameters = posterior.read(self.theta)
+        self._given = None if covariance is None else accept(covariance, self.theta.size)
+
+    @property
+    def inputs(self) -> Array:
+        """(N, D) standardised inputs."""
+        return self.posterior.inputs
+
+    @cached_property
+    def _factor(self) -> Factor:
+        return self.posterior.factor(self.theta)
+
+    @property
+    def jitter(self) -> float:
+        """What the factorisation needed on the diagonal; 0 when nothing."""
+        return self._factor.jitter
+
+    @cached_property
+    def _derivatives(self) -> tuple[float, Array, Array]:
+        return self.posterior.derivatives(self.theta)
+
+    @property
+    def log_posterior(self) -> float:
+        """At theta (nats)."""
+        return self._derivatives[0]
+
+    @cached_property
+    def laplace(self) -> Laplace:
+        """The Laplace approximation at theta, or the covariance that was given."""
+        return self._given or approximate(self._derivatives[2], self.posterior.prior)
+
+    @property
+    def repair(self) -> str:
+        """What was repaired, for the record; empty when nothing was."""
+        return "; ".join(each for each in (self.laplace.repair, self._factor.repair) if each)
+
+    @cached_property
+    def _weights(self) -> Array:
+        return self._factor.solve(self.posterior.residual(self.theta))
+
+    def grow(self, inputs: Array, outputs: Array) -> MarginalGP:
+        """Return the model conditioned on more data, theta and S held."""
+        posterior = LogPosterior(
+            np.vstack([self.inputs, inputs]),
+            np.concatenate([self.posterior.outputs, outputs]),
+            self.posterior.prior,
+            self.posterior.mean,
+        )
+        return MarginalGP(posterior, self.theta, self.laplace.covariance)
+
+    def joint_information(self, points: Array) -> float:
+        """Return the information that noisy measurements at all (T, D) points together bring about theta (nats).
+
+        1/2 log det(I + S J' (V_TT + sn^2 I)^-1 J) with J = dm/dtheta; needs (D + 3) T^2 numbers of working memory.
+        """
+        points = self._check(points)
+        predictor = self._predictor(max(1, len(points)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            slopes = predictor.differentiate(points).mean_slope.T @ self.laplace.root
+        self._check_range(slopes)
+        v = predictor.whiten(points)
+        noisy = covariance_among(squared_differences(points), self.hyperparameters) - v.T @ v
+        noisy.flat[:: len(points) + 1] = np.maximum(np.diag(noisy), predictor.floor) + self.noise_variance
+        whitened = factorise(noisy, points / self.hyperparameters.lengths).whiten(slopes)
+        self._check_range(whitened, LARGEST_SLOPE)
+        return 0.5 * float(np.log1p(np.linalg.svd(whitened, compute_uv=False) ** 2).sum())
+
+    def _chunk_size(self, memory_mb: float) -> int:
+        rows, dimensions = self.inputs.shape
+        return chunk_size(rows, dimensions, memory_mb)
+
+    def _predictor(self, size: int) -> Predictor:
+        return Predictor(self.posterior, self.theta, self._factor, self._weights, size)
+
+
+def condition(
+    inputs: Array,
+    outputs: Array,
+    theta: Array,
+    prior: Hyperprior,
+    mean: str = "zero",
+    covariance: Array | None = None,
+) -> MarginalGP:
+    """Return the model at a given theta, without a search.
+
+    Parameters
+    ----------
+    inputs, outputs : (N, D) and (N,) float arrays
+        Standardised.
+    theta : (P,) float array
+        Hyperparameters.
+    prior : Hyperprior
+        For the Laplace approximation.
+    mean : str
+        ``zero`` or ``constant``.
+    covariance : (P, P) float array, optional
+        S, instead of the Laplace approximation.
+
+    Raises
+    ------
+    ValueError
+        When a shape does not fit or a value is not finite.
+    """
+    return MarginalGP(LogPosterior(inputs, outputs, prior, mean), theta, covariance)
+
+
+def fit(
+    inputs: Array,
+    outputs: Array,
+    prior: Hyperprior,
+    mean: str = "zero",
+    *,
+    generator: np.random.Generator,
+    starts: int = 8,
+    warm_starts: Sequence[Array] = (),
+) -> MarginalGP:
+    """Return the model at the MAP of its hyperparameters.
+
+    Parameters
+    ----------
+    inputs, outputs : (N, D) and (N,) float arrays
+        Standardised.
+    prior : Hyperprior
+        Counted once.
+    mean : str
+        ``zero`` or ``constant``.
+    generator : Generator
+        Draws the starts.
+    starts : int
+        Draws from the hyperprior, beside its mean and the warm starts.
+    warm_starts : sequence of (P,) float arrays
+        Earlier maxima.
+
+    Raises
+    ------
+    ValueError
+        When a shape does not fit or a value is not finite.
+    FactorisationError
+        When rows nearly coincide and no start parts them.
+    """
+    posterior = LogPosterior(inputs, outputs, prior, mean)
+    return MarginalGP(posterior, find_map(posterior, generator, starts, warm_starts).theta)

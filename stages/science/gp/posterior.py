@@ -1,0 +1,264 @@
+"""The log posterior of the hyperparameters, with gradient and Hessian in closed form.
+
+Data and hyperprior flow in once; a theta flows in, value, gradient and Hessian flow out. With C = L L',
+z = L^-1 (y - m), a = C^-1 (y - m), W_i = L^-1 (dC/dtheta_i) L^-T and G = a a' - C^-1:
+
+    d/di    = 1/2 <G, dC_i>
+    d2/didj = -(W_i z)'(W_j z) + 1/2 <W_i, W_j> + 1/2 <G, d2C_ij>
+
+after Rasmussen and Williams (2006), 5.4; the hyperprior is counted once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.gp.factor import Factor, FactorisationError, factorise
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.kernel import Hyperparameters, count_hyperparameters, covariance_among, squared_differences
+
+Array = NDArray[np.float64]
+
+LARGEST_LOG = 50.0
+LARGEST_VALUE = 1e50
+
+
+class LogPosterior:
+    """log N(y | m, K + sn^2 I) + log p(theta) as a function of theta.
+
+    One thread at a time may ask for derivatives: they share working memory of (D + 3) N^2 numbers.
+
+    Parameters
+    ----------
+    inputs : (N, D) float array
+        Standardised.
+    outputs : (N,) float array
+        Standardised.
+    prior : Hyperprior
+        Of D + 2 hyperparameters, D + 3 with a constant mean.
+    mean : str
+        ``zero`` or ``constant``.
+
+    Raises
+    ------
+    ValueError
+        When a shape does not fit or a value is not finite.
+    """
+
+    def __init__(self, inputs: Array, outputs: Array, prior: Hyperprior, mean: str = "zero"):
+        self.inputs, self.outputs = check_data(inputs, outputs)
+        check_prior(prior, self.inputs.shape[1], mean)
+        self.prior = prior
+        self.mean = mean
+        self._squares = squared_differences(self.inputs)
+        self._work: Array | None = None
+
+    def read(self, theta: Array) -> Hyperparameters:
+        """Return theta, read.
+
+        Raises
+        ------
+        ValueError
+            When theta has the wrong shape.
+        FactorisationError
+            When it is out of a range that keeps all that follows from it finite.
+        """
+        return read_theta(theta, self.inputs.shape[1], self.prior.mean.size)
+
+    def covariance(self, theta: Array) -> Array:
+        """Return K, (N, N), without noise."""
+        with np.errstate(over="ignore", under="ignore"):
+            return covariance_among(self._squares, self.read(theta))
+
+    def factor(self, theta: Array) -> Factor:
+        """Return the factor of K + sn^2 I.
+
+        Raises
+        ------
+        FactorisationError
+            When rows nearly coincide and neither noise nor jitter parts them.
+        """
+        return self._factorise(self.covariance(theta), self.read(theta))
+
+    def residual(self, theta: Array) -> Array:
+        """Return y - m, (N,)."""
+        return self.outputs - self.read(theta).mean
+
+    def value(self, theta: Array) -> float:
+        """Return the log posterior (nats)."""
+        return self.log_likelihood(theta) + self.prior.log_density(theta)
+
+    def log_likelihood(self, theta: Array) -> float:
+        """Return the log marginal likelihood (nats)."""
+        factor = self.factor(theta)
+        return _log_likelihood(factor, factor.whiten(self.residual(theta)))
+
+    def derivatives(self, theta: Array) -> tuple[float, Array, Array]:
+        """Return value, gradient (P,) and Hessian (P, P) of the log posterior at theta (P,)."""
+        value, gradient, hessian = self.likelihood_derivatives(theta)
+        return (
+            value + self.prior.log_density(theta),
+            gradient + self.prior.gradient(theta),
+            hessian - np.diag(self.prior.precision),
+        )
+
+    def likelihood_derivatives(self, theta: Array) -> tuple[float, Array, Array]:
+        """Return value, gradient (P,) and Hessian (P, P) of the log marginal likelihood at theta (P,).
+
+        Raises
+        ------
+        FactorisationError
+            When rows nearly coincide, or a derivative is out of floating-point range.
+        """
+        with np.errstate(all="ignore"):
+            found = self._differentiate(self.read(theta))
+        if not all(np.isfinite(each).all() for each in found):
+            raise FactorisationError(f"the derivatives of the log posterior are not finite at theta = {theta.tolist()}")
+        return found
+
+    def _factorise(self, covariance: Array, read: Hyperparameters) -> Factor:
+        noisy = covariance.copy()
+        noisy.flat[:: len(noisy) + 1] += read.noise_variance
+        return factorise(noisy, self.inputs / read.lengths)
+
+    def _differentiate(self, read: Hyperparameters) -> tuple[float, Array, Array]:
+        n, d = self.inputs.shape
+        covariance = covariance_among(self._squares, read)
+        factor = self._factorise(covariance, read)
+        inverse = factor.inverse
+        z = inverse @ (self.outputs - read.mean)
+        a = inverse.T @ z
+        precision = inverse.T @ inverse
+
+        if self._work is None:
+            self._work = np.empty((d + 3, n, n))
+        whitened, spare = self._work[: d + 2], self._work[d + 2]
+        for i in range(d):
+            np.multiply(self._squares[i], covariance / read.lengths[i] ** 2, out=spare)
+            np.matmul(inverse @ spare, inverse.T, out=whitened[i])
+        np.matmul(inverse, inverse.T, out=whitened[d + 1])
+        np.multiply(whitened[d + 1], -2.0 * (read.noise_variance + factor.jitter), out=whitened[d])
+        whitened[d].flat[:: n + 1] += 2.0
+        whitened[d + 1] *= 2.0 * read.noise_variance
+
+        flat = whitened.reshape(d + 2, -1)
+        pulled = whitened @ z
+        gradient = 0.5 * (pulled @ z - np.trace(whitened, axis1=1, axis2=2))
+        curvature = self._curve(read, np.outer(a, a) - precision, covariance, spare)
+        hessian = 0.5 * (flat @ flat.T + curvature) - pulled @ pulled.T
+        if self.mean == "constant":
+            gradient, hessian = _append_mean(gradient, hessian, inverse.sum(axis=1), pulled, z)
+        return _log_likelihood(factor, z), gradient, hessian
+
+    def _curve(self, read: Hyperparameters, g: Array, covariance: Array, spare: Array) -> Array:
+        """Return <G, d2C_ij>, (D + 2, D + 2)."""
+        d = len(self._squares)
+        flat, squared_lengths = self._squares.reshape(d, -1), read.lengths**2
+        weights = g * covariance
+        first = flat @ weights.ravel() / squared_lengths
+        curvature = np.zeros((d + 2, d + 2))
+        for i in range(d):
+            np.multiply(weights, self._squares[i], out=spare)
+            curvature[i, :d] = flat @ spare.ravel() / squared_lengths / squared_lengths[i]
+        curvature[:d, :d] -= 2.0 * np.diag(first)
+        curvature[:d, d] = curvature[d, :d] = 2.0 * first
+        curvature[d, d] = 4.0 * weights.sum()
+        curvature[d + 1, d + 1] = 4.0 * read.noise_variance * np.trace(g)
+        return curvature
+
+
+def _log_likelihood(factor: Factor, z: Array) -> float:
+    with np.errstate(over="ignore"):
+        return float(-0.5 * (z @ z + factor.log_determinant + z.size * np.log(2 * np.pi)))
+
+
+def _append_mean(gradient: Array, hessian: Array, ones: Array, pulled: Array, z: Array) -> tuple[Array, Array]:
+    cross = -pulled @ ones
+    bottom = np.append(cross, -ones @ ones)
+    return np.append(gradient, ones @ z), np.vstack([np.column_stack([hessian, cross]), bottom])
+
+
+def read_theta(theta: Array, dimensions: int, size: int) -> Hyperparameters:
+    """Return a hyperparameter vector of `size` entries for D inputs, read.
+
+    Raises
+    ------
+    ValueError
+        When theta has the wrong shape.
+    FactorisationError
+        When it is out of a range that keeps all that follows from it finite.
+    """
+    theta = np.asarray(theta, dtype=float)
+    if theta.shape != (size,):
+        raise ValueError(f"theta: expected {size} entries, got shape {theta.shape}")
+    logs = theta[: dimensions + 2]
+    if not (np.abs(logs) <= LARGEST_LOG).all():
+        raise FactorisationError(
+            f"theta: expected logarithms between -{LARGEST_LOG:g} and {LARGEST_LOG:g}, got {logs.tolist()}"
+        )
+    if not (np.abs(theta[dimensions + 2 :]) <= LARGEST_VALUE).all():
+        raise FactorisationError(f"theta: expected a constant mean within {LARGEST_VALUE:g}, got {theta[-1]}")
+    return Hyperparameters.read(theta, dimensions)
+
+
+def check_prior(prior: Hyperprior, dimensions: int, mean: str) -> None:
+    """Refuse a hyperprior that does not fit.
+
+    Raises
+    ------
+    ValueError
+        When it has another number of entries than the mean and D inputs need.
+    """
+    expected = count_hyperparameters(dimensions, mean)
+    if prior.mean.size != expected:
+        raise ValueError(
+            f"hyperprior: expected {expected} entries for {dimensions} inputs and a {mean} mean, got {prior.mean.size}"
+        )
+
+
+def check_points(points: Array, dimensions: int, name: str = "points") -> Array:
+    """Return (B, D) points as a float64 array.
+
+    Raises
+    ------
+    ValueError
+        When they have another shape or are not finite.
+    """
+    points = np.asarray(points, dtype=float)
+    if points.ndim != 2 or points.shape[1] != dimensions:
+        raise ValueError(f"{name}: expected shape (B, {dimensions}), got {points.shape}")
+    row = find_bad_row(np.isfinite(points))
+    if row is not None:
+        raise ValueError(f"{name}: expected finite values, got {points[row].tolist()} in row {row}")
+    return points
+
+
+def check_data(inputs: Array, outputs: Array) -> tuple[Array, Array]:
+    """Return data as float64 arrays.
+
+    Raises
+    ------
+    ValueError
+        When the shapes are not (N, D) and (N,) with N and D at least 1, or a value is not finite or absurdly large.
+    """
+    x, y = np.asarray(inputs, dtype=float), np.asarray(outputs, dtype=float)
+    if x.ndim != 2 or y.shape != x.shape[:1] or not x.size:
+        raise ValueError(f"expected inputs (N, D) and outputs (N,), got shapes {x.shape} and {y.shape}")
+    for name, values in (("inputs", x), ("outputs", y)):
+        row = find_bad_row(np.isfinite(values))
+        if row is not None:
+            raise ValueError(f"expected finite {name}, got {values[row].tolist()} in row {row}")
+        row = find_bad_row(np.abs(values) <= LARGEST_VALUE)
+        if row is not None:
+            raise ValueError(
+                f"expected {name} within {LARGEST_VALUE:g}, got {values[row].tolist()} in row {row}; standardise them"
+            )
+    return x, y
+
+
+def find_bad_row(good: NDArray[np.bool_]) -> int | None:
+    """Return the first row with an entry that is not good, if there is one."""
+    if good.all():
+        return None
+    return int(np.argmin(good.reshape(len(good), -1).all(axis=1)))

@@ -1,0 +1,154 @@
+"""Predictive mean and variance of f at many points, and their derivatives by theta.
+
+A model's parts and (B, D) points flow in, chunk by chunk; means, variances and slopes of (B,) points flow out. With
+k = k(X, x*), C the noisy covariance L L', v = L^-1 k, b = C^-1 k, a = C^-1 (y - m) and K_d = K o D_d, where D_d holds
+the squared differences of input d in units of its length:
+
+    m = k'a + mean              dm/dlog l_d = sum_n a_n k_n (x_nd - x*_d)^2 / l_d^2 - k' C^-1 K_d a
+    V = sf^2 - v'v              dV/dlog l_d = -2 |L' (b o (x_d - x*_d))|^2 / l_d^2
+    dm/dlog sf = -dm/dlog sn = 2 sn^2 b'a     dV/dlog sn = 2 sn^2 b'b     dV/dlog sf = 2 V - 2 sn^2 b'b
+
+The second line's norm is b' K_d b - 2 (k o D_d)' b with C b = k put in: a longer length never raises V, and nothing
+cancels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.gp.distance import choose_distances, count_numbers
+from stages.science.gp.factor import Factor
+from stages.science.gp.posterior import LogPosterior
+from stages.science.gp.triangle import Triangle
+
+Array = NDArray[np.float64]
+
+LARGEST_CHUNK = 1024
+"""Points at a time: working memory then stays in the processor's cache at the sizes of this method."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Mean and variance of f at B points, with their derivatives by theta.
+
+    Parameters
+    ----------
+    mean, variance : (B,) float arrays
+        m and V; V is at least its rounding error, `Predictor.floor`.
+    mean_slope, variance_slope : (P, B) float arrays
+        dm/dtheta and dV/dtheta.
+    """
+
+    mean: Array
+    variance: Array
+    mean_slope: Array
+    variance_slope: Array
+
+
+def chunk_size(rows: int, dimensions: int, memory_mb: float) -> int:
+    """Return how many points fit; it depends on the data and the memory alone.
+
+    Parameters
+    ----------
+    rows, dimensions : int
+        N and D of the data.
+    memory_mb : float
+        Bound on the working memory beyond the model's own matrices (MB); at least one point at a time.
+    """
+    per_point = 8 * (2 * rows + count_numbers(rows, dimensions) + 12 * (dimensions + 3))
+    return limit_chunk(per_point, memory_mb)
+
+
+def limit_chunk(bytes_per_point: int, memory_mb: float) -> int:
+    """Return how many points of so many bytes each are worked on at a time."""
+    return int(max(1, min(LARGEST_CHUNK, memory_mb * 2**20 // bytes_per_point)))
+
+
+class Predictor:
+    """Predicts chunks of points, with working memory of its own: one for each thread.
+
+    Parameters
+    ----------
+    posterior : LogPosterior
+        Data.
+    theta : (P,) float array
+        Hyperparameters.
+    factor : Factor
+        Of the noisy covariance at theta.
+    weights : (N,) float array
+        a.
+    size : int
+        Largest chunk.
+    """
+
+    def __init__(self, posterior: LogPosterior, theta: Array, factor: Factor, weights: Array, size: int):
+        self.read = posterior.read(theta)
+        self.size = theta.size
+        inputs = posterior.inputs
+        n = len(inputs)
+        self._noise = self.read.noise_variance + factor.jitter
+        self._centre = inputs.mean(axis=0)
+        scaled = (inputs - self._centre) / self.read.lengths
+        self._weights = weights
+        covariance = posterior.covariance(theta)
+        rows = [weights, factor.solve(weights)] + [factor.solve(np.ones(n))] * (posterior.mean == "constant")
+        corrections = [factor.solve(((column[:, None] - column) ** 2 * covariance) @ weights) for column in scaled.T]
+        self._distances = choose_distances(
+            scaled,
+            self.read.signal_variance,
+            self.read.noise_variance,
+            factor,
+            np.vstack(rows),
+            np.vstack(corrections),
+            size,
+        )
+        self._whiten = Triangle.stack([factor.inverse], lower=True)
+        self._unwhiten = Triangle.stack([factor.inverse.T], lower=False)
+        self._v, self._b = np.empty((2, n, size))
+        self.floor = n * float(np.finfo(float).eps) * self.read.signal_variance
+
+    def predict_mean(self, points: Array) -> Array:
+        """Return the mean, (B,)."""
+        return np.asarray(self._weights @ self._distances.covariance(self._scale(points)) + self.read.mean)
+
+    def predict(self, points: Array) -> tuple[Array, Array]:
+        """Return mean and variance, (B,) each."""
+        k = self._distances.covariance(self._scale(points))
+        v = self._whiten.multiply(k, self._v[:, : len(points)])
+        return self._weights @ k + self.read.mean, self._variance(np.einsum("nb,nb->b", v, v))
+
+    def whiten(self, points: Array) -> Array:
+        """Return v, (N, B); it is reused by the next call."""
+        k = self._distances.covariance(self._scale(points))
+        return self._whiten.multiply(k, self._v[:, : len(points)])
+
+    def differentiate(self, points: Array) -> Moments:
+        """Return mean and variance with their derivatives."""
+        at = self._scale(points)
+        d, count = at.shape
+        k = self._distances.covariance(at)
+        v = self._whiten.multiply(k, self._v[:, :count])
+        b = self._unwhiten.multiply(v, self._b[:, :count])
+        explained = np.einsum("nb,nb->b", v, v)
+        variance = self._variance(explained)
+        linear, slopes = self._distances.mean_slopes(at, k)
+
+        dm, dv = np.zeros((2, self.size, count))
+        dm[:d] = slopes
+        dm[d] = 2.0 * self._noise * linear[1]
+        dm[d + 1] = -2.0 * self.read.noise_variance * linear[1]
+        dm[d + 2 :] = 1.0 - linear[2:]
+        squared = np.einsum("nb,nb->b", b, b)
+        dv[:d] = -2.0 * self._distances.variance_spread(at, k, b, explained)
+        dv[d] = 2.0 * (variance - self._noise * squared)
+        dv[d + 1] = 2.0 * self.read.noise_variance * squared
+        return Moments(linear[0] + self.read.mean, variance, dm, dv)
+
+    def _scale(self, points: Array) -> Array:
+        return np.ascontiguousarray(((points - self._centre) / self.read.lengths).T)
+
+    def _variance(self, explained: Array) -> Array:
+        return np.maximum(self.read.signal_variance - explained, self.floor)

@@ -1,0 +1,73 @@
+"""The samples of a recording that tell most, picked greedily and re-conditioned after each pick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.gp.marginal import MarginalGP
+
+Array = NDArray[np.float64]
+
+Displace = Callable[[int, Sequence[int]], int]
+"""Returns the row to take in place of a picked one, given the rows taken so far, of which it is none."""
+
+
+def subsample(
+    model: MarginalGP, inputs: Array, outputs: Array, count: int, utility: str, displace: Displace | None = None
+) -> NDArray[np.intp]:
+    """Pick samples one by one by their utility, each time given those picked before.
+
+    theta_MAP and S are held; V and its derivatives need no output, the mean's derivatives use the picks' recorded one.
+
+    Parameters
+    ----------
+    model : MarginalGP
+        Before the recording.
+    inputs, outputs : (T, D) and (T,) float arrays
+        The recording, standardised.
+    count : int
+        How many to pick.
+    utility : str
+        A point utility.
+    displace : callable, optional
+        Takes another row in place of each pick; the later picks are then given that row.
+
+    Returns
+    -------
+    (count,) int array
+        Rows of the recording that were taken, in the order of picking.
+
+    Raises
+    ------
+    ValueError
+        When there are fewer samples than picks, a shape does not fit, or a value that is needed is not finite.
+    """
+    inputs, outputs = np.asarray(inputs, dtype=float), np.asarray(outputs, dtype=float)
+    if inputs.ndim != 2 or outputs.shape != inputs.shape[:1]:
+        raise ValueError(f"expected inputs (N, D) and outputs (N,), got shapes {inputs.shape} and {outputs.shape}")
+    check_count(count, len(inputs))
+    picks: list[int] = []
+    for _ in range(count):
+        scores = model.utility(inputs, utility)
+        scores[picks] = -np.inf
+        best = int(np.argmax(scores))
+        if displace is not None:
+            best = displace(best, picks)
+        picks.append(best)
+        model = model.grow(inputs[best : best + 1], outputs[best : best + 1])
+    return np.array(picks, dtype=np.intp)
+
+
+def check_count(count: int, samples: int) -> None:
+    """Refuse more picks than samples.
+
+    Raises
+    ------
+    ValueError
+        Saying how many there are.
+    """
+    if not 0 <= count <= samples:
+        raise ValueError(f"count: expected between 0 and {samples} picks, got {count}")

@@ -1,0 +1,104 @@
+"""How Algorithm 1 is set: the section ``active_loop``, and ``loop`` of the analyses where recordings stand for a rig.
+
+Values of the configuration flow in; a `Design` of the GP's flows out.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
+
+from stages.science.gp.interaction import Design
+
+MOST_POINTS = 2000
+"""Points of an exact GP, beyond which its covariance (8 N^2 bytes, 32 MB) and the N^3 / 3 operations of each of the
+thousands of steps in which hyperparameters are sought take a day for each trial of each arm."""
+
+Points = Annotated[int, Field(ge=1, le=MOST_POINTS)]
+
+
+class DesignSettings(BaseModel):
+    """Trials, points and the choices of a `Design`; all required, none unknown.
+
+    Trials and points are bounded by what an exact GP can hold, ``starts`` by the maxima that a posterior of six
+    hyperparameters can have, ``memory_mb`` by a terabyte.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]
+    subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "random"]
+    trials: Annotated[int, Field(gt=0, le=MOST_POINTS)]
+    initial_points: Points
+    points_per_trial: Points
+    reduce: Literal["sum", "max"]
+    reuse_trajectories: bool
+    log_det_every: PositiveInt
+    starts: Annotated[int, Field(ge=0, le=1000)]
+    memory_mb: Annotated[float, Field(gt=0, le=2**20)]
+
+    @model_validator(mode="after")
+    def _keep_the_gp_exact(self) -> Self:
+        points = self.initial_points + self.trials * self.points_per_trial
+        if points > MOST_POINTS:
+            raise ValueError(
+                f"points_per_trial: expected at most {MOST_POINTS} points in the end (initial_points + trials x "
+                f"points_per_trial), beyond which an exact GP takes days, got {self.initial_points} + {self.trials} x "
+                f"{self.points_per_trial} = {points}; lower one of them"
+            )
+        return self
+
+    def design(self, mean: str, utility: str | None = None) -> Design:
+        """Return the choices, with the models' mean (``zero`` or ``constant``), and another utility if given."""
+        return Design(
+            utility=utility or self.utility,
+            subsample_utility=self.subsample_utility,
+            reduce=self.reduce,
+            points_per_trial=self.points_per_trial,
+            reuse_trajectories=self.reuse_trajectories,
+            log_det_every=self.log_det_every,
+            mean=mean,
+            starts=self.starts,
+            memory_mb=self.memory_mb,
+        )
+
+
+class LoopSettings(DesignSettings):
+    """The same where recordings stand for a rig, with the initial trials that are drawn from them."""
+
+    initial_trials: PositiveInt
+
+    def check_against(self, section: str, movements: int, samples: int) -> Self:
+        """Return the settings if a bank can serve them.
+
+        Parameters
+        ----------
+        section : str
+            That holds them, for the message.
+        movements, samples : int
+            Of the bank, and of each of its movements.
+
+        Raises
+        ------
+        ValueError
+            When the bank has too few movements for all trials, or a trial too few samples for what is taken from it.
+        """
+        spare = movements - self.initial_trials
+        if spare < (0 if self.reuse_trajectories else self.trials):
+            raise ValueError(
+                f"{section}.loop.trials: expected at most {max(spare, 0)} ({movements} movements of the bank less "
+                f"{self.initial_trials} initial trials), got {self.trials}; raise bank.trajectories or lower "
+                f"{section}.loop.initial_trials"
+            )
+        if self.points_per_trial > samples:
+            raise ValueError(
+                f"{section}.loop.points_per_trial: expected at most the {samples} samples of a trial, "
+                f"got {self.points_per_trial}; lower it"
+            )
+        if self.initial_points > self.initial_trials * samples:
+            raise ValueError(
+                f"{section}.loop.initial_points: expected at most the {self.initial_trials * samples} samples of the "
+                f"{self.initial_trials} initial trials, got {self.initial_points}; lower it"
+            )
+        return self

@@ -1,0 +1,82 @@
+"""What is known of every muscle before anything is measured: candidates, hyperprior, scaling.
+
+Rows of the tables flow in; arrays by muscle, in the order of the hyperprior, flow out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+
+Array = NDArray[np.float64]
+
+CONSTANT_MEAN = "constant_mean"
+
+
+@dataclass(frozen=True)
+class MuscleSet:
+    """What a loop knows of every muscle before it begins, in the order of the hyperprior table.
+
+    Parameters
+    ----------
+    names : list of str
+        The M muscles.
+    hyperparameters : list of str
+        Of each muscle's model, P in all.
+    trajectories : list of int
+        The R movements of the bank.
+    scalings : list over muscles of Scaling
+        Centres and scales.
+    priors : list over muscles of Hyperprior
+        Table 1.
+    candidates : list over muscles of (R, T, D) float arrays
+        Inputs along each movement, standardised.
+    """
+
+    names: list[str]
+    hyperparameters: list[str]
+    trajectories: list[int]
+    scalings: list[Scaling]
+    priors: list[Hyperprior]
+    candidates: list[Array]
+
+    @classmethod
+    def read(cls, candidates: pd.DataFrame, hyperprior: pd.DataFrame, scaling: pd.DataFrame) -> MuscleSet:
+        """Gather the tables by muscle."""
+        names = list(hyperprior["muscle"].unique())
+        trajectories = [int(each) for each in candidates["trajectory"].unique()]
+        scalings, priors, inputs = [], [], []
+        for name in names:
+            rows = hyperprior[hyperprior["muscle"] == name]
+            priors.append(Hyperprior(rows["mean"].to_numpy(), rows["variance"].to_numpy()))
+            scalings.append(Scaling.of_muscle(scaling, name))
+            samples = scalings[-1].inputs_of(candidates[candidates["muscle"] == name])
+            inputs.append(samples.reshape(len(trajectories), -1, len(MODEL_INPUTS)))
+        hyperparameters = list(hyperprior.loc[hyperprior["muscle"] == names[0], "hyperparameter"])
+        return cls(names, hyperparameters, trajectories, scalings, priors, inputs)
+
+    @property
+    def mean(self) -> str:
+        """``constant`` if Table 1 has a row for the models' constant mean, else ``zero``."""
+        return "constant" if CONSTANT_MEAN in self.hyperparameters else "zero"
+
+    def indices(self, trajectories: Sequence[int]) -> list[int]:
+        """Return the positions of movements in the bank."""
+        return [self.trajectories.index(each) for each in trajectories]
+
+    def standardise(self, samples: pd.DataFrame) -> tuple[list[Array], list[Array]]:
+        """Return each muscle's inputs (N, 3) and outputs (N,) from rows with a muscle column."""
+        inputs, outputs = [], []
+        samples = samples[["muscle", *MODEL_INPUTS, MODEL_OUTPUT]]
+        for name, constants in zip(self.names, self.scalings, strict=True):
+            rows = samples[samples["muscle"] == name]
+            inputs.append(constants.inputs_of(rows))
+            outputs.append(constants.output_of(rows))
+        return inputs, outputs

@@ -1,0 +1,192 @@
+"""Algorithm 1 over recorded trials: the bank's own recording of a movement stands for its execution, and no rig is run.
+
+The muscles, a `Design` and the bank's recordings flow in; out flows what is known after each trial, an `Interaction`
+with every muscle's data and hyperparameters. A `TimeShift` takes other samples than the most informative ones, as if
+the person had been early or late (paper, section 5.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.interaction import Design, Interaction
+from stages.science.muscle_models.muscle_set import MuscleSet
+from stages.science.muscle_models.samples import place_evenly
+from stages.science.signals.scaling import MODEL_INPUTS
+
+Array = NDArray[np.float64]
+
+Draw = Callable[..., np.random.Generator]
+"""Returns the generator of a key of names and numbers, always the same one for the same key."""
+
+ROUNDING = 1e-9
+"""Share of a sample by which the quotient of two decimal durations may miss a whole number."""
+
+
+@dataclass(frozen=True)
+class TimeShift:
+    """Takes the sample at t + d in place of that at t, with d uniform between plus and minus an amplitude.
+
+    d is rounded to a sample. It is drawn again when the sample lies outside the trial, farther from t than the
+    amplitude, or was taken from this trial before.
+
+    Parameters
+    ----------
+    amplitude_s : float
+        Largest shift, s.
+    period_s : float
+        Sampling period, s.
+    """
+
+    amplitude_s: float
+    period_s: float
+
+    @property
+    def reach(self) -> int:
+        """Largest shift in samples."""
+        return int(np.floor(self.amplitude_s / self.period_s + ROUNDING))
+
+    def displace(self, row: int, taken: Sequence[int], samples: int, generator: np.random.Generator) -> int:
+        """Return the row to take in place of another.
+
+        Parameters
+        ----------
+        row : int
+            The most informative sample.
+        taken : sequence of int
+            Rows that were taken from this trial before.
+        samples : int
+            Of the trial.
+        generator : Generator
+            Draws d; each d takes one uniform number, whatever the amplitude.
+
+        Raises
+        ------
+        ValueError
+            When every sample within reach was taken.
+        """
+        first, last = max(0, row - self.reach), min(samples - 1, row + self.reach)
+        free = set(range(first, last + 1)).difference(taken)
+        if not free:
+            raise ValueError(f"expected a free sample within {self.amplitude_s} s of sample {row}, all are taken")
+        while True:
+            moved = row + int(np.rint(self.amplitude_s * generator.uniform(-1.0, 1.0) / self.period_s))
+            if moved in free:
+                return moved
+
+
+@dataclass(frozen=True)
+class Replay:
+    """The bank's movements and what was recorded in each.
+
+    Parameters
+    ----------
+    muscles : MuscleSet
+        With the candidates that a choice sees, without force.
+    inputs, outputs : tuples over M muscles of (R, T, D) and (R, T) float arrays
+        Recordings of each movement, standardised.
+    period_s : float
+        Sampling period of the recordings, s.
+    """
+
+    muscles: MuscleSet
+    inputs: tuple[Array, ...]
+    outputs: tuple[Array, ...]
+    period_s: float
+
+    @classmethod
+    def read(cls, muscles: MuscleSet, bank: pd.DataFrame) -> Replay:
+        """Gather the bank's recordings by muscle and movement.
+
+        Raises
+        ------
+        ValueError
+            When its movements are not those that may be chosen.
+        """
+        recorded = [int(each) for each in bank["trajectory"].unique()]
+        if recorded != muscles.trajectories:
+            raise ValueError(f"expected recordings of movements {muscles.trajectories}, got {recorded}")
+        inputs, outputs = muscles.standardise(bank)
+        count = len(recorded)
+        times = np.unique(bank["time_s"].to_numpy())
+        return cls(
+            muscles,
+            tuple(each.reshape(count, -1, len(MODEL_INPUTS)) for each in inputs),
+            tuple(each.reshape(count, -1) for each in outputs),
+            float(times[-1] - times[0]) / (times.size - 1),
+        )
+
+    def run(
+        self,
+        design: Design,
+        priors: Sequence[Hyperprior],
+        initial: Sequence[int],
+        points: int,
+        trials: int,
+        generator: Draw,
+        amplitude_s: float = 0.0,
+    ) -> Iterator[Interaction]:
+        """Yield what is known of the initial data alone, then after each trial.
+
+        Parameters
+        ----------
+        design : Design
+            How to choose.
+        priors : sequence over M muscles of Hyperprior
+            Table 1, or another.
+        initial : sequence of int
+            Positions in the bank of the trials that the initial data come from; none of them is chosen again unless the
+            design allows it.
+        points : int
+            Initial data of each muscle, evenly spread over those trials.
+        trials : int
+            How many are chosen.
+        generator : callable
+            Called with ``starts``, the trial and the muscle; ``random`` and the trial; ``shift``, the trial, the
+            muscle and the number of the pick. What is equal for these is random alike, whatever the amplitude.
+        amplitude_s : float
+            Of the shift of each sample that a trial gives, s; 0 for none.
+
+        Raises
+        ------
+        ValueError
+            When no movement is left to choose, or a trial has too few samples.
+        """
+
+        def starts(trial: int) -> list[np.random.Generator]:
+            return [generator("starts", trial, name) for name in self.muscles.names]
+
+        inputs, outputs = self._begin(initial, points)
+        known = Interaction.begin(design, self.muscles.candidates, priors, inputs, outputs, initial, starts(0))
+        yield known
+        shift = TimeShift(amplitude_s, self.period_s) if amplitude_s else None
+        for trial in range(1, trials + 1):
+            chosen = known.ask(generator("random", trial)).trajectory
+            recorded = [each[chosen] for each in self.inputs], [each[chosen] for each in self.outputs]
+            ways = None
+            if shift:
+                ways = [partial(self._displace, shift, generator, trial, name) for name in self.muscles.names]
+            known, _ = known.tell(chosen, *recorded, starts(trial), ways)
+            yield known
+
+    def _begin(self, initial: Sequence[int], points: int) -> tuple[list[Array], list[Array]]:
+        inputs, outputs = [], []
+        for x, y in zip(self.inputs, self.outputs, strict=True):
+            executed = np.concatenate([x[each] for each in initial])
+            at = place_evenly(points, len(executed))
+            inputs.append(executed[at])
+            outputs.append(np.concatenate([y[each] for each in initial])[at])
+        return inputs, outputs
+
+    def _displace(
+        self, shift: TimeShift, generator: Draw, trial: int, muscle: str, row: int, taken: Sequence[int]
+    ) -> int:
+        samples = self.outputs[0].shape[1]
+        return shift.displace(row, taken, samples, generator("shift", trial, muscle, len(taken)))

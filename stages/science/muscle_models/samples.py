@@ -1,0 +1,49 @@
+"""The samples that models stand on, taken from what was executed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
+
+TAKEN = ["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]
+
+
+def place_evenly(count: int, samples: int) -> NDArray[np.intp]:
+    """Return the (count,) rows that are evenly spread over so many samples."""
+    return ((np.arange(count) + 0.5) * samples / count).astype(np.intp)
+
+
+def spread_evenly(executed: pd.DataFrame, count: int, muscles: Sequence[str]) -> pd.DataFrame:
+    """Return `count` samples of each muscle, evenly spread over the executed trials."""
+    frames = []
+    for name in muscles:
+        rows = executed[executed["muscle"] == name]
+        frames.append(rows.iloc[place_evenly(count, len(rows))].assign(pick=range(count)))
+    return pd.concat(frames, ignore_index=True)[TAKEN]
+
+
+def keep_usable(executed: pd.DataFrame) -> pd.DataFrame:
+    """Return the samples that are as measured: of those, models are made."""
+    return executed[executed["status"] == "ok"]
+
+
+def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequence[str]) -> pd.DataFrame:
+    """Return the picked samples of each muscle, in the order of picking."""
+    measured = samples[[name for name in TAKEN if name != "pick"]]
+    frames = [
+        measured[measured["muscle"] == name].iloc[at].assign(pick=range(len(at)))
+        for name, at in zip(muscles, picks, strict=True)
+    ]
+    return pd.concat(frames, ignore_index=True)[TAKEN]
+
+
+def thin(executed: pd.DataFrame, every: int, trial: Sequence[str]) -> pd.DataFrame:
+    """Return the first of every so many usable samples of each muscle in each trial, named by so many columns."""
+    executed = keep_usable(executed)
+    rank = executed.groupby([*trial, "muscle"], sort=False).cumcount()
+    return executed[rank % every == 0]

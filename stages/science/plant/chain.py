@@ -1,0 +1,140 @@
+"""The chain of one muscle after another: command, valve, pressure, tension, cable, sensors.
+
+Arrays over time flow in and out; the last axis is always the muscle, and axes between time and muscle (trials, say) are
+simulated side by side. Effects are applied at their sites in the order in which the plant lists them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.science.plant.effect import ChainEffect, Signal, State
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.plant.muscle import MuscleConstants, compute_tension
+from stages.science.plant.passage import Everywhere, Passage
+from stages.science.plant.plant import AppliedEffect, Plant, collect_constants
+from stages.science.signals.trajectories import Array
+
+BENDING = ("acting_pressure_kpa", "contraction", "force_n", "tension_n")
+
+
+class Chain:
+    """Muscles and valves of an exoskeleton under a plant's constants and effects.
+
+    Parameters
+    ----------
+    exoskeleton : Exoskeleton
+        The machine's rows.
+    plant : Plant
+        Constants and effects.
+    start_s : float
+        When the trial began in the session, s.
+
+    Raises
+    ------
+    ValueError
+        When the plant does not fit the machine.
+    """
+
+    def __init__(self, exoskeleton: Exoskeleton, plant: Plant, start_s: float = 0.0):
+        plant.check_against(exoskeleton)
+        self.step_s = 1.0 / exoskeleton.sampling_rate_hz
+        self.start_s = start_s
+        self.constants = collect_constants(exoskeleton, plant)
+        self.effects = [_place(entry, exoskeleton) for entry in plant.effects if isinstance(entry.effect, ChainEffect)]
+
+    @property
+    def bends_force(self) -> bool:
+        """Whether an effect lets tension at the joint differ from the static law at the valve's pressure."""
+        return any(effect.signal in BENDING for effect in self.effects)
+
+    def pressurise(self, command_kpa: Array) -> Array:
+        """Return the pressure at the valves that a held command brings.
+
+        Parameters
+        ----------
+        command_kpa : (T, ..., M) ndarray
+            Commanded pressure, kPa gauge.
+
+        Returns
+        -------
+        (T, ..., M) ndarray
+            Pressure, kPa gauge.
+        """
+        command = self._flatten(command_kpa)
+        return self._pass(command).pressurise(command).reshape(command_kpa.shape)
+
+    def pull(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> tuple[Array, Array]:
+        """Return the tension at both ends of the cables.
+
+        Parameters
+        ----------
+        pressure_kpa : (T, ..., M) ndarray
+            Pressure at the valves, kPa gauge.
+        contraction, velocity_per_s : (T, ..., M) ndarray
+            Contraction by the joint's geometry, 1, and its rate, 1/s.
+
+        Returns
+        -------
+        tuple of (T, ..., M) ndarray
+            Tension at the muscle's tip and at the joint's end, N.
+        """
+        pressure, contraction, velocity = map(self._flatten, (pressure_kpa, contraction, velocity_per_s))
+        force, tension = self._pass(pressure).pull(pressure, contraction, velocity)
+        return force.reshape(pressure_kpa.shape), tension.reshape(pressure_kpa.shape)
+
+    def pull_nominally(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
+        """Return the tension, N, that the static law alone gives; shapes as in `pull`."""
+        pressure, contraction, velocity = map(self._flatten, (pressure_kpa, contraction, velocity_per_s))
+        tension = compute_tension(pressure, contraction, velocity, self._repeat(pressure.shape[1]))
+        return tension.reshape(pressure_kpa.shape)
+
+    def sense_pressure(self, pressure_kpa: Array) -> Array:
+        """Return what the pressure sensors show, kPa gauge; shapes as in `pressurise`."""
+        pressure = self._flatten(pressure_kpa)
+        return self._pass(pressure).sense_pressure(pressure).reshape(pressure_kpa.shape)
+
+    def sense_force(self, force_n: Array, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
+        """Return what the load cells show, N, of the forces on them; shapes as in `pull`."""
+        flat = [self._flatten(each) for each in (force_n, pressure_kpa, contraction, velocity_per_s)]
+        return self._pass(flat[0]).sense_force(*flat).reshape(force_n.shape)
+
+    def _pass(self, values: Array) -> Passage:
+        columns = values.shape[1]
+        return Passage(self._repeat(columns), self.effects, self.step_s, np.full(columns, self.start_s))
+
+    def _flatten(self, values: Array) -> Array:
+        muscles = len(self.constants.area_n_per_kpa)
+        if values.shape[-1] != muscles:
+            raise ValueError(f"expected {muscles} muscles on the last axis, got shape {values.shape}")
+        return np.ascontiguousarray(values, dtype=float).reshape(len(values), -1)
+
+    def _repeat(self, columns: int) -> MuscleConstants:
+        copies = columns // len(self.constants.area_n_per_kpa)
+        if copies == 1:
+            return self.constants
+        return MuscleConstants(*(np.tile(column, copies) for column in self.constants))
+
+
+class _OnSome:
+    """An effect on some muscles of every trial."""
+
+    def __init__(self, effect: Everywhere, chosen: list[str], muscles: list[str]):
+        self.effect = effect
+        self.mask = np.array([name in chosen for name in muscles])
+
+    @property
+    def signal(self) -> Signal:
+        return self.effect.signal
+
+    def apply(self, values: Array, state: State) -> Array:
+        mask = np.tile(self.mask, values.shape[1] // self.mask.size)
+        changed = values.copy()
+        changed[:, mask] = self.effect.apply(np.ascontiguousarray(values[:, mask]), state.select(mask))
+        return changed
+
+
+def _place(entry: AppliedEffect, exoskeleton: Exoskeleton) -> Everywhere | _OnSome:
+    assert isinstance(entry.effect, ChainEffect)
+    everywhere = Everywhere(entry.effect, entry.parameters)
+    return everywhere if entry.muscles is None else _OnSome(everywhere, entry.muscles, exoskeleton.muscle_names)

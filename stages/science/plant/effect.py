@@ -1,0 +1,276 @@
+"""What a named effect is: a site, parameters with their priors, a source, and one of four shapes.
+
+A chain effect maps whole arrays at its site; a joint effect adds to the terms of the joints' one compiled integrator,
+and a dynamic effect to that of another machine; an element effect maps what an element on a test bench answers. In all,
+the first parameter is the magnitude, and zero magnitude means that the effect is absent. An effect may have several
+forms in the literature: they share its name, and the module of that name lists them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.plant.declaration import nearest
+from stages.science.plant.muscle import MuscleConstants
+from stages.science.signals.trajectories import Array
+
+Site = Literal["command", "valve", "pressure", "muscle", "transmission", "joint", "sensor"]
+Signal = Literal[
+    "pressure_command_kpa",
+    "pressure_kpa",
+    "sensed_pressure_kpa",
+    "acting_pressure_kpa",
+    "contraction",
+    "force_n",
+    "tension_n",
+    "sensed_force_n",
+]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Parameters
+    ----------
+    name : str
+        Ends with its unit, where it has one.
+    unit : str
+        ``"1"`` for a ratio.
+    low, high : float
+        Closed bounds.
+    prior_mean, prior_sd : float
+        Of a Gaussian prior, cut at the bounds.
+    description : str
+        One line.
+    starts : tuple of float
+        Where a fit begins, within the bounds; of the magnitude, none is zero.
+    optional : bool
+        Whether a list of effects may leave it out.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    prior_mean: float
+    prior_sd: float
+    description: str
+    starts: tuple[float, ...]
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class State:
+    """What a chain effect may look at beside the signal that it maps; arrays have the signal's shape (T, K).
+
+    Parameters
+    ----------
+    step_s : float
+        Time between samples.
+    muscles : MuscleConstants
+        Constants of the K columns.
+    command_kpa, pressure_kpa, contraction, velocity_per_s : (T, K) ndarray
+        Signals at this point of the chain. Upstream of the muscle the last two are zero; from there on the first is the
+        pressure at the valve, and the second the pressure that acts.
+    time_s : (T,) ndarray
+        Time within the trial.
+    start_s : (K,) ndarray
+        When each column's trial began in the session; zero where that is not known.
+    """
+
+    step_s: float
+    muscles: MuscleConstants
+    command_kpa: Array
+    pressure_kpa: Array
+    contraction: Array
+    velocity_per_s: Array
+    time_s: Array
+    start_s: Array
+
+    def select(self, columns: NDArray[np.bool_]) -> State:
+        """Return the state of some columns; `columns` is a (K,) mask."""
+        return replace(
+            self,
+            muscles=MuscleConstants(*(constant[columns] for constant in self.muscles)),
+            command_kpa=np.ascontiguousarray(self.command_kpa[:, columns]),
+            pressure_kpa=np.ascontiguousarray(self.pressure_kpa[:, columns]),
+            contraction=np.ascontiguousarray(self.contraction[:, columns]),
+            velocity_per_s=np.ascontiguousarray(self.velocity_per_s[:, columns]),
+            start_s=self.start_s[columns],
+        )
+
+
+@dataclass(frozen=True)
+class ChainEffect:
+    """An effect that maps whole arrays: ``apply(signal, state, parameters)`` returns the changed signal.
+
+    Parameters
+    ----------
+    name, form : str
+        The effect, and the literature's form of it.
+    site, signal : str
+        Where it acts, and what it maps.
+    parameters : tuple of Parameter
+        The magnitude first.
+    source : str
+        Where the form comes from.
+    signature : str
+        What its absence from a model leaves in the residual, in one sentence.
+    split_by : str
+        The experiment that tells it from its nearest relatives.
+    relatives : tuple of str
+        Names of effects that ordinary excitation may not tell from it.
+    apply : callable
+        Returns a new array of the signal's shape.
+    """
+
+    name: str
+    form: str
+    site: Site
+    signal: Signal
+    parameters: tuple[Parameter, ...]
+    source: str
+    signature: str
+    split_by: str
+    relatives: tuple[str, ...]
+    apply: Callable[[Array, State, Mapping[str, float]], Array]
+
+
+@dataclass(frozen=True)
+class JointEffect:
+    """An effect inside the joint's motion: ``terms(parameters)`` returns what it adds to the integrator's terms.
+
+    The other fields are those of `ChainEffect`.
+    """
+
+    name: str
+    form: str
+    parameters: tuple[Parameter, ...]
+    source: str
+    signature: str
+    split_by: str
+    relatives: tuple[str, ...]
+    terms: Callable[[Mapping[str, float]], dict[str, float]]
+    site: Site = "joint"
+
+
+@dataclass(frozen=True)
+class DynamicEffect:
+    """An effect inside a machine that is one integrator: ``terms(parameters)`` returns what it adds to its terms.
+
+    The site is the machine's `SITE`; the other fields are those of `ChainEffect`. Sizes are told in the machine's own
+    scales, so that bounds hold for every machine of the kind. What an effect does grows with its magnitude in
+    proportion to begin with (`scales`), or sets in somewhere: then a fit has to be tried from each of its starts.
+    """
+
+    name: str
+    form: str
+    site: str
+    parameters: tuple[Parameter, ...]
+    source: str
+    signature: str
+    split_by: str
+    relatives: tuple[str, ...]
+    terms: Callable[[Mapping[str, float]], dict[str, float]]
+    scales: bool = True
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What an effect of an element may look at beside the answer that it maps; arrays are (T, R), records in columns.
+
+    Parameters
+    ----------
+    along : (T, R) ndarray
+        The signal along which the element is moved, over its scale, zero in the middle of its range.
+    rate : (T, R) ndarray
+        How fast it is moved, scales per pace.
+    step_s, pace_s : float
+        Time between samples, and of a usual movement through one scale, s.
+    session_s : (T, R) ndarray
+        Time in the session, s.
+    """
+
+    along: Array
+    rate: Array
+    step_s: float
+    pace_s: float
+    session_s: Array
+
+
+@dataclass(frozen=True)
+class ElementEffect:
+    """An effect of an element on a test bench: ``apply(answer, bench, parameters)`` returns the changed answer.
+
+    The answer is over its scale, so that bounds hold for every element. The other fields are those of `ChainEffect`;
+    `scales` is that of `DynamicEffect`, false also where a form has several sliders, which no one slope tells apart.
+    """
+
+    name: str
+    form: str
+    parameters: tuple[Parameter, ...]
+    source: str
+    signature: str
+    split_by: str
+    relatives: tuple[str, ...]
+    apply: Callable[[Array, Bench, Mapping[str, float]], Array]
+    site: Literal["element"] = "element"
+    scales: bool = True
+
+
+Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect
+
+
+EFFECTS = "stages.science.plant.effects"
+
+
+@cache
+def list_effects() -> tuple[str, ...]:
+    """Return the names of all effects: the modules of `EFFECTS`."""
+    package = importlib.import_module(EFFECTS)
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
+
+
+def name_module(effect: str) -> str:
+    """Return the dotted name of the module of an effect."""
+    return f"{EFFECTS}.{effect}"
+
+
+@cache
+def list_forms(name: str) -> tuple[Effect, ...]:
+    """Return an effect's forms, the usual one first.
+
+    Raises
+    ------
+    ValueError
+        When there is no such effect, offering the nearest name.
+    """
+    known = list_effects()
+    if name not in known:
+        raise ValueError(f"unknown effect '{name}': {nearest(name, known)}")
+    forms: tuple[Effect, ...] = importlib.import_module(name_module(name)).FORMS
+    return forms
+
+
+def find_effect(name: str, form: str | None = None) -> Effect:
+    """Return an effect by name, in the form given or its usual one.
+
+    Raises
+    ------
+    ValueError
+        When there is none, offering the nearest name.
+    """
+    forms = list_forms(name)
+    for effect in forms:
+        if form is None or effect.form == form:
+            return effect
+    raise ValueError(f"effect {name} has no form '{form}': {nearest(str(form), [each.form for each in forms])}")

@@ -1,0 +1,59 @@
+"""Slack of the cable: the muscle takes it up before any tension reaches the joint.
+
+`offset_length` makes the muscle shorter by the slack than the joint's geometry says; it goes slack earlier, and while
+always taut this is a zero of contraction. `hanging` loses tension beyond a contraction, where the cable hangs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the contraction of the muscle itself."""
+    return signal + parameters["slack"]
+
+
+def apply_hanging(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N."""
+    way = np.clip((state.contraction - parameters["onset"]) / parameters["width"], 0.0, 1.0)
+    return signal * (1.0 - parameters["lost"] * way * way * (3.0 - 2.0 * way))
+
+
+EFFECT = ChainEffect(
+    name="cable_slack",
+    form="offset_length",
+    site="transmission",
+    signal="contraction",
+    parameters=(Parameter("slack", "1", 0.0, 0.1, 0.01, 0.01, "slack over rest length", (0.01, 0.03)),),
+    source=(
+        "Kaneko, Wada, Maekawa, Tanie, A new consideration on tendon-tension control system of robot hands, IEEE ICRA "
+        "(1991)"
+    ),
+    signature="force is short, more where the muscle is short, and reaches zero before the model does",
+    split_by="low pressure at the end of the range where the muscle is shortest, until it goes slack",
+    relatives=("pressure_dead_band", "moment_arm_variation", "end_stiffening"),
+    apply=apply,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="hanging",
+        signal="tension_n",
+        parameters=(
+            Parameter("lost", "1", 0.0, 1.0, 1.0, 0.5, "share of tension lost where the cable hangs", (0.9,)),
+            Parameter("onset", "1", 0.0, 0.3, 0.12, 0.06, "contraction from which it hangs", (0.06, 0.12, 0.18)),
+            Parameter("width", "1", 0.002, 0.1, 0.02, 0.02, "contraction over which tension is lost", (0.015,)),
+        ),
+        signature="force falls away beyond a contraction and is right below it",
+        apply=apply_hanging,
+    ),
+)

@@ -1,0 +1,83 @@
+"""Friction of a Bowden cable: tension falls along the sheath in the direction in which the cable slides.
+
+While the muscle shortens the joint feels less than the muscle pulls, and more while it lengthens. A load cell at the
+muscle's tip does not see it; the motion of the joint does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.presliding import PRESLIDING, slide_after_yielding
+from stages.science.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N."""
+    slide = np.tanh(state.velocity_per_s / parameters["sliding_per_s"])
+    return signal * np.exp(-parameters["friction_times_wrap"] * slide)
+
+
+def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N; the cable yields a little before it slides."""
+    slide = slide_after_yielding(state, parameters)
+    return signal * np.exp(-parameters["friction_times_wrap"] * slide)
+
+
+EFFECT = ChainEffect(
+    name="capstan_friction",
+    form="exponential",
+    site="transmission",
+    signal="tension_n",
+    parameters=(
+        Parameter(
+            "friction_times_wrap",
+            "1",
+            0.0,
+            1.0,
+            0.12,
+            0.08,
+            "friction coefficient times the sheath's total bend",
+            (0.1, 0.35),
+        ),
+        Parameter(
+            "sliding_per_s",
+            "1/s",
+            0.001,
+            0.02,
+            0.01,
+            0.01,
+            "contraction velocity at which the cable slides",
+            (0.003, 0.01),
+        ),
+    ),
+    source=(
+        "Kaneko, Yamashita, Tanie, Basic considerations on transmission characteristics for tendon drive robots, "
+        "Int. Conf. Advanced Robotics (1991): the capstan equation along a sheath"
+    ),
+    signature="force at the joint is short by a share of itself while the muscle shortens, and over while it lengthens",
+    split_by="slow reversals at two pressures: the step at reversal grows with tension",
+    relatives=("coulomb_friction", "stribeck_friction"),
+    apply=apply,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="presliding",
+        parameters=(
+            EFFECT.parameters[0],
+            PRESLIDING,
+        ),
+        source=(
+            "Do, Tjahjowidodo, Lau, Yamamoto, Phee, Hysteresis modeling and position control of tendon-sheath "
+            "mechanism in flexible endoscopic systems, Mechatronics 24 (2014)"
+        ),
+        apply=apply_with_presliding,
+    ),
+)

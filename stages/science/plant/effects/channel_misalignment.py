@@ -1,0 +1,79 @@
+"""Channels that were sampled at different times: the force, or the motion, is late against the others.
+
+`force` shifts the load cell; `contraction` says by how much the recorded motion is later than the one that acted. The
+recorded rate of contraction, which enters the mild damping alone, is left where it is. Within a sample, signals run
+straight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State
+from stages.science.plant.filters import shift
+from stages.science.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, as late as its channel is."""
+    return shift(signal, parameters["late_s"] / state.step_s)
+
+
+def apply_to_motion(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the contraction that acted, given one that was recorded late."""
+    return shift(signal, -parameters["late_s"] / state.step_s)
+
+
+EFFECT = ChainEffect(
+    name="channel_misalignment",
+    form="force",
+    site="sensor",
+    signal="sensed_force_n",
+    parameters=(
+        Parameter(
+            "late_s", "s", -0.1, 0.1, 0.0, 0.01, "by which force is later than pressure and motion", (0.012, -0.012)
+        ),
+    ),
+    source="Ljung, System identification: theory for the user, 2nd edition (1999), chapter 14: preprocessing data",
+    signature="force errs in proportion to its own rate of change, whether pressure or motion changes it",
+    split_by="steps of pressure at rest, and quick reversals at constant pressure",
+    relatives=("viscous_friction", "transport_delay"),
+    apply=apply,
+)
+
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer as late as its channel is."""
+    return shift(answer, parameters["paces_late"] * bench.pace_s / bench.step_s)
+
+
+LATE_ELEMENT = ElementEffect(
+    name="channel_misalignment",
+    form="element",
+    parameters=(
+        Parameter("paces_late", "1", -0.3, 0.3, 0.0, 0.03, "by which the answer is late, over the pace", (0.03, -0.03)),
+    ),
+    source=EFFECT.source,
+    signature="the answer errs in proportion to its own rate of change",
+    split_by="the same loop at three speeds: its width grows with speed and with stiffness",
+    relatives=("viscous_friction", "hysteresis"),
+    apply=apply_to_element,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="contraction",
+        signal="contraction",
+        parameters=(
+            Parameter(
+                "late_s", "s", -0.1, 0.1, 0.0, 0.01, "by which motion is later than pressure and force", (0.012, -0.012)
+            ),
+        ),
+        signature="force errs in proportion to the velocity of the joint and to pressure",
+        apply=apply_to_motion,
+    ),
+    LATE_ELEMENT,
+)

@@ -1,0 +1,150 @@
+"""Dry friction of constant size against the direction of motion, smoothed around rest: of a joint, or of its cable.
+
+A joint's friction is a torque inside the motion. A cable's takes tension while the muscle shortens and adds as much
+while it lengthens; only a load cell at the joint's end sees it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter, State
+from stages.science.plant.presliding import PRESLIDING, slide_after_yielding
+from stages.science.signals.trajectories import Array
+
+
+def terms(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the integrator's terms: size and smoothing of the friction torque."""
+    return {"coulomb_nm": parameters["torque_nm"], "coulomb_rad_per_s": parameters["sliding_rad_per_s"]}
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N."""
+    slide = np.tanh(state.velocity_per_s / parameters["sliding_per_s"])
+    return signal - parameters["share"] * state.muscles.full_force_n * slide
+
+
+def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N, less a spring that slides at a constant force."""
+    slide = slide_after_yielding(state, parameters)
+    return signal - parameters["share"] * state.muscles.full_force_n * slide
+
+
+SOURCE = (
+    "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Friction models and friction compensation, Eur. J. "
+    "Control 4 (1998); the hyperbolic tangent is a usual smoothing"
+)
+
+EFFECT = JointEffect(
+    name="coulomb_friction",
+    form="joint_torque",
+    parameters=(
+        Parameter("torque_nm", "N m", 0.0, 10.0, 0.5, 0.5, "friction torque while the joint moves", (0.5, 3.0)),
+        Parameter(
+            "sliding_rad_per_s", "rad/s", 0.01, 1.0, 0.05, 0.03, "velocity at which the joint slides", (0.02, 0.1)
+        ),
+    ),
+    source=SOURCE,
+    signature="the joint sticks at reversals and lags behind the torque by a constant amount",
+    split_by="slow reversals of the joint at two pressures: the step at reversal stays the same",
+    relatives=("stribeck_friction", "capstan_friction"),
+    terms=terms,
+)
+
+CABLE = ChainEffect(
+    name="coulomb_friction",
+    form="cable",
+    site="transmission",
+    signal="tension_n",
+    parameters=(
+        Parameter("share", "1", 0.0, 0.4, 0.01, 0.02, "friction over the largest force", (0.01, 0.06)),
+        Parameter(
+            "sliding_per_s", "1/s", 0.0005, 0.02, 0.01, 0.01, "contraction velocity at which it slides", (0.003, 0.01)
+        ),
+    ),
+    source=SOURCE,
+    signature="force steps by the same amount at every reversal, short while the muscle shortens",
+    split_by="slow reversals at two pressures: the step at reversal stays the same",
+    relatives=("stribeck_friction", "capstan_friction", "hysteresis"),
+    apply=apply,
+)
+
+
+def rub(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's terms: friction over the spring's force at one scale, and where it turns."""
+    return {"coulomb": parameters["share"], "sliding": parameters["sliding"]}
+
+
+SLIDER = DynamicEffect(
+    name="coulomb_friction",
+    form="slider",
+    site="motion",
+    parameters=(
+        Parameter("share", "1", 0.0, 2.0, 0.0, 0.1, "deceleration, scales per squared pace", (0.03,)),
+        Parameter("sliding", "1", 0.005, 0.5, 0.03, 0.03, "velocity at which it slides, scales per pace", (0.03,)),
+    ),
+    source=SOURCE,
+    signature="small motions are damped more than large ones, and the motion sticks before it rests",
+    split_by="free decay: the envelope falls by as much with every period",
+    relatives=("hysteresis", "viscous_friction"),
+    terms=rub,
+)
+
+
+def stick(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the motion's terms: friction, and the way in which it yields before it slides."""
+    return {"stiction": parameters["share"], "yielding": parameters["presliding"]}
+
+
+YIELDING_SLIDER = replace(
+    SLIDER,
+    form="slider_presliding",
+    parameters=(
+        SLIDER.parameters[0],
+        Parameter("presliding", "1", 0.0005, 0.1, 0.01, 0.02, "way in which it yields first, scales", (0.003, 0.02)),
+    ),
+    source=(
+        "Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE Trans. Autom. Control 50 (2005): one "
+        "element"
+    ),
+    terms=stick,
+)
+
+YIELDING_CABLE = replace(
+    CABLE,
+    form="cable_presliding",
+    parameters=(
+        CABLE.parameters[0],
+        PRESLIDING,
+    ),
+    source=(
+        "Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE Trans. Autom. Control 50 (2005): one "
+        "element"
+    ),
+    apply=apply_with_presliding,
+)
+
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with a friction of constant size against its motion."""
+    return answer + parameters["share"] * np.tanh(bench.rate / parameters["sliding"])
+
+
+RUBBING_ELEMENT = ElementEffect(
+    name="coulomb_friction",
+    form="element",
+    parameters=(
+        Parameter("share", "1", -2.0, 2.0, 0.0, 0.3, "friction over the answer's scale", (0.1, -0.1)),
+        Parameter("sliding", "1", 0.002, 1.0, 0.05, 0.05, "rate at which it slides, scales per pace", (0.02, 0.2)),
+    ),
+    source=SOURCE,
+    signature="the answer steps by the same amount whenever motion turns",
+    split_by="the same loop at three speeds: a step at the turn, however slow",
+    relatives=("hysteresis", "viscous_friction"),
+    apply=apply_to_element,
+)
+
+FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLIDER, YIELDING_SLIDER, RUBBING_ELEMENT)

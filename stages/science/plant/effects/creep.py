@@ -1,0 +1,127 @@
+"""Creep of the rubber tube: it resists a quick change more than a lasting one.
+
+A spring in series with a slow damper (a Maxwell element) beside the muscle; after a reach the force drifts back for
+seconds. `pressure_scaled` has an element as stiff as the pressure makes the muscle, `two_branches` a second, slower
+element, which approximates the logarithmic creep of rubber, and `force_relaxation` lets a share of the force follow
+slowly, so that a step of pressure creeps too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State
+from stages.science.plant.filters import lag
+from stages.science.plant.muscle import pull_at_rest
+from stages.science.plant.valve import respond
+from stages.science.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less what the slow element holds."""
+    tau = np.full(signal.shape[1], parameters["tau_s"])
+    held = state.contraction - respond(state.contraction, tau, tau, state.step_s)
+    return signal - parameters["share"] * state.muscles.full_force_n * held
+
+
+def apply_with_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less what an element holds that pressure stiffens."""
+    held = state.contraction - lag(state.contraction, parameters["tau_s"], state.step_s)
+    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * held
+
+
+def apply_two_branches(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less the mean of what a slow and a slower element hold."""
+    slow = lag(state.contraction, parameters["tau_s"], state.step_s)
+    slower = lag(state.contraction, parameters["tau_s"] * parameters["ratio"], state.step_s)
+    held = state.contraction - 0.5 * (slow + slower)
+    return signal - parameters["share"] * state.muscles.full_force_n * held
+
+
+def apply_to_force(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, of which a share follows slowly."""
+    return signal - parameters["share"] * (signal - lag(signal, parameters["tau_s"], state.step_s))
+
+
+def _share_of(what: str) -> Parameter:
+    return Parameter("share", "1", 0.0, 2.0, 0.1, 0.1, f"slow stiffness per contraction over {what}", (0.1, 0.5))
+
+
+TAU = Parameter("tau_s", "s", 0.2, 30.0, 2.0, 2.0, "time constant of the slow element", (0.5, 2.0, 8.0))
+
+EFFECT = ChainEffect(
+    name="creep",
+    form="maxwell_element",
+    site="muscle",
+    signal="force_n",
+    parameters=(_share_of("the largest force"), TAU),
+    source=(
+        "Vo-Minh, Kamers, Ramon, Van Brussel, Modeling and control of a pneumatic artificial muscle manipulator joint, "
+        "part I, accounting for creep effect, Mechatronics 22 (2012)"
+    ),
+    signature="force overshoots after a reach and drifts back within seconds, while nothing moves",
+    split_by="a step of contraction held for ten seconds at constant pressure",
+    relatives=("hysteresis", "sensor_drift"),
+    apply=apply,
+)
+
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with what a slow element beside it holds."""
+    held = bench.along - lag(bench.along, parameters["paces"] * bench.pace_s, bench.step_s)
+    return answer + parameters["share"] * held
+
+
+YIELDING_ELEMENT = ElementEffect(
+    name="creep",
+    form="element",
+    parameters=(
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "slow stiffness over the answer's scale", (0.1, -0.1)),
+        Parameter("paces", "1", 0.02, 20.0, 1.0, 1.0, "time in which it yields, over the pace", (0.2, 1.0, 4.0)),
+    ),
+    source=EFFECT.source,
+    signature="the answer goes on changing after motion has ended",
+    split_by="a step that is held for ten times as long as a movement takes",
+    relatives=("hysteresis", "viscous_friction"),
+    apply=apply_to_element,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="pressure_scaled",
+        parameters=(_share_of("the force at this pressure and rest length"), TAU),
+        apply=apply_with_pressure,
+    ),
+    replace(
+        EFFECT,
+        form="two_branches",
+        parameters=(
+            _share_of("the largest force"),
+            replace(TAU, high=10.0, prior_mean=1.0, prior_sd=1.0, starts=(0.4, 1.5)),
+            Parameter("ratio", "1", 3.0, 30.0, 10.0, 5.0, "slower over slow time constant", (8.0,)),
+        ),
+        source=(
+            "Ferry, Viscoelastic properties of polymers, 3rd edition (1980), chapter 3: a row of Maxwell elements "
+            "relaxes with the logarithm of time"
+        ),
+        apply=apply_two_branches,
+    ),
+    replace(
+        EFFECT,
+        form="force_relaxation",
+        parameters=(Parameter("share", "1", 0.0, 0.9, 0.05, 0.1, "share of force that comes late", (0.05, 0.25)), TAU),
+        source=(
+            "Fung, Biomechanics: mechanical properties of living tissues, 2nd edition (1993), chapter 7: a relaxation "
+            "function on the elastic response"
+        ),
+        signature="force goes on rising for seconds after a step of pressure, or falling after one of contraction",
+        split_by="a step of pressure held for ten seconds at constant contraction",
+        apply=apply_to_force,
+    ),
+    YIELDING_ELEMENT,
+)

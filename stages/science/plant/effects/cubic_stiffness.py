@@ -1,0 +1,82 @@
+"""A passive spring beside the muscle whose force grows with the cube of contraction from a middle.
+
+Rubber and braid harden towards both ends of the range: less tension when short, more when stretched. Here the spring
+acts along a driven muscle; in an oscillator the same law is a term of the equation of motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
+from stages.science.signals.trajectories import Array
+
+USUAL = 0.1
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less that of the hardening spring."""
+    away = (state.contraction - parameters["middle"]) / USUAL
+    return signal - parameters["share"] * state.muscles.full_force_n * away * away * away
+
+
+EFFECT = ChainEffect(
+    name="cubic_stiffness",
+    form="hardening",
+    site="muscle",
+    signal="force_n",
+    parameters=(
+        Parameter(
+            "share", "1", -0.5, 0.5, 0.0, 0.05, "spring's force at 0.1 from the middle over the largest", (0.03, -0.03)
+        ),
+        Parameter("middle", "1", 0.0, 0.25, 0.1, 0.05, "contraction at which the spring is at rest", (0.06, 0.12)),
+    ),
+    source="Kovacic, Brennan, The Duffing equation: nonlinear oscillators and their behaviour (2011)",
+    signature="force errs by a cubic of contraction, the same at every pressure and in both directions",
+    split_by="a slow sweep over the whole range of contraction at two pressures",
+    relatives=("end_stiffening", "moment_arm_variation"),
+    apply=apply,
+)
+
+
+def stiffen(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's terms: force of the cubic spring over that of the linear one, at one scale of motion."""
+    return {"cubic": parameters["share"]}
+
+
+DUFFING = DynamicEffect(
+    name="cubic_stiffness",
+    form="duffing",
+    site="motion",
+    parameters=(
+        Parameter(
+            "share", "1", -0.9, 10.0, 0.0, 0.5, "deceleration at one scale, scales per squared pace", (0.1, -0.05)
+        ),
+    ),
+    source="Kovacic, Brennan, The Duffing equation: nonlinear oscillators and their behaviour (2011)",
+    signature="the resonance bends towards higher frequency as the motion grows, and lower where the spring softens",
+    split_by="a slow sweep through the resonance at a small and a large input",
+    relatives=(),
+    terms=stiffen,
+)
+
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with the cube of its way from the middle."""
+    return answer + parameters["share"] * bench.along * bench.along * bench.along
+
+
+HARDENING_ELEMENT = ElementEffect(
+    name="cubic_stiffness",
+    form="element",
+    parameters=(
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "at one scale from the middle over the answer's", (0.1, -0.1)),
+    ),
+    source=EFFECT.source,
+    signature="the answer errs by a cubic of position, the same in both directions",
+    split_by="a slow sweep over the whole range",
+    relatives=("saturation",),
+    apply=apply_to_element,
+)
+
+FORMS = (EFFECT, DUFFING, HARDENING_ELEMENT)

@@ -1,0 +1,55 @@
+"""A sensor with coarse counts: what it shows is a whole number of them.
+
+The only effect that is not continuous in its magnitude; it never errs by more than half a count. Differences between
+values that are whole multiples of one number give it away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, in whole counts."""
+    if parameters["count_share"] == 0.0:
+        return signal
+    count = parameters["count_share"] * state.muscles.full_force_n
+    return np.round(signal / count) * count
+
+
+def apply_to_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the pressure, kPa, in whole counts."""
+    count = parameters["count_kpa"]
+    return signal if count == 0.0 else np.round(signal / count) * count
+
+
+EFFECT = ChainEffect(
+    name="quantisation",
+    form="force",
+    site="sensor",
+    signal="sensed_force_n",
+    parameters=(Parameter("count_share", "1", 0.0, 0.1, 0.002, 0.005, "count over the largest force", (0.003, 0.02)),),
+    source="Widrow, Kollar, Quantization noise (2008)",
+    signature="force moves in equal steps and stands between them",
+    split_by="a slow sweep of pressure: the steps are equal",
+    relatives=(),
+    apply=apply,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="pressure",
+        signal="sensed_pressure_kpa",
+        parameters=(Parameter("count_kpa", "kPa", 0.0, 50.0, 1.0, 2.0, "count", (1.0, 5.0)),),
+        signature="pressure moves in equal steps and stands between them",
+        apply=apply_to_pressure,
+    ),
+)

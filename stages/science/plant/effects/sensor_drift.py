@@ -1,0 +1,130 @@
+"""A sensor whose zero wanders off along the session, evenly or until it has warmed up.
+
+Time is that of the session: the trial's start, and the time within it. Where starts are not known, only the time within
+the trial counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State
+from stages.science.signals.trajectories import Array
+
+MINUTE_S = 60.0
+
+
+def _session_s(state: State) -> Array:
+    return state.time_s[:, None] + state.start_s
+
+
+def _warm(state: State, tau_s: float) -> Array:
+    return -np.expm1(-_session_s(state) / tau_s)
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, with an even drift."""
+    minutes = _session_s(state) / MINUTE_S
+    return signal + parameters["share_per_min"] * state.muscles.full_force_n * minutes
+
+
+def apply_warming(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, with a drift that ends."""
+    return signal + parameters["share"] * state.muscles.full_force_n * _warm(state, parameters["tau_s"])
+
+
+def apply_to_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the pressure, kPa, with an even drift."""
+    return signal + parameters["drift_kpa_per_min"] * (_session_s(state) / MINUTE_S)
+
+
+def apply_warming_to_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the pressure, kPa, with a drift that ends."""
+    return signal + parameters["drift_kpa"] * _warm(state, parameters["tau_s"])
+
+
+TAU = Parameter("tau_s", "s", 5.0, 3600.0, 200.0, 200.0, "time constant of warming up", (40.0, 200.0))
+
+EFFECT = ChainEffect(
+    name="sensor_drift",
+    form="force_linear",
+    site="sensor",
+    signal="sensed_force_n",
+    parameters=(
+        Parameter("share_per_min", "1/min", -0.1, 0.1, 0.0, 0.005, "drift over the largest force", (0.003, -0.003)),
+    ),
+    source="JCGM 200, International vocabulary of metrology (2012), 4.21: instrumental drift",
+    signature="force errs by an amount that changes along the session and not with what is done",
+    split_by="the same reference trial at the session's start, middle and end",
+    relatives=("creep",),
+    apply=apply,
+)
+
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with an even drift."""
+    return answer + parameters["share_per_100_paces"] * bench.session_s / (100.0 * bench.pace_s)
+
+
+DRIFTING_ELEMENT = ElementEffect(
+    name="sensor_drift",
+    form="element",
+    parameters=(
+        Parameter("share_per_100_paces", "1", -5.0, 5.0, 0.0, 0.3, "drift over the answer's scale", (0.1, -0.1)),
+    ),
+    source=EFFECT.source,
+    signature="the answer errs by an amount that changes along the session and not with what is done",
+    split_by="the same movement at the beginning and at the end",
+    relatives=("creep",),
+    apply=apply_to_element,
+)
+
+
+def apply_warming_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with a drift that ends."""
+    since = bench.session_s / (100.0 * bench.pace_s)
+    return answer + parameters["share"] * (1.0 - np.exp(-since * parameters["rate_per_100_paces"]))
+
+
+WARMING_ELEMENT = replace(
+    DRIFTING_ELEMENT,
+    form="element_warming",
+    parameters=(
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "drift in the end over the answer's scale", (0.1, -0.1)),
+        Parameter("rate_per_100_paces", "1", 0.01, 20.0, 1.0, 2.0, "how quickly it ends, in 100 paces", (0.3, 2.0)),
+    ),
+    apply=apply_warming_to_element,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="force_warming",
+        parameters=(Parameter("share", "1", -0.3, 0.3, 0.0, 0.02, "drift over the largest force", (0.02, -0.02)), TAU),
+        apply=apply_warming,
+    ),
+    replace(
+        EFFECT,
+        form="pressure_linear",
+        signal="sensed_pressure_kpa",
+        parameters=(Parameter("drift_kpa_per_min", "kPa/min", -50.0, 50.0, 0.0, 2.0, "drift", (1.0, -1.0)),),
+        signature="pressure errs by an amount that changes along the session and not with what is done",
+        relatives=(),
+        apply=apply_to_pressure,
+    ),
+    replace(
+        EFFECT,
+        form="pressure_warming",
+        signal="sensed_pressure_kpa",
+        parameters=(Parameter("drift_kpa", "kPa", -100.0, 100.0, 0.0, 5.0, "drift in the end", (6.0, -6.0)), TAU),
+        signature="pressure errs by an amount that changes along the session and not with what is done",
+        relatives=(),
+        apply=apply_warming_to_pressure,
+    ),
+    DRIFTING_ELEMENT,
+    WARMING_ELEMENT,
+)

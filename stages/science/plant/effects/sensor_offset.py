@@ -1,0 +1,72 @@
+"""A sensor that shows something at nothing: the zero of a load cell or of a pressure sensor.
+
+A load cell's zero is one of the nominal constants, which take it up. A pressure sensor's shows in the pressure, where
+the regulator's zero takes it up, and in the force, where the pressure that acts is not the one shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
+from stages.science.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, with the load cell's offset."""
+    return signal + parameters["share"] * state.muscles.full_force_n
+
+
+def apply_to_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the pressure, kPa, with its sensor's offset."""
+    return signal + parameters["offset_kpa"]
+
+
+EFFECT = ChainEffect(
+    name="sensor_offset",
+    form="force",
+    site="sensor",
+    signal="sensed_force_n",
+    parameters=(Parameter("share", "1", -0.3, 0.3, 0.0, 0.02, "offset over the largest force", (0.02, -0.02)),),
+    source="JCGM 200, International vocabulary of metrology (2012), 4.20 and 4.28: instrumental bias and zero error",
+    signature="force errs by the same amount always",
+    split_by="the load cell unloaded, before and after the session",
+    relatives=("threshold_pressure", "pressure_dead_band", "series_elasticity"),
+    apply=apply,
+)
+
+
+def shift_reading(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's term: what the sensor adds, in scales of motion."""
+    return {"sensor_offset": parameters["share"]}
+
+
+OSCILLATOR = DynamicEffect(
+    name="sensor_offset",
+    form="motion",
+    site="motion",
+    parameters=(Parameter("share", "1", -1.0, 1.0, 0.0, 0.1, "offset in scales of motion", (0.05,)),),
+    source=EFFECT.source,
+    signature="the response errs by the same amount at all times",
+    split_by="a reading at rest without input",
+    relatives=(),
+    terms=shift_reading,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="pressure",
+        signal="sensed_pressure_kpa",
+        parameters=(
+            Parameter("offset_kpa", "kPa", -100.0, 100.0, 0.0, 5.0, "what it shows at no pressure", (8.0, -8.0)),
+        ),
+        signature="pressure errs by the same amount always, and force as if pressure were another",
+        split_by="the muscle vented, before and after the session",
+        relatives=("threshold_pressure",),
+        apply=apply_to_pressure,
+    ),
+    OSCILLATOR,
+)

@@ -1,0 +1,73 @@
+"""Dry friction of a cable that is largest as it begins to slide and falls with velocity to a constant size.
+
+Without the rise it is Coulomb friction; a load cell at the muscle's tip does not see it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.presliding import PRESLIDING, slide_after_yielding
+from stages.science.signals.trajectories import Array
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N."""
+    velocity = state.velocity_per_s
+    fading = np.exp(-((velocity / parameters["stribeck_per_s"]) ** 2))
+    size = parameters["share"] * state.muscles.full_force_n * (1.0 + parameters["rise"] * fading)
+    return signal - size * np.tanh(velocity / parameters["sliding_per_s"])
+
+
+def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the tension at the joint's end, N; the cable yields a little before it slides."""
+    fading = np.exp(-((state.velocity_per_s / parameters["stribeck_per_s"]) ** 2))
+    size = parameters["share"] * state.muscles.full_force_n * (1.0 + parameters["rise"] * fading)
+    return signal - size * slide_after_yielding(state, parameters)
+
+
+EFFECT = ChainEffect(
+    name="stribeck_friction",
+    form="gaussian",
+    site="transmission",
+    signal="tension_n",
+    parameters=(
+        Parameter("share", "1", 0.0, 0.4, 0.01, 0.02, "friction in quick sliding over the largest force", (0.01, 0.05)),
+        Parameter("rise", "1", 0.0, 4.0, 0.8, 0.6, "friction at breakaway over that in quick sliding, less 1", (1.0,)),
+        Parameter(
+            "stribeck_per_s", "1/s", 0.003, 0.5, 0.05, 0.05, "contraction velocity at which it falls", (0.02, 0.08)
+        ),
+        Parameter(
+            "sliding_per_s", "1/s", 0.0005, 0.02, 0.01, 0.01, "contraction velocity at which it slides", (0.005,)
+        ),
+    ),
+    source=(
+        "Armstrong-Helouvry, Dupont, Canudas de Wit, A survey of models, analysis tools and compensation methods for "
+        "the control of machines with friction, Automatica 30 (1994)"
+    ),
+    signature="force steps at reversals by more in slow motion than in quick motion",
+    split_by="reversals at constant pressure, from very slow to quick",
+    relatives=("coulomb_friction", "capstan_friction"),
+    apply=apply,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="presliding",
+        parameters=(
+            *EFFECT.parameters[:3],
+            PRESLIDING,
+        ),
+        source=(
+            "Canudas de Wit, Olsson, Astrom, Lischinsky, A new model for control of systems with friction, IEEE Trans. "
+            "Autom. Control 40 (1995); its bristles here as one stop"
+        ),
+        apply=apply_with_presliding,
+    ),
+)

@@ -1,0 +1,145 @@
+"""Friction that grows with velocity, beyond the nominal damping.
+
+`linear` is the nominal damping itself, which a fit of the constants takes up; `power_law` bends with velocity, and
+`pressure_scaled` grows with pressure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
+from stages.science.plant.muscle import pull_at_rest
+from stages.science.signals.trajectories import Array
+
+USUAL_PER_S = 0.1
+
+
+def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less a share of the largest force per velocity."""
+    quick = state.velocity_per_s / USUAL_PER_S
+    return signal - parameters["share"] * state.muscles.full_force_n * quick
+
+
+def apply_power(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less a power of velocity."""
+    quick = state.velocity_per_s / USUAL_PER_S
+    bent = np.copysign(np.abs(quick) ** parameters["exponent"], quick)
+    return signal - parameters["share"] * state.muscles.full_force_n * bent
+
+
+def apply_with_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less a share of the force at this pressure per velocity."""
+    quick = state.velocity_per_s / USUAL_PER_S
+    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * quick
+
+
+def _share_of(what: str) -> Parameter:
+    return Parameter("share", "1", 0.0, 0.5, 0.02, 0.03, f"friction at 0.1 /s over {what}", (0.02, 0.1))
+
+
+EFFECT = ChainEffect(
+    name="viscous_friction",
+    form="linear",
+    site="muscle",
+    signal="force_n",
+    parameters=(_share_of("the largest force"),),
+    source=(
+        "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Friction models and friction compensation, Eur. J. "
+        "Control 4 (1998)"
+    ),
+    signature="force is short in proportion to the velocity of shortening, and right at rest",
+    split_by="the same way at three speeds and two pressures",
+    relatives=("coulomb_friction", "channel_misalignment"),
+    apply=apply,
+)
+
+
+def damp(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the motion's term: damping per pace."""
+    return {"damping": parameters["share"]}
+
+
+DAMPED_MOTION = DynamicEffect(
+    name="viscous_friction",
+    form="linear_damping",
+    site="motion",
+    parameters=(
+        Parameter("share", "1", 0.0, 50.0, 0.0, 1.0, "deceleration at one scale per pace, scales per pace", (0.1, 1.0)),
+    ),
+    source=EFFECT.source,
+    signature="the motion runs ahead in proportion to its velocity",
+    split_by="coasting without force: velocity decays exponentially",
+    relatives=("coulomb_friction",),
+    terms=damp,
+)
+
+
+def drag(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the oscillator's term: force of the drag over the spring's, moving one scale per radian."""
+    return {"drag": parameters["share"]}
+
+
+QUADRATIC = DynamicEffect(
+    name="viscous_friction",
+    form="quadratic_drag",
+    site="motion",
+    parameters=(
+        Parameter(
+            "share", "1", 0.0, 10.0, 0.0, 0.2, "deceleration at one scale per pace, scales per squared pace", (0.05,)
+        ),
+    ),
+    source="Nayfeh, Mook, Nonlinear oscillations (1979), section 3.3.2: quadratic damping",
+    signature="the resonance flattens as the motion grows: damping lacks at high velocity",
+    split_by="free decay from a large motion: its envelope bends",
+    relatives=("coulomb_friction", "hysteresis"),
+    terms=drag,
+)
+
+
+def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
+    """Return an element's answer with a friction in proportion to the rate of its motion."""
+    return answer + parameters["share"] * bench.rate
+
+
+DAMPED_ELEMENT = ElementEffect(
+    name="viscous_friction",
+    form="element",
+    parameters=(
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "friction at one scale per pace over the answer's", (0.1, -0.1)),
+    ),
+    source=EFFECT.source,
+    signature="the answer errs in proportion to the rate of motion, and is right at rest",
+    split_by="the same loop at three speeds: its width grows with speed",
+    relatives=("coulomb_friction", "channel_misalignment"),
+    apply=apply_to_element,
+)
+
+FORMS = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="power_law",
+        parameters=(
+            _share_of("the largest force"),
+            Parameter("exponent", "1", 0.2, 2.5, 1.0, 0.5, "power of velocity", (0.5, 1.8)),
+        ),
+        apply=apply_power,
+    ),
+    replace(
+        EFFECT,
+        form="pressure_scaled",
+        parameters=(_share_of("the force at this pressure and rest length"),),
+        source=(
+            "Reynolds, Repperger, Phillips, Bandry, Modeling the dynamic characteristics of pneumatic muscle, Ann. "
+            "Biomed. Eng. 31 (2003): damping grows with pressure"
+        ),
+        apply=apply_with_pressure,
+    ),
+    DAMPED_MOTION,
+    QUADRATIC,
+    DAMPED_ELEMENT,
+)

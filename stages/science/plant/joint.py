@@ -1,0 +1,236 @@
+"""Motion of the joints: limb, muscles, gravity, friction, end stops and the person, in one compiled integrator.
+
+Pressures and intentions over time flow in; joint angles and velocities come out, by the classical Runge-Kutta rule with
+a fixed number of steps per sample. Every term is always there and zero where absent, so that no combination of effects
+compiles anew. Joints touch each other through the person alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from stages.science.plant.effect import JointEffect
+from stages.science.plant.exoskeleton import Exoskeleton, Joint
+from stages.science.plant.muscle import MuscleConstants, pull
+from stages.science.plant.participant import Intention, Person
+from stages.science.plant.plant import Plant
+from stages.science.signals.trajectories import Array
+
+STABLE = 2.78
+"""Largest product of step and rate at which the classical Runge-Kutta rule does not diverge, on the real axis."""
+
+
+class JointConstants(NamedTuple):
+    """Constants of one joint."""
+
+    inertia_kg_m2: float
+    gravity_torque_nm: float
+    gravity_zero_rad: float
+    viscous_nm_s_per_rad: float
+    lower_rad: float
+    upper_rad: float
+    stop_nm_per_rad: float
+    stop_nm_s_per_rad: float
+    coulomb_nm: float
+    coulomb_rad_per_s: float
+
+
+def quickest_rate(joint: Joint, person: Person) -> float:
+    """Return a bound on the rate of a joint's free motion against its end stop, held by a person, 1/s.
+
+    It is the sum of damping over inertia and of the root of stiffness over inertia, which bounds both roots of the
+    characteristic equation. Muscles and friction, which saturate, are left out.
+    """
+    stiffness = joint.stop_nm_per_rad + person.stiffness_nm_per_rad
+    damping = joint.viscous_nm_s_per_rad + joint.stop_nm_s_per_rad + person.damping_nm_s_per_rad
+    return damping / joint.inertia_kg_m2 + math.sqrt(stiffness / joint.inertia_kg_m2)
+
+
+def collect_joints(exoskeleton: Exoskeleton, plant: Plant) -> list[JointConstants]:
+    """Return the joints' constants, with what the plant's joint effects add to them."""
+    absent = {"coulomb_nm": 0.0, "coulomb_rad_per_s": 1.0}
+    own = [name for name in JointConstants._fields if name not in absent]
+    rows = {row.name: {name: float(getattr(row, name)) for name in own} | absent for row in exoskeleton.joints}
+    for entry in plant.effects:
+        if isinstance(entry.effect, JointEffect):
+            for name in entry.joints or exoskeleton.joint_names:
+                rows[name] |= entry.effect.terms(entry.parameters)
+    return [JointConstants(**row) for row in rows.values()]
+
+
+@njit(cache=True, error_model="numpy")
+def sum_passive_torque(angle: float, velocity: float, joint: JointConstants) -> float:
+    """Return the torque of gravity, friction and end stops, N m."""
+    torque = -joint.gravity_torque_nm * math.sin(angle - joint.gravity_zero_rad) - joint.viscous_nm_s_per_rad * velocity
+    if joint.coulomb_nm > 0.0:
+        torque -= joint.coulomb_nm * math.tanh(velocity / joint.coulomb_rad_per_s)
+    over = max(angle - joint.upper_rad, 0.0) + min(angle - joint.lower_rad, 0.0)
+    if over != 0.0:
+        torque -= joint.stop_nm_per_rad * over + joint.stop_nm_s_per_rad * velocity
+    return torque
+
+
+@njit(cache=True, error_model="numpy")
+def sum_muscle_torque(angle: float, velocity: float, inputs: Array, s: int, muscles: Array) -> float:
+    """Return the torque of a joint's muscles, N m, under row `s` of `inputs` (S, 3, m): pressure, deviation, drag."""
+    torque = 0.0
+    for m in range(muscles.shape[0]):
+        at_zero, per_rad, arm = muscles[m, 7], muscles[m, 8], muscles[m, 9]
+        tension = pull(
+            inputs[s, 0, m],
+            at_zero + per_rad * angle,
+            per_rad * velocity,
+            muscles[m, 0],
+            muscles[m, 1],
+            muscles[m, 2],
+            muscles[m, 3],
+            muscles[m, 4],
+            muscles[m, 5],
+            muscles[m, 6],
+        )
+        torque += arm * (tension + inputs[s, 1, m] - inputs[s, 2, m] * per_rad * velocity)
+    return torque
+
+
+@njit(cache=True, error_model="numpy")
+def find_rates(
+    angle: float,
+    velocity: float,
+    held: float,
+    inputs: Array,
+    s: int,
+    target: float,
+    target_velocity: float,
+    push: float,
+    joint: JointConstants,
+    muscles: Array,
+    person: Person,
+) -> tuple[float, float]:
+    """Return the rates of velocity, rad/s^2, and of the torque that the person holds, N m/s."""
+    effort = person.stiffness_nm_per_rad * (target - angle)
+    wanted = effort + person.damping_nm_s_per_rad * (target_velocity - velocity) + held
+    given = min(max(wanted, -person.strength_nm), person.strength_nm)
+    held_rate = effort * person.compensation_per_s if given == wanted else 0.0
+    torque = sum_muscle_torque(angle, velocity, inputs, s, muscles) + sum_passive_torque(angle, velocity, joint)
+    return (torque + given + push) / joint.inertia_kg_m2, held_rate
+
+
+@njit(cache=True, error_model="numpy")
+def _integrate(
+    drive: Array,
+    target: Array,
+    target_velocity: Array,
+    push: Array,
+    start: float,
+    joint: JointConstants,
+    muscles: Array,
+    person: Person,
+    step_s: float,
+    substeps: int,
+) -> tuple[Array, Array]:
+    samples = target.shape[0]
+    angle, velocity = np.empty(samples), np.empty(samples)
+    inputs = np.empty((3, 3, muscles.shape[0]))
+    h = step_s / substeps
+    q, w, held = start, 0.0, 0.0
+    if person.compensation_per_s > 0.0:
+        load = sum_muscle_torque(q, w, drive, 0, muscles) + sum_passive_torque(q, w, joint)
+        held = min(max(-load, -person.strength_nm), person.strength_nm)
+    angle[0], velocity[0] = q, w
+    for k in range(samples - 1):
+        for i in range(substeps):
+            for s in range(3):
+                share = (i + 0.5 * s) / substeps
+                for n in range(3):
+                    for m in range(muscles.shape[0]):
+                        inputs[s, n, m] = drive[k, n, m] + share * (drive[k + 1, n, m] - drive[k, n, m])
+            dq, dw, dh = 0.0, 0.0, 0.0
+            sum_q, sum_w, sum_h = 0.0, 0.0, 0.0
+            for stage in range(4):
+                reach = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+                weight = 1.0 if stage == 0 or stage == 3 else 2.0
+                s = (stage + 1) // 2
+                share = (i + 0.5 * s) / substeps
+                aim = target[k] + share * (target[k + 1] - target[k])
+                aim_rate = target_velocity[k] + share * (target_velocity[k + 1] - target_velocity[k])
+                nudge = push[k] + share * (push[k + 1] - push[k])
+                q_now, w_now, held_now = q + reach * dq, w + reach * dw, held + reach * dh
+                dq = w_now
+                dw, dh = find_rates(q_now, w_now, held_now, inputs, s, aim, aim_rate, nudge, joint, muscles, person)
+                sum_q += weight * dq
+                sum_w += weight * dw
+                sum_h += weight * dh
+            q += h / 6.0 * sum_q
+            w += h / 6.0 * sum_w
+            held += h / 6.0 * sum_h
+        angle[k + 1], velocity[k + 1] = q, w
+    return angle, velocity
+
+
+def integrate_joints(
+    pressure_kpa: Array,
+    deviation_n: Array,
+    drag_n_s: Array,
+    intention: Intention,
+    start_rad: Array,
+    joints: Sequence[JointConstants],
+    muscles: MuscleConstants,
+    joint_of_muscle: Sequence[int],
+    person: Sequence[Person],
+    step_s: float,
+    substeps: int,
+) -> tuple[Array, Array]:
+    """Return the motion of the joints from rest.
+
+    Parameters
+    ----------
+    pressure_kpa : (T, M) ndarray
+        Pressure at the sampling instants, kPa gauge; linear between them, as are all inputs.
+    deviation_n, drag_n_s : (T, M) ndarray
+        Tension at the joint beyond the static law, N, less a drag, N s, times contraction velocity.
+    intention : Intention
+        What the person does.
+    start_rad : (J,) ndarray
+        Angles at the first sample.
+    joints : sequence of JointConstants
+        From `collect_joints`.
+    muscles : MuscleConstants
+        Of the M muscles.
+    joint_of_muscle : sequence of int
+        Index of each muscle's joint.
+    person : sequence of Person
+        Constants of the person at each joint; with one who compensates loads, the start is in balance.
+    step_s : float
+        Time between samples, s.
+    substeps : int
+        Integration steps per sample.
+
+    Returns
+    -------
+    tuple of (T, J) ndarray
+        Angle, rad, and velocity, rad/s.
+    """
+    drive = np.stack([pressure_kpa, deviation_n, drag_n_s], axis=1)
+    area = muscles.area_n_per_kpa * muscles.area_factor
+    rows = np.stack((area, *muscles[1:7], *muscles[8:11]), axis=1)
+    angle, velocity = np.empty_like(intention.angle_rad), np.empty_like(intention.angle_rad)
+    for j, joint in enumerate(joints):
+        on_joint = np.array(joint_of_muscle) == j
+        angle[:, j], velocity[:, j] = _integrate(
+            np.ascontiguousarray(drive[:, :, on_joint]),
+            np.ascontiguousarray(intention.angle_rad[:, j]),
+            np.ascontiguousarray(intention.velocity_rad_per_s[:, j]),
+            np.ascontiguousarray(intention.push_nm[:, j]),
+            float(start_rad[j]),
+            joint,
+            np.ascontiguousarray(rows[on_joint]),
+            person[j],
+            step_s,
+            substeps,
+        )
+    return angle, velocity

@@ -1,0 +1,130 @@
+"""What plants of records have in common: nominal constants with tolerances, and entries of their lists of effects.
+
+A section of YAML flows in; checked values come out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+from pydantic import BaseModel, Field, model_serializer, model_validator
+
+from stages.science.plant.declaration import Declared
+from stages.science.plant.effect import Effect, Parameter, find_effect, list_forms, name_module
+from stages.science.plant.plant import check_parameters
+
+
+class NominalConstant(Declared):
+    """A constant of the textbook model: where a fit begins, and how far it may go; null for the data's own."""
+
+    unit: str
+    start: float | None
+    low: float | None
+    high: float | None
+    sd: float | None = Field(description="standard deviation of the prior about the start")
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        known = [each for each in (self.start, self.low, self.high, self.sd) if each is not None]
+        if not known:
+            return self
+        if len(known) < 4:
+            raise ValueError("expected start, low, high and sd, or null for all of them")
+        start, low, high, sd = known
+        if not low <= start <= high or low == high or sd <= 0.0:
+            raise ValueError(f"expected low <= start <= high, low < high and sd > 0, got {low}, {start}, {high}, {sd}")
+        return self
+
+    def settle(self, start: float, low: float, high: float, sd: float) -> Self:
+        """Return the constant with these, where it has none of its own."""
+        if self.start is not None:
+            return self
+        return self.model_copy(update={"start": min(max(start, low), high), "low": low, "high": high, "sd": sd})
+
+    def as_parameter(self, name: str, description: str) -> Parameter:
+        """Return what a fit takes.
+
+        Raises
+        ------
+        ValueError
+            While its bounds are open.
+        """
+        if self.start is None or self.low is None or self.high is None or self.sd is None:
+            raise ValueError(f"constant {name}: its bounds are the data's own, and there are no data yet")
+        return Parameter(name, self.unit, self.low, self.high, self.start, self.sd, description, starts=(self.start,))
+
+
+UNIT = "unit"
+
+
+def constant(unit: str, description: str) -> Any:
+    """Return the declaration of a nominal constant with its unit, which the configuration may then leave out."""
+    return Field(description=description, json_schema_extra={UNIT: unit})
+
+
+def leave_open(constants: type[BaseModel]) -> dict[str, Any] | None:
+    """Return a section that leaves all constants of a model to the data; None where it does not tell their units."""
+    told = {name: each.json_schema_extra for name, each in constants.model_fields.items()}
+    units = {name: each[UNIT] for name, each in told.items() if isinstance(each, dict) and UNIT in each}
+    open_values = {"start": None, "low": None, "high": None, "sd": None}
+    return {name: {"unit": unit, **open_values} for name, unit in units.items()} if len(units) == len(told) else None
+
+
+class ListedEffect(Declared):
+    """One entry of a plant's list: an effect by name, its form and its parameters, written flat in YAML.
+
+    `form` is the first that acts at the plant's site, where the entry does not say.
+    """
+
+    SITE: ClassVar[str]
+
+    name: str
+    form: str
+    parameters: dict[str, float]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, entry: Any) -> Any:
+        if not isinstance(entry, Mapping) or "parameters" in entry:
+            return entry
+        if "name" not in entry:
+            raise ValueError("an effect needs a name")
+        effect = find_effect_at(cls.SITE, str(entry["name"]), entry.get("form"))
+        numbers = {key: value for key, value in entry.items() if key not in ("name", "form")}
+        return {"name": effect.name, "form": effect.form, "parameters": check_parameters(effect, numbers)}
+
+    @model_serializer
+    def _write(self) -> dict[str, Any]:
+        return {"name": self.name, "form": self.form, **self.parameters}
+
+    @property
+    def effect(self) -> Effect:
+        """The effect itself."""
+        return find_effect_at(self.SITE, self.name, self.form)
+
+    @property
+    def imported_by_name(self) -> tuple[str, ...]:
+        """Module of the effect."""
+        return (name_module(self.name),)
+
+
+def list_effects_at(site: str, names: Any) -> list[Effect]:
+    """Return the forms of some effects that act at a site."""
+    return [effect for name in names for effect in list_forms(name) if effect.site == site]
+
+
+def find_effect_at(site: str, name: str, form: str | None) -> Effect:
+    """Return an effect that acts at a site, in the form given or its first.
+
+    Raises
+    ------
+    ValueError
+        When there is none.
+    """
+    wanted = find_effect(name, form) if form is not None else None
+    for effect in list_forms(name) if wanted is None else (wanted,):
+        if effect.site == site:
+            return effect
+    article = "an" if site[0] in "aeio" else "a"
+    raise ValueError(f"effect {name}{f', form {form},' if form else ''} does not act at {article} {site}")

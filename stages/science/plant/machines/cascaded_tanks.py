@@ -1,0 +1,229 @@
+"""Two water tanks, one above the other: a pump fills the upper, which runs into the lower, which runs out.
+
+Flow out of a tank goes with the root of its level (Torricelli). A measured pump voltage flows in, with constants and
+the terms that named effects add; the reading of the lower level flows out. Levels are told in the unit of the reading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Literal, NamedTuple, Self
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from stages.science.plant.declaration import Declared
+from stages.science.plant.listed import ListedEffect, NominalConstant
+from stages.science.plant.reading import read
+from stages.science.plant.record_plant import (
+    HEAD,
+    Beginning,
+    Placed,
+    Positive,
+    RecordPlant,
+    Watched,
+    begin,
+    collect,
+    read_beginning,
+)
+from stages.science.signals.trajectories import Array
+
+SITE = "tank"
+
+
+class TankValues(NamedTuple):
+    """Constants of both tanks, levels in the unit of the reading, time in seconds."""
+
+    upper_outflow: float
+    lower_inflow: float
+    lower_outflow: float
+    pump_gain: float
+    reading_offset: float
+    timing_s: float
+
+
+class TankTerms(NamedTuple):
+    """What effects add; levels over the output's scale, without a value given, nothing."""
+
+    scale_over_rim: float = 0.0
+    share_down: float = 0.0
+    leak: float = 0.0
+    drive_cut: float = 0.0
+    level_cut: float = 0.0
+    unread: float = 0.0
+    lowest: float = -math.inf
+    highest: float = math.inf
+
+
+@njit(cache=True, error_model="numpy")
+def _change(
+    upper: float, lower: float, pump: float, values: TankValues, terms: TankTerms, rim: float
+) -> tuple[float, float]:
+    filled = values.pump_gain * max(pump, 0.0)
+    down = math.sqrt(max(upper, 0.0))
+    over = 0.0
+    gain = filled - values.upper_outflow * down - terms.leak * upper
+    if terms.scale_over_rim > 0.0 and upper >= rim and gain > 0.0:
+        over, gain = gain, 0.0
+    into = values.lower_inflow * down + terms.share_down * over
+    return gain, into - values.lower_outflow * math.sqrt(max(lower, 0.0))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _fill(
+    pump: Array,
+    upper: float,
+    lower: float,
+    values: TankValues,
+    terms: TankTerms,
+    scale: float,
+    step_s: float,
+    substeps: int,
+) -> Array:
+    """Return the reading for a pump's voltage, (N,), on straight lines between samples, from levels to begin at."""
+    reading = np.empty(pump.shape[0])
+    h, late = step_s / substeps, values.timing_s / step_s
+    rim = scale / terms.scale_over_rim if terms.scale_over_rim > 0.0 else 1e300
+    upper, lower = min(max(upper, 0.0), rim), max(lower, 0.0)
+    most = scale / terms.drive_cut if terms.drive_cut > 0.0 else 1e300
+    full = scale / terms.level_cut - values.reading_offset if terms.level_cut > 0.0 else 1e300
+    for k in range(pump.shape[0]):
+        reading[k] = lower + values.reading_offset
+        for i in range(substeps):
+            at = min(max(k + (i + 0.5) / substeps - late, 0.0), pump.shape[0] - 1.0)
+            left = int(at)
+            right = min(left + 1, pump.shape[0] - 1)
+            u = min(pump[left] + (at - left) * (pump[right] - pump[left]), most)
+            a1, b1 = _change(upper, lower, u, values, terms, rim)
+            middle_upper, middle_lower = upper + 0.5 * h * a1, lower + 0.5 * h * b1
+            a2, b2 = _change(middle_upper, middle_lower, u, values, terms, rim)
+            upper = min(max(upper + h * a2, 0.0), rim)
+            lower = min(max(lower + h * b2, 0.0), full)
+    return reading
+
+
+def _rest(pump: Array, values: TankValues) -> Array:
+    """Return the state (2, R) in which tanks rest under a pump's voltage (R,)."""
+    down = values.lower_inflow * values.pump_gain * np.maximum(pump, 0.0) / values.upper_outflow
+    return np.stack([down, (down / values.lower_outflow) ** 2])
+
+
+def _read_state(begun: Beginning, values: TankValues) -> Array:
+    """Return the state (2, R) that the first readings tell: what the lower tank gains and loses ran into it."""
+    lower = np.maximum(begun.value - values.reading_offset, 0.0)
+    return np.stack([np.maximum(begun.rate + values.lower_outflow * np.sqrt(lower), 0.0), lower])
+
+
+class TankConstants(Declared):
+    """Constants of the textbook tanks."""
+
+    upper_outflow: NominalConstant = Field(description="flow out of the upper tank over the root of its level")
+    lower_inflow: NominalConstant = Field(description="the same flow as it fills the lower tank")
+    lower_outflow: NominalConstant = Field(description="flow out of the lower tank over the root of its level")
+    pump_gain: NominalConstant = Field(description="rise of the upper level over the pump's voltage")
+    reading_offset: NominalConstant = Field(description="what the sensor adds to the lower level")
+    timing_s: NominalConstant = Field(description="by which the input acts later than it was recorded, within a sample")
+
+
+class TankEffect(ListedEffect):
+    """An effect that acts at the tanks."""
+
+    SITE = SITE
+
+
+class CascadedTanks(RecordPlant):
+    """Everything that simulating two tanks takes."""
+
+    SITE: ClassVar[str] = SITE
+
+    kind: Literal["cascaded_tanks"]
+    input: str
+    substeps: int = Field(ge=1, le=1000, description="integration steps per sample")
+    output_scale: Positive = Field(description="level in which effects tell theirs, unit of the reading")
+    pace_s: Positive = Field(description="time in which a level follows, s")
+    constants: TankConstants
+    effects: list[TankEffect]
+
+    @model_validator(mode="after")
+    def _check_effects(self) -> Self:
+        collect(TankTerms, SITE, self.place())
+        return self
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The pump's voltage."""
+        return (self.input,)
+
+    @property
+    def finest_s(self) -> float:
+        """Time between samples, s, below which more of them tell no more."""
+        return 0.01 * self.movement_s
+
+    @property
+    def movement_s(self) -> float:
+        """Time in which a level follows, s."""
+        return self.pace_s
+
+    @property
+    def other_starts(self) -> list[dict[str, float]]:
+        """Tanks that are slower and quicker throughout."""
+        rates = ("upper_outflow", "lower_inflow", "lower_outflow", "pump_gain")
+        return [{name: pace * self.starts[name] for name in rates} for pace in (0.5, 2.0)]
+
+    @property
+    def memory_s(self) -> float:
+        """Time in which levels forget what was pumped, s; assumed: five times that in which one follows."""
+        return 5.0 * self.pace_s
+
+    def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+        """Return the plant with bounds of its timing, where they were left open; a fit begins at an input held."""
+        guessed = (0.5 * step_s, -step_s, step_s, 0.5 * step_s)
+        told = {**self.nominal, "timing_s": self.constants.timing_s.settle(*guessed)}
+        return self.model_copy(update={"constants": TankConstants(**told)})
+
+    def simulate(
+        self,
+        signals: Mapping[str, Array],
+        step_s: float,
+        start_s: Array,
+        constants: Mapping[str, float],
+        effects: Sequence[Placed] = (),
+        begun: Beginning | None = None,
+    ) -> Array:
+        """Return the reading, (T, R), each record from its own beginning; see `RecordPlant.simulate`."""
+        terms = collect(TankTerms, SITE, self.place(effects))
+        values = TankValues(**constants)
+        columns = np.ascontiguousarray(signals[self.input].T)
+        ends = [self.output_scale * each for each in (terms.lowest, terms.highest)]
+
+        def run(state: Array, chosen: NDArray[np.int_], samples: int) -> Array:
+            upper, lower = (np.maximum(state[0], 0.0) / values.lower_inflow) ** 2, state[1]
+            filled = (
+                _fill(columns[k, :samples], high, low, values, terms, self.output_scale, step_s, self.substeps)
+                for k, high, low in zip(chosen, upper, lower, strict=True)
+            )
+            return read(np.stack(list(filled), axis=1), terms.unread, *ends)
+
+        state = _rest(columns[:, 0], values) if begun is None else _read_state(begun, values)
+        if begun is not None and self.output in signals:
+            heads = signals[self.output][:HEAD]
+            wide = np.full(state.shape, self.output_scale) / np.array([[self.pace_s], [1.0]])
+            state = begin(lambda at, of: run(at, of, len(heads)), state, wide, heads, begun.noise)
+        return run(state, np.arange(len(columns)), columns.shape[1])
+
+    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+        """Return the input, and the level as the textbook's tanks would have it."""
+        begun = read_beginning([signals[self.output][:HEAD, k] for k in range(signals[self.output].shape[1])], step_s)
+        level = self.model_copy(update={"effects": []}).simulate(signals, step_s, np.zeros(1), constants, (), begun)
+        rate = np.gradient(level, step_s, axis=0) * self.pace_s
+        return [
+            Watched(self.input, signals[self.input], False),
+            Watched("level", level, False),
+            Watched("rate of level", rate, True),
+        ]
+
+
+PLANT = CascadedTanks

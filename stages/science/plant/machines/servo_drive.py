@@ -1,0 +1,108 @@
+"""An electro-mechanical drive: a mass that a measured force moves, M q'' = force, with nothing that holds or damps it.
+
+Friction is no textbook constant here: it is what such a model misses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Literal, cast
+
+import numpy as np
+from pydantic import Field
+
+from stages.science.plant.linear_guess import regress
+from stages.science.plant.listed import NominalConstant
+from stages.science.plant.motion_plant import MotionConstants, MotionPlant, Pull
+from stages.science.plant.record_plant import AT_REST, Beginning, Watched
+from stages.science.signals.trajectories import Array
+
+START = 0.002
+"""Least error of the place, in scales, and of the velocity, in scales per pace, in which a record begins."""
+MOVING, FEWEST_MOVING = 0.1, 100
+"""Velocity over the largest, above which a drive moves; and samples of which its mass is guessed, at least."""
+SMOOTHED = 0.1
+"""Width of the window by which a measured motion is smoothed, paces."""
+
+
+class DriveConstants(MotionConstants):
+    """Constants of the textbook drive."""
+
+    mass: NominalConstant = Field(description="force over acceleration")
+    force_offset: NominalConstant = Field(description="what the amplifier adds to the force, or gravity")
+    start_shift: NominalConstant = Field(description="of the place in which a record begins, beside what is read there")
+    start_rate_shift: NominalConstant = Field(description="of the velocity in which it begins")
+
+
+class ServoDrive(MotionPlant):
+    """Everything that simulating a drive takes."""
+
+    SETTLES: ClassVar[bool] = False
+    FILTER: ClassVar[float] = 0.03
+
+    kind: Literal["servo_drive"]
+    force: str
+    constants: DriveConstants
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The force or torque."""
+        return (self.force,)
+
+    def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
+        """Return force over mass."""
+        push = (signals[self.force] + constants["force_offset"]) / constants["mass"]
+        return Pull(push, 0.0, 0.0, 0.0, (constants["start_shift"], constants["start_rate_shift"]))
+
+    def guess(
+        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
+    ) -> dict[str, tuple[float, ...]]:
+        """Return the mass that filtered records show beside friction and springs, and no offset."""
+        rows = [
+            np.stack([f[:, 0], one[:, 0], -q[:, 1], -np.sign(q[:, 1]), -q[:, 0], -(q[:, 0] ** 3)], axis=1)
+            for f, one, q in zip(derivatives[self.force], derivatives[""], derivatives[self.output], strict=True)
+        ]
+        per_mass = regress(*_leave_out_rest(rows, derivatives[self.output], skipped), 0)[0]
+        largest = max(float(np.abs(f[:, 0]).max()) for f in derivatives[self.force])
+        quickest = max(float(np.abs(q[skipped:, 2]).max(initial=0.0)) for q in derivatives[self.output])
+        mass = 1.0 / per_mass if per_mass > 0.0 else largest / max(quickest, 1e-12)
+        place = START * cast(float, self.output_scale)
+        rate = max(place / cast(float, self.pace_s), AT_REST * float(begun.rate_error.max()))
+        place = max(place, float(begun.value_error.max()))
+        return {
+            "mass": (mass, 0.05 * mass, 20.0 * mass, mass),
+            "force_offset": (0.0, -largest, largest, 0.2 * largest),
+            "start_shift": (0.0, -20.0 * place, 20.0 * place, place),
+            "start_rate_shift": (0.0, -20.0 * rate, 20.0 * rate, rate),
+        }
+
+    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+        """Return the measured motion, smoothed, its velocity and the force: without friction a simulated one drifts."""
+        from scipy.ndimage import gaussian_filter1d
+
+        width = max(SMOOTHED * cast(float, self.pace_s) / step_s, 1.0)
+        return self.list_watched(gaussian_filter1d(signals[self.output], width, axis=0), signals, step_s)
+
+
+def _leave_out_rest(rows: Sequence[Array], outputs: Sequence[Array], skipped: int) -> tuple[list[Array], list[Array]]:
+    """Return columns and accelerations of the samples in which the drive moves: at rest, friction takes up any force.
+
+    Parameters
+    ----------
+    rows : sequence of (N_r, C) ndarray
+        Columns of each record.
+    outputs : sequence of (N_r, 3) ndarray
+        Filtered place, velocity and acceleration.
+    skipped : int
+        Samples in which the filters settle.
+    """
+    fastest = max(float(np.abs(q[skipped:, 1]).max(initial=0.0)) for q in outputs)
+    moves = [(np.abs(q[:, 1]) > MOVING * fastest) & (np.arange(len(q)) >= skipped) for q in outputs]
+    if sum(each.sum() for each in moves) < FEWEST_MOVING:
+        moves = [np.arange(len(q)) >= min(skipped, len(q) // 2) for q in outputs]
+    return [each[k] for each, k in zip(rows, moves, strict=True)], [
+        q[k, 2] for q, k in zip(outputs, moves, strict=True)
+    ]
+
+
+PLANT = ServoDrive

@@ -1,0 +1,305 @@
+"""A machine with one motion, told as accelerations: what its inputs bring, what holds it, what damps it.
+
+Signals of records flow in; the motion flows out. A subclass says how constants make the three; effects of the site
+`motion` act in all of them, in the machine's own scales.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from stages.science.plant.declaration import Declared
+from stages.science.plant.linear_guess import filter_derivatives, find_pace
+from stages.science.plant.listed import ListedEffect, NominalConstant
+from stages.science.plant.motion import SITE, WIDE, Between, MotionTerms, integrate, refine
+from stages.science.plant.record_plant import (
+    HEAD,
+    Beginning,
+    Case,
+    Placed,
+    Positive,
+    RecordPlant,
+    Watched,
+    begin,
+    collect,
+    list_limits,
+    read_beginning,
+)
+from stages.science.signals.trajectories import Array
+
+FINEST = 0.2
+"""Longest integration step, paces."""
+FINEST_FILTER = 2.0
+"""Shortest time constant of the filters by which constants are guessed, samples."""
+QUICKER, MOST_HALVINGS = 0.5, 12
+"""Share of the error that guesses at the usual pace leave, below which those at a quicker one are taken; most tries.
+
+A machine that is moved much more slowly than it moves by itself shows its usual motion in little else than what rests.
+"""
+
+
+class MotionEffect(ListedEffect):
+    """An effect that acts in a motion."""
+
+    SITE = SITE
+
+
+def _stack(columns: Sequence[Array], factor: float) -> Array:
+    """Return columns (N, R) of several cases as rows, (C R, N), times a factor."""
+    rows = np.empty((len(columns), columns[0].shape[1], len(columns[0])))
+    for place, each in enumerate(columns):
+        np.multiply(each.T, factor, out=rows[place])
+    return rows.reshape(-1, rows.shape[2])
+
+
+class Pull(NamedTuple):
+    """What accelerates a motion.
+
+    Parameters
+    ----------
+    push : (N, R) ndarray
+        What the inputs bring, unit of the output per squared second.
+    hold : float or (N, R) ndarray
+        Of the spring, per squared second.
+    damping : float
+        Per second.
+    offset : float
+        What the sensor adds, unit of the output.
+    start : (float, float)
+        What is added to the place and the velocity in which a record seems to begin, unit of the output and per second.
+    """
+
+    push: Array
+    hold: float | Array
+    damping: float
+    offset: float
+    start: tuple[float, float] = (0.0, 0.0)
+
+
+class MotionConstants(Declared):
+    """Constants of any motion that is recorded."""
+
+    timing_s: NominalConstant = Field(description="by which the input acts later than it was recorded, within a sample")
+
+
+class MotionPlant(RecordPlant):
+    """Everything that simulating one motion takes."""
+
+    SITE: ClassVar[str] = SITE
+    TOGETHER: ClassVar[int] = WIDE
+    SETTLES: ClassVar[bool] = True
+    """Whether it forgets how it began: then its own motion refines what the first samples tell of that."""
+    FILTER: ClassVar[float] = 0.3
+    """Time constant of the filters by which constants are guessed, paces."""
+
+    between_samples: Between
+    output_scale: Positive | None = Field(description="motion in which effects tell their sizes, unit of the output")
+    pace_s: Positive | None = Field(description="time of a radian of the usual motion, s")
+    effects: list[MotionEffect]
+
+    @model_validator(mode="after")
+    def _check_effects(self) -> Self:
+        collect(MotionTerms, SITE, self.place())
+        return self
+
+    @property
+    def pushing(self) -> tuple[str, ...]:
+        """All inputs."""
+        return self.inputs
+
+    @property
+    def drifts(self) -> bool:
+        """Whether nothing makes it forget how it began."""
+        return not self.SETTLES
+
+    def list_starts(
+        self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]
+    ) -> list[dict[str, float]] | None:
+        """Return limits of the drive that a twentieth, a fifth and half of the time lies beyond."""
+        if (effect.name, effect.form) != ("saturation", "drive"):
+            return None
+        pushes = [self.pull(each, constants).push for each in signals]
+        return list_limits(effect, pushes, cast(float, self.output_scale) / cast(float, self.pace_s) ** 2)
+
+    @property
+    def memory_s(self) -> float:
+        """Time in which a free motion decays to a thousandth, s."""
+        pulled = self.pull({name: np.zeros((1, 1)) for name in self.inputs}, self.starts)
+        hold, damping = float(np.max(pulled.hold)), pulled.damping
+        slowest = 0.5 * damping if damping**2 < 4.0 * hold else 0.5 * (damping - np.sqrt(damping**2 - 4.0 * hold))
+        return float(np.log(1e3) / slowest) if self.SETTLES and slowest > 0.0 else np.inf
+
+    @abstractmethod
+    def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
+        """Return what accelerates the motion under inputs (N, R), at whatever instants."""
+
+    @abstractmethod
+    def guess(
+        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
+    ) -> dict[str, tuple[float, ...]]:
+        """Return start, bounds and deviation of each constant.
+
+        Parameters
+        ----------
+        derivatives : mapping of str to sequence of (N_r, 3) ndarray
+            Signals of each record with two derivatives, through the same filter, by name; `""` is the number one.
+        skipped : int
+            Samples in which the filters settle.
+        begun : Beginning
+            How records begin.
+        """
+
+    def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+        """Return the plant with scales and constants, where they were left open; see `RecordPlant.settle`."""
+        outputs = [each[self.output] for each in records]
+        spans = [float(np.ptp(each)) for each in outputs]
+        usual_s = self.pace_s or max(find_pace(outputs, step_s), step_s)
+        scale = self.output_scale or max(0.5 * max(spans), 1e-12)
+        opened = self.model_copy(update={"output_scale": scale, "pace_s": usual_s})
+        if all(each.start is not None for each in self.nominal.values()):
+            return opened
+        begun = read_beginning([each[:HEAD] for each in outputs], step_s)
+        settled = opened._guess_constants(records, step_s, begun)
+        if self.pace_s:
+            return settled
+        settled = settled._follow_nature(records)
+        if not self.SETTLES:
+            return settled
+        least = QUICKER * settled._miss(records, step_s)
+        for halvings in range(1, MOST_HALVINGS):
+            quicker_s = usual_s * 0.5**halvings
+            if self.FILTER * quicker_s < FINEST_FILTER * step_s:
+                break
+            start = opened.model_copy(update={"pace_s": quicker_s})
+            tried = start._guess_constants(records, step_s, begun)._follow_nature(records)
+            missed = tried._miss(records, step_s)
+            if missed < least:
+                least, settled = missed, tried
+        return settled
+
+    def _guess_constants(self, records: Sequence[Mapping[str, Array]], step_s: float, begun: Beginning) -> Self:
+        """Return the plant with constants told by records through filters of its pace."""
+        tau_s = max(self.FILTER * cast(float, self.pace_s), FINEST_FILTER * step_s)
+        names = (*self.inputs, self.output)
+        filtered = {name: [filter_derivatives(each[name], 2, tau_s, step_s) for each in records] for name in names}
+        filtered[""] = [filter_derivatives(np.ones(len(each[self.output])), 2, tau_s, step_s) for each in records]
+        guessed = self.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)), begun)
+        guessed["timing_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
+        told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
+        return self.model_copy(update={"constants": type(self.constants)(**told)})
+
+    def _follow_nature(self, records: Sequence[Mapping[str, Array]]) -> Self:
+        return self.model_copy(update={"pace_s": self.find_natural_pace(records)})
+
+    def _miss(self, records: Sequence[Mapping[str, Array]], step_s: float) -> float:
+        """Return the root mean square by which the guessed constants miss what was measured."""
+        squares, samples = 0.0, 0
+        for each in records:
+            signals = {name: values[:, None] for name, values in each.items()}
+            begun = read_beginning([each[self.output][:HEAD]], step_s)
+            told = self.simulate(self.refine(signals, step_s), step_s, np.zeros(1), self.starts, (), begun)
+            squares += float(((told[:, 0] - each[self.output]) ** 2).sum())
+            samples += len(told)
+        return float(np.sqrt(squares / samples))
+
+    def find_natural_pace(self, records: Sequence[Mapping[str, Array]]) -> float:
+        """Return the time, s, of a radian of the free motion, or in which the usual push brings one scale."""
+        joined = {name: np.concatenate([each[name] for each in records])[:, None] for name in self.inputs}
+        pulled = self.pull(joined, self.starts)
+        hold, push = float(np.mean(pulled.hold)), float(np.sqrt((pulled.push**2).mean()))
+        scale = cast(float, self.output_scale)
+        return float(1.0 / np.sqrt(hold)) if hold > 0.0 else float(np.sqrt(scale / max(push, 1e-300)))
+
+    def thin_out(self, stride: int) -> Self:
+        """Return the plant for records of which every so many samples became their mean: such inputs are means."""
+        return self.model_copy(update={"between_samples": "averaged"}) if stride > 1 else self
+
+    def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
+        """Return signals with inputs at the instants that the integrator looks at."""
+        refined = {name: refine(signals[name], self._substeps(step_s), self.between_samples) for name in self.inputs}
+        return {**signals, **refined}
+
+    def _substeps(self, step_s: float) -> int:
+        if self.pace_s is None:
+            raise ValueError("pace_s: it is the data's own, and there are no data yet")
+        return max(int(np.ceil(step_s / self.pace_s / FINEST)), 2)
+
+    def simulate(
+        self,
+        signals: Mapping[str, Array],
+        step_s: float,
+        start_s: Array,
+        constants: Mapping[str, float],
+        effects: Sequence[Placed] = (),
+        begun: Beginning | None = None,
+    ) -> Array:
+        """Return the motion, (T, R); see `RecordPlant.simulate`."""
+        return self.simulate_each(signals, step_s, start_s, [(constants, effects)], begun)[:, :, 0]
+
+    def simulate_each(
+        self,
+        signals: Mapping[str, Array],
+        step_s: float,
+        start_s: Array,
+        cases: Sequence[Case],
+        begun: Beginning | None = None,
+    ) -> Array:
+        """Return the motions of several cases, (T, R, C); see `RecordPlant.simulate_each`."""
+        if self.output_scale is None or self.pace_s is None:
+            raise ValueError("output_scale: it is the data's own, and there are no data yet")
+        scale, pace, substeps = self.output_scale, step_s / self.pace_s, self._substeps(step_s)
+        pulls = [self.pull(signals, constants) for constants, _ in cases]
+        records = pulls[0].push.shape[1]
+        terms = [collect(MotionTerms, SITE, self.place(effects)) for _, effects in cases]
+        terms = [each for each in terms for _ in range(records)]
+        drive = _stack([each.push for each in pulls], self.pace_s**2 / scale)
+        holds = [each.hold * np.ones((1, records)) for each in pulls]
+        hold = _stack(holds, self.pace_s**2)
+        damping = np.repeat([each.damping * self.pace_s for each in pulls], records)
+        late = np.repeat([constants["timing_s"] / step_s for constants, _ in cases], records)
+        offset = np.repeat([each.offset for each in pulls], records)
+
+        def run(state: Array, chosen: NDArray[np.int_], samples: int) -> Array:
+            upto = (samples - 1) * 2 * substeps + 1
+            pushed, held = (each[:, :upto][chosen] for each in (drive, hold))
+            kept = [terms[k] for k in chosen]
+            return integrate(
+                pushed, held, state, damping[chosen], kept, pace, substeps, late[chosen], offset[chosen] / scale
+            )
+
+        state = np.zeros((2, len(terms)))
+        if begun is not None:
+            shifts = np.repeat([each.start for each in pulls], records, axis=0).T
+            told = Beginning(*(np.tile(each, len(cases)) for each in begun))
+            place, rate = told.value - offset + shifts[0], told.rate + shifts[1]
+            state = np.stack([place / scale, rate * self.pace_s / scale])
+            if self.SETTLES and self.output in signals:
+                heads = (np.tile(signals[self.output][:HEAD], len(cases)) - offset) / scale
+                errors = np.stack([told.value_error, told.rate_error * self.pace_s]) / scale
+                noise = told.noise / scale
+                state = begin(lambda at, of: run(at, of, len(heads)), state, np.maximum(errors, 1e-6), heads, noise)
+        motion = integrate(drive, hold, state, damping, terms, pace, substeps, late, offset / scale)
+        output: Array = offset + scale * motion
+        return output.reshape(len(motion), len(cases), records).transpose(0, 2, 1)
+
+    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+        """Return the motion by the textbook, its velocity, and the inputs.
+
+        The measured motion would carry the noise that is to be told from what a model can explain.
+        """
+        begun = read_beginning([signals[self.output][:HEAD, k] for k in range(signals[self.output].shape[1])], step_s)
+        plain = self.model_copy(update={"effects": []})
+        motion = plain.simulate(self.refine(signals, step_s), step_s, np.zeros(1), constants, (), begun)
+        return self.list_watched(motion, signals, step_s)
+
+    def list_watched(self, motion: Array, signals: Mapping[str, Array], step_s: float) -> list[Watched]:
+        """Return a motion (T, R), its velocity, and the inputs."""
+        velocity = np.gradient(motion, step_s, axis=0) * cast(float, self.pace_s)
+        told = [Watched("motion", motion, False), Watched("velocity", velocity, True)]
+        return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]

@@ -1,0 +1,124 @@
+"""The static law of a pneumatic muscle, with linear damping, and the constants it takes.
+
+Pressure, contraction and its velocity flow in; tension comes out. The law is linear in pressure and quadratic in
+contraction, beside a part that does not depend on pressure.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from stages.science.signals.trajectories import Array
+
+
+class MuscleConstants(NamedTuple):
+    """Constants of K muscles, (K,) arrays, as compiled code takes them.
+
+    `area_n_per_kpa` is the nominal area; `area_factor` makes it the effective one. `full_force_n` is nominal, so that
+    what is given as a share of it keeps its size while other constants are adjusted.
+    """
+
+    area_n_per_kpa: Array
+    braid_a: Array
+    braid_b: Array
+    contraction_factor: Array
+    passive_linear_n: Array
+    passive_quadratic_n: Array
+    damping_n_s: Array
+    valve_tau_s: Array
+    contraction_at_angle_0: Array
+    contraction_per_rad: Array
+    torque_arm_m: Array
+    full_force_n: Array
+    area_factor: Array
+    regulator_gain: Array
+    regulator_offset_kpa: Array
+    force_offset_n: Array
+
+
+def braid_coefficients(angle_deg: float) -> tuple[float, float]:
+    """Return a = 3 / tan^2 and b = 1 / sin^2 of the braid angle (Chou and Hannaford 1996)."""
+    angle = np.deg2rad(angle_deg)
+    return float(3.0 / np.tan(angle) ** 2), float(1.0 / np.sin(angle) ** 2)
+
+
+def pull_at_rest(pressure_kpa: Array, muscles: MuscleConstants) -> Array:
+    """Return the force, N, that pressures (T, K), kPa, would give at rest length; none below zero."""
+    per_kpa = muscles.area_n_per_kpa * muscles.area_factor * (muscles.braid_a - muscles.braid_b)
+    return per_kpa * np.maximum(pressure_kpa, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def pull(
+    pressure: float,
+    contraction: float,
+    velocity: float,
+    area: float,
+    a: float,
+    b: float,
+    factor: float,
+    linear: float,
+    quadratic: float,
+    damping: float,
+) -> float:
+    """Return the tension of one muscle, N; never negative.
+
+    Notes
+    -----
+    Chou and Hannaford, Measurement and modeling of McKibben pneumatic artificial muscles, IEEE Trans. Robot. Autom. 12
+    (1996): F = P pi r^2 (a (1 - C)^2 - b). The factor on C accounts for tapering ends (Tondu and Lopez, IEEE Control
+    Syst. Mag. 20, 2000); the part without pressure is the rubber tube's.
+    """
+    shape = 1.0 - factor * contraction
+    active = pressure * area * (a * shape * shape - b)
+    passive = contraction * (linear + quadratic * contraction) + damping * velocity
+    return max(active - passive, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _pull_columns(pressure: Array, contraction: Array, velocity: Array, muscles: MuscleConstants) -> Array:
+    tension = np.empty_like(pressure)
+    for k in range(pressure.shape[0]):
+        for m in range(pressure.shape[1]):
+            tension[k, m] = pull(
+                pressure[k, m],
+                contraction[k, m],
+                velocity[k, m],
+                muscles.area_n_per_kpa[m] * muscles.area_factor[m],
+                muscles.braid_a[m],
+                muscles.braid_b[m],
+                muscles.contraction_factor[m],
+                muscles.passive_linear_n[m],
+                muscles.passive_quadratic_n[m],
+                muscles.damping_n_s[m],
+            )
+    return tension
+
+
+def compute_tension(pressure_kpa: Array, contraction: Array, velocity_per_s: Array, muscles: MuscleConstants) -> Array:
+    """Return the tension of each muscle by the static law with linear damping.
+
+    Parameters
+    ----------
+    pressure_kpa : (T, K) ndarray
+        Pressure in the muscle, kPa gauge.
+    contraction : (T, K) ndarray
+        Ratio of rest length, positive when shorter.
+    velocity_per_s : (T, K) ndarray
+        Its rate, 1/s.
+    muscles : MuscleConstants
+        Constants of the K columns.
+
+    Returns
+    -------
+    (T, K) ndarray
+        Tension, N; a slack muscle pulls with zero.
+    """
+    pressure, contraction, velocity = (
+        np.ascontiguousarray(each, dtype=float) for each in (pressure_kpa, contraction, velocity_per_s)
+    )
+    tension: Array = _pull_columns(pressure, contraction, velocity, muscles)
+    return tension

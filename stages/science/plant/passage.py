@@ -1,0 +1,201 @@
+"""The passage from command to pressure and from pressure to force, of columns that may be muscles, trials, or both.
+
+Arrays (T, K) flow in and out. A rig's chain passes all its muscles through here at once; a fit passes one muscle, its
+trials side by side. Effects act at their signals in the order in which they are listed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from stages.science.plant.effect import ChainEffect, Signal, State
+from stages.science.plant.muscle import MuscleConstants, compute_tension
+from stages.science.plant.valve import respond
+from stages.science.signals.trajectories import Array
+
+INVERSIONS = 3
+
+
+class Acting(Protocol):
+    """An effect that knows its parameters and its columns."""
+
+    @property
+    def signal(self) -> Signal:
+        """What it maps."""
+
+    def apply(self, values: Array, state: State) -> Array:
+        """Return the mapped signal."""
+
+
+@dataclass(frozen=True)
+class Everywhere:
+    """An effect on all columns."""
+
+    effect: ChainEffect
+    parameters: Mapping[str, float]
+
+    @property
+    def signal(self) -> Signal:
+        """What it maps."""
+        return self.effect.signal
+
+    def apply(self, values: Array, state: State) -> Array:
+        """Return the mapped signal."""
+        return self.effect.apply(values, state, self.parameters)
+
+
+@dataclass(frozen=True)
+class Passage:
+    """K columns of muscle under effects.
+
+    Parameters
+    ----------
+    muscles : MuscleConstants
+        Of the K columns.
+    effects : sequence of Acting
+        In order.
+    step_s : float
+        Time between samples, s.
+    start_s : (K,) ndarray
+        When each column's trial began in the session, s.
+    """
+
+    muscles: MuscleConstants
+    effects: Sequence[Acting]
+    step_s: float
+    start_s: Array
+
+    def pressurise(self, command_kpa: Array) -> Array:
+        """Return the pressure at the valves, kPa, that a held command (T, K), kPa, brings."""
+        tau = self.muscles.valve_tau_s
+        command = self._apply("pressure_command_kpa", command_kpa, lambda: self._upstream(command_kpa, command_kpa))
+        lagged = respond(command, tau, tau, self.step_s)
+        pressure = self.muscles.regulator_gain * lagged + self.muscles.regulator_offset_kpa
+        return self._apply("pressure_kpa", pressure, lambda: self._upstream(command, pressure))
+
+    def pull(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> tuple[Array, Array]:
+        """Return the tension at the muscle's tip and at the joint's end, N; all arrays (T, K)."""
+        state = self._state(pressure_kpa, pressure_kpa, contraction, velocity_per_s)
+        acting = self._apply("acting_pressure_kpa", pressure_kpa, lambda: state)
+        state = self._state(pressure_kpa, acting, contraction, velocity_per_s)
+        shortened = self._apply("contraction", contraction, lambda: state)
+        state = self._state(pressure_kpa, acting, shortened, velocity_per_s)
+        static = compute_tension(acting, shortened, velocity_per_s, self.muscles)
+        force = self._bend("force_n", static, state)
+        return force, self._bend("tension_n", force, state)
+
+    def sense_pressure(self, pressure_kpa: Array) -> Array:
+        """Return what the pressure sensor shows, kPa."""
+        return self._apply("sensed_pressure_kpa", pressure_kpa, lambda: self._upstream(pressure_kpa, pressure_kpa))
+
+    def unsense_pressure(self, shown_kpa: Array) -> Array:
+        """Return the pressure, kPa, that the sensor shows so.
+
+        Notes
+        -----
+        A few fixed-point passes, exact for offset and drift, and within the cube of a small gain error. Counts and a
+        clipped range, which hide what was there, are left as shown.
+        """
+        pressure = shown_kpa
+        if any(effect.signal == "sensed_pressure_kpa" for effect in self.effects):
+            for _ in range(INVERSIONS):
+                pressure = pressure + (shown_kpa - self.sense_pressure(pressure))
+        return pressure
+
+    def sense_force(self, force_n: Array, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
+        """Return what the load cell shows, N, of the force on it."""
+        shown = force_n + self.muscles.force_offset_n
+        return self._apply(
+            "sensed_force_n", shown, lambda: self._state(pressure_kpa, pressure_kpa, contraction, velocity_per_s)
+        )
+
+    def _apply(self, signal: Signal, values: Array, state: Callable[[], State]) -> Array:
+        for effect in self.effects:
+            if effect.signal == signal:
+                values = effect.apply(values, state())
+        return values
+
+    def _bend(self, signal: Signal, tension: Array, state: State) -> Array:
+        bent = self._apply(signal, tension, lambda: state)
+        return tension if bent is tension else np.maximum(bent, 0.0)
+
+    def _upstream(self, command: Array, pressure: Array) -> State:
+        still = np.zeros_like(command)
+        return self._state(command, pressure, still, still)
+
+    def _state(self, command: Array, pressure: Array, contraction: Array, velocity: Array) -> State:
+        time_s = np.arange(len(command), dtype=float) * self.step_s
+        return State(self.step_s, self.muscles, command, pressure, contraction, velocity, time_s, self.start_s)
+
+
+Chosen = Sequence[tuple[ChainEffect, Mapping[str, float]]]
+
+
+def predict_pressure(
+    command_kpa: Array, constants: MuscleConstants, effects: Chosen, step_s: float, start_s: Array
+) -> Array:
+    """Return the pressure that the sensor shows under a held command.
+
+    Parameters
+    ----------
+    command_kpa : (T, K) ndarray
+        Commanded pressure, kPa gauge.
+    constants : MuscleConstants
+        Of the K columns.
+    effects : sequence of (ChainEffect, parameters)
+        In order; those that act elsewhere change nothing.
+    step_s : float
+        Time between samples, s.
+    start_s : (K,) ndarray
+        When each column's trial began in the session, s.
+
+    Returns
+    -------
+    (T, K) ndarray
+        Pressure, kPa gauge.
+    """
+    passage = Passage(constants, [Everywhere(*each) for each in effects], step_s, start_s)
+    return passage.sense_pressure(passage.pressurise(_contiguous(command_kpa)))
+
+
+def predict_force(
+    pressure_kpa: Array,
+    contraction: Array,
+    velocity_per_s: Array,
+    constants: MuscleConstants,
+    effects: Chosen,
+    step_s: float,
+    start_s: Array,
+    load_cell_site: Literal["muscle_tip", "joint_end"],
+) -> Array:
+    """Return the force that the load cell shows at measured pressures and motions.
+
+    Parameters
+    ----------
+    pressure_kpa : (T, K) ndarray
+        Pressure as its sensor shows it, kPa gauge; a sensor's effects among `effects` are taken back.
+    contraction, velocity_per_s : (T, K) ndarray
+        Contraction by the joint's geometry, 1, and its rate, 1/s.
+    constants, effects, step_s, start_s
+        As in `predict_pressure`.
+    load_cell_site : str
+        ``muscle_tip`` or ``joint_end``.
+
+    Returns
+    -------
+    (T, K) ndarray
+        Force, N, with the load cell's offset.
+    """
+    passage = Passage(constants, [Everywhere(*each) for each in effects], step_s, start_s)
+    contraction, velocity = _contiguous(contraction), _contiguous(velocity_per_s)
+    pressure = passage.unsense_pressure(_contiguous(pressure_kpa))
+    force = passage.pull(pressure, contraction, velocity)[load_cell_site == "joint_end"]
+    return passage.sense_force(force, pressure, contraction, velocity)
+
+
+def _contiguous(values: Array) -> Array:
+    return np.require(values, float, ["C", "W"])

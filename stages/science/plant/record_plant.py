@@ -1,0 +1,425 @@
+"""What every plant of records is: named constants, a list of effects, and an answer to measured inputs.
+
+A section of YAML and recorded signals flow in; checked values, what the data themselves tell of scales and constants,
+and the simulated output come out. A kind of machine is one file of ``stages/science/plant/machines`` with a subclass.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field, model_validator
+
+from stages.science.plant.declaration import Declared
+from stages.science.plant.effect import DynamicEffect, Effect, Parameter
+from stages.science.plant.linear_guess import find_pace
+from stages.science.plant.listed import ListedEffect, NominalConstant, find_effect_at, leave_open
+from stages.science.signals.trajectories import Array
+
+Positive = Annotated[float, Field(gt=0.0)]
+Placed = tuple[Any, Mapping[str, float]]
+"""An effect and its parameters."""
+PERIODS = 2.0
+"""Periods of the usual motion in a movement."""
+SAMPLES_A_PERIOD = 200
+Terms = TypeVar("Terms")
+Case = tuple[Mapping[str, float], Sequence[Placed]]
+"""Constants by name, and effects beside those listed."""
+
+
+class Watched(NamedTuple):
+    """A signal that may explain a residual: its name, samples (T, R), and whether it is a rate."""
+
+    name: str
+    samples: Array
+    rate: bool
+
+
+HEAD = 50
+"""Samples by which the state is estimated in which a record begins, at most."""
+FEWEST = 5
+"""Of these, those through which a parabola is drawn at least."""
+AT_REST = 3.0
+"""Standard errors of a rate within which a record begins at rest."""
+
+LIMITED = (0.95, 0.8, 0.5)
+"""Quantiles of what drives a machine at which a limit of it is looked for."""
+
+
+class Beginning(NamedTuple):
+    """What the first samples of records tell of their beginning, in the output's unit and per second; (R,) each.
+
+    Parameters
+    ----------
+    value, value_error : (R,) ndarray
+        Of the output, and its standard error.
+    rate, rate_error : (R,) ndarray
+        Of its change, and its standard error.
+    noise : (R,) ndarray
+        Of a sample.
+    """
+
+    value: Array
+    value_error: Array
+    rate: Array
+    rate_error: Array
+    noise: Array
+
+
+def read_beginning(heads: Sequence[Array], step_s: float, at_s: float = 0.0) -> Beginning:
+    """Return how records begin, by a parabola through as many of their first samples as lie on one.
+
+    Parameters
+    ----------
+    heads : sequence of (N_r,) ndarray
+        First samples of the output, without gaps.
+    step_s : float
+        Time between samples, s.
+    at_s : float
+        Time after the first sample for which it is told, s.
+    """
+    return Beginning(*np.array([_read_one(head, step_s, at_s) for head in heads]).T)
+
+
+def _read_one(head: Array, step_s: float, at_s: float) -> tuple[float, float, float, float, float]:
+    if len(head) < FEWEST:
+        return float(head.mean()), float(np.ptp(head)), 0.0, float(np.ptp(head)) / step_s, float(np.ptp(head))
+    size = float(np.abs(head).max())
+    noise = float(np.median(np.abs(np.diff(head, 3)))) / (0.6745 * np.sqrt(20.0)) + 1e-9 * size + 1e-300
+    for count in range(len(head), FEWEST - 1, -1):
+        columns = np.vander(np.arange(count) * step_s - at_s, 3, increasing=True)
+        found = np.linalg.lstsq(columns, head[:count], rcond=None)[0]
+        left = head[:count] - columns @ found
+        if np.sqrt((left**2).sum() / (count - 2)) < 1.5 * noise:
+            break
+    factor = np.linalg.qr(columns, mode="r")
+    error = noise * np.sqrt((np.linalg.solve(factor, np.eye(3)) ** 2).sum(axis=1))
+    rate = 0.0 if abs(found[1]) < AT_REST * error[1] else float(found[1])
+    return float(found[0]), float(error[0]), rate, float(error[1]), noise
+
+
+class RecordPlant(Declared):
+    """A machine whose records are signals over time: inputs, and one output.
+
+    A subclass declares `kind`, its inputs, `constants`, `effects` and what they take, simulates, and guesses where fits
+    begin; the rest has defaults.
+    """
+
+    SITE: ClassVar[str]
+    """Where effects act."""
+    TOGETHER: ClassVar[int] = 1
+    """Simulations that take together little longer than one."""
+
+    kind: str
+    output: str
+    output_scale: Positive | None
+    pace_s: Positive | None
+    constants: Any
+    effects: Sequence[ListedEffect]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _leave_to_the_data(cls, section: Any) -> Any:
+        """Fill in, where a section says `constants: null`, what else may be null."""
+        constants = cls.model_fields["constants"].annotation
+        if not isinstance(section, Mapping) or section.get("constants", ...) is not None:
+            return section
+        if not isinstance(constants, type) or not issubclass(constants, BaseModel):
+            return section
+        nullable = {name: None for name, each in cls.model_fields.items() if type(None) in get_args(each.annotation)}
+        own = {name for name, each in cls.model_fields.items() if name not in nullable and not each.is_required()}
+        told = {name: value for name, value in section.items() if value is not None or name not in own}
+        return {**nullable, **told, "constants": leave_open(constants)}
+
+    @model_validator(mode="after")
+    def _check_signals(self) -> Self:
+        if self.output in self.inputs:
+            raise ValueError(f"output: expected another signal than those it is told from, got {self.output}")
+        return self
+
+    @property
+    @abstractmethod
+    def inputs(self) -> tuple[str, ...]:
+        """Signals that the output is told from."""
+
+    @property
+    def pushing(self) -> tuple[str, ...]:
+        """Inputs that push a motion."""
+        return ()
+
+    @model_validator(mode="after")
+    def _check_effects(self) -> Self:
+        for entry in self.effects:
+            find_effect_at(self.SITE, entry.name, entry.form)
+        return self
+
+    @property
+    def nominal(self) -> dict[str, NominalConstant]:
+        """Constants by name."""
+        return dict(self.constants)
+
+    @property
+    def element(self) -> str:
+        """What the machine is called in tables."""
+        return self.kind
+
+    @property
+    def movement_s(self) -> float:
+        """Time of a usual movement, s; regimes of time and frequency are told by it."""
+        if self.pace_s is None:
+            raise ValueError("pace_s: it is the data's own, and there are no data yet")
+        return PERIODS * 2.0 * np.pi * self.pace_s
+
+    @property
+    def finest_s(self) -> float:
+        """Time between samples, s, below which more of them tell no more."""
+        return self.movement_s / (PERIODS * SAMPLES_A_PERIOD)
+
+    @property
+    def drifts(self) -> bool:
+        """Whether a small error grows without end: then no slope at a fit says what another effect would change."""
+        return False
+
+    def list_starts(
+        self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]
+    ) -> list[dict[str, float]] | None:
+        """Return values of an effect's parameters from which fits may begin, told by records; None for its own."""
+        return None
+
+    @property
+    def memory_s(self) -> float:
+        """Time after which what the inputs were no longer matters, s; infinite where it always does.
+
+        Assumed: that of a usual movement.
+        """
+        return self.movement_s
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Constants as a fit takes them."""
+        told = type(self.constants).model_fields if isinstance(self.constants, BaseModel) else {}
+        return tuple(
+            each.as_parameter(name, str(told[name].description) if name in told else "")
+            for name, each in self.nominal.items()
+        )
+
+    @property
+    def other_starts(self) -> list[dict[str, float]]:
+        """Where a fit of some constants may begin as well, where it may end in a wrong place."""
+        return []
+
+    @property
+    def starts(self) -> dict[str, float]:
+        """Where a fit of the constants begins."""
+        return {each.name: each.prior_mean for each in self.parameters}
+
+    def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+        """Return the plant with scales and constants, where they were left open, from recorded signals.
+
+        Parameters
+        ----------
+        records : sequence of mapping of str to (N_r,) ndarray
+            Inputs and output of each record by name, without gaps.
+        step_s : float
+            Time between samples, s.
+
+        Raises
+        ------
+        ValueError
+            When constants are open that `guess` does not tell.
+        """
+        own = self.find_scales(records, step_s)
+        scales = {name: value if getattr(self, name) is None else getattr(self, name) for name, value in own.items()}
+        settled = self.model_copy(update=scales)
+        left = [name for name, each in self.nominal.items() if each.start is None]
+        if not left:
+            return settled
+        signals = {name: np.concatenate([each[name] for each in records]) for name in (*self.inputs, self.output)}
+        guessed = settled.guess(signals)
+        untold = [name for name in left if name not in guessed]
+        if untold:
+            raise ValueError(
+                f"{type(self).__name__}.guess: expected (start, low, high, sd) of {', '.join(untold)}, got none; tell "
+                f"them there, or as plant.constants.{untold[0]}={{unit: ..., start: ..., low: ..., high: ..., sd: ...}}"
+            )
+        told = {name: each.settle(*guessed[name]) if name in left else each for name, each in self.nominal.items()}
+        constants = told if isinstance(self.constants, dict) else type(self.constants)(**told)
+        return settled.model_copy(update={"constants": constants})
+
+    def find_scales(self, records: Sequence[Mapping[str, Array]], step_s: float) -> dict[str, float]:
+        """Return what scales are if they were left open: half the range of the output, and how quick it is."""
+        outputs = [each[self.output] for each in records]
+        return {
+            "output_scale": max(0.5 * float(np.ptp(np.concatenate(outputs))), 1e-12),
+            "pace_s": max(find_pace(outputs, step_s), step_s),
+        }
+
+    def guess(self, *told: Any, **named: Any) -> Mapping[str, tuple[float, ...]]:
+        """Return start, bounds and deviation of each constant that may be left to the data; scales are known.
+
+        What it is told is one mapping of inputs and output by name, (N,) each, all records one after another; a
+        subclass that settles in its own way may tell it more.
+        """
+        return {}
+
+    def thin_out(self, stride: int) -> Self:
+        """Return the plant for records of which every so many samples became their mean."""
+        return self
+
+    def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
+        """Return inputs and output (T, R) as `simulate` takes them; once for many simulations."""
+        return signals
+
+    @abstractmethod
+    def simulate(
+        self,
+        signals: Mapping[str, Array],
+        step_s: float,
+        start_s: Array,
+        constants: Mapping[str, float],
+        effects: Sequence[Placed] = (),
+        begun: Beginning | None = None,
+    ) -> Array:
+        """Return the output, (T, R), in its unit.
+
+        Parameters
+        ----------
+        signals : mapping of str to (T, R) ndarray
+            Inputs by name, without gaps, as `refine` returns them; R records. With the output too, the state in which
+            a record begins may be refined by its first `HEAD` samples.
+        step_s : float
+            Time between samples, s.
+        start_s : (R,) ndarray
+            Start of each record in the session, s.
+        constants : mapping of str to float
+            By name.
+        effects : sequence of (Effect, mapping)
+            Beside those listed, which act first.
+        begun : Beginning, optional
+            From `read_beginning`; without it a machine with a memory begins at rest.
+        """
+
+    def simulate_each(
+        self,
+        signals: Mapping[str, Array],
+        step_s: float,
+        start_s: Array,
+        cases: Sequence[Case],
+        begun: Beginning | None = None,
+    ) -> Array:
+        """Return the outputs of several cases, (T, R, C), bit for bit those of one after the other; see `simulate`."""
+        return np.stack([self.simulate(signals, step_s, start_s, *case, begun) for case in cases], axis=2)
+
+    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+        """Return what may explain a residual, of records with inputs and output: a state, a rate, more.
+
+        Here the output as the textbook would have it, its rate, and the inputs. The measured output would carry the
+        noise that is to be told from what a model can explain.
+        """
+        begun = read_beginning([column[:HEAD] for column in signals[self.output].T], step_s)
+        plain = self.model_copy(update={"effects": []})
+        state = plain.simulate(self.refine(signals, step_s), step_s, np.zeros(1), constants, (), begun)
+        rate = np.gradient(state, step_s, axis=0) * (self.pace_s or 1.0)
+        told = [Watched("state", state, False), Watched("rate of state", rate, True)]
+        return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]
+
+    def respond(self, features: Array, step_s: float) -> Array:
+        """Return the features of a flexible model, (T, K, F), as the output answers to them: here at once."""
+        return features
+
+    def amend(self, constants: Mapping[str, float], effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> Self:
+        """Return the plant with fitted constants and with effects, as (name, form, parameters), added to its list."""
+        told = self.model_dump()
+        for name, value in constants.items():
+            told["constants"][name]["start"] = value
+        told["effects"] += [{"name": name, "form": form, **values} for name, form, values in effects]
+        return type(self).model_validate(told)
+
+    def place(self, effects: Sequence[Placed] = ()) -> list[Placed]:
+        """Return the effects listed, and more."""
+        return [
+            *((find_effect_at(self.SITE, entry.name, entry.form), entry.parameters) for entry in self.effects),
+            *effects,
+        ]
+
+
+def list_limits(effect: Effect, drives: Sequence[Array], scale: float) -> list[dict[str, float]]:
+    """Return values of a limiting effect's one parameter, scale over limit, from which fits may begin.
+
+    Parameters
+    ----------
+    effect : Effect
+        With one parameter.
+    drives : sequence of ndarray
+        What is limited, of each record; a twentieth, a fifth and half of it lie beyond.
+    scale : float
+        In which the effect tells its limit, in their unit.
+    """
+    levels = np.quantile(np.concatenate([np.abs(each).ravel() for each in drives]), LIMITED) / scale
+    return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
+
+
+def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effect, Mapping[str, float]]]) -> Terms:
+    """Return the terms of several effects at a site, as a named tuple of a kind.
+
+    Raises
+    ------
+    ValueError
+        When an effect acts elsewhere, or two share a term.
+    """
+    found: dict[str, float] = {}
+    for effect, values in effects:
+        if effect.site != site or not isinstance(effect, DynamicEffect):
+            raise ValueError(f"effect {effect.name} acts at a {effect.site}, not at a {site}")
+        terms = effect.terms(values)
+        if set(terms) & set(found):
+            raise ValueError(f"effect {effect.name}: another listed effect sets the same term; list one of them")
+        found |= terms
+    return kind(**found)
+
+
+def begin(
+    run: Callable[[Array, NDArray[np.int_]], Array], guess: Array, wide: Array, heads: Array, noise: Array
+) -> Array:
+    """Return the states in which records begin: what agrees best with their first samples, near a guess.
+
+    Parameters
+    ----------
+    run : callable
+        Of states (S, N) and the records that they belong to (N,), returns the first samples of the output, (H, N).
+    guess, wide : (S, K) ndarray
+        Means and standard deviations of Gaussian priors.
+    heads : (H, K) ndarray
+        First samples of each record's output; NaN where there is none.
+    noise : (K,) ndarray
+        Of a sample, in the output's unit.
+
+    Returns
+    -------
+    (S, K) ndarray
+        After two steps of Gauss and Newton.
+    """
+    count, records = guess.shape
+    known = np.isfinite(heads)
+    samples = np.maximum(known.sum(axis=0), 1)
+    step = 1e-2 * wide
+    moves = np.concatenate([np.zeros((1, count)), np.eye(count)])
+    state, lost = guess.copy(), np.zeros(records, dtype=bool)
+    for _ in range(2):
+        tried = (state + moves[:, :, None] * step).transpose(1, 0, 2).reshape(count, -1)
+        found = run(tried, np.tile(np.arange(records), count + 1)).reshape(-1, count + 1, records)
+        left = np.where(known, heads - found[:, 0], 0.0)
+        noise = np.maximum(noise, np.sqrt((left**2).sum(axis=0) / samples))  # where the model errs, it tells little
+        slopes = np.where(known[:, None], (found[:, 1:] - found[:, :1]) / step, 0.0) / noise
+        prior = np.eye(count)[:, :, None] / wide
+        rows = np.concatenate([slopes, prior]).transpose(2, 0, 1)
+        target = np.concatenate([left / noise, (guess - state) / wide]).T
+        lost |= ~(np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(target).all(axis=1))
+        across, triangle = np.linalg.qr(np.where(lost[:, None, None], np.eye(*rows.shape[1:]), rows))
+        projected = np.einsum("khs,kh->ks", across, np.where(lost[:, None], 0.0, target))
+        state = state + np.linalg.solve(triangle, projected[:, :, None])[:, :, 0].T
+    return np.where(lost, guess, state)

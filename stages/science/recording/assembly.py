@@ -1,0 +1,134 @@
+"""Recordings of muscles made whole: muscles with data, one part for each trial, columns that follow from others.
+
+Adopted samples and the muscles' descriptions flow in; samples with every reading flow out, with notes on what was left
+out or derived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+
+import numpy as np
+import pandas as pd
+
+from stages.science.recording.columns import RecordingError, tell_rows
+from stages.science.recording.completion import derive_contraction, derive_velocity
+
+Notes = list[tuple[str, str]]
+"""What a note is about, and the note."""
+
+INDISPENSABLE = ("pressure_kpa", "force_n")
+"""Readings without which a muscle tells nothing."""
+
+
+def choose_muscles(
+    samples: pd.DataFrame, muscles: pd.DataFrame, told_in: str, notes: Notes
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return samples and descriptions of the muscles that have data; samples by trial, muscle and time.
+
+    Parameters
+    ----------
+    samples : DataFrame
+        From `adopt`.
+    muscles : DataFrame
+        Under `MUSCLE_COLUMNS`, in the order wanted.
+    told_in : str
+        What describes the muscles, for messages.
+    notes : list
+        Receives the muscles that are left out.
+
+    Raises
+    ------
+    RecordingError
+        When a muscle is not described, or none has data.
+    """
+    known = list(muscles["muscle"])
+    strange = ~samples["muscle"].isin(known)
+    if strange.any():
+        name = str(samples.loc[strange, "muscle"].iloc[0])
+        near = get_close_matches(name, known, n=1) or known
+        raise RecordingError(
+            f"column muscle: {told_in} has no muscle '{name}' of {tell_rows(strange)}; it has {', '.join(near)}"
+        )
+    missing = {name: _tell_missing(samples[samples["muscle"] == name]) for name in known}
+    notes.extend((name, f"left out: {reason}") for name, reason in missing.items() if reason)
+    used = [name for name in known if not missing[name]]
+    if not used:
+        raise RecordingError(
+            f"columns {' and '.join(INDISPENSABLE)}: expected values of both for some muscle, got none"
+        )
+    chosen = samples[samples["muscle"].isin(used)]
+    place = chosen["muscle"].map({name: index for index, name in enumerate(used)})
+    chosen = chosen.assign(place=place).sort_values(["trial", "place"], kind="stable").drop(columns="place")
+    return chosen, muscles.set_index("muscle").loc[used].reset_index()
+
+
+def read_parts(samples: pd.DataFrame, without: str) -> pd.Series:
+    """Return the part of each trial, which is `without` where the file has no parts.
+
+    Raises
+    ------
+    RecordingError
+        When a trial belongs to two.
+    """
+    if "part" not in samples:
+        return pd.Series(without, index=samples["trial"].unique())
+    parts = samples.groupby("trial")["part"]
+    mixed = parts.transform("nunique") > 1
+    if mixed.any():
+        raise RecordingError(f"column part: expected one for each trial, got more for that of {tell_rows(mixed)}")
+    return parts.first()
+
+
+def complete(
+    samples: pd.DataFrame,
+    muscles: pd.DataFrame,
+    readings: Sequence[str],
+    rate_hz: float,
+    window_s: float,
+    order: int,
+    notes: Notes,
+) -> pd.DataFrame:
+    """Return the samples with all readings, derived where that is possible and empty where it is not.
+
+    Parameters
+    ----------
+    samples : DataFrame
+        On a uniform clock.
+    muscles : DataFrame
+        Under `MUSCLE_COLUMNS`.
+    readings : sequence of str
+        All columns that there are to be.
+    rate_hz, window_s, order : float, float, int
+        As of `differentiate`.
+    notes : list
+        Receives what was derived or is missing.
+
+    Raises
+    ------
+    RecordingError
+        When there is neither contraction nor an angle.
+    """
+    if "contraction" not in samples:
+        if "joint_angle_rad" not in samples:
+            raise RecordingError(
+                "no column contraction and no joint_angle_rad, of which one is needed; say which with "
+                "columns.contraction=NAME or columns.joint_angle_rad=NAME"
+            )
+        samples = samples.assign(contraction=derive_contraction(samples, muscles))
+        notes.append(("contraction", "derived from joint_angle_rad by a constant moment arm"))
+    if "contraction_velocity_per_s" not in samples:
+        velocity = derive_velocity(samples, "contraction", ["trial", "muscle"], rate_hz, window_s, order)
+        samples = samples.assign(contraction_velocity_per_s=velocity)
+        notes.append(("contraction_velocity_per_s", "derived from contraction, filtered"))
+    if "pressure_command_kpa" not in samples or samples["pressure_command_kpa"].isna().all():
+        notes.append(("pressure_command_kpa", "missing: how pressure follows its command cannot be judged"))
+    return samples.assign(**{name: np.nan for name in readings if name not in samples})
+
+
+def _tell_missing(rows: pd.DataFrame) -> str:
+    if rows.empty:
+        return "no rows"
+    empty = [name for name in INDISPENSABLE if rows[name].isna().all()]
+    return f"no values in column {' and '.join(empty)}" if empty else ""

@@ -1,0 +1,129 @@
+"""The clock of a recording: its rate, and every stream on one grid of samples.
+
+Times flow in as they were recorded; they flow out as whole samples of a uniform clock. Rows that a recorder dropped
+become samples without values, as no filter or simulation may take what lies beyond a gap for the next sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from stages.science.recording.columns import RecordingError, tell_rows
+from stages.science.recording.units import known_units
+
+LONGEST_GAP_SHARE = 1.0
+"""Samples without values, over those with values, beyond which a stream is two."""
+
+SAME_RATE = 0.01
+"""Relative difference of two rates that are the same."""
+
+
+def count_time(frame: pd.DataFrame, stream: Sequence[str], rate_hz: float) -> pd.DataFrame:
+    """Return the frame with ``time_s``, which counts the samples of each stream from 0 at a rate."""
+    told = [name for name in stream if name in frame]
+    count = frame.groupby(told, sort=False).cumcount().to_numpy() if told else np.arange(len(frame))
+    return frame.assign(time_s=count / rate_hz)
+
+
+def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | None) -> float:
+    """Return samples per second: as stated, if the times agree, else what the times say.
+
+    Raises
+    ------
+    RecordingError
+        When time stands still or contradicts what is stated; the unit that would agree is offered.
+    """
+    steps = frame.groupby(list(stream), sort=False)["time_s"].diff().dropna()
+    if steps.empty:
+        raise RecordingError("column time_s: expected at least two samples of something, got one of each")
+    usual = float(steps.median())
+    if usual <= 0.0:
+        raise RecordingError("column time_s: expected time that goes on, got the same time again and again")
+    step_s = float(steps[(steps / usual - 1.0).abs() < 0.5].mean())  # a rounded clock is right on average
+    if stated_hz is None:
+        return float(f"{1.0 / step_s:.9g}")
+    if abs(step_s * stated_hz - 1.0) > SAME_RATE:
+        units = [
+            unit for unit, factor in known_units("s").items() if abs(step_s * factor * stated_hz - 1.0) < SAME_RATE
+        ]
+        remedy = f"; set units.time_s={units[0]}" if units else "; correct the one or the other"
+        raise RecordingError(
+            f"column time_s: expected steps of {1.0 / stated_hz:.6g} s ({stated_hz:g} Hz are stated), "
+            f"got {step_s:.6g} s{remedy}"
+        )
+    return stated_hz
+
+
+def regularise(
+    frame: pd.DataFrame, group: str, member: Sequence[str], rate_hz: float, largest_jitter: float
+) -> tuple[pd.DataFrame, pd.Series]:
+    """Put every stream on its group's uniform clock.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        With ``time_s``; its rows are in the order of time within each stream.
+    group : str
+        Column whose rows share a clock and a start, such as the trial.
+    member : sequence of str
+        Columns that tell streams of a group apart, such as the muscle.
+    rate_hz : float
+        Samples per second.
+    largest_jitter : float
+        Deviation of a step from whole periods that is borne, in periods.
+
+    Returns
+    -------
+    DataFrame
+        The same columns, rectangular: every member in every group has all samples, with values or without; ``time_s``
+        counts from the group's start.
+    Series
+        Time at which each group starts, s, in the recording's own time.
+
+    Raises
+    ------
+    RecordingError
+        Naming the rows where the clock is not uniform, or stands still for longer than it was recorded.
+    """
+    stream = [group, *member]
+    starts = frame.groupby(group, sort=False)["time_s"].min()
+    since = (frame["time_s"] - frame[group].map(starts)) * rate_hz
+    steps = since.groupby([frame[name] for name in stream], sort=False).diff().fillna(since)
+    whole = steps.round()
+    jittery = (steps - whole).abs() > largest_jitter * whole.clip(lower=1.0)
+    jittery |= (whole < 1.0) & (steps > 0.0)
+    if jittery.any():
+        worst = float((steps - whole).abs().max())
+        raise RecordingError(
+            f"column time_s: expected steps of {1.0 / rate_hz:.6g} s within {largest_jitter:g} of it, got a deviation "
+            f"of {worst:.2g} in {tell_rows(jittery)}; resample it, or raise measurement.largest_jitter"
+        )
+    sample = whole.groupby([frame[name] for name in stream], sort=False).cumsum().astype(np.int64)
+    _check_gaps(sample, whole, frame, stream)
+    return _fill(frame.assign(sample=sample), group, member, rate_hz), starts
+
+
+def _check_gaps(sample: pd.Series, whole: pd.Series, frame: pd.DataFrame, stream: list[str]) -> None:
+    sizes = frame.groupby(stream, sort=False)["time_s"].transform("size")
+    long = whole > LONGEST_GAP_SHARE * sizes + 1.0
+    if long.any():
+        raise RecordingError(
+            f"column time_s: nothing for {whole[long].iloc[0]:.0f} samples before {tell_rows(long)}, longer than what "
+            f"was recorded; tell what begins there apart by {stream[0]}"
+        )
+
+
+def _fill(frame: pd.DataFrame, group: str, member: Sequence[str], rate_hz: float) -> pd.DataFrame:
+    lengths = frame.groupby(group, sort=False)["sample"].max() + 1
+    grid = pd.concat(
+        [pd.DataFrame({group: key, "sample": np.arange(count)}) for key, count in lengths.items()], ignore_index=True
+    )
+    if member:
+        grid = frame[list(member)].drop_duplicates().merge(grid, how="cross")
+    filled = grid.merge(frame.drop(columns="time_s"), how="left", on=[group, *member, "sample"], sort=False)
+    order = filled[group].map({key: index for index, key in enumerate(lengths.index)})
+    filled = filled.iloc[np.argsort(order.to_numpy(), kind="stable")].reset_index(drop=True)
+    return filled.assign(time_s=filled.pop("sample") / rate_hz)

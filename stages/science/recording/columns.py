@@ -1,0 +1,162 @@
+"""Foreign columns under this project's names: found, read as numbers, converted, and each row named once.
+
+A frame as it was read flows in, with the map of columns and units; a frame of this project's columns flows out, whose
+index counts the rows of the file. Every refusal names the column and the rows, counted from 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+
+import numpy as np
+import pandas as pd
+
+from stages.science.recording.dates import read_dates
+from stages.science.recording.units import choose_unit, convert
+
+SHOWN_ROWS = 3
+TIME = "time_s"
+COUNTED = ", or set measurement.rate_hz (Hz) where no column is time"
+
+
+class RecordingError(ValueError):
+    """A recording does not hold what it should; the message fits on one line and names column and rows."""
+
+
+def tell_rows(wrong: pd.Series) -> str:
+    """Return the first rows at which a mask is true, and how many more there are."""
+    rows = list(dict.fromkeys(str(index) for index in wrong.index[wrong.to_numpy(dtype=bool)]))
+    more = f" and {len(rows) - SHOWN_ROWS} more" if len(rows) > SHOWN_ROWS else ""
+    return f"row{'s' * (len(rows) > 1)} {', '.join(rows[:SHOWN_ROWS])}{more}"
+
+
+def adopt(
+    frame: pd.DataFrame,
+    columns: Mapping[str, str | None],
+    units: Mapping[str, str | None],
+    names: Sequence[str],
+    needed: Sequence[str],
+    header: Sequence[str] = (),
+) -> pd.DataFrame:
+    """Return the columns of this project that a foreign frame has, as numbers in this project's units.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        As read; each row has its number.
+    columns : mapping of str to str or None
+        Of this project's columns, the foreign one that holds it; one of the same name where there is none.
+    units : mapping of str to str or None
+        Of this project's columns, the unit in which it is recorded; its own where there is none.
+    names : sequence of str
+        Columns that are wanted, whose values are text.
+    needed : sequence of str
+        Columns that must be there; those of `columns` that are neither are taken where they are.
+    header : sequence of str
+        Columns of the file, where the frame holds some of them only; for messages.
+
+    Raises
+    ------
+    RecordingError
+        For a column that is missing or holds something else than numbers, and for a unit that is unknown.
+    """
+    found = {}
+    there = list(header) or [str(each) for each in frame.columns]
+    for name in columns:
+        source = columns[name] or name
+        if source in frame:
+            found[name] = frame[source].astype(str) if name in names else _convert(frame[source], name, units)
+        elif columns[name] is not None:
+            raise RecordingError(f"no column '{source}', which columns.{name} names; {_offer(source, there)}")
+        elif name in needed:
+            remedy = f"say which with columns.{name}=NAME{COUNTED if name == TIME else ''}"
+            raise RecordingError(f"no column {name}; {_offer(name, there)}; {remedy}")
+    for name in names:
+        source = columns.get(name) or name
+        if name in found and frame[source].isna().any():
+            raise RecordingError(f"column {source}: expected text, got nothing in {tell_rows(frame[source].isna())}")
+    return pd.DataFrame(found)
+
+
+def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
+    """Check that each row is named once and that time goes on.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        From `adopt`.
+    key : sequence of str
+        Columns that name a stream of samples, then the time.
+
+    Raises
+    ------
+    RecordingError
+        Naming the rows that have no time, repeat another or go back in time.
+    """
+    *stream, time = key
+    for name in key:
+        if frame[name].isna().any():
+            raise RecordingError(f"column {name}: expected a value in every row, got none in {_rows(frame[name])}")
+    repeated = frame.duplicated(list(key))
+    if repeated.any():
+        told = _tell_first(frame, repeated, key)
+        raise RecordingError(
+            f"column {time}: {tell_rows(repeated)} repeat an earlier one ({told}); remove them" + _begin_anew(stream)
+        )
+    steps = frame.groupby(stream, sort=False)[time].diff() if stream else frame[time].diff()
+    if (steps < 0.0).any():
+        back = steps < 0.0
+        where = f" ({_tell_first(frame, back, stream)})" if stream else ""
+        raise RecordingError(
+            f"column {time}: time goes back in {tell_rows(back)}{where}; sort the rows" + _begin_anew(stream)
+        )
+
+
+def _tell_first(frame: pd.DataFrame, wrong: pd.Series, names: Sequence[str]) -> str:
+    first = frame[wrong].iloc[0]
+    return ", ".join(
+        f"{name} {first[name] if isinstance(first[name], str) else f'{first[name]:.9g}'}" for name in names
+    )
+
+
+def _begin_anew(stream: Sequence[str]) -> str:
+    return f", or tell what begins anew there apart: set columns.{stream[0]}=NAME" if stream else ""
+
+
+def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> pd.Series:
+    try:
+        unit = choose_unit(name, units.get(name))
+    except ValueError as error:
+        raise RecordingError(str(error)) from None
+    if name == TIME and (passed := _read_dates(values)) is not None:
+        return passed
+    numbers = values if values.dtype.kind in "fiu" else pd.to_numeric(values, errors="coerce")
+    wrong = numbers.isna() & values.notna()
+    if values.dtype.kind in "mM":
+        wrong = values.notna()
+    if wrong.any():
+        first = values[wrong].iloc[0]
+        expected = "numbers or dates, as 2026-06-05 10:00:00," if name == TIME else "numbers,"
+        raise RecordingError(f"column {values.name}: expected {expected} got {str(first)[:40]!r} in {tell_rows(wrong)}")
+    numbers = numbers.astype(float)
+    infinite = numbers.abs() == np.inf
+    if infinite.any():
+        raise RecordingError(f"column {values.name}: expected finite numbers, got inf in {tell_rows(infinite)}")
+    return convert(numbers, name, unit)
+
+
+def _read_dates(values: pd.Series) -> pd.Series | None:
+    try:
+        return read_dates(values)
+    except ValueError as error:
+        raise RecordingError(f"column {values.name}: {error}") from None
+
+
+def _rows(values: pd.Series) -> str:
+    return tell_rows(values.isna())
+
+
+def _offer(name: str, known: Sequence[str]) -> str:
+    near = get_close_matches(name, known, n=1)
+    return f"did you mean '{near[0]}'?" if near else f"there are: {', '.join(known)}"

@@ -1,0 +1,311 @@
+"""A foreign file described: what its columns hold, how its clock runs, and how much of each record and part there is.
+
+Columns as they were read flow in, with the map that `guess_map` makes of their headings; lines of text and the
+arguments of a command flow out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from stages.science.recording.clock import find_rate
+from stages.science.recording.columns import TIME, RecordingError, adopt
+from stages.science.recording.dates import is_dates
+from stages.science.recording.guessing import Guess, guess_map, pair_parts
+from stages.science.recording.headings import read_heading
+from stages.science.recording.labels import list_labels, restarts, stays
+from stages.science.recording.uneven import FEWEST, count_rounded, is_uneven
+from stages.science.recording.units import own_unit
+
+TABLE = ("column", "values", "from", "to", "missing", "unit", "taken for")
+SIMPLEST = "second_order"
+"""Plant that is put into the command, for want of a hint in the file."""
+FEW = 12
+"""Records or parts that are told one by one."""
+OF_ONE = re.compile(r"^(.+)\[[A-Za-z_]\w*\]$")
+"""A column of one muscle or joint among others."""
+
+
+def describe(
+    columns: Mapping[str, pd.Series],
+    units: Mapping[str, str],
+    single: Mapping[str, float],
+    remarks: Sequence[str],
+    largest_jitter: float,
+    machines: Mapping[str, Mapping[str, int]],
+) -> tuple[list[str], Guess]:
+    """Return all that can be told of a file, as lines, and the map that its headings and values make plain.
+
+    Parameters
+    ----------
+    columns : mapping of str to Series
+        As they were read.
+    units : mapping of str to str
+        From a row of their own, by column.
+    single : mapping of str to float
+        Numbers that stand alone.
+    remarks : sequence of str
+        How the file is read.
+    largest_jitter : float
+        Deviation of a step of time from whole periods that is borne, in periods.
+    machines : mapping of str to mapping of str to int
+        By kind that could have been recorded, the keys that name its signals, each with how many it names.
+
+    Raises
+    ------
+    RecordingError
+        When no column has values.
+    """
+    rows = sorted({len(values) for values in columns.values()})
+    if not rows or rows[-1] == 0:
+        raise RecordingError("; ".join(["expected columns with values, got none", *remarks]))
+    guess = guess_columns(columns, units, single)
+    lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in remarks)]
+    lines += [f"  {name} = {value:g}, a single number" for name, value in single.items()]
+    lines += ["", *describe_columns(columns, units, guess), "", *describe_clock(columns, guess, largest_jitter)]
+    unknown = tell_unknown(guess, machines)
+    return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
+
+
+def describe_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], guess: Guess) -> list[str]:
+    """Return a table, as lines: each column's kind of values, range, gaps, unit and what it would be taken for."""
+    taken = {column: name for name, column in guess.columns.items()}
+    rows = [TABLE]
+    for name, values in columns.items():
+        unit = read_heading(name, units.get(name, "")).unit or ""
+        stem = next((name.removesuffix(end) for end in guess.endings if name.endswith(end)), name)
+        low, high = _tell_range(values)
+        row = (name, _tell_type(values), low, high, str(int(values.isna().sum())), unit)
+        rows.append((*row, taken.get(name) or taken.get(stem, "-")))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(TABLE))]
+    right = (2, 3, 4)
+    return [
+        "  ".join(
+            each.rjust(width) if k in right else each.ljust(width)
+            for k, (each, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], single: Mapping[str, float]) -> Guess:
+    """Return the map that headings and values make plain."""
+    numeric = {name: values.dropna().to_numpy(float) for name, values in columns.items() if _is_number(values)}
+    constant = {name: float(each[0]) for name, each in numeric.items() if len(each) and (each == each[0]).all()}
+    single = {**single, **constant}
+    dates = [name for name, values in columns.items() if not _is_number(values) and is_dates(values)]
+    numbers = [name for name, values in columns.items() if _is_number(values) or name in dates]
+    texts = [name for name in columns if name not in numbers]
+    guess = guess_map(numbers, texts, units, single, sorted(dates, key=lambda each: -columns[each].nunique()))
+    if not guess.muscles and not guess.endings:
+        _tell_records_apart(guess, columns)
+    if "part" in guess.columns:
+        guess.parts = pair_parts([str(each) for each in columns[guess.columns["part"]].dropna().unique()])
+    return guess
+
+
+def _tell_records_apart(guess: Guess, columns: Mapping[str, pd.Series]) -> None:
+    """Take for the record what labels records by its values; a column of that name which does not is none."""
+    named, part, time = (guess.columns.get(each) for each in ("record", "part", TIME))
+    labels = [each for each in list_labels(columns, time) if each == named or each not in guess.columns.values()]
+    if named is not None and named not in labels and (labels or not stays(columns[named])):
+        del guess.columns["record"]
+        guess.left += [named] if _is_number(columns[named]) else []
+    if named in labels or "record" in guess.columns or not labels:
+        return
+    if part is None or time is None or restarts(columns, time, part):
+        guess.take("record", labels[0])
+        guess.left = [each for each in guess.left if each != labels[0]]
+
+
+def describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitter: float) -> list[str]:
+    """Return lines on rate, evenness, records and parts; messages where a clock cannot be read."""
+    if guess.endings:
+        ends = {end: {columns[name].count() for name in columns if name.endswith(end)} for end in guess.endings}
+        told = [f"{end} ({' or '.join(map(str, sorted(sizes)))} rows)" for end, sizes in ends.items()]
+        return [f"parts, by the ends of names: {', '.join(told)}"]
+    chosen = {name: columns[column] for name, column in guess.columns.items() if name not in guess.signals}
+    chosen |= {name: columns[guess.columns[name]] for name in ("trial", "muscle") if name in guess.columns}
+    frame = pd.DataFrame({str(values.name): values for values in chosen.values()})
+    names = [name for name in chosen if name != TIME]
+    try:
+        found = adopt(frame, {name: guess.columns[name] for name in chosen}, guess.units, names, [])
+    except RecordingError as error:
+        return [str(error)]
+    stream = [name for name in names if name != "part"] or (["part"] if "part" in names else [])
+    lines = [_tell_groups(found, "trial" if guess.muscles else "record"), _tell_groups(found, "part")]
+    if TIME in found:
+        lines.insert(0, f"time: {_tell_steps(found, stream, largest_jitter, guess.muscles)}")
+    return [each for each in lines if each]
+
+
+def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
+    """Return the arguments that give a map to the command line.
+
+    Parameters
+    ----------
+    guess : Guess
+        The map.
+    defaults : sequence of str
+        Names that the configuration has; others are added to it.
+    """
+    arguments = []
+    for section, entries in (("columns", guess.columns), ("units", guess.units)):
+        for name, value in entries.items():
+            if section == "columns" and name == value:
+                continue
+            plus = "" if name in defaults else "+"
+            arguments.append(f"{plus}{section}.{name}={quote(value)}")
+    if guess.rate_hz is not None:
+        arguments.append(f"measurement.rate_hz={guess.rate_hz:.9g}")
+    if guess.endings:
+        arguments.append(f"measurement.part_endings=[{','.join(quote(each) for each in guess.endings)}]")
+    parts = guess.parts or tuple(each.lstrip("_") for each in guess.endings)
+    if parts:
+        arguments += [f"parts.fitted=[{quote(parts[0])}]", f"parts.verification=[{quote(parts[1])}]"]
+    if not guess.muscles:
+        roles = (("input", guess.input), ("output", guess.output))
+        arguments += [f"plant={SIMPLEST}", *(f"plant.{role}={name}" for role, name in roles if name)]
+    return arguments
+
+
+def quote(value: str) -> str:
+    """Return a text as the value of an override that stays a text."""
+    if re.fullmatch(r"[A-Za-z_/][\w./-]*", value) and value.lower() not in ("null", "true", "false", "nan", "inf"):
+        return value
+    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def tell_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """Return what the headings leave open, each with what to type."""
+    lines = []
+    if TIME not in guess.columns and guess.rate_hz is None:
+        lines.append("which column is time: columns.time_s=NAME; or, without one, its rate: measurement.rate_hz=...")
+    if TIME not in guess.columns and guess.rate_hz is not None:
+        lines.append(f"time: {guess.rate_hz:g} Hz is assumed, from the number that stands alone")
+    if guess.muscles:
+        missing = [name for name in ("trial", "muscle", "pressure_kpa", "force_n") if name not in guess.columns]
+        return [*lines, *(f"which column is {name}: columns.{name}=NAME" for name in missing)]
+    if not guess.signals and not guess.left:
+        lines.append("which columns are signals: +columns.NAME_UNIT=COLUMN, as in +columns.force_n=F +units.force_n=kN")
+    if guess.left:
+        some = f"{', '.join(guess.left[:FEW])}{', ...' * (len(guess.left) > FEW)}"
+        lines.append(f"the unit of {some}, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F")
+    stems = [found.group(1) for each in reversed(guess.left) if (found := OF_ONE.match(each))]
+    if stems:
+        pattern = quote(f"{max(stems, key=stems.count)}[{{muscle}}]")
+        lines.append(f"which columns are of muscles: columns.force_n={pattern} takes one of each, as muscles")
+    for name in guess.assumed:
+        lines.append(f"the unit of {guess.columns[name]}: {own_unit(name)} is assumed; end {name} in the right one")
+    roles = [("drives the machine", "input", guess.input), ("answers", "output", guess.output)]
+    for does, key, signal in roles:
+        if signal is None and guess.signals:
+            lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}")
+    others = [_tell_machine(guess, kind, keys) for kind, keys in machines.items() if kind != SIMPLEST]
+    return [
+        *lines,
+        f"which machine it is: plant={SIMPLEST} is put here; in place of it and its signals may stand",
+        *(f"  {each}" for each in others),
+    ]
+
+
+def _tell_machine(guess: Guess, kind: str, keys: Mapping[str, int]) -> str:
+    """Return the arguments that choose a machine, with its signals as far as they are plain."""
+    rest = [each for each in guess.signals if each != guess.output]
+    told = guess.output is not None and len(rest) == sum(keys.values()) - 1
+    named = iter(rest if told else [])
+    if not told and guess.input and sum(keys.values()) == 2:
+        named = iter([guess.input])
+    arguments = []
+    for key, count in keys.items():
+        signals = [guess.output or "NAME"] if key == "output" else [next(named, "NAME") for _ in range(count)]
+        arguments.append(f"plant.{key}={signals[0]}" if count == 1 else f"'plant.{key}=[{','.join(signals)}]'")
+    return " ".join([f"plant={kind}", *arguments])
+
+
+def _is_number(values: pd.Series) -> bool:
+    return values.dtype.kind in "fiub"
+
+
+def _tell_type(values: pd.Series) -> str:
+    if not _is_number(values) and is_dates(values):
+        return "dates" if values.dtype.kind != "m" else "durations"
+    if values.dtype.kind == "b":
+        return "yes or no"
+    if not _is_number(values):
+        return "text"
+    return "whole numbers" if values.dtype.kind in "iu" else "numbers"
+
+
+def _tell_range(values: pd.Series) -> tuple[str, str]:
+    known = values.dropna()
+    if known.empty:
+        return "", ""
+    if _is_number(values):
+        return f"{float(known.min()):.6g}", f"{float(known.max()):.6g}"
+    if values.dtype.kind in "mM":
+        return str(known.min()), str(known.max())
+    distinct = known.astype(str).unique()
+    return str(distinct[0])[:20], str(distinct[-1])[:20]
+
+
+def _tell_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float, muscles: bool) -> str:
+    time = told[TIME]
+    steps = time.groupby([told[name] for name in stream], sort=False).diff() if stream else time.diff()
+    steps = steps.dropna()
+    if steps.empty:
+        return "one sample of each record"
+    if (steps < 0.0).any():
+        return "goes back; if records follow each other, tell them apart: columns.record=NAME"
+    usual = float(steps.median())
+    rounded = None if muscles else _find_rounded(told, stream, largest_jitter)
+    if rounded is not None:
+        return f"steps rounded to {rounded[0]:g} s; the samples will be counted, at {_digits(rounded[1])} Hz"
+    if usual <= 0.0:
+        return "stands still"
+    if stream and (rates := _rates(told, stream)) and max(rates) > 1.01 * min(rates):
+        return f"{_digits(min(rates))} to {_digits(max(rates))} Hz, by record; they are resampled to the lowest"
+    whole = (steps / usual).round()
+    gaps = int((whole > 1.0).sum())
+    uneven = (steps / usual - whole).abs() > largest_jitter * whole.clip(lower=1.0)
+    beside = f", but for {gaps} gap{'s' * (gaps > 1)}" if gaps else ""
+    rate = _digits(find_rate(told.assign(all=""), [*stream, "all"], None))
+    if not uneven.any():
+        return f"even steps, {rate} Hz{beside}"
+    return (
+        f"uneven steps of {steps.min():.4g} to {steps.max():.4g} s about {usual:.4g} s ({rate} Hz), "
+        f"{int(uneven.sum())} of them by more than measurement.largest_jitter; "
+        f"{'resample it, or raise that' if muscles else 'they will be put on an even clock'}"
+    )
+
+
+def _find_rounded(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float) -> tuple[float, float] | None:
+    """Return the last digit (s) and the rate (Hz) of a rounded clock, if all records that are uneven have one."""
+    each = [rows[TIME].to_numpy(dtype=float) for _, rows in told.groupby(list(stream), sort=False)] if stream else []
+    times = [its for its in each or [told[TIME].to_numpy(dtype=float)] if len(its) >= FEWEST]
+    found = [count_rounded(its) for its in times if np.isfinite(its).all() and is_uneven(its, largest_jitter)]
+    rounded = [one for one in found if one is not None]
+    return (rounded[0][0], rounded[0][2]) if rounded and len(rounded) == len(found) else None
+
+
+def _rates(told: pd.DataFrame, stream: Sequence[str]) -> list[float]:
+    usual = told.groupby(list(stream), sort=False)[TIME].agg(lambda each: each.diff().median())
+    return [1.0 / float(each) for each in usual[usual > 0.0]]
+
+
+def _digits(rate: float) -> str:
+    return f"{rate:.6g}"
+
+
+def _tell_groups(told: pd.DataFrame, name: str) -> str:
+    if name not in told:
+        return ""
+    sizes = told[name].value_counts(sort=False)
+    if len(sizes) > FEW:
+        least, most = int(sizes.min()), int(sizes.max())
+        return f"{name}s: {len(sizes)}, of {least}{f' to {most}' * (most > least)} rows"
+    return f"{name}s: " + ", ".join(f"{each} ({count} rows)" for each, count in sizes.items())

@@ -1,0 +1,329 @@
+"""Recordings of robots, in MCAP files and ROS 2 bags: messages flow in, one table under their topics' names flows out.
+
+Each number or text of a message is a column ``/topic.field``, of an array ``/topic.field[0]``, and where an array
+``name`` of the message names the entries, as in a JointState, ``/topic.field[NAME]``. The topic with most messages
+gives the clock; of every other one a row holds the newest value not later than its instant. The libraries that read
+such files are imported where one is read, as most studies read none.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.science.recording.files.errors import FileError
+
+if TYPE_CHECKING:
+    from mcap.reader import McapReader
+
+SUFFIX, METADATA = ".mcap", "metadata.yaml"
+TIME = "time_s"
+MOST_ENTRIES = 64
+"""Entries of an array beyond which it is no set of signals."""
+SAME_CLOCK_S = 1.0
+"""Usual difference of a message's stamp from when it was logged, beyond which the two are different clocks."""
+INSTALL = 'type: pip install "pamid[bags]"'
+
+Nanoseconds = NDArray[np.int64]
+Message = tuple[str, int, Any]
+"""Topic, when it was logged (ns), and what it says."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """All messages of one topic.
+
+    Parameters
+    ----------
+    times : (N,) ndarray
+        Of the messages, ns, in their order in the file.
+    table : DataFrame
+        A row for each, columns under their full names.
+    stamped : bool
+        Whether the times are those in the messages' headers, not those of the log.
+    """
+
+    times: Nanoseconds
+    table: pd.DataFrame
+    stamped: bool
+
+    @property
+    def rate_hz(self) -> float:
+        """Messages per second, by the usual step; nan for one message."""
+        steps = np.diff(self.times)
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        return 1e9 / usual if usual else np.nan
+
+
+@dataclass(frozen=True)
+class Bag:
+    """What a recording holds.
+
+    Parameters
+    ----------
+    topics : dict of str to Topic
+        Those with columns, by name.
+    remarks : tuple of str
+        How times are taken and topics joined, and what is left alone.
+    """
+
+    topics: dict[str, Topic]
+    remarks: tuple[str, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """All columns, the time first."""
+        return [TIME, *(str(name) for topic in self.topics.values() for name in topic.table)]
+
+    def join(self, names: Collection[str] | None = None) -> pd.DataFrame:
+        """Return the columns of these names, or all, on the clock of the one of their topics with most messages."""
+        wanted = {
+            each: [str(name) for name in topic.table if names is None or name in names]
+            for each, topic in self.topics.items()
+        }
+        used = [each for each, columns in wanted.items() if columns] or list(self.topics)
+        clock = self.topics[_find_clock(used, self.topics)].times
+        columns = {TIME: pd.Series((clock - clock.min()) / 1e9)} if names is None or TIME in names else {}
+        for each in used:
+            columns |= _hold(self.topics[each], wanted[each], clock)
+        return pd.DataFrame(columns, index=range(len(clock)))
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is that of an MCAP file or of a ROS 2 bag."""
+    return path.suffix.lower() == SUFFIX if not path.is_dir() else (path / METADATA).is_file()
+
+
+def read_bag(path: Path) -> Bag:
+    """Read an MCAP file, or the folder of a ROS 2 bag.
+
+    Raises
+    ------
+    FileError
+        When the library that reads it is not installed.
+    ValueError
+        When it cannot be read or holds no message with numbers.
+    """
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    return _read(path, tuple((each.name, each.stat().st_size, each.stat().st_mtime_ns) for each in files))
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, state: object) -> Bag:
+    left: dict[str, str] = {}
+    messages = _list_mcap(path, left) if path.is_file() else _list_bag(path)
+    logged: dict[str, list[int]] = {}
+    stamps: dict[str, list[int]] = {}
+    rows: dict[str, list[dict[str, Any]]] = {}
+    for topic, time, message in messages:
+        logged.setdefault(topic, []).append(time)
+        stamps.setdefault(topic, []).append(_read_stamp(message))
+        rows.setdefault(topic, []).append(dict(_flatten(topic, message, left)))
+    tables = {topic: pd.DataFrame(told) for topic, told in sorted(rows.items())}
+    tables = {topic: table for topic, table in tables.items() if not table.empty}
+    if not tables:
+        raise ValueError("; ".join(["expected messages with numbers, got none", *_tell_left(left)]))
+    stamped = {topic: all(stamps[topic]) for topic in tables}
+    foreign = [topic for topic in tables if stamped[topic] and not _agree(stamps[topic], logged[topic])]
+    if foreign and not all(stamped.values()):
+        stamped = dict.fromkeys(tables, False)
+        why = f"; header.stamp of {foreign[0]} is of another clock, and not every topic has one"
+    else:
+        why = ""
+    times = {topic: np.array((stamps if stamped[topic] else logged)[topic], dtype=np.int64) for topic in tables}
+    topics = {topic: Topic(times[topic], table, stamped[topic]) for topic, table in tables.items()}
+    return Bag(topics, (*_tell_times(topics, why), *_tell_left(left)))
+
+
+def _list_bag(path: Path) -> Iterator[Message]:
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ModuleNotFoundError:
+        raise FileError(f"{path}: expected the library rosbags, which reads ROS 2 bags; {INSTALL}") from None
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            for connection, time, raw in reader.messages():
+                yield connection.topic, time, reader.deserialize(raw, connection.msgtype)
+    except OSError:
+        raise
+    except Exception as error:  # the library raises whatever the bytes make it stumble over
+        raise ValueError(str(error) or type(error).__name__) from None
+
+
+def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
+    try:
+        from mcap.reader import NonSeekingReader, make_reader
+    except ModuleNotFoundError:
+        raise FileError(f"{path}: expected the library mcap, which reads MCAP files; {INSTALL}") from None
+    decode = _Decoder(path)
+    with path.open("rb") as handle:
+        try:
+            if _has_end(handle):
+                records = make_reader(handle).iter_messages()
+            else:
+                records = _read_to_cut(NonSeekingReader(handle), left)
+            for schema, channel, message in records:
+                if channel.message_encoding == "json":
+                    yield channel.topic, message.log_time, json.loads(message.data)
+                elif channel.message_encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
+                    yield channel.topic, message.log_time, decode(schema, message.data)
+                else:
+                    told = f"its messages are in {channel.message_encoding or 'no known form'}, expected json or cdr"
+                    left[channel.topic] = told
+        except (OSError, FileError):
+            raise
+        except Exception as error:  # as above
+            raise ValueError(str(error) or type(error).__name__) from None
+
+
+def _has_end(handle: BinaryIO) -> bool:
+    """Return whether an MCAP file ends as it should, which one of a recorder that was killed does not."""
+    from mcap.stream_reader import MAGIC_SIZE
+
+    magic = handle.read(MAGIC_SIZE)
+    handle.seek(max(handle.seek(0, os.SEEK_END) - MAGIC_SIZE, 0))
+    ended = handle.read() == magic
+    handle.seek(0)
+    return ended
+
+
+def _read_to_cut(reader: McapReader, left: dict[str, str]) -> Iterator[tuple[Any, Any, Any]]:
+    from mcap.exceptions import EndOfFile
+
+    with contextlib.suppress(EndOfFile):
+        yield from reader.iter_messages(log_time_order=False)
+    left["what comes after the last whole chunk"] = "the file is cut off, as one of a recorder that was killed"
+
+
+class _Decoder:
+    """Reads messages of ROS 2 by the definitions that come with them."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.known: dict[int, Any] = {}
+
+    def __call__(self, schema: Any, data: bytes) -> Any:
+        if schema.id not in self.known:
+            try:
+                from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+            except ModuleNotFoundError:
+                told = "which reads messages of ROS 2"
+                raise FileError(f"{self.path}: expected the library rosbags, {told}; {INSTALL}") from None
+            store = get_typestore(Stores.EMPTY)
+            store.register(get_types_from_msg(schema.data.decode(), _full_name(schema.name)))
+            self.known[schema.id] = store
+        return self.known[schema.id].deserialize_cdr(data, _full_name(schema.name))
+
+
+def _full_name(name: str) -> str:
+    return name if "/msg/" in name else name.replace("/", "/msg/")
+
+
+def _fields(message: Any) -> dict[str, Any]:
+    if isinstance(message, Mapping):
+        return {str(name): value for name, value in message.items()}
+    names = [each.name for each in dataclasses.fields(message) if not each.name.startswith("__")]
+    return {name: getattr(message, name) for name in names}
+
+
+def _is_message(value: Any) -> bool:
+    return isinstance(value, Mapping) or dataclasses.is_dataclass(value)
+
+
+def _read_stamp(message: Any) -> int:
+    """Return the stamp in a message's header, ns; 0 where there is none."""
+    header = _fields(message).get("header") if _is_message(message) else None
+    stamp = _fields(header).get("stamp") if _is_message(header) else None
+    told = _fields(stamp) if _is_message(stamp) else {}
+    return int(told.get("sec", 0)) * 1_000_000_000 + int(told.get("nanosec", told.get("nsec", 0)))
+
+
+def _flatten(name: str, value: Any, left: dict[str, str]) -> Iterator[tuple[str, Any]]:
+    """Yield the numbers and texts in a value under their full names."""
+    if _is_message(value):
+        fields = _fields(value)
+        named = fields.get("name")
+        named = list(named) if isinstance(named, list | tuple) and _are_texts(named) else None
+        beside = {each for each, told in fields.items() if each != "name" and named and _length(told) == len(named)}
+        for each, told in fields.items():
+            if each == "header" or (each == "name" and beside):
+                continue
+            if each in beside and named is not None:
+                yield from ((f"{name}.{each}[{its}]", one) for its, one in zip(named, _native(told), strict=True))
+            else:
+                yield from _flatten(f"{name}.{each}", told, left)
+    elif isinstance(value, bool | int | float | str) or value is None:
+        yield name, value
+    elif isinstance(value, list | tuple | np.ndarray):
+        if len(value) > MOST_ENTRIES:
+            left[name] = f"{len(value)} entries"
+            return
+        for k, each in enumerate(_native(value)):
+            yield from _flatten(f"{name}[{k}]", each, left)
+    else:
+        left[name] = "neither numbers nor text"
+
+
+def _are_texts(values: Sequence[Any]) -> bool:
+    return len(values) > 0 and all(isinstance(each, str) for each in values) and len(set(values)) == len(values)
+
+
+def _length(value: Any) -> int | None:
+    return len(value) if isinstance(value, list | tuple | np.ndarray) else None
+
+
+def _native(values: Any) -> list[Any]:
+    return values.tolist() if isinstance(values, np.ndarray) else list(values)
+
+
+def _agree(stamps: Sequence[int], logged: Sequence[int]) -> bool:
+    return float(np.median(np.abs(np.array(stamps) - np.array(logged)))) < SAME_CLOCK_S * 1e9
+
+
+def _find_clock(among: Sequence[str], topics: Mapping[str, Topic]) -> str:
+    return max(among, key=lambda each: len(topics[each].times))
+
+
+def _hold(topic: Topic, names: Sequence[str], clock: Nanoseconds) -> dict[str, pd.Series]:
+    """Return columns on a clock, each row with the newest value not later than it; missing before the first one."""
+    if topic.times is clock:
+        return {name: topic.table[name] for name in names}
+    order = np.argsort(topic.times, kind="stable")
+    at = np.searchsorted(topic.times[order], clock, side="right") - 1
+    held = topic.table.iloc[order[np.maximum(at, 0)]].reset_index(drop=True)
+    return {name: held[name].where(at >= 0) for name in names}
+
+
+def _tell_times(topics: Mapping[str, Topic], why: str) -> Iterator[str]:
+    stamped = {each for each, topic in topics.items() if topic.stamped}
+    other = [each for each in topics if each not in stamped]
+    if stamped:
+        yield f"times from header.stamp{f' of {_enumerate(sorted(stamped))}' if other else ''}"
+    if other:
+        yield f"times from the log{f' of {_enumerate(other)}' if stamped else ''}{why}"
+    if len(topics) > 1:
+        told = _enumerate([f"{each} {topic.rate_hz:.4g} Hz" for each, topic in topics.items()])
+        yield (
+            f"{len(topics)} topics ({told}) on the clock of the one with most messages of those that are used, "
+            "each with its newest value"
+        )
+
+
+def _tell_left(left: Mapping[str, str]) -> Iterator[str]:
+    return (f"{name} is left alone: {why}" for name, why in left.items())
+
+
+def _enumerate(told: Sequence[str]) -> str:
+    return ", ".join(told)

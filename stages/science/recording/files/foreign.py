@@ -1,0 +1,161 @@
+"""Tables that others wrote, in Parquet, text and MAT files and in bags of messages.
+
+A path flows in, columns under their own names flow out.
+A file that is none of these, or cannot be read, is refused in one line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+import pyarrow
+import pyarrow.parquet
+
+from stages.science.recording.files.bags import is_bag, read_bag
+from stages.science.recording.files.delimited import find_dialect, read_delimited
+from stages.science.recording.files.errors import FileError
+from stages.science.recording.files.matlab import Variables, Vector, list_unequal, read_variables
+
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+TABLE_SUFFIXES = (".parquet", ".mat", ".mcap", *TEXT_SUFFIXES)
+REMEDIES = {".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV"}
+
+
+class UnequalColumns(FileError):
+    """Columns that are wanted together differ in length."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a file says of its columns before its values are looked at.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the columns.
+    units : mapping of str to str
+        Told in a row of their own, by column.
+    single : mapping of str to float
+        Numbers that stand alone in the file.
+    remarks : sequence of str
+        How it is read, where that is out of the ordinary, and what cannot be read.
+    """
+
+    names: Sequence[str]
+    units: Mapping[str, str]
+    single: Mapping[str, float]
+    remarks: Sequence[str]
+
+
+def read_header(path: Path) -> Header:
+    """Return what a file that others wrote says of its columns.
+
+    Raises
+    ------
+    FileError
+        As of `read_foreign`.
+    """
+    with _explained(path):
+        if is_bag(path):
+            bag = read_bag(path)
+            return Header(bag.names, {}, {}, bag.remarks)
+        suffix = _suffix(path)
+        if suffix == ".parquet":
+            names = [str(name) for name in pyarrow.parquet.read_schema(path).names if not _is_index(str(name))]
+            return Header(names, {}, {}, [])
+        if suffix == ".mat":
+            found = read_variables(path)
+            left = [f"{name} is left alone: {why}" for name, why in found.left.items()]
+            return Header(list(found.vectors), {}, found.single, left)
+        dialect = find_dialect(path)
+        units = {name: unit for name, unit in zip(dialect.names, dialect.units, strict=False) if name and unit}
+        return Header([name for name in dialect.names if name], units, {}, dialect.remarks)
+
+
+def read_foreign(path: Path, names: Collection[str] | None = None) -> pd.DataFrame:
+    """Read a table that others wrote; its rows are counted from 0.
+
+    Parameters
+    ----------
+    path : Path
+        A Parquet, text, MAT or MCAP file, or the folder of a ROS 2 bag.
+    names : collection of str or None
+        Columns that are wanted, of those that are there; None for all, as far as they are equally long.
+
+    Raises
+    ------
+    FileError
+        When it is none of these, whatever the reason.
+    UnequalColumns
+        When wanted columns differ in length.
+    """
+    with _explained(path):
+        if is_bag(path):
+            return read_bag(path).join(names)
+        suffix = _suffix(path)
+        if suffix == ".mat":
+            return _align(path, read_variables(path), names)
+        if suffix == ".parquet":
+            frame: pd.DataFrame = pd.read_parquet(path)
+            frame = frame.reset_index(drop=frame.index.names == [None])
+            return frame if names is None else frame[[each for each in frame if each in names]]
+        return read_delimited(path, find_dialect(path), names)
+
+
+def read_columns(path: Path) -> dict[str, pd.Series]:
+    """Return every column of a file by itself, as those of a MAT file may differ in length.
+
+    Raises
+    ------
+    FileError
+        As of `read_foreign`.
+    """
+    if path.suffix.lower() != ".mat":
+        frame = read_foreign(path)
+        return {str(name): frame[name] for name in frame}
+    with _explained(path):
+        return {name: pd.Series(_native(values), name=name) for name, values in read_variables(path).vectors.items()}
+
+
+def _align(path: Path, found: Variables, names: Collection[str] | None) -> pd.DataFrame:
+    lengths = {name: len(values) for name, values in found.vectors.items() if names is None or name in names}
+    if len(set(lengths.values())) > 1 and names is None:
+        usual = max(lengths.values(), key=list(lengths.values()).count)
+        lengths = {name: length for name, length in lengths.items() if length == usual}
+    told = [f"{name} ({length})" for name, length in list_unequal(lengths)]
+    if len(told) > 1:
+        raise UnequalColumns(f"{path}: expected columns of one length, got {' and '.join(told)}")
+    return pd.DataFrame({name: _native(found.vectors[name]) for name in lengths})
+
+
+def _native(values: Vector) -> Vector:
+    """Return an array in this machine's order of bytes, which pandas demands."""
+    return values.astype(values.dtype.newbyteorder("="))
+
+
+def _is_index(name: str) -> bool:
+    return name.startswith("__index_level_")
+
+
+def _suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in TABLE_SUFFIXES:
+        remedy = REMEDIES.get(suffix, "save its columns as one of these")
+        known = f"{', '.join(TABLE_SUFFIXES[:-1])} or {TABLE_SUFFIXES[-1]}"
+        raise FileError(f"{path}: expected a {known} file, got '{path.name}'; {remedy}")
+    return suffix
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Tell in one line why a file cannot be read."""
+    try:
+        yield
+    except (OSError, ValueError, KeyError, TypeError, MemoryError, pyarrow.ArrowException) as error:
+        told = (str(error).splitlines() or [type(error).__name__])[0]
+        kind = "CSV" if path.suffix.lower() in TEXT_SUFFIXES else path.suffix[1:].upper() or "a ROS 2 bag"
+        raise FileError(f"{path}: cannot be read as {kind} ({told[:200]})") from None

@@ -1,0 +1,215 @@
+"""Which column of a foreign file may be what: time, record, part, what drives a machine and what answers.
+
+Headings flow in, with what kind of values stand below; a map of columns and units flows out, as far as names make it
+plain. What is not plain is left to the person.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from stages.science.recording.headings import Heading, read_heading
+from stages.science.recording.units import KINDS, end_of, find_kind, own_unit, read_unit
+
+TIMES = ("t", "time", "times", "time_s", "timestamp", "stamp", "zeit", "temps", "elapsed", "date", "datetime")
+SECONDS = ("sec", "secs", "second", "seconds", "ms", "msec", "us", "usec")
+"""Names of a column of time that are its unit as well."""
+RECORDS = ("record", "rec", "run", "trial", "experiment", "exp", "repetition", "rep", "cycle", "segment", "test", "nr")
+STEPS, RATES = ("ts", "dt", "sampling_time", "sample_time", "t_sample"), ("fs", "rate", "sampling_rate", "sample_rate")
+PARTS = ("part", "set", "split", "phase", "dataset", "purpose")
+INPUTS = ("u", "input", "in", "drive", "excitation", "command", "cmd", "u1")
+OUTPUTS = ("y", "output", "out", "response", "answer", "y1")
+ENDINGS = (("est", "val"), ("train", "test"), ("estimation", "validation"), ("id", "val"), ("training", "validation"))
+"""Ends of names that tell parts, however they are capitalised."""
+WITHOUT_UNIT = {"input": "drive_v", "output": "response_v"}
+"""Names for what drives and what answers where no unit is told: those of the plant `second_order`."""
+
+MUSCLES = {
+    "pressure": ("pressure_kpa", "pressure_command_kpa"),
+    "force": ("force_n",),
+    "angle": ("joint_angle_rad",),
+    "angular velocity": ("joint_velocity_rad_per_s",),
+    "ratio": ("contraction",),
+    "rate of a ratio": ("contraction_velocity_per_s",),
+}
+FIELD = re.compile(r"^\w+(?:\.\w+)*\.([A-Za-z]\w*)$")
+"""A field of a struct, whose last name tells."""
+COMMANDED = re.compile(r"command|cmd|ref|set|target|desired")
+
+
+@dataclass
+class Guess:
+    """A map as far as it is plain.
+
+    Parameters
+    ----------
+    columns, units : dict of str to str
+        Foreign column and its unit, by this project's name; a unit is there where it is not the name's own.
+    muscles : bool
+        Whether the file tells muscles apart.
+    input, output : str or None
+        Names of what drives and what answers.
+    endings : tuple of str
+        Ends of names that tell parts.
+    parts : tuple of str
+        Parts to be fitted and to be opened at the end, where their names say so.
+    assumed : list of str
+        Names whose unit nothing tells.
+    left : list of str
+        Columns of numbers that nothing tells enough about.
+    rate_hz : float or None
+        Samples per second, where a single number tells them.
+    """
+
+    columns: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    muscles: bool = False
+    input: str | None = None
+    output: str | None = None
+    endings: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
+    assumed: list[str] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+    rate_hz: float | None = None
+
+    def take(self, name: str, column: str, unit: str | None = None) -> None:
+        """Map a column."""
+        self.columns[name] = column
+        if unit is not None and unit != own_unit(name):
+            self.units[name] = unit
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of what was measured over time."""
+        return [each for each in self.columns if each not in ("time_s", "record", "part")]
+
+
+def pair_parts(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the name of the part that is to be fitted and of that to be opened at the end; none where none tells."""
+    known = {name.casefold(): name for name in names}
+    pairs = (pair for pair in ENDINGS if all(each in known for each in pair))
+    return tuple(known[each] for each in next(pairs, ()))
+
+
+def find_endings(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the ends of names that tell parts, as they are written; none where there are none."""
+    for pair in ENDINGS:
+        for form in (str.capitalize, str.lower, str.upper):
+            for link in ("_", ""):
+                first, second = (link + form(each) for each in pair)
+                stems = [each.removesuffix(first) for each in names if each.endswith(first) and each != first]
+                if stems and all(f"{stem}{second}" in names for stem in stems):
+                    return first, second
+    return ()
+
+
+def guess_map(
+    numbers: Sequence[str],
+    texts: Sequence[str],
+    units: Mapping[str, str],
+    single: Mapping[str, float],
+    dates: Sequence[str] = (),
+) -> Guess:
+    """Return the map that the headings make plain.
+
+    Parameters
+    ----------
+    numbers, texts : sequence of str
+        Columns of numbers or dates, and of text.
+    units : mapping of str to str
+        From a row of their own, by column.
+    single : mapping of str to float
+        Numbers that stand alone.
+    dates : sequence of str
+        Those of the columns that hold dates or times of day, the likeliest for time first.
+    """
+    guess = Guess()
+    everything = [*numbers, *texts]
+    guess.endings = find_endings(numbers)
+    if guess.endings:
+        first, second = guess.endings
+        parted = [each for each in numbers if each.endswith((first, second))]
+        numbers = [*(each for each in numbers if each not in parted)] + [
+            each.removesuffix(first) for each in parted if each.endswith(first)
+        ]
+        units = {**units, **{each.removesuffix(first): told for each, told in units.items()}}
+    plain = {each: _plain(_read(each, units).name) for each in [*numbers, *texts]}
+    named = [each for each in everything if plain.get(each) in (*TIMES, *SECONDS)]
+    clocks = [each for each in numbers if _kind(each, units) == "time"]
+    _take_first(guess, "time_s", [*(each for each in named if each not in dates), *dates, *clocks], units)
+    if "time_s" not in guess.columns:
+        steps = [1.0 / value for name, value in single.items() if _plain(name) in STEPS and value > 0.0]
+        rates = [value for name, value in single.items() if _plain(name) in RATES and value > 0.0]
+        guess.rate_hz = float(f"{[*steps, *rates][0]:.9g}") if steps or rates else None
+    guess.muscles = "muscle" in plain.values()
+    record = "trial" if guess.muscles else "record"
+    _take_first(guess, record, [each for each in everything if plain.get(each) in RECORDS], {})
+    _take_first(guess, "part", [each for each in texts if plain[each] in PARTS], {})
+    rest = [each for each in numbers if each not in guess.columns.values()]
+    if guess.muscles:
+        _take_first(guess, "muscle", [each for each in everything if plain.get(each) == "muscle"], {})
+        _take_muscles(guess, rest, units)
+    else:
+        _take_signals(guess, rest, plain, units)
+    guess.left = [each for each in rest if each not in guess.columns.values()]
+    return guess
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"\W+", "_", FIELD.sub(r"\1", name.strip()).lower()).strip("_")
+
+
+def _read(column: str, units: Mapping[str, str]) -> Heading:
+    return read_heading(FIELD.sub(r"\1", column), units.get(column, ""))
+
+
+def _kind(column: str, units: Mapping[str, str]) -> str | None:
+    unit = _read(column, units).unit
+    return None if unit is None else find_kind(unit)
+
+
+def _take_first(guess: Guess, name: str, columns: Sequence[str], units: Mapping[str, str]) -> None:
+    if columns:
+        unit = _read(columns[0], units).unit or read_unit(_plain(columns[0])) if name == "time_s" else None
+        guess.take(name, columns[0], unit if unit in KINDS["time"] else None)
+
+
+def _take_muscles(guess: Guess, rest: Sequence[str], units: Mapping[str, str]) -> None:
+    known = [name for names in MUSCLES.values() for name in names]
+    for column in [*(each for each in rest if each in known), *(each for each in rest if each not in known)]:
+        heading = _read(column, units)
+        named = "contraction" in _plain(column) and heading.unit is None
+        names = MUSCLES.get("ratio" if named else _kind(column, units) or "", ())
+        if len(names) > 1:
+            names = names[1:] if COMMANDED.search(_plain(column)) else names[:1]
+        wanted = column if column in known else next(iter(names), None)
+        if wanted is not None and wanted not in guess.columns:
+            guess.take(wanted, column, heading.unit)
+
+
+def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], units: Mapping[str, str]) -> None:
+    for column in rest:
+        unit = _read(column, units).unit
+        role = "input" if plain[column] in INPUTS else "output" if plain[column] in OUTPUTS else None
+        role = None if role is None or getattr(guess, role) else role
+        if unit is None and role is None:
+            continue
+        if unit is None:
+            name = WITHOUT_UNIT[str(role)]
+            guess.assumed.append(name)
+        else:
+            kind = find_kind(unit)
+            own = next(iter(KINDS[kind]))
+            stem = plain[column] or _plain(kind)
+            stem = stem if stem[0].isalpha() else f"signal_{stem}"
+            name = stem if own_unit(stem) == own and own != "ratio" else f"{stem}_{end_of(own)}"
+        if name in guess.columns:
+            continue
+        guess.take(name, column, unit)
+        if role is not None:
+            setattr(guess, role, name)
+    if len(guess.signals) == 2 and (guess.input is None) != (guess.output is None):
+        other = next(each for each in guess.signals if each not in (guess.input, guess.output))
+        guess.input, guess.output = guess.input or other, guess.output or other

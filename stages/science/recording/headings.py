@@ -1,0 +1,150 @@
+"""What the heading of a foreign column says: the quantity's name, its unit, and whether that fits the column's use.
+
+Headings flow in, with units from a row of their own; names and units flow out, or a `RecordingError`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from stages.science.recording.columns import RecordingError
+from stages.science.recording.units import (
+    ENDS,
+    OTHER_SPELLINGS,
+    ZEROS,
+    choose_unit,
+    end_of,
+    find_kind,
+    known_units,
+    own_unit,
+    read_unit,
+)
+
+BRACKETED = re.compile(r"^(.*?)\s*[\[({]\s*([^\[({\])}]+?)\s*[\])}]\s*$")
+BETWEEN = re.compile(r"\s+in\s+|\s*[/,;]\s*|[\s_.]+|(?<=\w)(?=[%°])")
+"""What may stand between a quantity and its unit."""
+SIGNS = ("in", "/", ",", ";")
+"""Of these, those that set a unit apart."""
+NAMES_BESIDES = ("k", "g", "w", "a", "in", "-")
+"""What ends more names than it states units."""
+ONLY_IN_COMPOUNDS = (
+    "l",
+    "ml",
+    "h",
+    "J",
+    "kJ",
+    "mol",
+    "lb",
+    "ft",
+    "oz",
+    "ohm",
+    "rev",
+    "inc",
+    "counts",
+    "dB",
+    "m2",
+    "m3",
+)
+"""Pieces of units that are none of those that convert."""
+CLOCK = re.compile(r"(.*[\W_])?(t|\w*time\w*|\w*zeit\w*|temps|elapsed|duration|delay)", re.IGNORECASE)
+"""A name whose unit is one of time alone, and not a part of another one."""
+
+
+class Heading(NamedTuple):
+    """Quantity and unit, which is `plain` where it was set apart or is more than one letter."""
+
+    name: str
+    unit: str | None
+    plain: bool
+
+
+def read_heading(text: str, told: str = "") -> Heading:
+    """Return what a heading says.
+
+    Parameters
+    ----------
+    text : str
+        The column's name, such as ``Force (kN)``, ``p1_kPa`` or ``v_m_s``.
+    told : str
+        Its unit from a row of units, if there is one.
+    """
+    if told and (unit := read_unit(told)) is not None:
+        return Heading(read_heading(text).name, unit, True)
+    found = BRACKETED.match(text)
+    if found and (unit := read_unit(found.group(2))) is not None:
+        return Heading(found.group(1), unit, True)
+    for gap in BETWEEN.finditer(text):
+        name, end, sign = text[: gap.start()], text[gap.end() :].strip(), gap.group().strip()
+        unit = _read_end(end, sign in SIGNS) if name else None
+        if unit is not None:
+            known = not _is_compound(name, unit, gap.group())
+            return Heading(name, unit, sign in SIGNS or len(end) > 1) if known else Heading(text, None, False)
+    return Heading(text, None, False)
+
+
+def _read_end(end: str, apart: bool) -> str | None:
+    """Return the unit that the end of a heading states, with underscores or as it is written."""
+    if not apart and end.lower() in NAMES_BESIDES:
+        return None
+    spelled = re.sub(r"[\s_.]+", "_", end).lower()
+    spelled = re.sub(r"_(s2?|min|h)$", r"_per_\1", spelled) if spelled not in ENDS else spelled
+    return ENDS[spelled][1] if spelled in ENDS else read_unit(end)
+
+
+def _is_compound(name: str, unit: str, gap: str) -> bool:
+    """Return whether a unit is the last piece of one that is not known, as mm is of N/mm, and no unit of the name."""
+    before = re.split(r"[\s_./,;]+", name)
+    kind = find_kind(unit)
+    piece = before[-1] if len(before) > 1 else ""
+    if piece in ONLY_IN_COMPOUNDS or (piece and read_unit(piece) is not None and _is_written_so(piece, kind)):
+        return True
+    return kind == "time" and (gap == "/" or unit == "min") and not CLOCK.fullmatch(name)
+
+
+def _is_written_so(piece: str, kind: str) -> bool:
+    """Return whether a piece of a name is spelled as its unit is; a small n before a length is one of force too."""
+    return piece == read_unit(piece) or piece in OTHER_SPELLINGS or (piece == "n" and kind == "length")
+
+
+def check_headings(
+    columns: Mapping[str, str | None], units: Mapping[str, str | None], told: Mapping[str, str], present: set[str]
+) -> None:
+    """Refuse a column whose heading states another unit than the one in which it would be read.
+
+    Parameters
+    ----------
+    columns, units : mapping of str to str or None
+        As of `adopt`; a unit that is given is believed.
+    told : mapping of str to str
+        Units from a row of their own, by foreign column.
+    present : set of str
+        Foreign columns that are there.
+
+    Raises
+    ------
+    RecordingError
+        Naming the unit to set.
+    """
+    for name, column in columns.items():
+        source = column or name
+        if source not in present or units.get(name) is not None:
+            continue
+        heading, own = read_heading(source, told.get(source, "")), own_unit(name)
+        if heading.unit is None or heading.unit == own:
+            continue
+        if heading.unit in known_units(name):
+            if known_units(name)[heading.unit] == 1.0 and ZEROS.get(heading.unit) == ZEROS.get(own):
+                continue
+        elif not heading.plain:
+            continue
+        key = f"{'' if name in units else '+'}units.{name}"
+        try:
+            remedy = f"set {key}={choose_unit(name, heading.unit)}"
+        except ValueError:
+            remedy = f"name the signal by its {find_kind(heading.unit)}, as NAME_{end_of(heading.unit)}"
+        raise RecordingError(
+            f"column {source}: the file states {heading.unit}, and {name} is in {own}; {remedy}, or {key}={own} if "
+            "the file is wrong"
+        )

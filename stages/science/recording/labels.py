@@ -1,0 +1,76 @@
+"""Which column of a foreign file tells its records apart: one that stays as it is until time begins anew.
+
+Columns flow in, with the one that is time; those that label records flow out. Names say less than values do: a column
+``Nr`` may count records or rows.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.science.recording.dates import is_dates, read_dates
+
+FIELD = re.compile(r"\.[A-Za-z].*")
+"""What stands behind an array's name in that of a field; a number is that of a name which comes again."""
+FEWEST_ROWS = 2.0
+"""Rows of a record, on average, from which on a column labels records and counts no rows."""
+
+
+def list_labels(columns: Mapping[str, pd.Series], time: str | None) -> list[str]:
+    """Return the columns that label records by their values.
+
+    They are whole numbers or text, each of them in rows that follow each other, and change wherever time goes back.
+    The number of an array of structs, which has the array's name, is one whatever time does.
+
+    Parameters
+    ----------
+    columns : mapping of str to Series
+        As they were read.
+    time : str or None
+        The column of time, if there is one.
+    """
+    arrays = [name for name in columns if any(FIELD.fullmatch(each.removeprefix(name)) for each in columns)]
+    back = _find_restarts(columns[time]) if time is not None else np.array([], dtype=np.int64)
+    if len(back) == 0:
+        return arrays
+    return arrays + [
+        name
+        for name, values in columns.items()
+        if name != time and name not in arrays and len(values) == len(columns[str(time)]) and _labels(values, back)
+    ]
+
+
+def stays(values: pd.Series) -> bool:
+    """Return whether values stay the same over rows, as labels do."""
+    return not values.isna().any() and (len(_find_changes(values)) + 1) * FEWEST_ROWS <= len(values)
+
+
+def restarts(columns: Mapping[str, pd.Series], time: str, part: str) -> bool:
+    """Return whether time goes back elsewhere than where another part begins."""
+    return bool(set(_find_restarts(columns[time])) - set(_find_changes(columns[part])))
+
+
+def _labels(values: pd.Series, back: NDArray[np.int64]) -> bool:
+    whole = values.dtype.kind in "iub" or (values.dtype.kind == "f" and bool((values % 1.0 == 0.0).all()))
+    if not stays(values) or not (whole or (values.dtype.kind not in "fmM" and not is_dates(values))):
+        return False
+    changes = _find_changes(values)
+    return values.nunique() == len(changes) + 1 and set(back) <= set(changes)
+
+
+def _find_changes(values: pd.Series) -> NDArray[np.int64]:
+    return np.flatnonzero((values != values.shift()).to_numpy()[1:]) + 1
+
+
+def _find_restarts(time: pd.Series) -> NDArray[np.int64]:
+    """Return the rows in which time is less than in the one before."""
+    try:
+        passed = time if time.dtype.kind in "fiu" else read_dates(time)
+    except ValueError:
+        passed = None
+    return np.array([], dtype=np.int64) if passed is None else np.flatnonzero((passed.diff() < 0.0).to_numpy())

@@ -1,0 +1,167 @@
+"""What is known of a recorded machine: its muscles and its session.
+
+The mapping that meta.json holds, or the configured exoskeleton, flows in; rows of muscles and a `Session` flow out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from typing import Any, Literal, Self
+
+import numpy as np
+import pandas as pd
+import pandera.pandas as pa
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
+
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.recording.columns import RecordingError
+
+NOMINAL = ("valve_tau_s", "braid_angle_deg", "contraction_factor", "damping_n_s")
+"""Constants of a muscle from which a fit may start."""
+
+GEOMETRY = (
+    "joint",
+    "role",
+    "type",
+    "rest_length_m",
+    "nominal_diameter_m",
+    "moment_arm_m",
+    "contraction_at_angle_0",
+    "sign",
+)
+
+
+def _column(dtype: type, description: str, unit: str = "1", check: pa.Check | None = None) -> pa.Column:
+    """Return a column; a constant that a fit may start from may be missing."""
+    nullable = description.endswith("to begin with")
+    return pa.Column(dtype, check, nullable=nullable, description=description, metadata={"unit": unit})
+
+
+MUSCLE_COLUMNS: dict[str, pa.Column] = {
+    "muscle": _column(str, "its name"),
+    "joint": _column(str, "joint that it moves"),
+    "role": _column(str, "agonists raise the angle", check=pa.Check.isin(["agonist", "antagonist"])),
+    "type": _column(str, "its type"),
+    "rest_length_m": _column(float, "length without pressure and load", "m", pa.Check.ge(0)),
+    "nominal_diameter_m": _column(float, "inner diameter without pressure", "m", pa.Check.ge(0)),
+    "moment_arm_m": _column(float, "radius of the joint's pulley", "m", pa.Check.ge(0)),
+    "contraction_at_angle_0": _column(float, "contraction at angle 0"),
+    "sign": _column(int, "1 when it shortens as the angle grows", check=pa.Check.isin([-1, 1])),
+    "valve_tau_s": _column(float, "time constant of the valve, to begin with", "s"),
+    "braid_angle_deg": _column(float, "braid angle at rest, to begin with", "degrees"),
+    "contraction_factor": _column(float, "factor on contraction, to begin with"),
+    "damping_n_s": _column(float, "tension lost per velocity, to begin with", "N s"),
+}
+"""What every table of a recorded machine holds of each muscle."""
+
+
+class Told(BaseModel):
+    """Part of meta.json; what else stands there is left alone."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
+
+
+class ToldMuscle(Told):
+    """A muscle as meta.json describes it."""
+
+    joint: str
+    role: Literal["agonist", "antagonist"]
+    type: str
+    rest_length_m: PositiveFloat
+    nominal_diameter_m: PositiveFloat
+    moment_arm_m: PositiveFloat
+    contraction_at_angle_0: float = Field(gt=-0.5, lt=0.5)
+    sign: Literal[-1, 1]
+
+
+class Nominal(Told):
+    """Starting values, of all muscles or by muscle."""
+
+    valve_tau_s: PositiveFloat | dict[str, PositiveFloat] | None = None
+    braid_angle_deg: PositiveFloat | dict[str, PositiveFloat] | None = None
+    contraction_factor: PositiveFloat | dict[str, PositiveFloat] | None = None
+    damping_n_s: float | dict[str, float] | None = None
+
+    def of(self, muscle: str, name: str) -> float:
+        """Return a muscle's starting value, or nan where none is told."""
+        told = getattr(self, name)
+        value = told.get(muscle) if isinstance(told, dict) else told
+        return np.nan if value is None else float(value)
+
+
+class Session(Told):
+    """A recorded session as meta.json describes it."""
+
+    sampling_rate_hz: float = Field(gt=0.0, le=1e6)
+    trial_start_s: list[float | None] | None = None
+    load_cell_site: Literal["muscle_tip", "joint_end", "unknown"] = "unknown"
+    timing: str = ""
+    muscles: dict[str, ToldMuscle] = Field(min_length=1)
+    nominal: Nominal = Nominal()
+
+    @model_validator(mode="after")
+    def _order_starts(self) -> Self:
+        told = [each for each in self.trial_start_s or [] if each is not None]
+        if any(later <= earlier for earlier, later in pairwise(told)):
+            raise ValueError("trial_start_s: expected each trial to start after the one before")
+        return self
+
+    def starts_of(self, trials: list[int]) -> list[float]:
+        """Return when each trial started in the session, s; nan where it is not told.
+
+        Raises
+        ------
+        RecordingError
+            When there are starts, but not for these trials.
+        """
+        told = self.trial_start_s
+        if told is None:
+            return [np.nan] * len(trials)
+        if len(told) != len(trials) and not set(trials) <= set(range(len(told))):
+            raise RecordingError(f"trial_start_s: expected one for each of {len(trials)} trials, got {len(told)}")
+        chosen = told if len(told) == len(trials) else [told[trial] for trial in trials]
+        return [np.nan if each is None else each for each in chosen]
+
+    def describe(self) -> pd.DataFrame:
+        """Return a row for each muscle, under `MUSCLE_COLUMNS`."""
+        return _tabulate(
+            {"muscle": name, **told.model_dump(), **{each: self.nominal.of(name, each) for each in NOMINAL}}
+            for name, told in self.muscles.items()
+        )
+
+
+def read_session(told: Any) -> Session:
+    """Check what meta.json holds.
+
+    Raises
+    ------
+    RecordingError
+        For the first key that is missing or wrong.
+    """
+    if not isinstance(told, Mapping):
+        raise RecordingError("expected a mapping with sampling_rate_hz and muscles")
+    try:
+        return Session.model_validate(told)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "missing":
+            raise RecordingError(f"lacks {key}") from None
+        text = first["msg"].removeprefix("Value error, ")
+        told_key = f"{key}: " if key else ""
+        value = "" if first["type"] == "value_error" else f", got {str(first['input'])[:40]!r}"
+        raise RecordingError(f"{told_key}{text[:1].lower()}{text[1:]}{value}") from None
+
+
+def describe_muscles(exoskeleton: Exoskeleton) -> pd.DataFrame:
+    """Return a row for each muscle of the configured exoskeleton, under `MUSCLE_COLUMNS`, without starting values."""
+    unknown = dict.fromkeys(NOMINAL, np.nan)
+    return _tabulate(
+        {"muscle": each.name, **{name: getattr(each, name) for name in GEOMETRY}, **unknown}
+        for each in exoskeleton.muscles
+    )
+
+
+def _tabulate(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
+    return pd.DataFrame([dict(row) for row in rows], columns=list(MUSCLE_COLUMNS))

@@ -1,0 +1,67 @@
+"""Whether numbers can be what their column says, or were recorded in another unit.
+
+A column's values flow in; a refusal that offers the unit that would fit flows out, or nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from stages.science.recording.columns import RecordingError, tell_rows
+from stages.science.recording.units import known_units, own_unit
+
+LARGE_ENOUGH = {"pressure_command_kpa": 15.0, "pressure_kpa": 15.0, "force_n": 2.0}
+"""What the largest value of a column surpasses in any session that moves a muscle, in the column's unit."""
+
+USUAL = {"pressure_command_kpa": 200.0, "pressure_kpa": 200.0, "force_n": 300.0, "contraction": 0.1}
+"""Order of a column's largest values; 1 for the others."""
+
+FEW = 0.1
+"""Share of the rows below which those out of range are faults, not another unit."""
+
+
+def check_plausible(values: pd.Series, name: str, low: float, high: float, unit: str | None) -> None:
+    """Check a column against what any machine of this kind can show.
+
+    Parameters
+    ----------
+    values : Series
+        In this project's unit; its index counts the rows of the file.
+    name : str
+        The column.
+    low, high : float
+        What bounds it.
+    unit : str or None
+        The unit that was stated. One that is stated is believed where the values are merely small.
+
+    Raises
+    ------
+    RecordingError
+        Naming the rows, the bounds and the unit that would fit.
+    """
+    outside = (values < low) | (values > high)
+    if outside.any():
+        largest = values[outside].iloc[0]
+        raise RecordingError(
+            f"column {name}: expected {low:g} to {high:g} {own_unit(name)}, got {largest:g} in {tell_rows(outside)}; "
+            f"{_offer(values, name, low, high, unit)}"
+        )
+    top = float(np.nanmax(np.abs(values))) if values.notna().any() else 0.0
+    if unit is None and 0.0 < top < LARGE_ENOUGH.get(name, 0.0):
+        raise RecordingError(
+            f"column {name}: expected values in {own_unit(name)}, got none above {top:.3g} in {len(values)} rows; "
+            f"{_offer(values, name, low, high, unit)}, or units.{name}={own_unit(name)} if they are right"
+        )
+
+
+def _offer(values: pd.Series, name: str, low: float, high: float, unit: str | None) -> str:
+    known = known_units(name)
+    top = values.abs().quantile(0.95) / known[unit or own_unit(name)]
+    fitting = {each: top * factor for each, factor in known.items() if low <= top * factor <= high}
+    inside = values.between(low, high) | values.isna()
+    mostly_right = inside.mean() > 1.0 - FEW and values.abs().quantile(0.95) >= LARGE_ENOUGH.get(name, 0.0)
+    if mostly_right or not fitting:
+        return "remove what is no measurement, or leave it empty"
+    nearest = min(fitting, key=lambda each: abs(np.log(fitting[each] / USUAL.get(name, 1.0))))
+    return f"set units.{name}={nearest}"

@@ -1,0 +1,181 @@
+"""Who attends a trial: an operator who decides on it, a participant who sees it.
+
+A trial that is proposed and the samples that are taken flow to them; decisions flow back, as the exceptions here where
+a trial does not become part of the study.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from stages.science.plant.exoskeleton import Exoskeleton
+    from stages.science.rig.contract import Recording, Trial
+
+Array = NDArray[np.float64]
+Landed = TypeVar("Landed")
+
+DECLINED = {
+    "skip": "skipped by the operator",
+    "repeat": "to be repeated, says the operator",
+    "reject": "rejected by the operator",
+}
+"""Decisions that keep a trial out of the study, and what they mean."""
+
+
+class TrialDeclined(Exception):
+    """An operator did not let a trial become part of the study.
+
+    Parameters
+    ----------
+    decision : str
+        ``skip`` (never executed), ``repeat`` or ``reject``.
+    trial : Trial
+        The trial.
+    note : str
+        What the operator wrote.
+    stopped : str
+        Why it was stopped before, if it was.
+    """
+
+    def __init__(self, decision: str, trial: Trial, note: str = "", stopped: str = ""):
+        why = f"{stopped}; " if stopped else ""
+        super().__init__(f"{why}{DECLINED[decision]}{f': {note}' if note else ''}")
+        self.decision, self.trial, self.note, self.stopped = decision, trial, note, stopped
+
+
+class StudyPaused(Exception):
+    """An operator ends the study for today.
+
+    Parameters
+    ----------
+    label : str
+        Of the trial that is next.
+    note : str
+        What the operator wrote.
+    stopped : str
+        Why the trial was stopped before, if it was.
+    """
+
+    def __init__(self, label: str, note: str = "", stopped: str = ""):
+        why = f"{stopped}; " if stopped else ""
+        super().__init__(f"{why}the operator stopped for today; next is {label}{f' ({note})' if note else ''}")
+        self.asks: dict[str, str] = {}
+        """Nothing to execute: what makes a pause of it."""
+
+
+def until_kept(land: Callable[[], Landed]) -> Landed:
+    """Return what landing a trial returns, once the operator wants it no more repeated.
+
+    Raises
+    ------
+    TrialDeclined
+        When it is declined for good.
+    """
+    while True:
+        try:
+            return land()
+        except TrialDeclined as declined:
+            if declined.decision != "repeat":
+                raise
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Why a trial is proposed, for whoever decides on it.
+
+    Parameters
+    ----------
+    position, total : int
+        Which of how many trials it is, from 1.
+    reason : str
+        In words.
+    trajectory : int or None
+        Movement of the bank, where it is one.
+    utilities : dict of int to float
+        By movement of the bank: how much each one tells, where that was asked.
+    errors : tuple of float
+        Of the trials learned from so far: error rate of the models' prediction before.
+    can_skip, can_reject : bool
+        Whether another movement can take its place now, and whether enough are left without it.
+    """
+
+    position: int
+    total: int
+    reason: str = ""
+    trajectory: int | None = None
+    utilities: Mapping[int, float] = field(default_factory=dict)
+    errors: tuple[float, ...] = ()
+    can_skip: bool = False
+    can_reject: bool = False
+
+
+class Moment(NamedTuple):
+    """One sample, as it is shown while a trial runs.
+
+    Parameters
+    ----------
+    time_s : float
+        From the trial's start; below 0 while muscles are being filled.
+    angle_rad : (J,) ndarray
+        Joint angles.
+    command_kpa, pressure_kpa, force_n : (M,) ndarray
+        What is commanded and measured.
+    """
+
+    time_s: float
+    angle_rad: Array
+    command_kpa: Array
+    pressure_kpa: Array
+    force_n: Array
+
+
+class Attendance(Protocol):
+    """Who sees trials and decides on them; a rig tells it what it does."""
+
+    note: str
+    """What the operator wrote with the last decisions."""
+
+    def describe(self, exoskeleton: Exoskeleton, pointed: bool) -> None:
+        """Take the machine, and whether the participant points at postures."""
+
+    def ask_pointer(self) -> Array | None:
+        """Return the posture that the participant points at, rad; None before the first. Never waits."""
+
+    def propose(self, trial: Trial) -> None:
+        """Return once the trial may begin.
+
+        Raises
+        ------
+        TrialDeclined, StudyPaused
+            When it may not.
+        """
+
+    def begin(self, trial: Trial, starts_at_s: float) -> None:
+        """Take note that the trial's first sample is due at a time of the monotonic clock, s."""
+
+    def show(self, moment: Moment) -> None:
+        """Take the newest sample; never waits."""
+
+    def why_stop(self) -> str:
+        """Return why somebody wants the trial stopped; empty where nobody does. Never waits."""
+
+    def judge(self, trial: Trial, recording: Recording | None, stopped: str) -> None:
+        """Return once it is decided that the recording is part of the study; without one, why it was stopped is told.
+
+        Raises
+        ------
+        TrialDeclined, StudyPaused
+            When it is not.
+        """
+
+    def add_display(self, recording: Recording) -> Recording:
+        """Return the recording with when its samples were shown."""
+
+    def tell(self, problem: str) -> None:
+        """Show that the rig ended the trial."""

@@ -1,0 +1,455 @@
+"""What every rig is: it takes a trial and returns what was applied and measured.
+
+A `Trial` flows in, a `Recording` flows out; `tidy` turns it into the columns that tables of measurements share.
+Simulated and real rigs are siblings: shapes are known before connecting, trials run inside ``with rig:``, and the rig
+lets go of its actuators whatever happens.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from types import TracebackType
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+import pandas as pd
+import pandera.pandas as pa
+from numpy.typing import NDArray
+
+from stages.science.rig.attendance import Attendance, Proposal, TrialDeclined
+
+Array = NDArray[np.float64]
+
+MOST_ROWS = 50_000_000
+"""Rows of a table of measurements, beyond which its ten numbers a row take over 4 GB and its copies no longer fit."""
+
+
+STATUS = {
+    "ok": "as measured",
+    "missed": "the loop came too late: values of the sample before",
+    "late": "taken more than a period late",
+    "frozen": "the sensor's value had not changed for too long",
+    "invalid": "the device told no value: the last one that it told",
+    "saturated": "at the end of the sensor's range",
+    "over": "beyond a limit, or a pressure that does not follow its command",
+    "ramp": "measured while the muscles were let down after a stop",
+}
+"""What a sample may be, and what that means."""
+
+CLIPPED_BY = {
+    "": "nothing: as asked",
+    "pressure": "the muscle's lowest or highest command",
+    "co_contraction": "the ceiling on muscles that pull against each other",
+    "rate": "the largest rate of change",
+    "ramp": "the way to the first command or down after a stop",
+}
+"""What may make the command that is applied differ from the one that was asked."""
+
+PER_SAMPLE = ("time_s", "late_s", "reference_shown_s", "measured_shown_s")
+"""What a recording holds once for all muscles and joints."""
+
+Watch = Callable[[Mapping[str, NDArray[Any]]], None]
+"""Is handed rows of samples, as of `tidy`, while a trial runs."""
+
+
+class RigError(RuntimeError):
+    """A rig was asked for what it cannot do now; the message says what to do instead."""
+
+
+class TrialStopped(RigError):
+    """A trial was stopped before its end, and the muscles were let down as far as the machine could be reached.
+
+    Parameters
+    ----------
+    message : str
+        Why, and what to do.
+    noticed_at_s : float
+        When the reason was noticed, by the monotonic clock, s.
+    """
+
+    def __init__(self, message: str, noticed_at_s: float):
+        super().__init__(message)
+        self.noticed_at_s = noticed_at_s
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One trial to execute.
+
+    Parameters
+    ----------
+    kind : str
+        ``free`` (the experimenter moves as they like), ``tracked`` (a participant follows the reference) or ``passive``
+        (nobody moves).
+    participant : str
+        Who is in the machine; ``nobody`` in a passive trial.
+    pressure_command_kpa : (T, M) ndarray
+        Commanded pressures, kPa gauge, each held until the next sample.
+    reference_rad : (T, J) ndarray or None
+        Joint angles to follow, rad; only in a tracked trial.
+    label : str
+        Names the trial for an operator.
+    number : int or None
+        Which of its study's trials of this kind it is, from 0; None where nothing counts them.
+    proposal : Proposal or None
+        Why it is proposed; None where nobody is asked.
+    """
+
+    kind: Literal["free", "tracked", "passive"]
+    participant: str
+    pressure_command_kpa: Array
+    reference_rad: Array | None = None
+    label: str = ""
+    number: int | None = None
+    proposal: Proposal | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("free", "tracked", "passive"):
+            raise ValueError(f"trial kind: expected free, tracked or passive, got '{self.kind}'")
+        if (self.kind == "tracked") != (self.reference_rad is not None):
+            raise ValueError(f"a {self.kind} trial takes {'a' if self.kind == 'tracked' else 'no'} reference_rad")
+        command = _as_matrix("pressure_command_kpa", self.pressure_command_kpa)
+        object.__setattr__(self, "pressure_command_kpa", command)
+        if self.reference_rad is not None:
+            reference = _as_matrix("reference_rad", self.reference_rad)
+            object.__setattr__(self, "reference_rad", reference)
+            if len(reference) != len(command):
+                raise ValueError(f"reference_rad has {len(reference)} samples, pressure_command_kpa {len(command)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What was applied and measured in one trial, T samples of M muscles and J joints.
+
+    Parameters
+    ----------
+    time_s : (T,) ndarray
+        From the trial's start.
+    pressure_command_kpa : (T, M) ndarray
+        As applied, after limits, kPa gauge.
+    pressure_kpa, contraction, contraction_velocity_per_s, force_n : (T, M) ndarray
+        Sensors; contraction and its velocity follow from the encoders and the nominal geometry.
+    joint_angle_rad, joint_velocity_rad_per_s : (T, J) ndarray
+        Encoders, and their filtered derivative.
+    status : (T, M) ndarray of str
+        What each sample is, a key of `STATUS`; ``ok`` throughout if not given.
+    clipped_by : (T, M) ndarray of str
+        What made the command differ from the one asked, a key of `CLIPPED_BY`; empty throughout if not given.
+    late_s : (T,) ndarray
+        How much later than at ``time_s`` the sample was taken, s; 0 throughout if not given.
+    reference_shown_s, measured_shown_s : (T,) ndarray
+        When a screen showed the reference of this sample, and the first measured posture not older than it, s from
+        the trial's start; nan where none did, and throughout if not given.
+    """
+
+    time_s: Array
+    pressure_command_kpa: Array
+    pressure_kpa: Array
+    contraction: Array
+    contraction_velocity_per_s: Array
+    force_n: Array
+    joint_angle_rad: Array
+    joint_velocity_rad_per_s: Array
+    status: NDArray[Any] = field(default_factory=lambda: np.array("ok"))
+    clipped_by: NDArray[Any] = field(default_factory=lambda: np.array(""))
+    late_s: Array = field(default_factory=lambda: np.array(0.0))
+    reference_shown_s: Array = field(default_factory=lambda: np.array(np.nan))
+    measured_shown_s: Array = field(default_factory=lambda: np.array(np.nan))
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if value.ndim == 0:
+                like = self.time_s if each.name in PER_SAMPLE else self.pressure_command_kpa
+                object.__setattr__(self, each.name, np.full(like.shape, value))
+        for each in fields(self):
+            shape = getattr(self, each.name).shape
+            like = self.joint_angle_rad if each.name.startswith("joint") else self.pressure_command_kpa
+            expected = self.time_s.shape if each.name in PER_SAMPLE else (len(self.time_s), like.shape[-1])
+            if shape != expected:
+                raise ValueError(f"recording: expected {each.name} of shape {expected}, got {shape}")
+
+
+class Rig(ABC):
+    """Executes trials. A subclass says what it has, how it connects, runs one trial and lets go."""
+
+    real: ClassVar[bool]
+
+    @property
+    def attendance(self) -> Attendance | None:
+        """Who sees its trials and decides on them, if somebody does."""
+        return None
+
+    def be_attended(self, attendance: Attendance) -> None:
+        """Have somebody see its trials and decide on them.
+
+        Raises
+        ------
+        RigError
+            When this rig asks nobody.
+        """
+        raise RigError(f"{type(self).__name__} asks nobody: leave desk= out, or choose another rig")
+
+    @property
+    @abstractmethod
+    def muscles(self) -> Sequence[str]:
+        """Names of the muscles, in the order of the recordings' columns."""
+
+    @property
+    @abstractmethod
+    def joints(self) -> Sequence[str]:
+        """Names of the joints, in the order of the recordings' columns."""
+
+    @property
+    @abstractmethod
+    def muscle_joints(self) -> Sequence[str]:
+        """Name of the joint that each muscle moves."""
+
+    @property
+    @abstractmethod
+    def sampling_rate_hz(self) -> float:
+        """Samples per second."""
+
+    @property
+    @abstractmethod
+    def samples(self) -> int:
+        """Samples of one trial."""
+
+    @property
+    @abstractmethod
+    def people(self) -> Sequence[str]:
+        """Who may be in the machine."""
+
+    @property
+    @abstractmethod
+    def connected(self) -> bool:
+        """Whether trials can be executed now."""
+
+    @abstractmethod
+    def connect(self) -> None:
+        """Take hold of the hardware."""
+
+    @abstractmethod
+    def release(self) -> None:
+        """Let go of every actuator, each being tried, then raise the first error met; harmless when not connected."""
+
+    @abstractmethod
+    def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
+        """Execute a checked trial while connected; `execute` is what callers use."""
+
+    def check(self, trial: Trial) -> None:
+        """Check a trial before anything moves.
+
+        Raises
+        ------
+        ValueError
+            When the trial does not fit the rig or asks for what its limits forbid.
+        """
+        check_trial(trial, self)
+
+    def check_bank(self, samples: pd.DataFrame, by: str) -> None:  # noqa: B027 (a rig may have no such limits)
+        """Check movements that are to be replayed against the rig's limits, before anything moves.
+
+        Parameters
+        ----------
+        samples : DataFrame
+            Rows of one muscle and time: muscle, time_s, pressure_command_kpa, joint_angle_rad of its joint.
+        by : str
+            Column that numbers the movements.
+
+        Raises
+        ------
+        ValueError
+            Saying which movement passes which limit; a rig without limits on movements raises none.
+        """
+
+    def execute(self, trial: Trial, generator: np.random.Generator, watch: Watch | None = None) -> Recording:
+        """Execute one trial.
+
+        Parameters
+        ----------
+        trial : Trial
+            Of this rig's shape.
+        generator : numpy.random.Generator
+            The only source of randomness.
+        watch : callable or None
+            Is handed rows of samples while the trial runs; a rig that knows its samples only at the end hands over
+            none.
+
+        Raises
+        ------
+        RigError
+            When the rig is not connected; `TrialStopped` when it stopped the trial.
+        ValueError
+            As `check`. After any exception but the next ones the actuators are released.
+        TrialDeclined, StudyPaused
+            When who attends does not let it become part of the study.
+        """
+        if not self.connected:
+            raise RigError(f"{type(self).__name__} is not connected; write: with rig: rig.execute(trial, generator)")
+        try:
+            self.check(trial)
+            if self.attendance is None:
+                return self.run(trial, generator, watch)
+            return self._attend(self.attendance, trial, generator, watch)
+        except TrialDeclined:
+            raise
+        except BaseException as error:
+            _release_after(self, error)
+            raise
+
+    def _attend(
+        self, attendance: Attendance, trial: Trial, generator: np.random.Generator, watch: Watch | None
+    ) -> Recording:
+        attendance.propose(trial)
+        try:
+            recording = self.run(trial, generator, watch)
+        except TrialStopped as error:
+            if not attendance.why_stop():
+                attendance.tell(str(error))
+                raise
+            attendance.judge(trial, None, str(error))
+            raise
+        except BaseException as error:
+            attendance.tell(str(error) or type(error).__name__)
+            raise
+        attendance.judge(trial, recording, "")
+        return attendance.add_display(recording)
+
+    def __enter__(self) -> Self:
+        try:
+            self.connect()
+        except BaseException as error:
+            _release_after(self, error)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.release()
+        else:
+            _release_after(self, error)
+
+
+def check_trial(trial: Trial, rig: Rig) -> None:
+    """Check that a trial fits a rig.
+
+    Raises
+    ------
+    ValueError
+        Saying what the rig has and what the trial asked for.
+    """
+    expected = (rig.samples, len(rig.muscles))
+    if trial.pressure_command_kpa.shape != expected:
+        raise ValueError(
+            f"pressure_command_kpa: this rig takes {expected[0]} samples of {expected[1]} muscles, "
+            f"got shape {trial.pressure_command_kpa.shape}"
+        )
+    if trial.reference_rad is not None and trial.reference_rad.shape != (rig.samples, len(rig.joints)):
+        raise ValueError(
+            f"reference_rad: this rig takes {rig.samples} samples of {len(rig.joints)} joints, "
+            f"got shape {trial.reference_rad.shape}"
+        )
+    if (trial.kind == "passive") != (trial.participant == "nobody"):
+        raise ValueError(
+            f"participant '{trial.participant}' in a {trial.kind} trial: 'nobody' goes with passive, and only there"
+        )
+    if trial.kind != "passive" and trial.participant not in rig.people:
+        raise ValueError(f"no participant '{trial.participant}'; this rig knows {', '.join(sorted(rig.people))}")
+
+
+def tidy(recording: Recording, rig: Rig) -> dict[str, NDArray[Any]]:
+    """Return a recording as long columns, one row per muscle and time: all of the first muscle, then the next.
+
+    Parameters
+    ----------
+    recording : Recording
+        From `rig`.
+    rig : Rig
+        Names the muscles and their joints.
+
+    Returns
+    -------
+    dict of str to (M T,) ndarray
+        The columns of `RECORDING_COLUMNS`, in order; joint columns are those of the muscle's joint.
+    """
+    joint = [list(rig.joints).index(name) for name in rig.muscle_joints]
+    samples = len(recording.time_s)
+    columns: dict[str, NDArray[Any]] = {
+        "time_s": np.tile(recording.time_s, len(joint)),
+        "muscle": np.repeat(np.array(rig.muscles, dtype=object), samples),
+    }
+    for name in ("pressure_command_kpa", "pressure_kpa", "contraction", "contraction_velocity_per_s", "force_n"):
+        columns[name] = getattr(recording, name).T.ravel()
+    for name in ("joint_angle_rad", "joint_velocity_rad_per_s"):
+        columns[name] = getattr(recording, name)[:, joint].T.ravel()
+    for name in ("status", "clipped_by"):
+        columns[name] = getattr(recording, name).T.ravel().astype(object)
+    for name in PER_SAMPLE[1:]:
+        columns[name] = np.tile(getattr(recording, name), len(joint))
+    return columns
+
+
+def _word(among: Mapping[str, str], description: str) -> pa.Column:
+    return pa.Column(str, pa.Check.isin(list(among)), nullable=False, description=description, metadata={"unit": "1"})
+
+
+def _measurement(
+    dtype: type, unit: str, description: str, low: float | None = None, high: float | None = None
+) -> pa.Column:
+    checks = [] if low is None else [pa.Check.ge(low), pa.Check.le(high)]
+    return pa.Column(dtype, checks, nullable=False, description=description, metadata={"unit": unit})
+
+
+def _display(description: str) -> pa.Column:
+    told = f"{description}; missing where none did"
+    return pa.Column(
+        float, [pa.Check.ge(-60.0), pa.Check.le(3600.0)], nullable=True, description=told, metadata={"unit": "s"}
+    )
+
+
+MEASUREMENT_COLUMNS: dict[str, pa.Column] = {
+    "time_s": _measurement(float, "s", "time from the trial's start", 0.0, 3600.0),
+    "muscle": _measurement(str, "1", "name of the muscle"),
+    "pressure_command_kpa": _measurement(
+        float, "kPa", "commanded gauge pressure as applied, held until the next sample", 0.0, 1000.0
+    ),
+    "pressure_kpa": _measurement(float, "kPa", "gauge pressure at the valve", -50.0, 1100.0),
+    "contraction": _measurement(float, "1", "contraction by encoder and geometry, ratio of rest length", -0.2, 0.5),
+    "contraction_velocity_per_s": _measurement(float, "1/s", "filtered derivative of contraction", -20.0, 20.0),
+    "force_n": _measurement(float, "N", "tension at the load cell", 0.0, 10000.0),
+    "joint_angle_rad": _measurement(float, "rad", "angle of the muscle's joint", -6.3, 6.3),
+    "joint_velocity_rad_per_s": _measurement(float, "rad/s", "filtered derivative of the joint's angle", -100.0, 100.0),
+}
+"""What was measured in each sample; a table adds its own keys, such as the trial."""
+
+RECORDING_COLUMNS: dict[str, pa.Column] = {
+    **MEASUREMENT_COLUMNS,
+    "status": _word(STATUS, "what the sample is: ok, or what is wrong with it"),
+    "clipped_by": _word(CLIPPED_BY, "what made the command differ from the one asked; empty = nothing did"),
+    "late_s": _measurement(float, "s", "how much later than at time_s the sample was taken", -1.0, 3600.0),
+    "reference_shown_s": _display("when a screen showed the reference of this sample, from the trial's start"),
+    "measured_shown_s": _display("when a screen first showed a posture measured at time_s or later"),
+}
+"""What a rig records of each sample: what was measured, and how."""
+
+
+def _as_matrix(name: str, values: Array) -> Array:
+    matrix = np.ascontiguousarray(values, dtype=float)
+    if matrix.ndim != 2 or matrix.shape[0] < 2:
+        raise ValueError(f"{name}: expected a matrix of samples by columns, got shape {np.shape(values)}")
+    if not np.isfinite(matrix).all():
+        row = int(np.argmin(np.isfinite(matrix).all(axis=1)))
+        raise ValueError(f"{name}: expected finite numbers, got {matrix[row]} at sample {row}")
+    return matrix
+
+
+def _release_after(rig: Rig, error: BaseException) -> None:
+    try:
+        rig.release()
+    except Exception as second:
+        error.add_note(f"then releasing the rig failed too: {second}")

@@ -1,0 +1,219 @@
+"""How pressures vary while an experimenter moves freely, and the movements that are recorded so.
+
+A section of the configuration and a generator flow in; commands, trials and measurements come out. Whatever stage
+records free movements, or draws levels from the same ranges, checks them here and refuses them in the same words, with
+the path of its own section in front.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, PositiveInt, model_validator
+
+from stages.science.plant.declaration import Declared, nearest
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig.attendance import Proposal
+from stages.science.rig.contract import MOST_ROWS, Array, Rig, Trial, Watch, tidy
+from stages.science.rig.limits import Limits
+from stages.science.signals.pressures import pressure_profiles
+
+
+class Range(Declared):
+    """Lowest and highest value."""
+
+    low: NonNegativeFloat
+    high: NonNegativeFloat
+
+    @model_validator(mode="after")
+    def _order(self) -> Self:
+        if self.low > self.high:
+            raise ValueError(f"expected low <= high, got {self.low} and {self.high}")
+        return self
+
+
+class Durations(Range):
+    """Shortest and longest duration, s; no longer than a trial may be, an hour."""
+
+    high: Annotated[float, Field(ge=0, le=3600)]
+
+
+class Pressure(Declared):
+    """How the robot's pressure commands vary: held levels, joined by smooth changes and by steps."""
+
+    range_kpa: dict[str, Range] = Field(description="lowest and highest level of each muscle, kPa gauge")
+    hold_s: Durations = Field(description="how long a level is held, s")
+    transition_s: Durations = Field(description="how long a smooth change takes, s")
+    step_share: float = Field(ge=0, le=1, description="share of the changes that are steps, 1")
+
+    @property
+    def mean_level_s(self) -> float:
+        """Mean time from one level to the next, s; steps take none."""
+        transition_s = (1 - self.step_share) * (self.transition_s.low + self.transition_s.high) / 2
+        return (self.hold_s.low + self.hold_s.high) / 2 + transition_s
+
+    def draw(self, rig: Rig, generator: np.random.Generator) -> Array:
+        """Draw each muscle's pressure command (T, M), kPa."""
+        ranges = [self.range_kpa[name] for name in rig.muscles]
+        return pressure_profiles(
+            generator,
+            [each.low for each in ranges],
+            [each.high for each in ranges],
+            rig.samples,
+            rig.sampling_rate_hz,
+            hold_s=(self.hold_s.low, self.hold_s.high),
+            transition_s=(self.transition_s.low, self.transition_s.high),
+            step_share=self.step_share,
+        )
+
+
+class FreeMovements(Declared):
+    """A set of free movements to record."""
+
+    seed: NonNegativeInt
+    trajectories: PositiveInt
+    pressure: Pressure
+
+    def check_against(self, exoskeleton: Exoskeleton, path: str) -> None:
+        """Check that the machine has these muscles, samples these levels and that memory holds its recordings.
+
+        Parameters
+        ----------
+        exoskeleton : Exoskeleton
+            The machine.
+        path : str
+            Of this section in the configuration, for the message.
+
+        Raises
+        ------
+        ValueError
+            Naming the key.
+        """
+        check_ranges(self.pressure.range_kpa, exoskeleton, f"{path}.pressure.range_kpa")
+        sample_s, level_s = 1 / exoskeleton.sampling_rate_hz, self.pressure.mean_level_s
+        if level_s < sample_s:
+            raise ValueError(
+                f"{path}.pressure.hold_s: expected levels that, with transition_s, last a sample ({sample_s:.3g} s) on "
+                f"average, got {level_s:.3g} s; raise {path}.pressure.hold_s.high or {path}.pressure.transition_s.high"
+            )
+        most = MOST_ROWS // (exoskeleton.samples * len(exoskeleton.muscles))
+        if self.trajectories > most:
+            raise ValueError(
+                f"{path}.trajectories: expected at most {most} movements of {exoskeleton.samples} samples and "
+                f"{len(exoskeleton.muscles)} muscles, as {MOST_ROWS} rows still fit in memory, "
+                f"got {self.trajectories}; lower it, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
+            )
+
+    def record(
+        self,
+        trajectory: int,
+        rig: Rig,
+        generator: np.random.Generator,
+        label: str,
+        watch: Watch | None = None,
+        number: int | None = None,
+        proposal: Proposal | None = None,
+    ) -> dict[str, NDArray[Any]]:
+        """Record one movement of the experimenter under pressures drawn for it.
+
+        Parameters
+        ----------
+        trajectory : int
+            Number of the movement.
+        rig : Rig
+            Connected.
+        generator : numpy.random.Generator
+            The only source of randomness.
+        label : str
+            Names the trial for an operator.
+        watch : callable or None
+            As of `Rig.execute`.
+        number, proposal : int or None, Proposal or None
+            As of `Trial`.
+
+        Returns
+        -------
+        dict of str to (M T,) ndarray
+            The number, as ``trajectory``, and the columns of `RECORDING_COLUMNS`.
+        """
+        command = self.pressure.draw(rig, generator)
+        trial = Trial("free", "experimenter", command, label=label, number=number, proposal=proposal)
+        columns = tidy(rig.execute(trial, generator, watch), rig)
+        return {"trajectory": np.full(len(columns["time_s"]), trajectory), **columns}
+
+
+class RigWithLimits(BaseModel):
+    """The rig's limits on commands, where it has them; its other keys are passed over."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+
+    limits: Limits | None = None
+
+
+def check_ranges(ranges: Mapping[str, Range], exoskeleton: Exoskeleton, path: str) -> None:
+    """Check that every muscle has a range, that no other has one, and that every muscle may pull.
+
+    Parameters
+    ----------
+    ranges : mapping of str to Range
+        Lowest and highest level of each muscle, kPa gauge.
+    exoskeleton : Exoskeleton
+        The machine.
+    path : str
+        Of the ranges in the configuration, for the message.
+
+    Raises
+    ------
+    ValueError
+        Naming the muscle.
+    """
+    names = exoskeleton.muscle_names
+    missing = [name for name in names if name not in ranges]
+    if missing:
+        raise ValueError(f"{path}: expected a range for every muscle, none for {', '.join(missing)}")
+    for name, levels in ranges.items():
+        if name not in names:
+            raise ValueError(f"{path}: no muscle '{name}'; {nearest(name, names)}")
+        if levels.high == 0:
+            raise ValueError(
+                f"{path}.{name}.high: expected more than 0, as a vented muscle does not pull, got 0; raise it"
+            )
+
+
+def check_levels(ranges: Mapping[str, Range], exoskeleton: Exoskeleton, limits: Limits | None, path: str) -> None:
+    """Check that every pressure level that may be drawn is one that the muscle may be commanded.
+
+    A rig applies the nearest command that it permits, so that levels beyond its limits would all be one level.
+
+    Parameters
+    ----------
+    ranges : mapping of str to Range
+        Lowest and highest level of each muscle, kPa gauge.
+    exoskeleton : Exoskeleton
+        The machine; its muscles' largest pressures count where the rig has no limits.
+    limits : mapping of str to PressureLimit or None
+        The rig's, by type of muscle.
+    path : str
+        Of the ranges in the configuration, for the message.
+
+    Raises
+    ------
+    ValueError
+        Naming the level and the limit.
+    """
+    for muscle in exoskeleton.muscles:
+        limit = (limits or {}).get(muscle.type)
+        low, high = (limit.low_kpa, limit.high_kpa) if limit else (0.0, muscle.max_pressure_kpa)
+        levels = ranges[muscle.name]
+        source = f"rig.limits.{muscle.type}" if limit else f"max_pressure_kpa of {muscle.name}"
+        its = f"{path}.{muscle.name}"
+        if levels.low < low:
+            raise ValueError(
+                f"{its}.low: expected at least the {low} kPa of {source}.low_kpa, got {levels.low}; raise it"
+            )
+        if levels.high > high:
+            source = f"{source}.high_kpa" if limit else source
+            raise ValueError(f"{its}.high: expected at most the {high} kPa of {source}, got {levels.high}; lower it")

@@ -1,0 +1,470 @@
+"""The real rig: muscles, load cells and encoders on a Festo CPX-E.
+
+Trials flow in, recordings flow out, sampled at a fixed rate over Modbus. While muscles are under pressure the device's
+own watchdog is armed; whatever ends a trial early lets all of them down in a stated time, or, where the device can no
+longer be reached, leaves that to the watchdog.
+"""
+
+from __future__ import annotations
+
+import logging
+import socket
+import tempfile
+from collections.abc import Iterator
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import pandas as pd
+from filelock import FileLock, Timeout
+from pydantic import Field, PrivateAttr, model_validator
+
+from stages.science.plant.declaration import nearest
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig import clock
+from stages.science.rig.attendance import Moment
+from stages.science.rig.configured import ConfiguredRig
+from stages.science.rig.contract import Recording, RigError, Trial, TrialStopped, Watch
+from stages.science.rig.festo.channels import ChannelMap, EncoderPlace, MuscleChannels
+from stages.science.rig.festo.counting import CountJudge, CountRecording, Hold, record_counts, record_held
+from stages.science.rig.festo.cpx_link import CpxLink, Device, LinkLost
+from stages.science.rig.festo.held_signals import Held, hold_signals
+from stages.science.rig.festo.let_down import let_down
+from stages.science.rig.festo.logbook import Logbook
+from stages.science.rig.festo.supervision import Sample, Supervisor
+from stages.science.rig.filling import check_filling, fill
+from stages.science.rig.limits import Guard, Limits, apply_limits, check_limits, find_forbidden
+from stages.science.rig.pacing import Tick, pace, undisturbed
+from stages.science.rig.sensors import contract
+from stages.science.signals.filtering import differentiate
+from stages.science.signals.trajectories import Array
+
+log = logging.getLogger("pamid")
+
+FILLED = 0.3
+"""Share of its highest command from which on a muscle is filled, so that its load cell should tell."""
+LOCK_FOLDER = "/run/lock"
+"""Where locks lie, where there is such a folder: a folder for temporary files may be a process's own."""
+MOST_TOLD = 5
+"""Lines of a refusal that are printed; the others are counted."""
+
+
+class FestoCpx(ConfiguredRig):
+    """A rig on a Festo CPX-E.
+
+    Parameters
+    ----------
+    exoskeleton, participants
+        As of every `ConfiguredRig`; its sampling rate is that of the loop.
+    device : Device
+        Where the CPX-E is and what stands in it.
+    channels : dict of str to MuscleChannels
+        By muscle: where its regulator, pressure sensor and load cell are, and what their counts mean.
+    encoders : dict of str to EncoderPlace
+        By joint.
+    limits : dict of str to PressureLimit
+        What may be commanded, by type of muscle.
+    co_contraction_kpa : dict of str to float
+        By joint: as long as one side is commanded more than this, the other one is not.
+    guard : Guard
+        What ends a trial, and how fast muscles are let down then.
+    lead_in_s : float
+        Time before the trial in which the muscles are filled to its first command, s; not part of the recording.
+    filling_share : float
+        Share of it that the filling takes; the rest lets transients settle, 1.
+
+    Notes
+    -----
+    Sensors are read, then the command of the sample is written, which holds until the next one.
+    """
+
+    real: ClassVar[bool] = True
+
+    device: Device
+    channels: dict[str, MuscleChannels]
+    encoders: dict[str, EncoderPlace]
+    limits: Limits
+    co_contraction_kpa: dict[str, float]
+    guard: Guard
+    lead_in_s: float = Field(ge=0.0, le=60.0)
+    filling_share: float = Field(ge=0.5, le=1.0)
+    _link: CpxLink | None = PrivateAttr(default=None)
+    _lock: Any = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _check_fit(self) -> Self:
+        check_limits(self.limits, self.exoskeleton.muscles)
+        self.guard.check_against(self.exoskeleton, self.limits)
+        self.map_channels().check_reach(
+            [self.limits[each.type].high_kpa for each in self.exoskeleton.muscles],
+            [
+                (its.pressure_kpa, its.force_n)
+                for its in (self.guard.ceilings[m.type] for m in self.exoskeleton.muscles)
+            ],
+            self.device.counts,
+        )
+        self.map_channels().check_vents(self.guard.vented_kpa)
+        for joint in self.exoskeleton.joint_names:
+            if joint not in self.co_contraction_kpa:
+                raise ValueError(f"co_contraction_kpa: none for joint {joint}; add co_contraction_kpa.{joint}")
+        check_filling(self.lead_in_s, self.filling_share, self.limits, self.exoskeleton.muscles)
+        return self
+
+    def map_channels(self) -> ChannelMap:
+        """Return the channels of all muscles and joints."""
+        return ChannelMap(self.exoskeleton, self.device.modules, self.channels, self.encoders)
+
+    def connect(self) -> None:
+        """Take the device for this process alone, check its modules and vent all muscles.
+
+        Raises
+        ------
+        RigError
+            When another process holds it, or it does not answer as it should.
+        """
+        if self._link is not None:
+            return
+        lock, link = _take(self.device), CpxLink(self.device, self.map_channels())
+        try:
+            link.open()
+        except BaseException:
+            link.close()
+            lock.release()
+            raise
+        self._lock, self._link, self._connected = lock, link, True
+
+    def release(self) -> None:
+        """Vent all muscles, let the watchdog rest and give the device back, each being tried."""
+        link, lock = self._link, self._lock
+        self._link = self._lock = None
+        self._connected = False
+        try:
+            if link is not None:
+                _let_go(link)
+        finally:
+            if lock is not None:
+                lock.release()
+
+    def check(self, trial: Trial) -> None:
+        """Check a trial against shapes and limits, before anything moves."""
+        super().check(trial)
+        if trial.reference_rad is not None:
+            self.check_bank(tabulate(trial, self.exoskeleton), "trial")
+
+    def check_bank(self, samples: pd.DataFrame, by: str) -> None:
+        """Refuse movements that ask for what the limits forbid, before anything moves."""
+        lines = list(find_forbidden(samples, by, self.exoskeleton, self.guard, self.limits))
+        if lines:
+            more = f"; and {len(lines) - MOST_TOLD} more" if len(lines) > MOST_TOLD else ""
+            raise ValueError(
+                f"expected movements within the rig's limits: {'; '.join(lines[:MOST_TOLD])}{more}; "
+                "leave them out of the bank or change rig.limits and rig.guard"
+            )
+
+    def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
+        """Execute one trial.
+
+        Raises
+        ------
+        TrialStopped
+            When a limit, a sensor, the link or the loop's pace ended it.
+        """
+        assert self._link is not None
+        applied, clipped = apply_limits(
+            trial.pressure_command_kpa, self.limits, self.exoskeleton, self.co_contraction_kpa
+        )
+        filling = fill(applied[0], self._lead_samples, self.filling_share)
+        command = np.concatenate([filling, applied])
+        clipped = np.concatenate([np.full(filling.shape, "ramp", dtype=clipped.dtype), clipped])
+        book = Logbook(self.exoskeleton, len(filling), command, clipped, watch)
+        with hold_signals() as signals, undisturbed():
+            reason = self._conduct(trial, command, book, signals)
+        if reason:
+            raise TrialStopped(self._tell(reason, book), book.noticed_at_s)
+        log.info("%s: %s", trial.label or trial.kind, book.measure_pace())
+        recording = self._record(book)
+        for told in self._find_dead(recording):
+            log.warning("%s: %s", trial.label or trial.kind, told)
+        return recording
+
+    def _find_dead(self, recording: Recording) -> Iterator[str]:
+        """Say which load cells told the same throughout though their muscle was filled; a slack muscle does so too."""
+        for m, muscle in enumerate(self.exoskeleton.muscles):
+            highest = float(recording.pressure_kpa[:, m].max())
+            if np.ptp(recording.force_n[:, m]) == 0.0 and highest > FILLED * self.limits[muscle.type].high_kpa:
+                yield (
+                    f"{muscle.name}.force was {recording.force_n[0, m]:.3g} N throughout, at up to {highest:.0f} kPa: "
+                    "the muscle was slack, or its load cell is not connected"
+                )
+
+    def read_counts(self, record_s: float) -> CountRecording:
+        """Record the raw counts of all inputs while nothing is commanded.
+
+        Parameters
+        ----------
+        record_s : float
+            How long, s, at the sampling rate.
+
+        Raises
+        ------
+        RigError
+            When the rig is not connected or the device does not answer.
+        """
+        return record_counts(self._linked(), self.sampling_rate_hz, record_s)
+
+    def hold(
+        self, muscle: str, command_kpa: float, record_s: float, *, ramp_s: float, settle_s: float
+    ) -> CountRecording:
+        """Hold one muscle at a command, all others vented, and record the raw counts of all inputs.
+
+        Parameters
+        ----------
+        muscle : str
+            Its name.
+        command_kpa : float
+            Within its limits, kPa gauge.
+        record_s : float
+            How long, s, at the sampling rate.
+        ramp_s : float
+            Time to fill it and to let it down, s; longer where its limit on the rate asks for it.
+        settle_s : float
+            Time at the command before the record begins, s.
+
+        Returns
+        -------
+        CountRecording
+            Which says so where a ceiling, a sensor at its end or a late loop had the muscle let down early.
+
+        Raises
+        ------
+        ValueError
+            When the command is beyond the muscle's limits; nothing was commanded then.
+        RigError
+            When the rig is not connected or the device does not answer.
+        """
+        link, number = self._linked(), self.check_hold(muscle, command_kpa)
+        slew = self.limits[self.exoskeleton.muscles[number].type].slew_kpa_per_s
+        hold = Hold(number, command_kpa, max(ramp_s, command_kpa / slew), settle_s, self.guard.ramp_down_s)
+        ceilings = [self.guard.ceilings[each.type] for each in self.exoskeleton.muscles]
+        judge = CountJudge(link.channels, self.device.counts, ceilings, number)
+        return record_held(link, self.sampling_rate_hz, record_s, hold, judge)
+
+    def check_hold(self, muscle: str, command_kpa: float) -> int:
+        """Return a muscle's position if it may be held at a command, kPa gauge.
+
+        Raises
+        ------
+        ValueError
+            When there is no such muscle, or the command is beyond its limits.
+        """
+        if muscle not in self.muscles:
+            raise ValueError(f"no muscle '{muscle}'; {nearest(muscle, self.muscles)}")
+        number = list(self.muscles).index(muscle)
+        kind = self.exoskeleton.muscles[number].type
+        limit = self.limits[kind]
+        if not limit.low_kpa <= command_kpa <= limit.high_kpa:
+            raise ValueError(
+                f"{muscle}: expected {limit.low_kpa} to {limit.high_kpa} kPa (rig.limits.{kind}), got {command_kpa}"
+            )
+        return number
+
+    def _linked(self) -> CpxLink:
+        if self._link is None:
+            raise RigError("FestoCpx is not connected; write: with rig: rig.read_counts(2.0)")
+        return self._link
+
+    @property
+    def _lead_samples(self) -> int:
+        return round(self.lead_in_s * self.sampling_rate_hz)
+
+    def announce(self, trial: Trial) -> None:
+        """Tell whoever shows the trial to the person that it begins, with the lead-in."""
+
+    def _conduct(self, trial: Trial, command: Array, book: Logbook, signals: Held) -> str:
+        """Run the loop, let the muscles down, and return why it ended early; empty where it did not."""
+        link = self._link
+        assert link is not None
+        supervisor = Supervisor(
+            self.exoskeleton, link.channels, self.device.counts, self.guard, moved=trial.kind != "passive"
+        )
+        step = np.array([self.limits[each.type].slew_kpa_per_s for each in self.exoskeleton.muscles])
+        step = step / self.sampling_rate_hz
+        gentle = np.diff(command[: book.lead], axis=0, prepend=0.0).max(axis=0)
+        reason = broken = ""
+        try:
+            self.announce(trial)
+            link.arm()
+            for tick in pace(len(command), 1.0 / self.sampling_rate_hz):
+                if tick.index == 0 and self.attendance is not None:
+                    self.attendance.begin(trial, tick.due_s + self.lead_in_s)
+                counts = link.read()
+                late_s = tick.late_s
+                reason = signals.name or self._why_stop() or self._judge_pace(book, tick, late_s)
+                if reason:
+                    break
+                sample = supervisor.look(counts, book.last_command, tick.due_s + late_s)
+                reason = sample.breach
+                given = None if reason else book.next_command(tick.index, gentle if tick.index < book.lead else step)
+                if given:
+                    link.write(given[0])
+                book.note(tick, late_s, sample, given)
+                self._show(book.time_s, sample, book.last_command)
+                if reason:
+                    break
+            reason = reason or link.find_other_master()
+        except LinkLost as error:
+            broken = str(error)
+            reason = f"the device at {link.place} does not answer as it should ({broken})"
+        finally:
+            book.noticed_at_s = clock.now_s()
+            lost = self._let_down(link, supervisor, book, broken)
+        book.close()
+        if lost:
+            return f"{reason or 'the trial was over'}; {lost}"
+        return f"{reason}; the muscles were let down" if reason else ""
+
+    def _why_stop(self) -> str:
+        return self.attendance.why_stop() if self.attendance is not None else ""
+
+    def _show(self, time_s: float, sample: Sample, command_kpa: Array) -> None:
+        if self.attendance is not None:
+            moment = Moment(time_s, sample.angle_rad, command_kpa, sample.pressure_kpa, sample.force_n)
+            self.attendance.show(moment)
+
+    def _judge_pace(self, book: Logbook, tick: Tick, late_s: float) -> str:
+        """Say that the loop slept for so long that the device may have vented meanwhile, or missed too much."""
+        slept_s = (tick.index - book.count) / self.sampling_rate_hz + late_s
+        if book.count and slept_s > 0.5 * self.device.watchdog_s:
+            return f"the loop came {1e3 * slept_s:.0f} ms late (half the watchdog's time is borne)"
+        if book.missed > self.guard.missed_share * len(book.command_kpa):
+            return (
+                f"the loop missed {book.missed} samples of {len(book.command_kpa)}, more than rig.guard.missed_share "
+                f"({self.guard.missed_share}): the device or this computer is too slow for {self.sampling_rate_hz} Hz"
+            )
+        return ""
+
+    def _let_down(self, link: CpxLink, supervisor: Supervisor, book: Logbook, broken: str) -> str:
+        """Let all muscles down within the guard's time and see them down; say so where that failed."""
+        begun = clock.now_s()
+
+        def look(counts: Array, command_kpa: Array) -> None:
+            sample = supervisor.look(counts, command_kpa, clock.now_s())
+            book.note_ramp(sample, command_kpa)
+            self._show(book.time_s, sample, command_kpa)
+
+        period_s = 1.0 / self.sampling_rate_hz
+        problem = let_down(link, book.last_command, self.guard.ramp_down_s, period_s, look, broken)
+        if problem:
+            return (
+                f"the muscles could not be let down ({problem}): the watchdog does, {self.device.watchdog_s} s after "
+                "the last request"
+            )
+        return self._see_down(link, begun + self.guard.ramp_down_s)
+
+    def _see_down(self, link: CpxLink, commanded_at_s: float) -> str:
+        """Wait until the measured pressures are low; say which is not."""
+        while True:
+            try:
+                pressure, _, _ = link.channels.to_values(link.read())
+            except LinkLost as error:
+                return f"the muscles were let down, but the device does not answer any more ({error})"
+            up = [
+                f"{name} at {value:.0f} kPa"
+                for name, value in zip(self.muscles, pressure, strict=True)
+                if value > self.guard.vented_kpa
+            ]
+            if not up:
+                return ""
+            if clock.now_s() - commanded_at_s > self.guard.vented_within_s:
+                return (
+                    f"{' and '.join(up)} {self.guard.vented_within_s} s after all were commanded 0: close the air "
+                    "(rig.guard.vented_kpa)"
+                )
+            clock.sleep(1.0 / self.sampling_rate_hz)
+
+    def _tell(self, reason: str, book: Logbook) -> str:
+        when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"
+        advice = "" if self._why_stop() else "; find out why before anybody goes on"
+        return f"stopped {when}: {reason}{advice}"
+
+    def _record(self, book: Logbook) -> Recording:
+        """Return what the trial measured, velocities as of every rig."""
+        taken = book.collect()
+        window = self.exoskeleton.velocity_filter
+        velocity = differentiate(taken.angle_rad, self.sampling_rate_hz, window.window_s, window.order)
+        contraction, contraction_velocity = contract(taken.angle_rad, velocity, self.exoskeleton)
+        return Recording(
+            time_s=taken.time_s,
+            pressure_command_kpa=taken.command_kpa,
+            pressure_kpa=taken.pressure_kpa,
+            contraction=contraction,
+            contraction_velocity_per_s=contraction_velocity,
+            force_n=np.maximum(taken.force_n, 0.0),
+            joint_angle_rad=taken.angle_rad,
+            joint_velocity_rad_per_s=velocity,
+            status=taken.status,
+            clipped_by=taken.clipped_by,
+            late_s=taken.late_s,
+        )
+
+
+def tabulate(trial: Trial, exoskeleton: Exoskeleton) -> pd.DataFrame:
+    """Return a tracked trial as long rows, one per muscle and time."""
+    assert trial.reference_rad is not None
+    samples = len(trial.pressure_command_kpa)
+    columns = {
+        "trial": trial.label or trial.kind,
+        "time_s": np.tile(np.arange(samples) / exoskeleton.sampling_rate_hz, len(exoskeleton.muscles)),
+        "muscle": np.repeat(exoskeleton.muscle_names, samples),
+        "pressure_command_kpa": trial.pressure_command_kpa.T.ravel(),
+        "joint_angle_rad": trial.reference_rad[:, exoskeleton.joint_of_muscle].T.ravel(),
+    }
+    return pd.DataFrame(columns)
+
+
+def _take(device: Device) -> FileLock:
+    """Take a device for this process alone."""
+    try:
+        address = socket.gethostbyname(device.host)
+    except OSError as error:
+        raise RigError(
+            f"rig.device.host: expected an address or a name that can be found, got {device.host} ({error})"
+        ) from None
+    path = f"{_find_lock_folder()}/pamid-{address}-{device.port}.lock"
+    lock = FileLock(path, mode=0o666)
+    try:
+        lock.acquire(timeout=0.0)
+    except Timeout:
+        raise RigError(
+            f"{device.host}:{device.port} is driven by another process (it holds {path}); wait until that ends, "
+            "and have a sweep run one job at a time: hydra.launcher.n_jobs=1"
+        ) from None
+    except OSError as error:
+        raise RigError(
+            f"{path}: expected a lock file that this user may write ({error.strerror}); once nobody drives "
+            f"{device.host}:{device.port}, have its owner remove it"
+        ) from None
+    return lock
+
+
+def _find_lock_folder() -> str:
+    """Return a folder that all users and processes of this computer share, if there is one."""
+    try:
+        with tempfile.TemporaryFile(dir=LOCK_FOLDER):
+            return LOCK_FOLDER
+    except OSError:
+        return tempfile.gettempdir()
+
+
+def _let_go(link: CpxLink) -> None:
+    """Vent, let the watchdog rest once that is confirmed, and disconnect."""
+    if not link.open_now:
+        return  # given up already, so that the watchdog acts
+    try:
+        link.vent()
+        link.disarm()
+    except LinkLost as error:
+        raise RigError(
+            f"{link.place} could not be told to vent ({error}); see that its muscles are without air"
+        ) from None
+    finally:
+        link.close()

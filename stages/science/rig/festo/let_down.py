@@ -1,0 +1,75 @@
+"""How muscles are let down: along a ramp, or at once where the device has vented them meanwhile.
+
+A link and what was commanded last flow in; out flows why the muscles could not be let down, if they could not. The
+watchdog is disarmed only once the device has confirmed commands of zero; a device that cannot be told so is asked for
+nothing more, so that its watchdog does it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+
+import numpy as np
+
+from stages.science.rig import clock
+from stages.science.rig.festo.cpx_link import CpxLink, LinkLost
+from stages.science.signals.trajectories import Array
+
+TRIED_S = 0.15
+"""Time beyond the ramp for which a device is tried to be reached, s: each try keeps its watchdog from acting."""
+
+Look = Callable[[Array, Array], None]
+"""Is handed the counts of all inputs and the command, kPa gauge, at each step."""
+
+
+def let_down(link: CpxLink, last_kpa: Array, ramp_s: float, period_s: float, look: Look, problem: str = "") -> str:
+    """Let all muscles down and disarm the watchdog.
+
+    Parameters
+    ----------
+    link : CpxLink
+        Armed.
+    last_kpa : (M,) ndarray
+        What was commanded last, kPa gauge.
+    ramp_s : float
+        Time to let them down, s.
+    period_s : float
+        Time from one step to the next, s.
+    look : callable
+        Is handed what is read on the way.
+    problem : str
+        What is wrong with the link already: then zero is commanded at once, on a connection of its own.
+
+    Returns
+    -------
+    str
+        Why the device could not be told; empty where it confirmed commands of zero. The link is closed otherwise.
+    """
+    begun, steps = clock.now_s(), max(round(ramp_s / period_s), 1)
+    if problem:
+        _reopen(link)
+    while True:
+        passed_s = clock.now_s() - begun
+        vented = link.longest_silence_s > link.device.watchdog_s  # by the watchdog, which a ramp would undo
+        share = 1.0 if vented or problem else min((np.floor(passed_s / period_s) + 1) / steps, 1.0)
+        try:
+            link.write((1.0 - share) * last_kpa)
+            if share == 1.0:
+                break
+            look(link.read(), (1.0 - share) * last_kpa)
+        except LinkLost as error:
+            if problem and clock.now_s() - begun > ramp_s + TRIED_S:
+                link.close()
+                return str(error)
+            problem = str(error)
+            _reopen(link)
+        clock.sleep(begun + (np.floor(passed_s / period_s) + 1) * period_s - clock.now_s())
+    with contextlib.suppress(LinkLost):  # an armed watchdog vents what is vented already
+        link.disarm()
+    return ""
+
+
+def _reopen(link: CpxLink) -> None:
+    with contextlib.suppress(LinkLost):
+        link.reopen()

@@ -1,0 +1,195 @@
+"""What a trial measured, sample by sample, while it runs.
+
+Samples flow in as they are taken; rows flow out to whoever watches, and in the end the whole trial.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig import clock
+from stages.science.rig.contract import Watch
+from stages.science.rig.festo.supervision import Sample
+from stages.science.rig.limits import ROUNDING_KPA
+from stages.science.rig.pacing import Pace, Tick, measure_pace
+from stages.science.rig.sensors import contract
+from stages.science.signals.trajectories import Array
+
+HANDED_OVER = 10
+"""Samples that are handed to who watches at a time."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """The samples of a trial, T of M muscles and J joints."""
+
+    time_s: Array
+    late_s: Array
+    command_kpa: Array
+    pressure_kpa: Array
+    force_n: Array
+    angle_rad: Array
+    speed_rad_per_s: Array
+    status: NDArray[Any]
+    clipped_by: NDArray[Any]
+
+
+class Logbook:
+    """The samples of one trial.
+
+    Parameters
+    ----------
+    exoskeleton : Exoskeleton
+        The machine.
+    lead : int
+        Samples of the lead-in, which have times below 0 and are no part of what is collected.
+    command_kpa : (L + T, M) ndarray
+        What is commanded, kPa gauge.
+    clipped_by : (L + T, M) ndarray of str
+        What made it differ from what was asked.
+    watch : callable or None
+        Is handed rows as of `tidy`.
+    """
+
+    def __init__(
+        self,
+        exoskeleton: Exoskeleton,
+        lead: int,
+        command_kpa: Array,
+        clipped_by: NDArray[Any],
+        watch: Watch | None,
+    ):
+        self.exoskeleton, self.lead, self.watch = exoskeleton, lead, watch
+        self.command_kpa, self.clipped_by = command_kpa, clipped_by
+        self.count = 0
+        self.last_command: Array = np.zeros(command_kpa.shape[1])
+        self._rows: list[dict[str, Any]] = []
+        self._handed_over = 0
+        self._begun_s = clock.now_s()
+        self.noticed_at_s = 0.0
+        self.missed = 0
+
+    @property
+    def time_s(self) -> float:
+        """Time of the last sample, s; below 0 in the lead-in."""
+        return (self.count - 1 - self.lead) / self.exoskeleton.sampling_rate_hz
+
+    def next_command(self, index: int, step_kpa: Array) -> tuple[Array, NDArray[Any]]:
+        """Return the command of a sample, no further from the last one than a step, and what made it differ."""
+        wanted, last = self.command_kpa[index], self.last_command
+        command = np.clip(wanted, last - step_kpa, last + step_kpa)
+        return command, np.where(np.abs(command - wanted) > ROUNDING_KPA, "rate", self.clipped_by[index])
+
+    def note(self, tick: Tick, late_s: float, sample: Sample, command: tuple[Array, NDArray[Any]] | None) -> None:
+        """Note a sample, and before it those that were missed, with the values and the command that held meanwhile.
+
+        Parameters
+        ----------
+        tick : Tick
+            Of the sample.
+        late_s : float
+            How late its values were there, s.
+        sample : Sample
+            What was measured.
+        command : tuple or None
+            What was commanded and what made it differ from what was asked; None where the one before holds on.
+        """
+        self._begun_s = tick.due_s - tick.index / self.exoskeleton.sampling_rate_hz
+        while self.count < tick.index:
+            held = self._rows[-1] if self._rows else self._describe(sample, self.last_command, "")
+            missed = np.full(len(self.last_command), "missed")
+            self._append({**held, "status": missed, "late_s": 0.0})
+            self.missed += 1
+        applied, clipped = command or (self.last_command, np.array("ramp"))
+        self.last_command = applied
+        status = sample.status
+        if late_s * self.exoskeleton.sampling_rate_hz > 1.0:
+            status = np.where(status == "ok", "late", status)
+        self._append({**self._describe(sample, applied, clipped), "status": status, "late_s": late_s})
+
+    def note_ramp(self, sample: Sample, command_kpa: Array) -> None:
+        """Note a sample on the way down, as late as it is on the trial's clock."""
+        status = np.where(sample.status == "ok", "ramp", sample.status)
+        late_s = clock.now_s() - self._begun_s - self.count / self.exoskeleton.sampling_rate_hz
+        row = self._describe(sample, command_kpa, np.array("ramp"))
+        self._append({**row, "status": status, "late_s": max(late_s, 0.0)})
+
+    def close(self) -> None:
+        """Hand over what is left."""
+        self._hand_over()
+
+    def measure_pace(self) -> Pace:
+        """Return how the loop kept its rate in the trial."""
+        taken = self.collect()
+        columns = {"muscle": "any", "time_s": taken.time_s, "late_s": taken.late_s, "status": taken.status[:, 0]}
+        return measure_pace(pd.DataFrame(columns), [])
+
+    def collect(self) -> Taken:
+        """Return the trial without lead-in and without the way down."""
+        rows = self._rows[self.lead : len(self.command_kpa)]
+        time_s = np.arange(len(rows)) / self.exoskeleton.sampling_rate_hz
+        return Taken(time_s, **{name: np.array([row[name] for row in rows]) for name in FIELDS})
+
+    def _describe(self, sample: Sample, command_kpa: Array, clipped_by: Any) -> dict[str, Any]:
+        return {
+            "command_kpa": command_kpa,
+            "pressure_kpa": sample.pressure_kpa,
+            "force_n": sample.force_n,
+            "angle_rad": sample.angle_rad,
+            "speed_rad_per_s": sample.speed_rad_per_s,
+            "status": sample.status,
+            "clipped_by": np.broadcast_to(clipped_by, command_kpa.shape),
+        }
+
+    def _append(self, row: dict[str, Any]) -> None:
+        self._rows.append(row)
+        self.count += 1
+        if self.count - self._handed_over >= HANDED_OVER:
+            self._hand_over()
+
+    def _hand_over(self) -> None:
+        rows = self._rows[self._handed_over :]
+        if self.watch is None or not rows:
+            return
+        muscles, joint = self.exoskeleton.muscles, self.exoskeleton.joint_of_muscle
+        samples = np.arange(self._handed_over, self.count) - self.lead
+        its = {name: np.array([row[name] for row in rows]) for name in FIELDS}
+        contraction, contraction_velocity = contract(its["angle_rad"], its["speed_rad_per_s"], self.exoskeleton)
+        angle, speed = its["angle_rad"][:, joint], its["speed_rad_per_s"][:, joint]
+        self.watch(
+            {
+                "time_s": np.repeat(samples / self.exoskeleton.sampling_rate_hz, len(muscles)),
+                "muscle": np.tile(np.array(self.exoskeleton.muscle_names), len(rows)),
+                "pressure_command_kpa": its["command_kpa"].ravel(),
+                "pressure_kpa": its["pressure_kpa"].ravel(),
+                "contraction": contraction.ravel(),
+                "contraction_velocity_per_s": contraction_velocity.ravel(),
+                "force_n": its["force_n"].ravel(),
+                "joint_angle_rad": angle.ravel(),
+                "joint_velocity_rad_per_s": speed.ravel(),
+                "status": its["status"].astype(str).ravel(),
+                "clipped_by": its["clipped_by"].astype(str).ravel(),
+                "late_s": np.repeat(its["late_s"], len(muscles)),
+                "reference_shown_s": np.full(len(rows) * len(muscles), np.nan),
+                "measured_shown_s": np.full(len(rows) * len(muscles), np.nan),
+            }
+        )
+        self._handed_over = self.count
+
+
+FIELDS = (
+    "late_s",
+    "command_kpa",
+    "pressure_kpa",
+    "force_n",
+    "angle_rad",
+    "speed_rad_per_s",
+    "status",
+    "clipped_by",
+)

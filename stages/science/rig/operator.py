@@ -1,0 +1,134 @@
+"""A rig whose trials a person executes: each trial is asked for, and told by a file that holds what was recorded.
+
+A trial flows in; if its file lies in the folder, the recording flows out, else the `TrialRequested` that says what to
+execute and where to put it. So a loop that drives a rig serves an operator unchanged: it stops, and goes on when
+started again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+from pydantic import field_validator
+
+from stages.science.rig.configured import ConfiguredRig
+from stages.science.rig.contract import MEASUREMENT_COLUMNS, Recording, RigError, Trial, Watch
+from stages.science.rig.rows import assume_conduct, check_values, gather
+
+SUFFIXES = (".csv", ".parquet")
+
+
+class TrialRequested(Exception):
+    """A trial waits for a person.
+
+    Parameters
+    ----------
+    asks : dict
+        What to execute: reference and pressure commands over time, and where to put which columns.
+    """
+
+    def __init__(self, asks: dict[str, Any]):
+        super().__init__(f"execute {asks['trial']} and save what was recorded as {asks['save_as']}")
+        self.asks = asks
+
+
+class OperatorRig(ConfiguredRig):
+    """A rig behind a person.
+
+    Parameters
+    ----------
+    exoskeleton, participants
+        As of every `ConfiguredRig`.
+    folder : str
+        Where recordings are put.
+    """
+
+    real: ClassVar[bool] = True
+
+    folder: str
+
+    @field_validator("folder")
+    @classmethod
+    def _name_folder(cls, folder: str) -> str:
+        if not folder.strip():
+            raise ValueError(
+                f"expected the path of the folder that receives recordings, got {folder!r}; set rig.folder=PATH"
+            )
+        if Path(folder).exists() and not Path(folder).is_dir():
+            raise ValueError(f"expected a folder that receives recordings, got the file {folder}; set rig.folder=PATH")
+        return folder
+
+    def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
+        """Read what the operator recorded, or ask for it.
+
+        Raises
+        ------
+        TrialRequested
+            When the trial's file is not there yet.
+        RigError
+            When the file does not hold what was asked for.
+        """
+        stem = Path(self.folder) / name_trial(trial)
+        found = [stem.with_suffix(suffix) for suffix in SUFFIXES if stem.with_suffix(suffix).exists()]
+        if not found:
+            raise TrialRequested(self._ask(trial, stem.with_suffix(".csv")))
+        return self._read(found[0])
+
+    def _ask(self, trial: Trial, path: Path) -> dict[str, Any]:
+        time_s = np.arange(self.samples) / self.sampling_rate_hz
+        reference = (
+            {} if trial.reference_rad is None else dict(zip(self.joints, trial.reference_rad.T.tolist(), strict=True))
+        )
+        return {
+            "trial": trial.label,
+            "kind": trial.kind,
+            "participant": trial.participant,
+            "save_as": str(path),
+            "columns": {name: each.description for name, each in MEASUREMENT_COLUMNS.items()},
+            "rows": f"one for each of {len(self.muscles)} muscles and {self.samples} samples",
+            "time_s": time_s.tolist(),
+            "reference_rad": reference,
+            "pressure_command_kpa": dict(zip(self.muscles, trial.pressure_command_kpa.T.tolist(), strict=True)),
+        }
+
+    def _read(self, path: Path) -> Recording:
+        try:
+            frame = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+        except (OSError, ValueError) as error:
+            raise RigError(f"{path}: expected a table ({first_line(error)})") from None
+        missing = [name for name in MEASUREMENT_COLUMNS if name not in frame]
+        if missing:
+            raise RigError(
+                f"{path}: expected the columns {', '.join(MEASUREMENT_COLUMNS)}; it lacks {', '.join(missing)}"
+            )
+        try:
+            frame = check_values(assume_conduct(frame))
+        except ValueError as error:
+            raise RigError(f"{path}: {error}") from None
+        counts = frame["muscle"].value_counts()
+        wrong = [name for name in self.muscles if counts.get(name, 0) != self.samples]
+        if wrong:
+            got = ", ".join(f"{counts.get(name, 0)} of {name}" for name in wrong)
+            raise RigError(f"{path}: expected {self.samples} samples of every muscle, got {got}")
+        times = frame.groupby("time_s")["muscle"].nunique()
+        if len(times) != self.samples or times.min() < len(self.muscles):
+            raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(times)} times")
+        return gather(frame, self)
+
+
+def name_trial(trial: Trial) -> str:
+    """Return a file name that belongs to this trial and to no other."""
+    content = hashlib.sha256(trial.kind.encode() + trial.participant.encode())
+    content.update(trial.pressure_command_kpa.tobytes())
+    content.update(b"" if trial.reference_rad is None else trial.reference_rad.tobytes())
+    return f"{re.sub(r'[^0-9a-zA-Z]+', '_', trial.label or trial.kind)}_{content.hexdigest()[:8]}"
+
+
+def first_line(error: Exception) -> str:
+    """Return the first line of an error's text."""
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

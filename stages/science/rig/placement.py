@@ -1,0 +1,136 @@
+"""A recorded trial on the machine's clock: as it was sampled, or resampled with what is missing marked.
+
+Adopted rows of one trial flow in, as they were recorded; as many samples as a trial of the machine has flow out for
+each muscle, or a `RecordingError` that names rows and what to set.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.science.recording.clock import find_rate, regularise
+from stages.science.recording.columns import RecordingError, tell_rows
+from stages.science.rig.contract import MEASUREMENT_COLUMNS, Array
+from stages.science.rig.rows import PUNCTUAL
+
+READINGS = tuple(MEASUREMENT_COLUMNS)[2:]
+HELD = ("pressure_command_kpa", *PUNCTUAL)
+"""Columns whose values hold until the next sample."""
+SAME_RATE = 0.01
+"""Relative difference of two rates that are the same."""
+A_GAP = 1.5
+"""Steps of time, over the usual one, from which on samples are missing in between."""
+
+
+def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float) -> pd.DataFrame:
+    """Return the rows of a trial that is sampled as the machine is, on its clock.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Adopted columns of one trial, in the order of time within each muscle; its index counts the rows of the file.
+    rate_hz : float
+        Samples per second of the machine.
+    samples : int
+        Of a trial of the machine.
+    largest_jitter : float
+        As of `regularise`.
+
+    Raises
+    ------
+    RecordingError
+        Where rate or length differ, or something is missing.
+    """
+    own_hz = find_rate(rows, ("muscle",), None)
+    if abs(own_hz / rate_hz - 1.0) > SAME_RATE:
+        raise RecordingError(
+            f"column time_s: expected the exoskeleton's {rate_hz:g} Hz, got {own_hz:.6g} Hz; set "
+            f"rig.resample=true, or exoskeleton.sampling_rate_hz={own_hz:.6g}"
+        )
+    steps = rows.groupby("muscle", sort=False)["time_s"].diff() * rate_hz
+    if (steps > A_GAP).any():
+        lost = int((steps[steps > A_GAP].round() - 1).max())
+        raise RecordingError(
+            f"column time_s: nothing for {lost} samples before {tell_rows(steps > A_GAP)}; record it anew, or set "
+            "rig.resample=true, which marks what is missing"
+        )
+    for name in [each for each in READINGS if each in rows]:
+        if rows[name].isna().any():
+            raise RecordingError(
+                f"column {name}: expected a value in every row, got none in {tell_rows(rows[name].isna())}; set "
+                "rig.resample=true, which marks what is missing"
+            )
+    placed, _ = regularise(rows, "trial", ["muscle"], rate_hz, largest_jitter)
+    counts = placed.groupby("muscle")["time_s"].size()
+    if (counts != samples).any():
+        count = int(counts[counts != samples].iloc[0])
+        remedy = "rig.resample=true, which cuts it, or " if count > samples else ""
+        raise RecordingError(
+            f"expected the {samples} samples of a trial, got {count}; set {remedy}"
+            f"exoskeleton.trial_s={count / rate_hz:g}"
+        )
+    return placed
+
+
+def resample(rows: pd.DataFrame, rate_hz: float, samples: int, largest_gap_s: float) -> pd.DataFrame:
+    """Return the rows of a trial at the machine's samples.
+
+    Readings between two are interpolated. Commands, and how samples were taken, hold until the next one. What is
+    missing holds the values before and is marked ``missed``.
+
+    Parameters
+    ----------
+    rows, rate_hz, samples
+        As of `keep`.
+    largest_gap_s : float
+        Longest stretch without samples that is bridged, s.
+
+    Raises
+    ------
+    RecordingError
+        Where more is missing.
+    """
+    start = rows["time_s"].min()
+    return pd.concat(
+        [
+            _resample_muscle(own, float(start), np.arange(samples) / rate_hz, largest_gap_s)
+            for _, own in rows.groupby("muscle", sort=False)
+        ],
+        ignore_index=True,
+    )
+
+
+def _resample_muscle(rows: pd.DataFrame, start_s: float, grid: Array, largest_gap_s: float) -> pd.DataFrame:
+    readings = [name for name in (*READINGS, "reference_rad") if name in rows]
+    whole = rows[readings].notna().all(axis=1)
+    if whole.sum() < 2:
+        raise RecordingError(
+            f"expected samples of {rows['muscle'].iloc[0]} with all readings ({', '.join(readings)}), got {whole.sum()}"
+        )
+    rows = rows[whole]
+    times = rows["time_s"].to_numpy() - start_s
+    usual = float(np.median(np.diff(times)))
+    before = np.clip(np.searchsorted(times, grid + 1e-9, side="right") - 1, 0, None)
+    after = np.clip(np.searchsorted(times, grid - 1e-9), None, len(times) - 1)
+    missed = times[after] - times[before] > A_GAP * usual
+    missed |= (grid > times[-1] + 0.5 * usual) | (grid < times[0] - 0.5 * usual)
+    longest = _longest(missed) * float(grid[1])
+    if longest > largest_gap_s:
+        at = float(grid[int(np.argmax(missed))])
+        raise RecordingError(
+            f"column time_s: nothing for {longest:.3g} s, first from {at:.3g} s of the trial on, and "
+            f"rig.largest_gap_s={largest_gap_s:g} bridges no more; record it anew, raise that, or shorten "
+            "exoskeleton.trial_s"
+        )
+    held = rows.iloc[before].reset_index(drop=True)
+    between = {name: np.interp(grid, times, rows[name].to_numpy()) for name in readings if name not in HELD}
+    told = {name: np.where(missed, held[name], values) for name, values in between.items()}
+    return held.assign(**told, time_s=grid, status=held["status"].mask(missed & (held["status"] == "ok"), "missed"))
+
+
+def _longest(flags: NDArray[np.bool_]) -> int:
+    """Return the length of the longest run of true."""
+    runs = np.diff(np.flatnonzero(np.concatenate([[True], ~flags, [True]])))
+    return int(runs.max()) - 1

@@ -1,0 +1,103 @@
+"""From recorded samples back to a trial that replays them.
+
+A movement's long table flows in; the `Trial` that displays its joint angles and plays its pressure commands flows out,
+or what was measured when a rig executed it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from stages.science.rig.attendance import Proposal
+from stages.science.rig.contract import Rig, Trial, Watch, tidy
+
+
+def tracked_trial(
+    samples: pd.DataFrame,
+    rig: Rig,
+    participant: str,
+    label: str,
+    number: int | None = None,
+    proposal: Proposal | None = None,
+) -> Trial:
+    """Return the trial in which a participant tracks a recorded movement under its recorded pressures.
+
+    Parameters
+    ----------
+    samples : DataFrame
+        Rows of one movement with columns time_s, muscle, pressure_command_kpa and joint_angle_rad (of the muscle's
+        joint).
+    rig : Rig
+        Gives the order of muscles and joints, and which muscle moves which joint.
+    participant : str
+        Who tracks.
+    label : str
+        Names the trial for an operator.
+    number, proposal : int or None, Proposal or None
+        As of `Trial`.
+
+    Raises
+    ------
+    ValueError
+        When a muscle of the rig is not in the samples.
+    """
+    sampled = set(samples["muscle"].unique())
+    missing = [name for name in rig.muscles if name not in sampled]
+    if missing:
+        raise ValueError(
+            f"expected samples of every muscle of the rig ({', '.join(rig.muscles)}), got none of {missing}"
+        )
+    command = samples.pivot(index="time_s", columns="muscle", values="pressure_command_kpa")[list(rig.muscles)]
+    angle = samples.pivot(index="time_s", columns="muscle", values="joint_angle_rad")[list(rig.muscles)]
+    first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
+    reference = np.ascontiguousarray(angle.to_numpy()[:, first_muscle])
+    return Trial("tracked", participant, command.to_numpy(), reference, label, number, proposal)
+
+
+def track(
+    references: pd.DataFrame,
+    trajectory: int,
+    rig: Rig,
+    participant: str,
+    label: str,
+    generator: np.random.Generator,
+    watch: Watch | None = None,
+    number: int | None = None,
+    proposal: Proposal | None = None,
+) -> pd.DataFrame:
+    """Let a participant track a movement, and return what was measured.
+
+    Parameters
+    ----------
+    references : DataFrame
+        Rows of all movements, with a column trajectory beside those that `tracked_trial` takes.
+    trajectory : int
+        The movement.
+    rig : Rig
+        Connected.
+    participant : str
+        Who tracks.
+    label : str
+        Names the trial for an operator.
+    generator : Generator
+        The only source of randomness.
+    watch : callable or None
+        As of `Rig.execute`.
+    number, proposal : int or None, Proposal or None
+        As of `Trial`.
+
+    Returns
+    -------
+    DataFrame
+        The columns of `RECORDING_COLUMNS`.
+
+    Raises
+    ------
+    RigError, ValueError
+        As `Rig.execute` and `tracked_trial`.
+    """
+    samples = references[references["trajectory"] == trajectory]
+    trial = tracked_trial(samples, rig, participant, label, number, proposal)
+    recording = rig.execute(trial, generator, watch)
+    return pd.DataFrame(tidy(recording, rig))

@@ -1,0 +1,67 @@
+"""From long rows back to a recording: what `tidy` made of one.
+
+Rows of one trial flow in, one for each muscle and time; the `Recording` flows out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pandera.pandas as pa
+
+from stages.science.rig.contract import PER_SAMPLE, RECORDING_COLUMNS, Recording, Rig
+
+PUNCTUAL: dict[str, Any] = {
+    "status": "ok",
+    "clipped_by": "",
+    "late_s": 0.0,
+    "reference_shown_s": np.nan,
+    "measured_shown_s": np.nan,
+}
+"""How samples were taken, of which a file need not tell."""
+
+
+def assume_conduct(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return rows that are punctual, as measured and applied as asked, where a file does not tell."""
+    told = frame.assign(**{name: value for name, value in PUNCTUAL.items() if name not in frame})
+    return told.assign(clipped_by=told["clipped_by"].astype(object).fillna(""))
+
+
+def check_values(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns of `RECORDING_COLUMNS`, each of its type.
+
+    Raises
+    ------
+    ValueError
+        Naming the column, what was expected of it, and the first value that is otherwise.
+    """
+    try:
+        checked: pd.DataFrame = pa.DataFrameSchema(dict(RECORDING_COLUMNS), strict="filter", coerce=True).validate(
+            frame, lazy=True
+        )
+    except pa.errors.SchemaErrors as errors:
+        case = errors.failure_cases.iloc[0]
+        raise ValueError(f"column {case['column']}: expected {case['check']}, got {case['failure_case']}") from None
+    return checked
+
+
+def gather(frame: pd.DataFrame, rig: Rig) -> Recording:
+    """Return the recording whose long rows these are; a joint's columns are those of its first muscle.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        The columns of `RECORDING_COLUMNS`, for every muscle at the same times, in any order.
+    rig : Rig
+        Names the muscles and their joints.
+    """
+    place = frame["muscle"].map({name: index for index, name in enumerate(rig.muscles)}).to_numpy()
+    times = frame["time_s"].to_numpy(dtype=float)
+    order = np.lexsort((times, place)).reshape(len(rig.muscles), -1).T
+    first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
+    arrays = {name: frame[name].to_numpy()[order] for name in list(RECORDING_COLUMNS)[2:]}
+    arrays = {name: each[:, first_muscle] if name.startswith("joint") else each for name, each in arrays.items()}
+    arrays |= {name: arrays[name][:, 0] for name in PER_SAMPLE[1:]}
+    return Recording(time_s=times[order[:, 0]], **arrays)

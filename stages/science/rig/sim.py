@@ -1,0 +1,266 @@
+"""The simulated rig: an exoskeleton under a plant, with people in it.
+
+Configuration and trials flow in, recordings flow out. Every random number comes from the generator given to `execute`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from stages.science.plant.interaction import Motion, interact
+from stages.science.plant.joint import STABLE, quickest_rate
+from stages.science.plant.participant import Intention, Participant, embody, intend, nobody, rest
+from stages.science.plant.plant import Plant
+from stages.science.plant.stepping import Steps
+from stages.science.rig import clock
+from stages.science.rig.attendance import Moment
+from stages.science.rig.configured import ConfiguredRig
+from stages.science.rig.contract import Recording, RigError, Trial, TrialStopped, Watch, tidy
+from stages.science.rig.filling import check_filling, fill
+from stages.science.rig.limits import Limits, apply_limits, check_limits
+from stages.science.rig.movement import Movement, move_freely
+from stages.science.rig.pacing import pace, undisturbed
+from stages.science.rig.sensors import record
+from stages.science.signals.trajectories import Array
+
+SHOWN_HZ = 100.0
+"""Rate at which a trial that takes its time is shown."""
+SHORTEST_S = 0.25
+"""Time below which nothing is kept of a trial that was stopped, s: no velocity can be told from it."""
+LATE_S = 0.1
+"""From which on a sample is late for a person who points, s: they acted on what was long over."""
+POINTER_S = 0.04
+"""Time constant that smooths what a pointer tells sixty times a second, s."""
+
+
+class SimulatedRig(ConfiguredRig):
+    """A rig without hardware.
+
+    Parameters
+    ----------
+    exoskeleton : Exoskeleton
+        Joints, muscles and sampling.
+    plant : Plant
+        Constants and effects.
+    participants : dict of str to Participant
+        Who may track a reference.
+    experimenter : Participant
+        Who moves freely, by the name ``experimenter``.
+    movement : Movement
+        How they move.
+    limits : dict of str to PressureLimit
+        By type of muscle.
+    lead_in_s : float
+        How long the first posture is held before the trial while the muscles are filled to its first command, s; not
+        recorded. At 0 it begins with muscles that are filled and settled.
+    filling_share : float
+        Share of it that the filling takes; the rest lets transients settle, 1.
+    """
+
+    real: ClassVar[bool] = False
+
+    plant: Plant
+    experimenter: Participant
+    movement: Movement
+    limits: Limits
+    lead_in_s: float = Field(ge=0.0, le=60.0)
+    filling_share: float = Field(ge=0.5, le=1.0)
+    realtime: bool
+    pointer: str | None
+
+    @model_validator(mode="after")
+    def _check_fit(self) -> Self:
+        self.plant.check_against(self.exoskeleton)
+        check_limits(self.limits, self.exoskeleton.muscles)
+        if self._lead_samples:
+            check_filling(self.lead_in_s, self.filling_share, self.limits, self.exoskeleton.muscles)
+        people = {f"participants.{name}": each for name, each in self.participants.items()}
+        for path, person in {**people, "experimenter": self.experimenter}.items():
+            try:
+                person.check_against(self.exoskeleton, self.samples + self._lead_samples)
+            except ValueError as error:
+                raise ValueError(f"{path}.{error}") from None
+        self._check_step()
+        if self.pointer is not None and self.pointer not in self.participants:
+            raise ValueError(
+                f"pointer: expected one of the participants ({', '.join(self.participants)}), got {self.pointer}"
+            )
+        if self.pointer is not None and not self.realtime:
+            raise ValueError("realtime: expected true, as a person points in real time; set rig.realtime=true")
+        return self
+
+    def _check_step(self) -> None:
+        quickest, joint = max(
+            (quickest_rate(joint, constants), joint.name)
+            for person in (*self.participants.values(), self.experimenter)
+            for joint, constants in zip(self.exoskeleton.joints, embody(person, self.exoskeleton), strict=True)
+        )
+        if self.plant.integration_step_s * quickest > STABLE:
+            raise ValueError(
+                f"plant.integration_step_s: expected at most {STABLE / quickest:.3g}, beyond which the motion of joint "
+                f"{joint} against its end stop diverges, got {self.plant.integration_step_s}; lower it, or change "
+                "what makes the joint quick: inertia_kg_m2, stop_nm_per_rad, stop_nm_s_per_rad, viscous_nm_s_per_rad, "
+                "strength_nm, or a person's stiffness_per_rad and damping_ratio"
+            )
+
+    @property
+    def _lead_samples(self) -> int:
+        return round(self.lead_in_s * self.sampling_rate_hz)
+
+    def connect(self) -> None:
+        """Begin.
+
+        Raises
+        ------
+        RigError
+            When a person is to point at postures and there is no page to do so.
+        """
+        if self.pointer is not None and self.attendance is None:
+            raise RigError(f"participant {self.pointer} points at postures on a page: set desk=pages")
+        if self.pointer is not None:
+            self._warm()
+        super().connect()
+
+    def _warm(self) -> None:
+        """Compile what a step takes, before a person waits for it."""
+        angle = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in self.exoskeleton.joints])
+        still = Intention(*(np.repeat(each[None], 4, axis=0) for each in (angle, 0.0 * angle, 0.0 * angle)))
+        steps = Steps(self.exoskeleton, self.plant, still, embody(self.experimenter, self.exoskeleton), angle)
+        command = np.zeros(len(self.muscles))
+        steps.begin(command)
+        while not steps.over:
+            steps.step(command)
+
+    @property
+    def pointed(self) -> bool:
+        """Whether a participant points at postures on a page."""
+        return self.pointer is not None
+
+    def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
+        """Simulate one trial.
+
+        Raises
+        ------
+        TrialStopped
+            When who attends stopped one that takes its time.
+        """
+        command, clipped = apply_limits(trial.pressure_command_kpa, self.limits, self.exoskeleton)
+        lead = self._lead_samples
+        whole = np.concatenate([fill(command[0], lead, self.filling_share), command])
+        follows = trial.participant == self.pointer
+        if follows:
+            moved, late_s = self._follow(trial, whole, lead)
+        else:
+            moved, late_s = self._move(trial, whole, lead, generator), np.zeros(len(whole))
+        motion, late_s = _cut(moved, slice(lead, None)), late_s[lead:]
+        done = len(motion.force_n)
+        if done < min(self.samples, SHORTEST_S * self.sampling_rate_hz):
+            raise self._stopped(done)
+        recording = record(motion, command[:done], self.exoskeleton, self.plant, generator)
+        late_s = late_s[:done]
+        late = np.where(late_s > LATE_S, "late", "ok")[:, None]
+        status = np.broadcast_to(late, command[:done].shape).copy()
+        recording = replace(recording, clipped_by=clipped[:done], late_s=late_s, status=status)
+        if self.realtime and not follows:
+            done = self._play(trial, whole, _cut(moved, slice(lead)), recording)
+        if watch is not None and (self.attendance is not None or done < len(command)):
+            watch(tidy(_cut_recording(recording, done), self))
+        if done < len(command):
+            raise self._stopped(done)
+        return recording
+
+    def _stopped(self, done: int) -> TrialStopped:
+        why = self.attendance.why_stop() if self.attendance else ""
+        return TrialStopped(f"stopped {done / self.sampling_rate_hz:.2f} s into the trial: {why}", clock.now_s())
+
+    def _play(self, trial: Trial, command: Array, filling: Motion, recording: Recording) -> int:
+        """Show the filling and a recording at the pace of its clock; return how many samples were over at a stop."""
+        lead = len(filling.force_n)
+        angle, pressure, force = (
+            np.concatenate([getattr(part, name) for part in (filling, recording)])
+            for name in ("joint_angle_rad", "pressure_kpa", "force_n")
+        )
+        for index in self._keep_time(trial, lead, self.samples):
+            time_s = (index - lead) / self.sampling_rate_hz
+            self._show(time_s, angle[index], command[index], pressure[index], force[index])
+            if self.attendance is not None and self.attendance.why_stop():
+                return max(index - lead, 0)
+        return self.samples
+
+    def _follow(self, trial: Trial, command: Array, lead: int) -> tuple[Motion, Array]:
+        """Simulate a trial while a person points; return also how late each sample was, s. A stop ends it early."""
+        attendance = self.attendance
+        assert attendance is not None
+        lower = np.array([joint.lower_rad for joint in self.exoskeleton.joints])
+        upper = np.array([joint.upper_rad for joint in self.exoskeleton.joints])
+        pointed = attendance.ask_pointer()
+        if pointed is None:
+            pointed = 0.5 * (lower + upper) if trial.reference_rad is None else trial.reference_rad[0]
+        angle = np.clip(pointed, lower, upper)
+        person = embody(self.participants[trial.participant], self.exoskeleton)
+        held = Intention(*(np.repeat(each[None], len(command), axis=0) for each in (angle, 0 * angle, 0 * angle)))
+        steps = Steps(self.exoskeleton, self.plant, held, person, angle)
+        steps.begin(command[0])
+        share = 1.0 - math.exp(-1.0 / (self.sampling_rate_hz * POINTER_S))
+        begun_s, late_s = clock.now_s(), np.zeros(len(command))
+        for index in self._keep_time(trial, lead, self.samples):
+            newest = attendance.ask_pointer()
+            aim = angle if newest is None else np.clip(newest, lower, upper)
+            while steps.at < index:
+                step = share * (aim - angle)
+                angle = angle + step
+                steps.aim(angle, step * self.sampling_rate_hz)
+                steps.step(command[steps.at])
+                late_s[steps.at] = max(clock.now_s() - begun_s - steps.at / self.sampling_rate_hz, 0.0)
+            at = steps.at
+            time_s = (at - lead) / self.sampling_rate_hz
+            self._show(time_s, steps.angle[at], command[at], steps.pressure[at], steps.force[at])
+            if attendance.why_stop():
+                break
+        return steps.collect(), late_s
+
+    def _keep_time(self, trial: Trial, lead: int, samples: int) -> Iterator[int]:
+        """Yield the sample that is due, lead-in included, at most `SHOWN_HZ` times a second, and the last one."""
+        every = max(round(self.sampling_rate_hz / SHOWN_HZ), 1)
+        last = lead + samples - 1
+        with undisturbed():
+            for tick in pace(-(-last // every) + 1, every / self.sampling_rate_hz):
+                if tick.index == 0 and self.attendance is not None:
+                    self.attendance.begin(trial, tick.due_s + lead / self.sampling_rate_hz)
+                yield min(tick.index * every, last)
+
+    def _show(self, time_s: float, angle: Array, command: Array, pressure: Array, force: Array) -> None:
+        if self.attendance is not None:
+            self.attendance.show(Moment(time_s, angle, command, pressure, force))
+
+    def _move(self, trial: Trial, command: Array, lead: int, generator: np.random.Generator) -> Motion:
+        if trial.kind == "passive":
+            start = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in self.exoskeleton.joints])
+            intention = rest(self.exoskeleton, len(command))
+            return interact(self.exoskeleton, self.plant, command, intention, nobody(self.exoskeleton), start)
+        who = self.experimenter if trial.participant == "experimenter" else self.participants[trial.participant]
+        shown = trial.reference_rad
+        if shown is None:
+            shown = move_freely(self.movement, self.exoskeleton, self.samples, generator)
+        intention = intend(who, self.exoskeleton, _hold_first(shown, lead), generator)
+        person = embody(who, self.exoskeleton)
+        return interact(self.exoskeleton, self.plant, command, intention, person, intention.angle_rad[0])
+
+
+def _cut_recording(recording: Recording, count: int) -> Recording:
+    """Return the first samples of a recording."""
+    return Recording(**{each.name: getattr(recording, each.name)[:count] for each in fields(recording)})
+
+
+def _hold_first(values: Array, lead: int) -> Array:
+    return np.concatenate([np.repeat(values[:1], lead, axis=0), values])
+
+
+def _cut(motion: Motion, part: slice) -> Motion:
+    return Motion(**{name: values[part] for name, values in vars(motion).items()})

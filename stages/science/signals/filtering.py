@@ -1,0 +1,59 @@
+"""The derivative of a sampled signal."""
+
+from __future__ import annotations
+
+from stages.science.signals.trajectories import Array
+
+
+def differentiate(signal: Array, sampling_rate_hz: float, window_s: float, order: int) -> Array:
+    """Return the zero-phase filtered derivative of each column.
+
+    A polynomial is fitted by least squares in a window around each sample and differentiated there; at the ends the
+    first and last whole windows serve.
+
+    Parameters
+    ----------
+    signal : (T, ...) ndarray
+        Any unit.
+    sampling_rate_hz : float
+        Samples per second.
+    window_s : float
+        Length of the window, s; rounded to an odd number of samples that holds the polynomial.
+    order : int
+        Degree of the polynomial, at least 1.
+
+    Returns
+    -------
+    (T, ...) ndarray
+        Unit of `signal` per second.
+
+    Raises
+    ------
+    ValueError
+        When the signal is shorter than the window or not finite, or the order or the rate makes no sense.
+
+    Notes
+    -----
+    Savitzky and Golay, Smoothing and differentiation of data by simplified least squares procedures, Anal. Chem. 36
+    (1964).
+    """
+    from scipy.signal import savgol_filter  # half a second that a run with nothing to differentiate is spared
+
+    if order < 1 or not 0.0 < sampling_rate_hz < float("inf"):
+        raise ValueError(
+            f"differentiate: expected an order of at least 1 and a positive rate, got {order} and {sampling_rate_hz} Hz"
+        )
+    length = window_length(sampling_rate_hz, window_s, order)
+    if len(signal) < length:
+        raise ValueError(f"differentiate: expected at least {length} samples (window_s {window_s}), got {len(signal)}")
+    return savgol_filter(signal, length, order, deriv=1, delta=1.0 / sampling_rate_hz, axis=0)
+
+
+def window_samples(sampling_rate_hz: float, window_s: float) -> int:
+    """Return the odd number of samples nearest to a window's length."""
+    return 2 * int(window_s * sampling_rate_hz / 2.0) + 1
+
+
+def window_length(sampling_rate_hz: float, window_s: float, order: int) -> int:
+    """Return the odd number of samples nearest to a window's length that still holds a polynomial of that order."""
+    return max(window_samples(sampling_rate_hz, window_s), order + 1 + order % 2)

@@ -1,0 +1,1 @@
+"""What the counts of a real rig's channels mean."""
