@@ -10,7 +10,8 @@ from unittest.mock import patch
 import pandas as pd
 import pytest
 
-from stages.science.rig import clock, fronts
+from stages.science.rig import clock
+from stages.science.rig.operator_ui import fronts
 from stages.science.rig.operator_ui.terminal import Terminal
 from tests.conftest import Command
 from tests.rig.attended import wait_until

@@ -37,7 +37,7 @@ READS_THE_PATH_ITS_CONFIGURATION_NAMES = {
 }
 KEEPS_COMPILED_FUNCTIONS = {(f"{SCIENCE}.compilation.locators", "os"), (f"{SCIENCE}.compilation.locators", "pathlib")}
 TAKES_RECORDINGS_FOR_TRIALS = (f"{SCIENCE}.rig.replay", f"{SCIENCE}.rig.placement")
-WRITES = {"copy2", "copyfile", "copytree", "dump", "makedirs", "mkdir", "rename", "rmdir", "rmtree", "savefig"}
+WRITES = {"copy2", "copyfile", "copytree", "dump", "makedirs", "mkdir", "rmdir", "rmtree", "savefig"}
 WRITES |= {"savemat", "savez", "symlink_to", "to_csv", "to_parquet", "touch", "unlink", "write_bytes", "write_text"}
 
 

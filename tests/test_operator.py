@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.science.rig.contract import Trial, tidy
+from stages.science.rig.contract import tidy
+from stages.science.rig.trial import Trial
 from tests.conftest import Command
 from tests.plant.machines import configured
 

@@ -13,7 +13,7 @@ from scipy.special import gammaln
 
 from pipeline.context import Context
 from pipeline.errors import WiringError
-from stages import rivals as module
+from stages.paper import rivals as module
 from stages.paper.rivals import Config, Rivals, compare_rivals, count_points, fit_law, predict_law, rivals
 from stages.science.figures.error_bars import draw_error_bars
 from stages.science.figures.rival_curves import draw_rival_curves

@@ -34,9 +34,10 @@ from stages.science.muscle_models.loop_settings import DesignSettings
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import keep_usable, spread_evenly, take
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.attendance import Proposal, TrialDeclined
+from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig
 from stages.science.rig.reference import track
+from stages.science.rig.trial import Proposal
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
 Array = NDArray[np.float64]

@@ -16,9 +16,10 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.attendance import Proposal, until_kept
+from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import RECORDING_COLUMNS, Rig
 from stages.science.rig.excitation import FreeMovements, RigWithLimits, check_levels
+from stages.science.rig.trial import Proposal
 
 BANK = Table(
     "bank",

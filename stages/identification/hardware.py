@@ -16,11 +16,12 @@ from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.rig.attendance import Proposal, until_kept
+from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import RECORDING_COLUMNS, Rig, tidy
 from stages.science.rig.pacing import measure_pace
 from stages.science.rig.reference import tracked_trial
 from stages.science.rig.sweeps import passive_trial
+from stages.science.rig.trial import Proposal
 
 NOBODY = "nobody"
 """Who is in a passive trial; no participant has this name."""

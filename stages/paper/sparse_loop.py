@@ -34,9 +34,10 @@ from stages.science.muscle_models.description import describe_choice, describe_m
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import thin
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.attendance import Proposal, until_kept
+from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import MOST_ROWS, RECORDING_COLUMNS, Rig
 from stages.science.rig.reference import track
+from stages.science.rig.trial import Proposal
 from stages.science.signals.scaling import MODEL_INPUTS
 
 MOST_NUMBERS = 25_000_000

@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.science.rig.contract import Trial, tidy
+from stages.science.rig.contract import tidy
 from stages.science.rig.pacing import measure_pace
+from stages.science.rig.trial import Trial
 from tests.cpx_e.emulator import Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 

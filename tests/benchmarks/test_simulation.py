@@ -49,7 +49,7 @@ def test_chain_against_a_numpy_loop(against, tell):
 def test_whole_trial_in_real_time(benchmark, sized, tell):
     """A trial with joints, person, effects and their feedback: how much quicker than it would last."""
     rig = configured("rich")
-    from stages.science.rig.contract import Trial
+    from stages.science.rig.trial import Trial
 
     command = np.full((rig.samples, len(rig.muscles)), 100.0)
     trial = Trial("free", "experimenter", command)

@@ -16,8 +16,8 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from pydantic import TypeAdapter
 
-from stages.science.rig.contract import Trial
 from stages.science.rig.festo.festo_cpx import FestoCpx
+from stages.science.rig.trial import Trial
 from tests.cpx_e.emulator import ask
 from tests.cpx_e.turned import TurnedEmulator
 from tests.plant.machines import configured

@@ -13,8 +13,8 @@ from stages.science.plant.machine import list_kinds
 from stages.science.plant.muscle import MuscleConstants
 from stages.science.plant.passage import Everywhere, Passage, predict_force, predict_pressure
 from stages.science.plant.plant import Plant
-from stages.science.rig.contract import Trial
 from stages.science.rig.sim import SimulatedRig
+from stages.science.rig.trial import Trial
 from tests.plant.columns import CHAIN_FORMS, STEP_S, begin, constants, label, predict, rough, with_magnitude
 from tests.plant.machines import CONF, configured, with_effects
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from stages.science.rig import clock
-from stages.science.rig.attendance import Moment, Proposal, StudyPaused, TrialDeclined
-from stages.science.rig.contract import Recording, Trial
+from stages.science.rig.attendance import Moment, StudyPaused, TrialDeclined
 from stages.science.rig.operator_ui.desk import Desk, DeskSettings, Refused
+from stages.science.rig.trial import Proposal, Recording, Trial
 from tests.plant.machines import other_machine
 
 RATE_HZ = 100.0

@@ -6,7 +6,8 @@ import pandas as pd
 import pandera.pandas as pa
 import pytest
 
-from stages.science.rig.contract import RECORDING_COLUMNS, Recording, Rig, RigError, Trial, tidy
+from stages.science.rig.contract import RECORDING_COLUMNS, Rig, RigError, tidy
+from stages.science.rig.trial import Recording, Trial
 
 
 class Bench(Rig):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stages.science.rig import clock
-from stages.science.rig.contract import Trial
 from stages.science.rig.sim import SimulatedRig
+from stages.science.rig.trial import Trial
 from tests.cpx_e.rig import describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
 from tests.plant.machines import configured

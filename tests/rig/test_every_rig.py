@@ -10,8 +10,9 @@ import pytest
 import yaml
 
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.contract import CLIPPED_BY, RECORDING_COLUMNS, STATUS, RigError, Trial, tidy
+from stages.science.rig.contract import RECORDING_COLUMNS, RigError, tidy
 from stages.science.rig.replay import ReplayRig
+from stages.science.rig.trial import CLIPPED_BY, STATUS, Trial
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
 from tests.plant.machines import CONF, other_rig

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.contract import Trial, tidy
+from stages.science.rig.contract import tidy
 from stages.science.rig.excitation import Durations, FreeMovements, Pressure, Range, check_levels, check_ranges
 from stages.science.rig.limits import PressureLimit
 from stages.science.rig.movement import Movement, move_freely
+from stages.science.rig.trial import Trial
 from tests.plant.machines import configured, other_machine
 
 RANGES = {

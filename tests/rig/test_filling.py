@@ -6,9 +6,9 @@ import pytest
 from stages.science.plant.interaction import interact
 from stages.science.rig import sim
 from stages.science.rig.attendance import TrialDeclined
-from stages.science.rig.contract import Trial
 from stages.science.rig.filling import fill
 from stages.science.rig.sim import SimulatedRig
+from stages.science.rig.trial import Trial
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
 from tests.plant.machines import configured

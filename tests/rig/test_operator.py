@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, Trial, tidy
+from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, tidy
 from stages.science.rig.operator import OperatorRig, TrialRequested
+from stages.science.rig.trial import Trial
 from tests.plant.machines import configured
 from tests.rig.watching import execute
 

@@ -6,8 +6,9 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from stages.science.rig.contract import RigError, Trial, tidy
+from stages.science.rig.contract import RigError, tidy
 from stages.science.rig.replay import ReplayRig
+from stages.science.rig.trial import Trial
 from tests.bags import write_bag, write_mcap
 from tests.plant.machines import CONF, configured, other_machine, other_rig
 from tests.rig.watching import execute

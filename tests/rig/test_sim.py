@@ -6,8 +6,9 @@ import pandera.pandas as pa
 import pytest
 from pydantic import ValidationError
 
-from stages.science.rig.contract import RECORDING_COLUMNS, Trial, tidy
+from stages.science.rig.contract import RECORDING_COLUMNS, tidy
 from stages.science.rig.sim import SimulatedRig
+from stages.science.rig.trial import Trial
 from stages.science.signals.pressures import pressure_profiles
 from tests.plant.machines import configured, other_machine, other_rig
 from tests.rig.watching import execute

@@ -3,7 +3,7 @@
 import numpy as np
 
 from stages.science.rig.attendance import TrialDeclined
-from stages.science.rig.contract import Trial
+from stages.science.rig.trial import Trial
 
 
 class Watching:

@@ -6,8 +6,7 @@ a trial does not become part of the study.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from stages.science.plant.exoskeleton import Exoskeleton
-    from stages.science.rig.contract import Recording, Trial
+    from stages.science.rig.trial import Recording, Trial
 
 Array = NDArray[np.float64]
 Landed = TypeVar("Landed")
@@ -83,36 +82,6 @@ def until_kept(land: Callable[[], Landed]) -> Landed:
         except TrialDeclined as declined:
             if declined.decision != "repeat":
                 raise
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """Why a trial is proposed, for whoever decides on it.
-
-    Parameters
-    ----------
-    position, total : int
-        Which of how many trials it is, from 1.
-    reason : str
-        In words.
-    trajectory : int or None
-        Movement of the bank, where it is one.
-    utilities : dict of int to float
-        By movement of the bank: how much each one tells, where that was asked.
-    errors : tuple of float
-        Of the trials learned from so far: error rate of the models' prediction before.
-    can_skip, can_reject : bool
-        Whether another movement can take its place now, and whether enough are left without it.
-    """
-
-    position: int
-    total: int
-    reason: str = ""
-    trajectory: int | None = None
-    utilities: Mapping[int, float] = field(default_factory=dict)
-    errors: tuple[float, ...] = ()
-    can_skip: bool = False
-    can_reject: bool = False
 
 
 class Moment(NamedTuple):

@@ -16,9 +16,9 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegative
 
 from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.attendance import Proposal
-from stages.science.rig.contract import MOST_ROWS, Array, Rig, Trial, Watch, tidy
+from stages.science.rig.contract import MOST_ROWS, Array, Rig, Watch, tidy
 from stages.science.rig.limits import Limits
+from stages.science.rig.trial import Proposal, Trial
 from stages.science.signals.pressures import pressure_profiles
 
 

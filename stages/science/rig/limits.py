@@ -17,7 +17,7 @@ from pydantic import Field, PositiveFloat, model_validator
 
 from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.exoskeleton import Exoskeleton, Muscle
-from stages.science.rig.contract import CLIPPED_BY
+from stages.science.rig.trial import CLIPPED_BY
 from stages.science.signals.trajectories import Array
 
 CODES = list(CLIPPED_BY)

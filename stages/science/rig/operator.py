@@ -17,8 +17,9 @@ import pandas as pd
 from pydantic import field_validator
 
 from stages.science.rig.configured import ConfiguredRig
-from stages.science.rig.contract import MEASUREMENT_COLUMNS, Recording, RigError, Trial, Watch
+from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, Watch
 from stages.science.rig.rows import assume_conduct, check_values, gather
+from stages.science.rig.trial import Recording, Trial
 
 SUFFIXES = (".csv", ".parquet")
 

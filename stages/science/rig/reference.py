@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from stages.science.rig.attendance import Proposal
-from stages.science.rig.contract import Rig, Trial, Watch, tidy
+from stages.science.rig.contract import Rig, Watch, tidy
+from stages.science.rig.trial import Proposal, Trial
 
 
 def tracked_trial(

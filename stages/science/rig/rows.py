@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 import pandera.pandas as pa
 
-from stages.science.rig.contract import PER_SAMPLE, RECORDING_COLUMNS, Recording, Rig
+from stages.science.rig.contract import RECORDING_COLUMNS, Rig
+from stages.science.rig.trial import PER_SAMPLE, Recording
 
 PUNCTUAL: dict[str, Any] = {
     "status": "ok",

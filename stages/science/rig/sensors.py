@@ -8,7 +8,7 @@ from stages.science.plant.chain import Chain
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.interaction import Motion
 from stages.science.plant.plant import Encoder, Plant
-from stages.science.rig.contract import Recording
+from stages.science.rig.trial import Recording
 from stages.science.signals.filtering import differentiate
 from stages.science.signals.trajectories import Array
 

@@ -21,12 +21,13 @@ from stages.science.plant.stepping import Steps
 from stages.science.rig import clock
 from stages.science.rig.attendance import Moment
 from stages.science.rig.configured import ConfiguredRig
-from stages.science.rig.contract import Recording, RigError, Trial, TrialStopped, Watch, tidy
+from stages.science.rig.contract import RigError, TrialStopped, Watch, tidy
 from stages.science.rig.filling import check_filling, fill
 from stages.science.rig.limits import Limits, apply_limits, check_limits
 from stages.science.rig.movement import Movement, move_freely
 from stages.science.rig.pacing import pace, undisturbed
 from stages.science.rig.sensors import record
+from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.trajectories import Array
 
 SHOWN_HZ = 100.0

@@ -12,9 +12,10 @@ from pydantic import Field, PositiveInt
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.contract import Array, Rig, Trial
+from stages.science.rig.contract import Array, Rig
 from stages.science.rig.excitation import Range, check_ranges
 from stages.science.rig.limits import Limits
+from stages.science.rig.trial import Trial
 from stages.science.signals.trajectories import connect_points
 
 STEEPEST = 1.875

@@ -23,7 +23,7 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig import clock
 from stages.science.rig.attendance import Moment
 from stages.science.rig.configured import ConfiguredRig
-from stages.science.rig.contract import Recording, RigError, Trial, TrialStopped, Watch
+from stages.science.rig.contract import RigError, TrialStopped, Watch
 from stages.science.rig.festo.channels import ChannelMap, EncoderPlace, MuscleChannels
 from stages.science.rig.festo.counting import CountJudge, CountRecording, Hold, record_counts, record_held
 from stages.science.rig.festo.cpx_link import CpxLink, Device, LinkLost
@@ -35,6 +35,7 @@ from stages.science.rig.filling import check_filling, fill
 from stages.science.rig.limits import Guard, Limits, apply_limits, check_limits, find_forbidden
 from stages.science.rig.pacing import Tick, pace, undisturbed
 from stages.science.rig.sensors import contract
+from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.filtering import differentiate
 from stages.science.signals.trajectories import Array
 

@@ -20,7 +20,8 @@ from stages.science.plant.declaration import Declared
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig import clock
 from stages.science.rig.attendance import Moment, StudyPaused, TrialDeclined
-from stages.science.rig.contract import Recording, RigError, Trial
+from stages.science.rig.contract import RigError
+from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.trajectories import Array
 
 log = logging.getLogger("pamid")
