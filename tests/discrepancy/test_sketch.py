@@ -107,6 +107,7 @@ def test_a_planted_drag_is_described_drawn_and_told(settings):
 def test_of_noise_nothing_is_told_but_that(settings):
     row = tabulate(describe_line(settings, None))
     assert (row["inputs"], row["hint"]) == ("", "")
+    assert row["above_floor"] < 0.1
     table = pd.DataFrame([row])
     said = tell_remainder(table, "named")
     assert len(said) == 1

@@ -91,6 +91,7 @@ def test_list_is_sorted_and_chosen_from_by_columns_metrics_and_configuration(swe
     ("arguments", "told"),
     [
         (("list", "--where", "status"), "expected KEY=VALUE"),
+        (("list", "--where", "=done"), "expected KEY=VALUE"),
         (("list", "--where", "wall_s<soon"), "expected a number after <, got 'soon'"),
         (("list", "--sort", "sced"), "no column, metric or configuration key 'sced' in any run; did you mean 'seed'?"),
         (("list", "--where", "xyz=1"), "or a configuration key"),
