@@ -37,6 +37,7 @@ READS_THE_PATH_ITS_CONFIGURATION_NAMES = {
 }
 KEEPS_COMPILED_FUNCTIONS = {(f"{SCIENCE}.compilation.locators", "os"), (f"{SCIENCE}.compilation.locators", "pathlib")}
 TAKES_RECORDINGS_FOR_TRIALS = (f"{SCIENCE}.rig.replay", f"{SCIENCE}.rig.placement")
+WRITES_WHERE_ITS_COMMAND_SAYS = ROOT / "stages" / "benchmark" / "blinded_rig" / "dataset.py"
 WRITES = {"copy2", "copyfile", "copytree", "dump", "makedirs", "mkdir", "rmdir", "rmtree", "savefig"}
 WRITES |= {"savemat", "savez", "symlink_to", "to_csv", "to_parquet", "touch", "unlink", "write_bytes", "write_text"}
 
@@ -109,17 +110,14 @@ def test_what_searches_and_the_blinded_rig_share_no_code(graph):
 
 def test_files_are_written_by_the_pipeline_alone():
     guilty = []
-    for path in (ROOT / "stages").rglob("*.py"):
+    for path in {*(ROOT / "stages").rglob("*.py")} - {WRITES_WHERE_ITS_COMMAND_SAYS}:
         for node in ast.walk(ast.parse(path.read_text())):
             if not isinstance(node, ast.Call):
                 continue
             name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-            said = [
-                each.value
-                for each in [*node.args, *(each.value for each in node.keywords)]
-                if isinstance(each, ast.Constant)
-            ]
-            opened = name == "open" and any(isinstance(each, str) and set(each) & set("wax+") for each in said)
+            given = [*node.args, *(each.value for each in node.keywords)]
+            modes = [each.value for each in given if isinstance(each, ast.Constant) and isinstance(each.value, str)]
+            opened = name == "open" and any(set(mode) & set("wax+") for mode in modes)
             guilty += [(path.relative_to(ROOT).as_posix(), node.lineno, name)] if name in WRITES or opened else []
     assert not guilty
 

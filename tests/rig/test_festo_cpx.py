@@ -10,9 +10,9 @@ import pytest
 
 from pipeline.context import Record
 from stages.science.rig import clock
-from stages.science.rig.festo import festo_cpx
 from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.contract import RECORDING_COLUMNS, RigError, TrialStopped, tidy
+from stages.science.rig.festo import festo_cpx
 from stages.science.rig.festo.supervision import Supervisor
 from stages.science.rig.trial import Trial
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
