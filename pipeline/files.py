@@ -98,6 +98,18 @@ def link(source: Path, target: Path) -> None:
         temporary.unlink(missing_ok=True)
 
 
+def link_folder(source: Path, target: Path) -> None:
+    """Make `target` a folder of the same files as `source`, those under temporary names left out."""
+    temporary = target.with_name(f".{target.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
+    shutil.rmtree(temporary, ignore_errors=True)
+    for path in sorted(source.rglob("*")):
+        within = path.relative_to(source)
+        if path.is_file() and not any(part.startswith(".") for part in within.parts):
+            link(path, temporary / within)
+    if temporary.exists():
+        temporary.rename(target)
+
+
 def clear_temporaries(folder: Path) -> None:
     """Remove what a killed process left under temporary names below `folder`."""
     for leftover in folder.rglob(f".*{TEMPORARY_SUFFIX}*"):

@@ -22,8 +22,9 @@ from typing_extensions import TypedDict
 from pipeline.checkout import git_state
 from pipeline.command import command_line
 from pipeline.files import hash_file, write_json
+from pipeline.renames import update_facts
 
-FORMAT = 1
+FORMAT = 2
 FILE_NAME = "run.json"
 
 
@@ -48,12 +49,13 @@ class StageRecord(TypedDict):
     tables: dict[str, FileFacts]
     files: dict[str, FileFacts]
     measured: NotRequired[bool]
+    parts: NotRequired[str]
 
 
 class RunFacts(TypedDict):
     """What is relied on of run.json."""
 
-    format: Literal[1]
+    format: Literal[1, 2]
     status: Literal["running", "done", "failed", "interrupted", "paused", "killed"]
     sequence: int
     identity: str
@@ -117,7 +119,7 @@ class Ledger:
             SHAPE.validate_python(facts, strict=True)
         except (OSError, ValueError, RecursionError):
             return None
-        return cls(folder, facts)
+        return cls(folder, facts if facts["format"] == FORMAT else update_facts(facts, FORMAT))
 
     @classmethod
     def look(cls, folder: Path) -> Ledger | None:

@@ -27,7 +27,7 @@ from pipeline.command import command_line
 from pipeline.config import Study, find_target, read_study
 from pipeline.context import Context, Record
 from pipeline.errors import ConfigError, PipelineError
-from pipeline.files import link, write_json, write_text
+from pipeline.files import link, link_folder, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
 from pipeline.launch import name_job
 from pipeline.ledger import FILE_NAME, Ledger, files_of, now
@@ -260,6 +260,7 @@ class Runner:
             "tables": {},
             "files": {},
         }
+        self._take_over_parts(stage, ledger, ingredients.fingerprint)
         ledger.records[stage.name] = record
         ledger.save()
         log.info("%s: run, %s", stage.name, reason)
@@ -287,7 +288,7 @@ class Runner:
         values = ingredients.config
         own = values.get(stage.name)
         seed = own["seed"] if isinstance(own, dict) and "seed" in own else values.get("seed")
-        parts = ledger.folder / "parts" / f"{stage.name}-{ingredients.fingerprint[:16]}"
+        parts = _parts_folder(ledger, stage, ingredients.fingerprint)
         record = Record(parts, {table.name: table for table in stage.writes}, signals.check)
         section = self.study.target(stage)
         rig = self.study.build(section) if section else None
@@ -296,6 +297,19 @@ class Runner:
         workers = self.study.settings.workers or self.workers or count_cores()
         formats = self.study.settings.figures
         return Context(stage.name, ledger.folder, seed, record, self.console, rig, workers, formats, stage.stream)
+
+    def _take_over_parts(self, stage: Stage, ledger: Ledger, fingerprint: str) -> None:
+        """Take over the parts that a run which did not end left of the same loop, also under another fingerprint."""
+        place = _parts_folder(ledger, stage, fingerprint)
+        for each in [] if place.exists() else [ledger, *list_ledgers(self.outputs)]:
+            record = each.records.get(stage.name)
+            if record is None or record["fingerprint"] != fingerprint or record["status"] == "done":
+                continue
+            left = _parts_folder(each, stage, record.get("parts", fingerprint))
+            if left != place and left.is_dir():
+                link_folder(left, place)
+                log.info("%s: goes on with parts of %s", stage.name, each.name)
+                return
 
     def _attend(self) -> Any:
         """Return who attends what rigs do, the same for all stages of a run."""
@@ -425,6 +439,10 @@ def run_study(
         runner.show_plan()
         return 0
     return runner.run()
+
+
+def _parts_folder(ledger: Ledger, stage: Stage, fingerprint: str) -> Path:
+    return ledger.folder / "parts" / f"{stage.name}-{fingerprint[:16]}"
 
 
 def _file_within(folder: Path, error: OSError) -> Path | None:

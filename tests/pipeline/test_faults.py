@@ -461,3 +461,13 @@ def test_outputs_copied_to_another_place(killed, reference, tmp_path):
     assert not killed.outputs.exists()
     shutil.rmtree(copied.runs[0])
     assert tables_of(copied.runs[0]) == reference
+
+
+def test_another_study_goes_on_with_the_parts_of_a_loop_that_was_killed(killed, reference):
+    (before,) = killed.runs
+    landed = len(find_parts(killed))
+    assert killed("workflow.name=other", SLOWLY).returncode == 0
+    other = next(run for run in killed.runs if run != before)
+    assert tables_of(other) == reference
+    assert f"doubling: goes on with parts of {before.name}" in (other / "log.txt").read_text()
+    assert len(find_parts(killed)) == landed
