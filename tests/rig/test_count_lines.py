@@ -120,3 +120,9 @@ def test_the_last_line_of_a_reading_counts():
     for line in ("3,high", "3", "3,98,5", "3,nan", "3,1e6"):
         with pytest.raises(ValueError, match=r"expected 3,KPA with a pressure as the gauge shows it, got '3"):
             find_reading(text + line, "3")
+
+
+def test_a_point_is_the_mean_the_spread_and_the_drift_of_its_counts():
+    judged = judge_point(np.repeat([100.0, 101.0, 103.0, 104.0], 2), "force", CELL, VALID, SETTINGS)
+    assert (judged.count, judged.drift_count, judged.samples, judged.problem) == (102.0, 4.0, 8, "")
+    assert judged.spread_count == pytest.approx(np.sqrt(2.5))
