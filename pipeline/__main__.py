@@ -29,6 +29,7 @@ gc.set_threshold(100_000)  # looking for cycles among so many objects that stay 
 
 import re
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
@@ -44,8 +45,7 @@ from pipeline.choices import read_choices
 from pipeline.command import command_line
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.interruption import Interrupted, ignore_from_now_on
-
-CONFIG_FOLDER = Path(__file__).resolve().parent.parent / "conf"
+from pipeline.places import CONFIG_FOLDER
 
 
 def main() -> int:
@@ -74,6 +74,9 @@ def main() -> int:
             faults.append(error)
 
     try:
+        if "--version" in typed:
+            print(f"pamid {version('pamid')}")
+            return 0
         if any(each.lstrip("+").startswith("rerun=") for each in typed):
             from pipeline.rerun import rerun
 

@@ -15,9 +15,8 @@ import yaml
 
 from pipeline.errors import ConfigError, PipelineError
 from pipeline.inputs import InputPath
+from pipeline.places import CONFIG_FOLDER
 from pipeline.terminal import open_console
-
-CONFIG_FILE = Path(__file__).resolve().parent.parent / "conf" / "columns.yaml"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -49,7 +48,7 @@ def describe(file: str) -> list[str]:
     """
     if not Path(file).exists():
         raise ConfigError(f"expected the path of a file, got {file!r}, which is not in {Path.cwd()}")
-    module, _, name = yaml.safe_load(CONFIG_FILE.read_text())["describe"].rpartition(".")
+    module, _, name = yaml.safe_load((CONFIG_FOLDER / "columns.yaml").read_text())["describe"].rpartition(".")
     told: list[str] = getattr(import_module(module), name)(InputPath(file))
     return told
 

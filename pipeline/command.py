@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+import runpy
 import shlex
 import shutil
 import sys
 from pathlib import Path
+
+
+def run_pipeline() -> None:
+    """Run ``python -m pipeline``."""
+    runpy.run_module("pipeline", run_name="__main__", alter_sys=True)
+
+
+def run_review() -> None:
+    """Run ``python -m pipeline.review``."""
+    runpy.run_module("pipeline.review", run_name="__main__", alter_sys=True)
 
 
 def command_line(arguments: list[str]) -> str:

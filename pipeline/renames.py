@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import yaml
 
 from pipeline.files import hash_json
-
-CONFIG_FILE = Path(__file__).resolve().parent.parent / "conf" / "renames.yaml"
-
+from pipeline.places import CONFIG_FOLDER
 
 def update_facts(facts: Mapping[str, Any], form: int) -> dict[str, Any]:
     """Return a ledger's facts with today's names.
@@ -68,5 +65,5 @@ def _rename_module(target: str) -> str:
 @cache
 def _read_modules() -> tuple[tuple[str, str], ...]:
     """Return old and new names of modules, the longest old ones first."""
-    modules = yaml.safe_load(CONFIG_FILE.read_text(encoding="utf-8"))["modules"]
+    modules = yaml.safe_load((CONFIG_FOLDER / "renames.yaml").read_text(encoding="utf-8"))["modules"]
     return tuple(sorted(modules.items(), key=lambda each: -len(each[0])))
