@@ -15,6 +15,7 @@ import yaml
 from pipeline.files import hash_json
 from pipeline.places import CONFIG_FOLDER
 
+
 def update_facts(facts: Mapping[str, Any], form: int) -> dict[str, Any]:
     """Return a ledger's facts with today's names.
 

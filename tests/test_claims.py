@@ -8,6 +8,7 @@ from statsmodels.stats.weightstats import ttost_paired
 
 from stages.identification.comparison import pair_arms
 from stages.identification.participant_differences import add_average, compare_participants
+from stages.paper.baselines import compare_family
 from stages.paper.claims import (
     CLAIMS,
     PAPER,
@@ -19,11 +20,10 @@ from stages.paper.claims import (
     judge_same,
     weigh_fall,
 )
-from stages.paper.rivals import compare_family
 from tests.planted import make_curve
 
 
-def make_rival(generator, mean, name="linear", sd=0.001):
+def make_baseline(generator, mean, name="linear", sd=0.001):
     rows = [
         (name, "nobody", experiment, trial, "bank", muscle, mean + sd * generator.normal())
         for experiment in range(1, 7)
@@ -31,7 +31,7 @@ def make_rival(generator, mean, name="linear", sd=0.001):
         for muscle in ("pam1", "pam2")
     ]
     return pd.DataFrame(
-        rows, columns=["rival", "participant", "experiment", "trial", "tested_on", "muscle", "error_rate"]
+        rows, columns=["baseline", "participant", "experiment", "trial", "tested_on", "muscle", "error_rate"]
     )
 
 
@@ -61,11 +61,11 @@ def test_nothing_found_is_not_an_opposite(generator):
     assert "no difference was found" in row["finding"]
 
 
-@pytest.mark.parametrize(("rival", "verdict"), [(0.06, "holds"), (0.01, "does not hold")])
-def test_rivals_are_worse_or_better(rival, verdict, generator):
-    curve = pd.concat([make_rival(generator, rival), make_rival(generator, rival, "sparse_gp")])
+@pytest.mark.parametrize(("baseline", "verdict"), [(0.06, "holds"), (0.01, "does not hold")])
+def test_baselines_are_worse_or_better(baseline, verdict, generator):
+    curve = pd.concat([make_baseline(generator, baseline), make_baseline(generator, baseline, "sparse_gp")])
     compared = compare_family(make_curve(generator, {"y_y": 0.03}, 6), curve, ["pam1", "pam2"], "bank")
-    told = judged(rival_comparison=compared)
+    told = judged(baseline_comparison=compared)
     assert list(told.index.get_level_values(0)) == [
         "beats_linear",
         "beats_linear_all_along",

@@ -16,7 +16,7 @@ from tests.plant.machines import configured
 from tests.studies import read_stages, run_stage
 from tests.test_operator import execute_by_hand
 
-PROTOCOL = ["+protocol=automatic", "protocol.experiments=2"]
+PROTOCOL = ["+protocol=default", "protocol.experiments=2"]
 STAGES = ["bank", "subsampling", "hardware"]
 
 

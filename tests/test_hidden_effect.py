@@ -13,23 +13,23 @@ from stages.benchmark.blinded_rig.sessions import HiddenSessions
 from tests.studies import read_stages, run_stage
 
 STAGES = (
-    "sealed_session",
+    "blinded_session",
     "measurement",
     "locate_gap",
     "name_effect",
     "amend_model",
-    "describe_remainder",
+    "explain_remainder",
     "verify_gap",
-    "opened_seal",
+    "unblinding",
 )
 GROUPS = (
     "rig=hidden",
-    "+discrepancy=stated",
+    "+discrepancy=default",
     "+measurement=muscles",
     "+measured=null",
     "rig.trials=3",
     "seed=5",
-    "+describe_remainder=stated",
+    "+explain_remainder=default",
 )
 
 
@@ -53,7 +53,7 @@ def whole():
 def recorded(whole, tmp_path_factory):
     study, stages = whole
     folder = tmp_path_factory.mktemp("sealed")
-    tables = run_stage(study, stages["sealed_session"], folder, {})
+    tables = run_stage(study, stages["blinded_session"], folder, {})
     return {**tables, **run_stage(study, stages["measurement"], folder, tables)}
 
 
@@ -91,7 +91,7 @@ def opened(whole, recorded, folder, named, left=0.0):
         "unexplained": pd.DataFrame({"channel": ["force_n"], "share": [0.5], "probability": [left]}),
         "verification": pd.DataFrame({"simulation": "measured upstream", "gap": [0.03, 0.02, 0.01]}),
     }
-    found = run_stage(study, stages["opened_seal"], folder, tables)
+    found = run_stage(study, stages["unblinding"], folder, tables)
     return found["comparison_with_truth"].set_index("muscle"), " ".join(found["outcome"]["outcome"])
 
 

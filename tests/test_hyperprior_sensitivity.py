@@ -244,7 +244,7 @@ def test_a_killed_run_goes_on_and_a_copy_in_another_process_finds_the_same(small
 
 
 def test_the_stated_settings_follow_the_budget_and_the_bank():
-    stated = OmegaConf.to_container(compose_values("budget=tiny", "+hyperprior_sensitivity=stated"), resolve=True)
+    stated = OmegaConf.to_container(compose_values("budget=tiny", "+hyperprior_sensitivity=default"), resolve=True)
     section = HyperpriorSensitivity.model_validate(stated["hyperprior_sensitivity"])
     assert (section.experiments, section.loop.trials, section.loop.starts) == (1, 3, 2)
     MovementsEnough.model_validate(stated)

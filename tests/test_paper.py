@@ -10,15 +10,15 @@ from tests.faults import tables_of
 
 pytestmark = pytest.mark.slow
 
-ANALYSES = {"rivals", "learned_models", "utility_check", "time_shift", "hyperprior_sensitivity", "sparse_comparison"}
+ANALYSES = {"baselines", "learned_models", "utility_check", "time_shift", "hyperprior_sensitivity", "sparse_comparison"}
 SPREAD = {"active_loop", "comparison", "utility_check", "sparse_comparison"}
 """Stages whose work several processes may share; jobs of the others are sent, as if to some, in their own tests."""
 FIGURES = {
     "selected_interactions",
     "learning_curve",
     "learning_curve_unseen_bank",
-    "learning_curves_rivals",
-    "rival_errors",
+    "learning_curves_baselines",
+    "baseline_errors",
     "participants",
     "time_shift",
     "hyperprior_sensitivity",

@@ -24,7 +24,7 @@ LOADED_BY = {"pam1": "pam2", "pam2": "pam1", "pam3": "pam4", "pam4": "pam3"}
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
     """Three experiments of ten trials, as the stage tells them."""
-    study, stages = read_stages(STAGES, "+protocol=automatic", "protocol.experiments=3", "protocol.trials=10")
+    study, stages = read_stages(STAGES, "+protocol=default", "protocol.experiments=3", "protocol.trials=10")
     return run_stage(study, stages["protocol"], tmp_path_factory.mktemp("protocol"), {})["protocol_commands"]
 
 
@@ -53,7 +53,7 @@ def make_sweeps(**changes):
 
 
 def test_follows_the_design_in_trials_and_experiments():
-    study, stages = read_stages(STAGES, "+protocol=automatic", "active_loop.trials=5", "subsampling.experiments=2")
+    study, stages = read_stages(STAGES, "+protocol=default", "active_loop.trials=5", "subsampling.experiments=2")
     found = study.config(stages["protocol"]).protocol
     assert (found.trials, found.experiments) == (5, 2)
 
@@ -106,7 +106,7 @@ def test_experiments_differ_and_seeds_differ(commands, tmp_path):
     for one, other in combinations(commands, 2):
         assert (np.abs(one - other).max(axis=1) > 1.0)[0::2, [1, 3]].all()
     for number, (seed, same) in enumerate([(0, True), (7, False)]):
-        line = ("+protocol=automatic", "protocol.experiments=1", "protocol.trials=10", f"seed={seed}")
+        line = ("+protocol=default", "protocol.experiments=1", "protocol.trials=10", f"seed={seed}")
         study, stages = read_stages(STAGES, *line)
         again = run_stage(study, stages["protocol"], tmp_path / str(number), {})["protocol_commands"]
         assert np.array_equal(arrange(again)[0], commands[0]) == same
@@ -246,6 +246,6 @@ RANGE_KPA = "pam2: {low: 50.0,high: 600.0},pam3: {low: 20.0,high: 150.0},pam4: {
 )
 def test_refuses(override, told):
     with pytest.raises(ConfigError) as refusal:
-        read_stages(STAGES, "+protocol=automatic", override)
+        read_stages(STAGES, "+protocol=default", override)
     assert str(refusal.value).startswith(told)
     assert "\n" not in str(refusal.value)

@@ -8,7 +8,7 @@ from tests.studies import read_stages, run_stage
 
 STAGES = ["bank", "subsampling", "hardware", "protocol"]
 ORDER = ["bank", "subsampling", "protocol", "hardware"]
-SMALL = ["+protocol=automatic", "protocol.experiments=2", "bank.trajectories=3", "exoskeleton.trial_s=1"]
+SMALL = ["+protocol=default", "protocol.experiments=2", "bank.trajectories=3", "exoskeleton.trial_s=1"]
 TABLES = {"free": "bank", "tracked": "hardware_recordings", "passive": "protocol_recordings"}
 
 

@@ -13,7 +13,13 @@ from stages.benchmark.blinded_rig.sessions import HiddenSessions
 from stages.science.statistics.intervals import bound_median, bound_rate
 from tests.studies import read_stages, run_stage
 
-GROUPS = ("rig=hidden", "+discrepancy=stated", "+blind_tests=small", "+disguise=stated", "+scorecard=stated")
+GROUPS = (
+    "rig=hidden",
+    "+discrepancy=default",
+    "+blinded_suite=small",
+    "+inverse_crime_check=default",
+    "+scorecard=default",
+)
 SAID = {
     "transport_delay-strong-71": "transport_delay",
     "hysteresis-strong-73": "hysteresis",
@@ -26,12 +32,18 @@ SAID = {
 
 @functools.cache
 def study_of(*overrides):
-    return read_stages(["blind_tests", "disguise", "scorecard"], *GROUPS, "rig.trials=12", *overrides)
+    return read_stages(["blinded_suite", "inverse_crime_check", "scorecard"], *GROUPS, "rig.trials=12", *overrides)
 
 
 @pytest.mark.slow
 def test_a_small_scorecard(pamid):
-    line = ["workflow=scorecard", "blind_tests=small", "rig.trials=12", "disguise.effects=[leakage]", "figures=[png]"]
+    line = [
+        "workflow=scorecard",
+        "blinded_suite=small",
+        "rig.trials=12",
+        "inverse_crime_check.effects=[leakage]",
+        "figures=[png]",
+    ]
     result = pamid(*line)
     assert result.returncode == 0, result.stderr
     tables = {path.stem: pd.read_parquet(path) for path in (pamid.runs[0] / "tables").iterdir()}
@@ -57,15 +69,17 @@ def test_the_small_scorecard_has_seeds_of_its_own():
 
 
 def test_a_session_twice_is_refused(tmp_path):
-    study, stages = study_of("blind_tests.sessions=[none-1,none-1]")
+    study, stages = study_of("blinded_suite.sessions=[none-1,none-1]")
     with pytest.raises(ConfigError, match="each name once"):
-        run_stage(study, stages["blind_tests"], tmp_path, {})
+        run_stage(study, stages["blinded_suite"], tmp_path, {})
 
 
 @pytest.mark.slow
 def test_no_form_is_the_rig_s_own_unless_there_is_but_one(tmp_path):
-    study, stages = study_of("disguise.effects=[sensor_drift,transport_delay,valve_asymmetry]", "rig.trials=10")
-    found = run_stage(study, stages["disguise"], tmp_path, {})["disguise"]
+    study, stages = study_of(
+        "inverse_crime_check.effects=[sensor_drift,transport_delay,valve_asymmetry]", "rig.trials=10"
+    )
+    found = run_stage(study, stages["inverse_crime_check"], tmp_path, {})["inverse_crime_check"]
     best = found[found["best"]].set_index("key")
     assert list(best.index) == ["transport_delay", "valve_asymmetry", "sensor_drift"]
     assert best.loc["transport_delay", "only_form"]
@@ -112,11 +126,11 @@ class Said:
 
     def score(self, folder):
         study, stages = study_of()
-        names = [table.name for table in stages["blind_tests"].writes]
+        names = [table.name for table in stages["blinded_suite"].writes]
         frames = (self.sessions, self.truth, self.named, self.ranking)
         tables = {
             table.name: table.check(pd.DataFrame(rows, columns=list(table.columns)), "made up")
-            for table, rows in zip(stages["blind_tests"].writes, frames, strict=True)
+            for table, rows in zip(stages["blinded_suite"].writes, frames, strict=True)
         }
         assert names == list(tables)
         return run_stage(study, stages["scorecard"], folder, tables)

@@ -28,8 +28,8 @@ STAGES = [
     "sparse_comparison",
 ]
 SETTINGS = (
-    "+sparse_loop=all_samples",
-    "+sparse_comparison=stated",
+    "+sparse_loop=default",
+    "+sparse_comparison=default",
     "active_loop.controls=[random]",
     "active_loop.trials=2",
     "sparse_loop.trials=2",

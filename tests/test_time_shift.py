@@ -152,7 +152,7 @@ def test_a_killed_run_goes_on_and_a_copy_in_another_process_finds_the_same(small
 
 @pytest.fixture(scope="module")
 def stated():
-    return OmegaConf.to_container(compose_values("budget=tiny", "+time_shift=stated"), resolve=True)
+    return OmegaConf.to_container(compose_values("budget=tiny", "+time_shift=default"), resolve=True)
 
 
 def test_the_stated_settings_follow_the_budget(stated):

@@ -12,7 +12,7 @@ MEASURED = ["pressure_kpa", "contraction", "force_n", "joint_angle_rad"]
 
 @pytest.fixture(scope="module")
 def banks(tmp_path_factory):
-    study, stages = read_stages(BOTH, "+unseen_bank=natural")
+    study, stages = read_stages(BOTH, "+unseen_bank=default")
     folder = tmp_path_factory.mktemp("banks")
     return {name: run_stage(study, stages[name], folder, {})[name] for name in BOTH}
 
@@ -46,7 +46,7 @@ def test_its_commands_span_the_ranges_of_the_bank(banks):
 
 def test_same_seed_same_movements_and_another_seed_others(banks, tmp_path):
     for number, (seed, same) in enumerate([(2000, True), (2001, False)]):
-        study, stages = read_stages(BOTH, "+unseen_bank=natural", f"unseen_bank.seed={seed}")
+        study, stages = read_stages(BOTH, "+unseen_bank=default", f"unseen_bank.seed={seed}")
         again = run_stage(study, stages["unseen_bank"], tmp_path / str(number), {})["unseen_bank"]
         assert again.equals(banks["unseen_bank"]) == same
 
@@ -71,13 +71,13 @@ PRESSURE = (
 )
 def test_refuses(override, told):
     with pytest.raises(ConfigError) as refusal:
-        read_stages(BOTH, "+unseen_bank=natural", override)
+        read_stages(BOTH, "+unseen_bank=default", override)
     assert str(refusal.value).startswith(told)
     assert "\n" not in str(refusal.value)
 
 
 def test_follows_the_bank_where_it_is_not_told_otherwise():
-    study, stages = read_stages(BOTH, "+unseen_bank=natural", "bank.trajectories=5", "bank.pressure.step_share=0.5")
+    study, stages = read_stages(BOTH, "+unseen_bank=default", "bank.trajectories=5", "bank.pressure.step_share=0.5")
     bank, unseen = study.config(stages["bank"]).bank, study.config(stages["unseen_bank"]).unseen_bank
     assert unseen == bank.model_copy(update={"seed": 2000})
     assert unseen.trajectories == 5

@@ -173,7 +173,7 @@ class SomethingMeasured(View):
 
     @model_validator(mode="after")
     def _find_source(self) -> Self:
-        if self.measured is None and not {"hardware", "sealed_session"} & set(self.workflow.stages):
+        if self.measured is None and not {"hardware", "blinded_session"} & set(self.workflow.stages):
             raise ValueError(
                 "measured: expected what was measured (a folder with samples.parquet and meta.json, or one .parquet, "
                 ".csv, .mat or .mcap file, or a ROS 2 bag), got null; set measured=PATH"
@@ -439,7 +439,7 @@ def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:
     known, told = machine[list(MUSCLE_COLUMNS)], machine.iloc[0]
     site, timing, rate = str(told["load_cell_site"]), str(told["timing"]), float(told["sampling_rate_hz"])
     kept = samples[list(MEASURED.columns)]
-    return Source("sealed_session", "session_recordings", kept, known, "session_machine", site, timing, rate, None)
+    return Source("blinded_session", "session_recordings", kept, known, "session_machine", site, timing, rate, None)
 
 
 def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:

@@ -186,7 +186,7 @@ def claims(
     executed_by: pd.DataFrame | None = None,
     learning_curve: pd.DataFrame | None = None,
     paired_comparison: pd.DataFrame | None = None,
-    rival_comparison: pd.DataFrame | None = None,
+    baseline_comparison: pd.DataFrame | None = None,
     participant_comparison: pd.DataFrame | None = None,
     shift_comparison: pd.DataFrame | None = None,
     sensitivity_comparison: pd.DataFrame | None = None,
@@ -196,7 +196,7 @@ def claims(
     """Judge every claim that the workflow's comparisons bear on."""
     sources: list[tuple[Callable[[pd.DataFrame], Iterator[Case]], pd.DataFrame | None]] = [
         (weigh_fall, learning_curve),
-        (weigh_rivals, rival_comparison),
+        (weigh_baselines, baseline_comparison),
         (weigh_participants, participant_comparison),
         (weigh_time_shift, shift_comparison),
         (weigh_choices_against_random, paired_comparison),
@@ -323,17 +323,17 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
 
 
-def weigh_rivals(compared: pd.DataFrame) -> Iterator[Case]:
-    """Take the design's comparisons with the two rivals of the paper, over all muscles."""
+def weigh_baselines(compared: pd.DataFrame) -> Iterator[Case]:
+    """Take the design's comparisons with the two baselines of the paper, over all muscles."""
     about = {
         ("linear", "curve"): "beats_linear_all_along",
         ("linear", "final"): "beats_linear",
         ("sparse_gp", "final"): "beats_sparse_gp",
     }
     for row in rows_of(compared[compared["muscle"] == ALL_MUSCLES]):
-        claim = about.get((row["rival"], row["measure"]))
+        claim = about.get((row["baseline"], row["measure"]))
         if claim:
-            n = min(row["n_design"], row["n_rival"])
+            n = min(row["n_design"], row["n_baseline"])
             evidence = Evidence("Welch, Hedges g", n, *numbers(row, "effect", "p_holm"))
             yield Case(claim, "", row["tested_on"], evidence, judge_better)
 

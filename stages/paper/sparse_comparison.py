@@ -238,8 +238,8 @@ def pair_lines(curve: pd.DataFrame) -> list[tuple[str, str, str]]:
     """
     arms = {model: list(its["arm"].unique()) for model, its in curve.groupby("model", sort=False)}
     design, exact = arms["sparse"][0], arms.get("exact", [])
-    rival = design if design in exact else (exact or [None])[0]
-    pairs = [(KEEPING, f"sparse {design}", f"exact {rival}")] if rival else []
+    baseline = design if design in exact else (exact or [None])[0]
+    pairs = [(KEEPING, f"sparse {design}", f"exact {baseline}")] if baseline else []
     for arm in arms["sparse"][1:]:
         if arm in exact:
             pairs.append((KEEPING, f"sparse {arm}", f"exact {arm}"))

@@ -1,4 +1,4 @@
-"""Ratios of one run: every round times the rival right before the subject, so that both see the same machine.
+"""Ratios of one run: every round times the baseline right before the subject, so that both see the same machine.
 
 With --short each figure comes from fewer rounds and smaller sizes: it shows that all still runs, and slips of an order.
 """
@@ -74,26 +74,26 @@ def tell(request, benchmark):
 
 @pytest.fixture
 def against(benchmark, sized):
-    """Time a subject and a rival in turn; return the ratio of their medians."""
+    """Time a subject and a baseline in turn; return the ratio of their medians."""
 
-    def ratio(subject, rival, rounds, short=3):
-        rival()
-        rivals, subjects = [], []
+    def ratio(subject, baseline, rounds, short=3):
+        baseline()
+        baselines, subjects = [], []
 
-        def time_rival():
+        def time_baseline():
             start = time.perf_counter()
-            rival()
-            rivals.append(time.perf_counter() - start)
+            baseline()
+            baselines.append(time.perf_counter() - start)
 
         def time_subject():
             start = time.perf_counter()
             subject()
             subjects.append(time.perf_counter() - start)
 
-        benchmark.pedantic(time_subject, setup=time_rival, rounds=sized(rounds, short), warmup_rounds=1)
-        subjects, rivals = subjects[1:], rivals[1:]
-        benchmark.extra_info["rival_median_s"] = statistics.median(rivals)
-        return statistics.median(subjects) / statistics.median(rivals)
+        benchmark.pedantic(time_subject, setup=time_baseline, rounds=sized(rounds, short), warmup_rounds=1)
+        subjects, baselines = subjects[1:], baselines[1:]
+        benchmark.extra_info["baseline_median_s"] = statistics.median(baselines)
+        return statistics.median(subjects) / statistics.median(baselines)
 
     return ratio
 

@@ -8,7 +8,7 @@ from stages.science.discrepancy.naming import SearchSettings
 from stages.science.discrepancy.search import search
 from tests.plant.machines import CONF
 
-STATED = yaml.safe_load((CONF / "discrepancy" / "stated.yaml").read_text())
+STATED = yaml.safe_load((CONF / "discrepancy" / "default.yaml").read_text())
 SETTINGS = SearchSettings(**STATED["search"])
 
 

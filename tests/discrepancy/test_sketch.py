@@ -77,7 +77,7 @@ def test_what_the_constants_imitate_is_no_term():
 
 @pytest.fixture(scope="module")
 def settings():
-    return DescriptionSettings(**yaml.safe_load((ROOT / "conf" / "describe_remainder" / "stated.yaml").read_text()))
+    return DescriptionSettings(**yaml.safe_load((ROOT / "conf" / "explain_remainder" / "default.yaml").read_text()))
 
 
 def describe_line(settings, shape):

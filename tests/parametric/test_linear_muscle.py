@@ -77,9 +77,9 @@ def test_equals_normal_equations_in_fifty_digits(generator, offset):
 def test_standard_errors_are_those_of_ordinary_least_squares(generator):
     pressure, contraction, force = draw(generator, 50, noise=5.0)
     model = LinearMuscleModel.fit(pressure, contraction, force)
-    rival = sm.OLS(force, terms(pressure, contraction)).fit()
-    np.testing.assert_allclose(model.standard_errors, rival.bse, rtol=1e-8)
-    assert model.residual_sd_n == pytest.approx(np.sqrt(rival.mse_resid), rel=1e-10)
+    baseline = sm.OLS(force, terms(pressure, contraction)).fit()
+    np.testing.assert_allclose(model.standard_errors, baseline.bse, rtol=1e-8)
+    assert model.residual_sd_n == pytest.approx(np.sqrt(baseline.mse_resid), rel=1e-10)
 
 
 def test_one_pressure_determines_three_directions(generator):
@@ -113,11 +113,11 @@ def test_two_contractions_determine_four_directions(generator):
     # at zero contraction, the terms without contraction are the law, so these two remain determined
     np.testing.assert_array_equal(np.isnan(model.standard_errors), [True, True, False, True, True, False])
     reduced = np.stack([pressure * contraction, pressure, contraction, np.ones(60)], axis=1)
-    rival = sm.OLS(force, reduced).fit()
-    np.testing.assert_allclose(model.coefficients[[2, 5]], rival.params[[1, 3]], rtol=1e-8)
-    np.testing.assert_allclose(model.standard_errors[[2, 5]], rival.bse[[1, 3]], rtol=1e-8)
-    np.testing.assert_allclose(model.predict(pressure, contraction), rival.fittedvalues, rtol=1e-9)
-    assert model.residual_sd_n == pytest.approx(np.sqrt(rival.mse_resid))
+    baseline = sm.OLS(force, reduced).fit()
+    np.testing.assert_allclose(model.coefficients[[2, 5]], baseline.params[[1, 3]], rtol=1e-8)
+    np.testing.assert_allclose(model.standard_errors[[2, 5]], baseline.bse[[1, 3]], rtol=1e-8)
+    np.testing.assert_allclose(model.predict(pressure, contraction), baseline.fittedvalues, rtol=1e-9)
+    assert model.residual_sd_n == pytest.approx(np.sqrt(baseline.mse_resid))
 
 
 def test_a_pressure_that_follows_contraction_determines_four_directions(generator):

@@ -19,8 +19,8 @@ PAPER = ("experiment=paper",)
 HIDDEN = ("experiment=hidden_effect",)
 GAP = ("workflow=discrepancy", f"measured={Path(__file__)}")
 SILVERBOX = (*GAP, "plant=silverbox", "measurement=silverbox")
-OPENING = {"opened_seal"}
-SEARCHING = OPENING | {"locate_gap", "name_effect", "amend_model", "describe_remainder", "verify_gap"}
+OPENING = {"unblinding"}
+SEARCHING = OPENING | {"locate_gap", "name_effect", "amend_model", "explain_remainder", "verify_gap"}
 KEEPING = "/stages/science/compilation/"
 """What keeps compiled functions changes no result."""
 DRIVING = {"bank", "unseen_bank", "hardware", "active_loop", "sparse_loop"}
@@ -56,7 +56,7 @@ def list_stale(monkeypatch, file, overrides):
         ("stages/science/rig/operator_ui/pages/style.css", (*PAPER, "desk=pages"), set()),
         ("stages/science/rig/operator_ui/pages/server.py", (*PAPER, "desk=pages"), set()),
         ("stages/science/rig/sim.py", PAPER, DRIVING),
-        ("stages/benchmark/blinded_rig/kernels.py", HIDDEN, {"sealed_session", "opened_seal"}),
+        ("stages/benchmark/blinded_rig/kernels.py", HIDDEN, {"blinded_session", "unblinding"}),
         ("stages/science/figures/learning_curves.py", MAIN, {"comparison", "participant_differences"}),
         ("stages/identification/hyperprior.py", PAPER, {"hyperprior"}),
         ("pipeline/runner.py", PAPER, set()),

@@ -39,7 +39,7 @@ def easy(cfg: Config, a, ctx, b=None):
 
 
 @stage(table("a"))
-def rival(cfg: Config, ctx):
+def baseline(cfg: Config, ctx):
     """Write a too."""
 
 
@@ -63,8 +63,8 @@ def test_an_optional_table_is_read_where_a_stage_writes_it():
 
 
 def test_refuses_two_writers_no_writer_and_cycles():
-    with pytest.raises(WiringError, match="table a is written by first and by rival"):
-        order_stages([first, rival])
+    with pytest.raises(WiringError, match="table a is written by first and by baseline"):
+        order_stages([first, baseline])
     with pytest.raises(WiringError, match="stage third reads table b, which no stage"):
         order_stages([first, third])
     with pytest.raises(WiringError, match="stages wait for each other"):

@@ -10,7 +10,7 @@ from stages.science.rig.festo.known_points import CalibrationSettings, find_read
 from tests.conftest import ROOT
 
 SETTINGS = CalibrationSettings.model_validate(
-    OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "calibration" / "all_channels.yaml"))
+    OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "calibration" / "default.yaml"))
 )
 VALID = CountRange(low=-500, high=32000, none=[-32768, 32767])
 CELL = ForcePlace(module=3, channel=0, n_per_count=0.1, zero_count=0.0, sign=1)

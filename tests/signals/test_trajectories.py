@@ -16,14 +16,14 @@ def test_minimum_jerk_starts_and_ends_at_rest():
     assert velocity.max() == pytest.approx(1.875, rel=1e-6)
 
 
-def test_minimum_jerk_has_less_jerk_than_a_rival_with_the_same_ends():
+def test_minimum_jerk_has_less_jerk_than_a_baseline_with_the_same_ends():
     share = np.linspace(0.0, 1.0, 2001)
-    rival = share**4 * (35 - 84 * share + 70 * share**2 - 20 * share**3)
+    baseline = share**4 * (35 - 84 * share + 70 * share**2 - 20 * share**3)
 
     def jerk(way):
         return np.mean(np.diff(way, 3)[5:-5] ** 2)
 
-    assert jerk(minimum_jerk(share)) < jerk(rival)
+    assert jerk(minimum_jerk(share)) < jerk(baseline)
 
 
 def test_points_are_passed_at_their_times():

@@ -34,9 +34,9 @@ def simulate_groups(generator, sds, ns, difference):
 @pytest.mark.parametrize("effect", [-1.0, 0.0, 0.01, 0.3, 1.5])
 def test_paired_power_is_that_of_the_noncentral_t(n, effect):
     told = power_of_paired_test(effect, 1.0, n)
-    rival = TTestPower().power(abs(effect), n, 0.05)
+    baseline = TTestPower().power(abs(effect), n, 0.05)
     assert told == pytest.approx(
-        1.0 if np.isnan(rival) else rival, abs=1e-9
+        1.0 if np.isnan(baseline) else baseline, abs=1e-9
     )  # statsmodels has no number for sure finds
     assert told == pytest.approx(power_of_paired_test(effect * 7, 7.0, n), abs=1e-12)
 
@@ -44,8 +44,8 @@ def test_paired_power_is_that_of_the_noncentral_t(n, effect):
 def test_welch_power_nears_that_of_equal_variances_from_below():
     for n, near in ((4, 0.05), (30, 1e-3), (3000, 1e-6)):
         effect = 2.5 / np.sqrt(n)
-        rival = TTestIndPower().power(effect, n, 0.05)
-        assert rival - near < power_of_welch_test(effect, 1.0, 1.0, n, n) < rival
+        baseline = TTestIndPower().power(effect, n, 0.05)
+        assert baseline - near < power_of_welch_test(effect, 1.0, 1.0, n, n) < baseline
 
 
 @pytest.mark.parametrize(

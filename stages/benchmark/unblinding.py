@@ -45,7 +45,7 @@ class Config(Section):
 
 
 @stage(COMPARISON_WITH_TRUTH, OUTCOME)
-def opened_seal(
+def unblinding(
     cfg: Config,
     seal: pd.DataFrame,
     channels: pd.DataFrame,
@@ -58,7 +58,7 @@ def opened_seal(
     recorded = ctx.rig.record()
     digest = seal_truth(recorded)
     if digest != seal["sha256"].iloc[0]:
-        raise InputError("seal: the rig tells another truth than the one that was sealed; run sealed_session again")
+        raise InputError("seal: the rig tells another truth than the one that was sealed; run blinded_session again")
     certain = cfg.discrepancy.search.certain
     left = decide_status(list(named_effects["probability"]), unexplained["probability"].max(), certain) == "unexplained"
     said = named_effects.iloc[:0] if left else named_effects

@@ -1,8 +1,8 @@
 """Whether a rig hides what the library would write itself: what the best form leaves of each effect, without noise.
 
-In: a rig of whole sessions. Out, in parts, one an effect: `disguise`, the residual that each form of the true name
-leaves of the effect's own change beyond the nominal constants. Where next to nothing is left, both simulate the same
-equations, and naming the effect proves little; unless there is but one way to write it.
+In: a rig of whole sessions. Out, in parts, one an effect: `inverse_crime_check`, the residual that each form of the
+true name leaves of the effect's own change beyond the nominal constants. Where next to nothing is left, both simulate
+the same equations, and naming the effect proves little; unless there is but one way to write it.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from stages.science.discrepancy.session import build_cells
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.recording.whole_sessions import tabulate_session
 
-DISGUISE = Table(
-    "disguise",
+INVERSE_CRIME_CHECK = Table(
+    "inverse_crime_check",
     "A form of the library on an effect of the rig, without noise",
     {
         "key": column(str, "of the effect on the rig"),
@@ -45,8 +45,8 @@ DISGUISE = Table(
 )
 
 
-class Disguise(Section):
-    """Config group ``disguise``."""
+class InverseCrimeCheck(Section):
+    """Config group ``inverse_crime_check``."""
 
     effects: Annotated[list[str], Field(min_length=1)] | None
     least_share: Annotated[float, Field(gt=0.0, lt=1.0)]
@@ -57,20 +57,20 @@ class Config(Section):
 
     rig: Target
     discrepancy: DiscrepancySettings
-    disguise: Disguise
+    inverse_crime_check: InverseCrimeCheck
 
 
-@stage(DISGUISE)
-def disguise(cfg: Config, ctx: Context) -> pd.DataFrame:
+@stage(INVERSE_CRIME_CHECK)
+def inverse_crime_check(cfg: Config, ctx: Context) -> pd.DataFrame:
     """Fit every form of its true name to each effect without noise."""
-    chosen = cfg.disguise.effects
+    chosen = cfg.inverse_crime_check.effects
     told = [each for each in ctx.rig.effects() if not each["outsider"] and (chosen is None or each["key"] in chosen)]
     jobs = [Job(cfg, ctx, str(each["key"]), str(each["name"]), bool(each["only_form"])) for each in told]
     with ctx.progress("effects", len(jobs)) as advance:
         for job, key in zip(jobs, ctx.spread(Job.run, jobs), strict=True):
             ctx.record.include([key])
             advance(job.key)
-    return ctx.record.collect()[DISGUISE.name]
+    return ctx.record.collect()[INVERSE_CRIME_CHECK.name]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Job:
 
     def run(self) -> str:
         """Fit the forms, land the part and return its name."""
-        self.ctx.record.part((self.key,), lambda: {DISGUISE.name: self.compare()})
+        self.ctx.record.part((self.key,), lambda: {INVERSE_CRIME_CHECK.name: self.compare()})
         return self.ctx.record.name((self.key,))
 
     def compare(self) -> pd.DataFrame:
@@ -94,11 +94,11 @@ class Job:
         channel = with_it.truth["effects"][0]["channel"]
         pairs = list(zip(self.build(with_it, channel), self.build(without, channel), strict=True))
         rows = [self.measure(form, pairs) for form in pairs[0][0].forms if form.name == self.name]
-        found = pd.DataFrame(rows, columns=list(DISGUISE.columns))
+        found = pd.DataFrame(rows, columns=list(INVERSE_CRIME_CHECK.columns))
         if found.empty:
             return found
         best = found["share"] == found["share"].min()
-        same = best & (found["share"] < self.cfg.disguise.least_share) & (not self.only_form)
+        same = best & (found["share"] < self.cfg.inverse_crime_check.least_share) & (not self.only_form)
         return found.assign(best=best, same_code=same)
 
     def build(self, session: Any, channel: str) -> list[Cell]:

@@ -1,4 +1,4 @@
-"""Learning curves of the design and of one rival, one panel for each muscle and one for their average."""
+"""Learning curves of the design and of one baseline, one panel for each muscle and one for their average."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 CURVES = (("#c1272d", "o", "-"), ("#6b7480", "s", "--"))
 
 
-def draw_rival_curves(summary: pd.DataFrame, lines: Sequence[str], panels: Sequence[str]) -> Figure:
+def draw_baseline_curves(summary: pd.DataFrame, lines: Sequence[str], panels: Sequence[str]) -> Figure:
     """Draw mean and SD of the error rate over trials, a panel for each muscle.
 
     Parameters
@@ -23,7 +23,7 @@ def draw_rival_curves(summary: pd.DataFrame, lines: Sequence[str], panels: Seque
     summary : DataFrame
         Columns line, trial, muscle, error_rate_mean and error_rate_sd.
     lines : sequence of str
-        At most two values of the line column: the design, then its rival.
+        At most two values of the line column: the design, then its baseline.
     panels : sequence of str
         Values of the muscle column, one panel each.
     """

@@ -93,8 +93,8 @@ BLIND_RANKING = Table(
 )
 
 
-class BlindTests(Section):
-    """Config group ``blind_tests``."""
+class BlindedSuite(Section):
+    """Config group ``blinded_suite``."""
 
     sessions: Annotated[list[str], Field(min_length=1)] | None
 
@@ -104,16 +104,16 @@ class Config(Section):
 
     rig: Target
     discrepancy: DiscrepancySettings
-    blind_tests: BlindTests
+    blinded_suite: BlindedSuite
     seed: int
 
 
 @stage(BLIND_SESSIONS, BLIND_TRUTH, BLIND_NAMED, BLIND_RANKING, stream="blind_tests")
-def blind_tests(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
+def blinded_suite(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Search every session of the catalogue, and only then look what was hidden."""
-    names = cfg.blind_tests.sessions or list(ctx.rig.catalogue())
+    names = cfg.blinded_suite.sessions or list(ctx.rig.catalogue())
     if len(set(names)) < len(names):
-        raise ConfigError("blind_tests.sessions: expected each name once; leave out what is there twice")
+        raise ConfigError("blinded_suite.sessions: expected each name once; leave out what is there twice")
     jobs = [Job(cfg.discrepancy, ctx, name) for name in names]
     with ctx.progress("sessions", len(jobs)) as advance:
         for job, key in zip(jobs, ctx.spread(Job.run, jobs), strict=True):
@@ -152,7 +152,7 @@ class Job:
         }
         return {
             table.name: pd.DataFrame(rows[table.name]).assign(session=self.name).reindex(columns=list(table.columns))
-            for table in blind_tests.writes
+            for table in blinded_suite.writes
         }
 
     def measure(self, judged: Judgement, truth: Mapping[str, Any]) -> dict[str, Any]:

@@ -60,13 +60,13 @@ class Config(Section):
     """What this stage reads."""
 
     discrepancy: DiscrepancySettings
-    describe_remainder: DescriptionSettings
+    explain_remainder: DescriptionSettings
     plant: Machine
     seed: int
 
 
 @stage(REMAINDER, stream="describe_remainder")
-def describe_remainder(
+def explain_remainder(
     cfg: Config,
     measured: pd.DataFrame,
     measured_signals: pd.DataFrame,
@@ -97,7 +97,7 @@ def describe_remainder(
             last,
             channels,
             smallest,
-            cfg.describe_remainder,
+            cfg.explain_remainder,
             resample(len(fitted), settings.bootstraps, ctx.generator("resample")),
             settings.level,
             ctx.generator("pseudo-inputs"),

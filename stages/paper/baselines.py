@@ -1,7 +1,7 @@
-"""What models are worth that nobody moved for: the paper's rivals, from the automatic protocol's data.
+"""What models are worth that nobody moved for: the paper's baselines, from the automatic protocol's data.
 
 In: `protocol_recordings`, `active_recordings`, `points`, `hyperprior`, `scaling`, `learning_curve`, `bank` (a test set)
-and `unseen_bank` (another one) where there is one. Out: `rival_curve` and `rival_comparison`. The rivals:
+and `unseen_bank` (another one) where there is one. Out: `baseline_curve` and `baseline_comparison`. The baselines:
 
 linear              the linear muscle law (paper, appendix D), after each trial of a sequence of the protocol
 sparse_gp           a sparse GP on all samples of a sequence, with as many pseudo-inputs as the design has points
@@ -25,8 +25,8 @@ from pipeline.context import Context
 from pipeline.errors import WiringError
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.figures.baseline_curves import draw_baseline_curves
 from stages.science.figures.error_bars import draw_error_bars
-from stages.science.figures.rival_curves import draw_rival_curves
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.marginal import MarginalGP, fit
 from stages.science.gp.sparse_fit import fit_sparse
@@ -51,13 +51,13 @@ DESCRIBED = {
     INTERACTIVE: "linear law, the design's trials",
 }
 
-RIVAL = column(str, "model, and the data that it is identified from", among=list(DESCRIBED))
+BASELINE = column(str, "model, and the data that it is identified from", among=list(DESCRIBED))
 TESTED_ON = column(str, "test set, as in learning_curve", among=["bank", "unseen_bank"])
-RIVAL_CURVE = Table(
-    "rival_curve",
-    "Error of a rival's model of one muscle after one trial, over every sample of a test set",
+BASELINE_CURVE = Table(
+    "baseline_curve",
+    "Error of a baseline's model of one muscle after one trial, over every sample of a test set",
     {
-        "rival": RIVAL,
+        "baseline": BASELINE,
         "participant": column(str, "who tracked, or nobody"),
         "experiment": column(int, "sequence of the protocol, or experiment of the participant", low=1),
         "trial": column(int, "trials learned from", low=1),
@@ -66,36 +66,36 @@ RIVAL_CURVE = Table(
         "rmse_n": column(float, "root mean square error of the force", unit="N", low=0),
         "error_rate": column(float, "the same over the largest force of the test data", low=0),
     },
-    key=("rival", "participant", "experiment", "trial", "tested_on", "muscle"),
+    key=("baseline", "participant", "experiment", "trial", "tested_on", "muscle"),
 )
-RIVAL_COMPARISON = Table(
-    "rival_comparison",
-    "The design against each rival: error rate, negative = design better",
+BASELINE_COMPARISON = Table(
+    "baseline_comparison",
+    "The design against each baseline: error rate, negative = design better",
     {
         "tested_on": TESTED_ON,
         "measure": column(str, "final: after the last trial; curve: averaged over trials 1 to the last that both have"),
         "muscle": column(str, "muscle, or mean for the average over muscles"),
-        "rival": RIVAL,
+        "baseline": BASELINE,
         "n_design": column(int, "experiments of the design", low=1),
-        "n_rival": column(int, "of the rival; the design's own for linear_interactive", low=1),
+        "n_baseline": column(int, "of the baseline; the design's own for linear_interactive", low=1),
         "design_mean": column(float, "error rate", low=0),
-        "rival_mean": column(float, "error rate", low=0),
-        "difference": column(float, "design minus rival"),
+        "baseline_mean": column(float, "error rate", low=0),
+        "difference": column(float, "design minus baseline"),
         "low": column(float, "lower end of its 95 % interval (t)", nullable=True),
         "high": column(float, "upper end of its 95 % interval (t)", nullable=True),
         "test": column(str, "Welch between groups, or paired t over experiments", among=["Welch", "paired t"]),
         "effect": column(float, "effect size: Hedges g of groups, d_z of pairs", nullable=True),
         "p": column(float, "two-sided, of this test", low=0, high=1, nullable=True),
         "p_holm": column(float, "p adjusted by Holm over the rows of this test set", low=0, high=1, nullable=True),
-        "verdict": column(str, f"at p_holm below {LEVEL}", among=["design better", "rival better", "undecided"]),
+        "verdict": column(str, f"at p_holm below {LEVEL}", among=["design better", "baseline better", "undecided"]),
     },
-    key=("tested_on", "measure", "muscle", "rival"),
-    brief=("tested_on", "measure", "muscle", "rival", "difference", "low", "high", "effect", "p_holm", "verdict"),
+    key=("tested_on", "measure", "muscle", "baseline"),
+    brief=("tested_on", "measure", "muscle", "baseline", "difference", "low", "high", "effect", "p_holm", "verdict"),
 )
 
 
-class Rivals(Section):
-    """Config group ``rivals``."""
+class Baselines(Section):
+    """Config group ``baselines``."""
 
     experiments: PositiveInt
     slack_share: Annotated[float, Field(ge=0, lt=1)]
@@ -108,12 +108,12 @@ class Rivals(Section):
 class Config(Section):
     """What this stage reads."""
 
-    rivals: Rivals
+    baselines: Baselines
     seed: int
 
 
-@stage(RIVAL_CURVE, RIVAL_COMPARISON, stream="rivals")
-def rivals(
+@stage(BASELINE_CURVE, BASELINE_COMPARISON, stream="rivals")
+def baselines(
     cfg: Config,
     bank: pd.DataFrame,
     hyperprior: pd.DataFrame,
@@ -127,28 +127,30 @@ def rivals(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Identify the muscles from trials in which nobody moves, and compare the design with that."""
     if protocol_recordings.empty:
-        raise WiringError("stage rivals: protocol_recordings has no trials; add the stage protocol to workflow.stages")
+        raise WiringError(
+            "stage baselines: protocol_recordings has no trials; add the stage protocol to workflow.stages"
+        )
     design = str(learning_curve["arm"].iloc[0])
     ours = learning_curve[learning_curve["arm"] == design]
     tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
-    passive = protocol_recordings[protocol_recordings["experiment"] <= cfg.rivals.experiments]
+    passive = protocol_recordings[protocol_recordings["experiment"] <= cfg.baselines.experiments]
     interactive = active_recordings[active_recordings["arm"] == design]
     muscles = list(hyperprior["muscle"].unique())
     knowledge = [gather(each, hyperprior, scaling, tests, count_points(points, design)) for each in muscles]
-    jobs = [Job(cfg.rivals, ctx, *each) for known in knowledge for each in split(known, passive, interactive)]
+    jobs = [Job(cfg.baselines, ctx, *each) for known in knowledge for each in split(known, passive, interactive)]
     rows: list[tuple[Any, ...]] = []
     with ctx.progress("models", len(jobs)) as advance:
         for job, found in zip(jobs, ctx.spread(Job.run, jobs), strict=True):
             rows += found
             advance(f"{job.participant} experiment {job.experiment} {job.muscle.name}")
     order = {name: position for position, name in enumerate(DESCRIBED)}
-    curve = pd.DataFrame(rows, columns=list(RIVAL_CURVE.columns)).sort_values(
-        list(RIVAL_CURVE.key),
-        key=lambda values: values.map(order) if values.name == "rival" else values,
+    curve = pd.DataFrame(rows, columns=list(BASELINE_CURVE.columns)).sort_values(
+        list(BASELINE_CURVE.key),
+        key=lambda values: values.map(order) if values.name == "baseline" else values,
         ignore_index=True,
     )
     draw(ctx, ours, curve, design, muscles)
-    return curve, compare_rivals(ours, curve, muscles)
+    return curve, compare_baselines(ours, curve, muscles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +223,7 @@ class Job:
 
     Parameters
     ----------
-    cfg : Rivals
+    cfg : Baselines
         Searches and thresholds.
     ctx : Context
         For its generators.
@@ -235,7 +237,7 @@ class Job:
         What was recorded of the muscle, with its trial.
     """
 
-    cfg: Rivals
+    cfg: Baselines
     ctx: Context
     muscle: MuscleData
     participant: str
@@ -243,7 +245,7 @@ class Job:
     samples: pd.DataFrame
 
     def run(self) -> list[tuple[Any, ...]]:
-        """Return the rows of `rival_curve`."""
+        """Return the rows of `baseline_curve`."""
         trial = self.samples["trial"].to_numpy()
         last = int(trial.max())
         if self.participant != NOBODY:
@@ -308,13 +310,13 @@ class Job:
         scaling = self.muscle.scaling
         return lambda test: scaling.restore_force(model.predict_mean(scaling.inputs_of(test)))
 
-    def measure(self, rival: str, trial: int, predict: Predictor) -> list[tuple[Any, ...]]:
+    def measure(self, baseline: str, trial: int, predict: Predictor) -> list[tuple[Any, ...]]:
         """Return the rows of a model's errors on every test set."""
         rows = []
         for tested_on, test in self.muscle.tests.items():
             force = test[MODEL_OUTPUT].to_numpy()
             rate = error_rate(predict(test), force)
-            where = (rival, self.participant, self.experiment, trial, tested_on, self.muscle.name)
+            where = (baseline, self.participant, self.experiment, trial, tested_on, self.muscle.name)
             rows.append((*where, rate * float(force.max()), rate))
         return rows
 
@@ -346,15 +348,15 @@ def predict_law(model: LinearMuscleModel, samples: pd.DataFrame) -> Array:
     return np.maximum(force, 0.0)
 
 
-def compare_rivals(design: pd.DataFrame, curve: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
-    """Return the rows of `rival_comparison`.
+def compare_baselines(design: pd.DataFrame, curve: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
+    """Return the rows of `baseline_comparison`.
 
     Parameters
     ----------
     design : DataFrame
         Rows of `learning_curve` of the design.
     curve : DataFrame
-        Rows of `rival_curve`.
+        Rows of `baseline_curve`.
     muscles : sequence of str
         To be compared one by one, after their average.
     """
@@ -370,18 +372,18 @@ def compare_family(design: pd.DataFrame, curve: pd.DataFrame, muscles: Sequence[
     """Return the rows of one test set, whose p-values are adjusted together."""
     design, curve = add_average(design), add_average(curve)
     rows = []
-    for rival, its in curve.groupby("rival", sort=False):
-        for measure in ("final", "curve") if rival == LINEAR else ("final",):
+    for baseline, its in curve.groupby("baseline", sort=False):
+        for measure in ("final", "curve") if baseline == LINEAR else ("final",):
             last = None if measure == "final" else int(min(design["trial"].max(), its["trial"].max()))
             ours, theirs = summarise_experiments(design, last), summarise_experiments(its, last)
             for muscle in [ALL_MUSCLES, *muscles]:
-                where = {"tested_on": tested_on, "measure": measure, "muscle": muscle, "rival": rival}
-                rows.append(where | compare(ours[muscle], theirs[muscle], paired=rival == INTERACTIVE))
+                where = {"tested_on": tested_on, "measure": measure, "muscle": muscle, "baseline": baseline}
+                rows.append(where | compare(ours[muscle], theirs[muscle], paired=baseline == INTERACTIVE))
     frame = pd.DataFrame(rows)
     adjusted = adjust_holm(frame["p"].to_numpy(dtype=float))
-    better = np.where(frame["difference"] < 0, "design better", "rival better")
+    better = np.where(frame["difference"] < 0, "design better", "baseline better")
     frame = frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, better, "undecided"))
-    return frame[list(RIVAL_COMPARISON.columns)]
+    return frame[list(BASELINE_COMPARISON.columns)]
 
 
 def add_average(curve: pd.DataFrame) -> pd.DataFrame:
@@ -407,21 +409,21 @@ def summarise_experiments(curve: pd.DataFrame, last: int | None) -> pd.DataFrame
     return its.groupby(["participant", "experiment", "muscle"])["error_rate"].mean().unstack("muscle")
 
 
-def compare(design: pd.Series[float], rival: pd.Series[float], paired: bool) -> dict[str, Any]:
+def compare(design: pd.Series[float], baseline: pd.Series[float], paired: bool) -> dict[str, Any]:
     """Return the statistics of one comparison: of the experiments that both have, or of two groups."""
     told: Any
     if paired:
-        both = pd.concat([design, rival], axis=1, join="inner").to_numpy()
+        both = pd.concat([design, baseline], axis=1, join="inner").to_numpy()
         told = compare_pairs(both[:, 0], both[:, 1])
         counts, test, p = (told.n, told.n), "paired t", told.t_p_value
     else:
-        told = compare_groups(np.asarray(design, dtype=float), np.asarray(rival, dtype=float))
+        told = compare_groups(np.asarray(design, dtype=float), np.asarray(baseline, dtype=float))
         counts, test, p = (told.n_first, told.n_second), "Welch", told.p_value
     return {
         "n_design": counts[0],
-        "n_rival": counts[1],
+        "n_baseline": counts[1],
         "design_mean": told.mean_first,
-        "rival_mean": told.mean_second,
+        "baseline_mean": told.mean_second,
         "difference": told.difference,
         "low": told.low,
         "high": told.high,
@@ -437,24 +439,24 @@ def draw(ctx: Context, design: pd.DataFrame, curve: pd.DataFrame, arm: str, musc
     lines = pd.concat(
         [
             add_average(design).assign(line=ours),
-            add_average(curve).assign(line=lambda frame: frame["rival"].map(DESCRIBED)),
+            add_average(curve).assign(line=lambda frame: frame["baseline"].map(DESCRIBED)),
         ]
     )
     told = lines.groupby(["line", "trial", "tested_on", "muscle"])["error_rate"].agg(["mean", "std"]).reset_index()
     told = told.rename(columns={"mean": "error_rate_mean", "std": "error_rate_sd"})
     panels, tests = [ALL_MUSCLES, *muscles], list(design["tested_on"].unique())
-    counts = [len(each.groupby(["participant", "experiment"])) for each in (design, curve[curve["rival"] == LINEAR])]
+    counts = [len(each.groupby(["participant", "experiment"])) for each in (design, curve[curve["baseline"] == LINEAR])]
     spread = f"mean and standard deviation over {counts[0]} experiments of the design, {counts[1]} of the protocol"
     ctx.figure(
-        "learning_curves_rivals",
-        draw_rival_curves(told[told["tested_on"] == "bank"], [ours, linear], panels),
+        "learning_curves_baselines",
+        draw_baseline_curves(told[told["tested_on"] == "bank"], [ours, linear], panels),
         "Error rate (RMSE over the largest force of the test data) after each designed trial, and of the linear law "
         f"after each trial of the protocol in which nobody moves, tested on the bank: {spread} (cut where large).",
     )
     last = told[told["trial"] == told.groupby("line")["trial"].transform("max")]
     unseen = " Diamonds: tested on the bank that nothing else saw." if len(tests) > 1 else ""
     ctx.figure(
-        "rival_errors",
+        "baseline_errors",
         draw_error_bars(last, [ours, *DESCRIBED.values()], panels),
         f"Error rate after the last trial, tested on the bank: {spread}.{unseen}",
     )

@@ -52,7 +52,7 @@ class Config(Section):
 
 
 @stage(SESSION_RECORDINGS, SESSION_MACHINE, SEAL)
-def sealed_session(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
+def blinded_session(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record a session, and seal what the rig hid in it."""
     recorded = ctx.rig.record()
     frames = tabulate_session(recorded.samples, recorded.meta, type(ctx.rig).__name__)

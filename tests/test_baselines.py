@@ -1,4 +1,4 @@
-"""The rivals against planted laws, NumPy and SciPy, with verdicts that planted data turn either way."""
+"""The baselines against planted laws, NumPy and SciPy, with verdicts that planted data turn either way."""
 
 from functools import partial
 from types import SimpleNamespace
@@ -13,10 +13,10 @@ from scipy.special import gammaln
 
 from pipeline.context import Context
 from pipeline.errors import WiringError
-from stages.paper import rivals as module
-from stages.paper.rivals import Config, Rivals, compare_rivals, count_points, fit_law, predict_law, rivals
+from stages.paper import baselines as module
+from stages.paper.baselines import Baselines, Config, baselines, compare_baselines, count_points, fit_law, predict_law
+from stages.science.figures.baseline_curves import draw_baseline_curves
 from stages.science.figures.error_bars import draw_error_bars
-from stages.science.figures.rival_curves import draw_rival_curves
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 from tests.composing import compose_values
 from tests.identification.data import HYPERPARAMETERS
@@ -105,15 +105,15 @@ def make_tables(generator, muscles=("pam1", "pam2"), experiments=2, trials=3, sa
 
 def run(folder, tables, seed=0, context=PickledContext, **section):
     """Return the stage's tables; its figures are drawn in a context of its own alone."""
-    cfg = Config(rivals=Rivals(**{**SECTION, **section}), seed=seed)
+    cfg = Config(baselines=Baselines(**{**SECTION, **section}), seed=seed)
     with pytest.MonkeyPatch.context() as patched:
         if context is PickledContext:
             patched.setattr(module, "draw", lambda *arguments: None)
-        return list(run_alone(rivals, cfg, folder, tables, seed, context).values())
+        return list(run_alone(baselines, cfg, folder, tables, seed, context).values())
 
 
-def rates(curve, rival, **where):
-    its = curve[curve["rival"] == rival]
+def rates(curve, baseline, **where):
+    its = curve[curve["baseline"] == baseline]
     for name, value in where.items():
         its = its[its[name] == value]
     return its["error_rate"]
@@ -128,7 +128,7 @@ def noisy(tmp_path_factory):
     tables, taken = make_tables(np.random.default_rng(11), noise=10.0), set()
     its = tables["protocol_recordings"]
     its.loc[(its["experiment"] == 2) & (its["trial"] == 3), "force_n"] *= 50.0
-    folder = tmp_path_factory.mktemp("rivals")
+    folder = tmp_path_factory.mktemp("baselines")
 
     def spy(name, found, inputs, *rest, **options):
         taken.add((name, len(inputs), rest[1] if name == "fit_sparse" else len(inputs)))
@@ -141,20 +141,20 @@ def noisy(tmp_path_factory):
     return SimpleNamespace(tables=tables, curve=curve, compared=compared, folder=folder, taken=taken)
 
 
-def test_every_rival_has_an_error_on_every_test_set(noisy):
+def test_every_baseline_has_an_error_on_every_test_set(noisy):
     curve = noisy.curve
-    counts = curve.groupby("rival", sort=False).size().to_dict()
+    counts = curve.groupby("baseline", sort=False).size().to_dict()
     assert counts == {"linear": 2 * 3 * 4, "sparse_gp": 2 * 4, "subset_gp": 2 * 4, "linear_interactive": 4 * 4}
-    assert set(curve.loc[curve["rival"] != "linear_interactive", "participant"]) == {"nobody"}
-    assert set(curve.loc[curve["rival"] == "linear_interactive", "participant"]) == {"p1", "p2"}
-    assert (curve.loc[curve["rival"] != "linear", "trial"] == 3).all()
+    assert set(curve.loc[curve["baseline"] != "linear_interactive", "participant"]) == {"nobody"}
+    assert set(curve.loc[curve["baseline"] == "linear_interactive", "participant"]) == {"p1", "p2"}
+    assert (curve.loc[curve["baseline"] != "linear", "trial"] == 3).all()
     for name, its in curve.groupby("tested_on"):
         largest = noisy.tables[str(name)].groupby("muscle")["force_n"].max()
         np.testing.assert_allclose(its["rmse_n"], its["error_rate"] * its["muscle"].map(largest), rtol=1e-12)
     assert len(noisy.compared) == 2 * (2 + 3) * 3
     assert sorted(path.name for path in (noisy.folder / "figures").glob("*.png")) == [
-        "learning_curves_rivals.png",
-        "rival_errors.png",
+        "learning_curves_baselines.png",
+        "baseline_errors.png",
     ]
 
 
@@ -170,15 +170,15 @@ def test_linear_errors_are_those_of_numpys_least_squares_on_what_was_taut_by_the
     designed = tables["active_recordings"].query("muscle == 'pam2' and experiment == 1 and participant == 'p2'")
     data = [("linear", 2, trial, its[its["trial"] <= trial]) for trial in (1, 2, 3)]
     data.append(("linear_interactive", 1, 3, designed[designed["arm"] == "y_y"]))
-    for rival, experiment, trial, samples in data:
+    for baseline, experiment, trial, samples in data:
         taut = samples[samples["force_n"] >= 0.01 * samples["force_n"].max()]
         weights = np.linalg.lstsq(lay_out(taut), taut["force_n"].to_numpy(), rcond=None)[0]
         missed = np.maximum(lay_out(test) @ weights, 0.0) - test["force_n"]
         where = {"experiment": experiment, "trial": trial, "tested_on": tested_on, "muscle": "pam2"}
-        if rival == "linear_interactive":
+        if baseline == "linear_interactive":
             where["participant"] = "p2"
         expected = np.sqrt((missed**2).mean()) / test["force_n"].max()
-        assert rates(curve, rival, **where).item() == pytest.approx(expected, rel=1e-7)
+        assert rates(curve, baseline, **where).item() == pytest.approx(expected, rel=1e-7)
 
 
 def test_the_linear_law_is_found_where_slack_is_left_out(generator):
@@ -190,7 +190,7 @@ def test_the_linear_law_is_found_where_slack_is_left_out(generator):
     assert np.abs(fit_law(samples, 0.0).coefficients / LAW - 1).max() > 0.1
 
 
-def test_a_planted_law_is_found_by_the_linear_rivals_alone(generator, tmp_path):
+def test_a_planted_law_is_found_by_the_linear_baselines_alone(generator, tmp_path):
     curve, _ = run(tmp_path, make_tables(generator, ("pam1",)))
     assert rates(curve, "linear").max() < 1e-9
     assert rates(curve, "linear_interactive").max() < 1e-9
@@ -217,7 +217,7 @@ def test_points_are_counted_in_the_design_after_its_last_trial():
 def test_seeds_draw_subsets_and_starts_and_nothing_else(noisy, tmp_path):
     other, _ = run(tmp_path, noisy.tables, seed=1)
     same = other["error_rate"] == noisy.curve["error_rate"]
-    assert same.groupby(noisy.curve["rival"]).mean().to_dict() == pytest.approx(
+    assert same.groupby(noisy.curve["baseline"]).mean().to_dict() == pytest.approx(
         {"linear": 1.0, "linear_interactive": 1.0, "sparse_gp": 0.0, "subset_gp": 0.0}
     )
 
@@ -226,8 +226,8 @@ def test_the_same_models_again_from_fewer_sequences_of_the_protocol(noisy, tmp_p
     fewer, compared = run(tmp_path, noisy.tables, experiments=1)
     kept = (noisy.curve["participant"] != "nobody") | (noisy.curve["experiment"] == 1)
     pd.testing.assert_frame_equal(fewer, noisy.curve[kept].reset_index(drop=True))
-    its = compared[compared["rival"] == "linear"]
-    assert set(zip(its["n_design"], its["n_rival"], strict=True)) == {(4, 1)}
+    its = compared[compared["baseline"] == "linear"]
+    assert set(zip(its["n_design"], its["n_baseline"], strict=True)) == {(4, 1)}
     assert (its["verdict"] == "undecided").all()
 
 
@@ -251,37 +251,37 @@ def test_without_a_protocol_says_what_is_missing(noisy, tmp_path):
 
 
 def make_curves(generator, means, experiments=6, sd=0.002, trials=2):
-    """Return error rates of the design and of each rival whose averages over experiments are the planted ones."""
+    """Return error rates of the design and of each baseline whose averages over experiments are the planted ones."""
     frames = []
-    for rival, mean in {None: 0.05, **means}.items():
-        people = ["p1", "p2"] if rival in (None, "linear_interactive") else ["nobody"]
+    for baseline, mean in {None: 0.05, **means}.items():
+        people = ["p1", "p2"] if baseline in (None, "linear_interactive") else ["nobody"]
         rows = [
-            (rival, who, experiment, trial, "bank", muscle)
+            (baseline, who, experiment, trial, "bank", muscle)
             for who in people
             for experiment in range(1, experiments + 1)
-            for trial in range(0 if rival is None else 1 if rival == "linear" else trials, trials + 1)
+            for trial in range(0 if baseline is None else 1 if baseline == "linear" else trials, trials + 1)
             for muscle in ("pam1", "pam2")
         ]
-        frame = pd.DataFrame(rows, columns=["rival", "participant", "experiment", "trial", "tested_on", "muscle"])
+        frame = pd.DataFrame(rows, columns=["baseline", "participant", "experiment", "trial", "tested_on", "muscle"])
         noise = pd.Series(sd * generator.standard_normal(len(frame)))
         centred = noise - noise.groupby([frame["trial"], frame["muscle"]]).transform("mean")
         frames.append(frame.assign(error_rate=mean + centred))
-    return frames[0].drop(columns="rival"), pd.concat(frames[1:], ignore_index=True)
+    return frames[0].drop(columns="baseline"), pd.concat(frames[1:], ignore_index=True)
 
 
-RIVALS = ("linear", "sparse_gp", "subset_gp", "linear_interactive")
+BASELINES = ("linear", "sparse_gp", "subset_gp", "linear_interactive")
 
 
 @pytest.mark.parametrize(
     ("mean", "sd", "verdict"),
-    [(0.08, 0.002, "design better"), (0.02, 0.002, "rival better"), (0.05, 0.002, "undecided")],
+    [(0.08, 0.002, "design better"), (0.02, 0.002, "baseline better"), (0.05, 0.002, "undecided")],
 )
-@pytest.mark.parametrize("rival", RIVALS)
-def test_planted_data_turn_the_verdict(rival, mean, sd, verdict, generator):
-    means = {**dict.fromkeys(RIVALS, 0.05), rival: mean}
-    told = compare_rivals(*make_curves(generator, means, sd=sd), ["pam1", "pam2"]).set_index("rival")
-    assert (told.loc[rival, "verdict"] == verdict).all()
-    assert (told.drop(index=rival)["verdict"] == "undecided").all()
+@pytest.mark.parametrize("baseline", BASELINES)
+def test_planted_data_turn_the_verdict(baseline, mean, sd, verdict, generator):
+    means = {**dict.fromkeys(BASELINES, 0.05), baseline: mean}
+    told = compare_baselines(*make_curves(generator, means, sd=sd), ["pam1", "pam2"]).set_index("baseline")
+    assert (told.loc[baseline, "verdict"] == verdict).all()
+    assert (told.drop(index=baseline)["verdict"] == "undecided").all()
 
 
 @pytest.mark.parametrize(("protocol", "design"), [(2, 3), (3, 2)])
@@ -291,23 +291,23 @@ def test_the_protocol_may_have_other_trials_than_the_design(protocol, design, ge
         each.assign(error_rate=each["error_rate"] + 0.01 * each["trial"]).query(f"trial <= {last}")
         for each, last in zip(curves, (design, protocol), strict=True)
     )
-    told = compare_rivals(ours, theirs, ["pam1", "pam2"]).query("muscle == 'mean'").set_index("measure")
-    for name, frame, last in (("design_mean", ours, design), ("rival_mean", theirs, protocol)):
+    told = compare_baselines(ours, theirs, ["pam1", "pam2"]).query("muscle == 'mean'").set_index("measure")
+    for name, frame, last in (("design_mean", ours, design), ("baseline_mean", theirs, protocol)):
         assert told.loc["final", name] == pytest.approx(frame.query(f"trial == {last}")["error_rate"].mean())
         assert told.loc["curve", name] == pytest.approx(frame.query("1 <= trial <= 2")["error_rate"].mean())
 
 
 @pytest.mark.parametrize(
-    ("rival", "measure", "muscle"),
+    ("baseline", "measure", "muscle"),
     [("linear", "final", "mean"), ("linear", "curve", "mean"), ("sparse_gp", "final", "pam1"),
      ("linear_interactive", "final", "pam2")],
 )  # fmt: skip
-def test_comparisons_agree_with_scipy(rival, measure, muscle, generator):
+def test_comparisons_agree_with_scipy(baseline, measure, muscle, generator):
     """Of groups, and of the same interaction's experiments in pairs, whatever their order."""
-    design, curve = make_curves(generator, {rival: 0.051}, sd=0.003)
-    told = compare_rivals(design, curve.sample(frac=1.0, random_state=1).query("experiment < 6"), ["pam1", "pam2"])
+    design, curve = make_curves(generator, {baseline: 0.051}, sd=0.003)
+    told = compare_baselines(design, curve.sample(frac=1.0, random_state=1).query("experiment < 6"), ["pam1", "pam2"])
     assert list(told["muscle"][:3]) == ["mean", "pam1", "pam2"]
-    row, paired = told.set_index(["measure", "muscle"]).loc[(measure, muscle)], rival == "linear_interactive"
+    row, paired = told.set_index(["measure", "muscle"]).loc[(measure, muscle)], baseline == "linear_interactive"
     values = []
     for frame in (design.query("experiment < 6") if paired else design, curve.query("experiment < 6")):
         its = frame.query("trial == 2" if measure == "final" else "trial >= 1")
@@ -317,7 +317,7 @@ def test_comparisons_agree_with_scipy(rival, measure, muscle, generator):
     test = stats.ttest_rel(*values) if paired else stats.ttest_ind(*values, equal_var=False)
     assert row["p"] == pytest.approx(test.pvalue, rel=1e-9)
     assert (row["low"], row["high"]) == pytest.approx(tuple(test.confidence_interval(0.95)), rel=1e-9)
-    told_of = (row["n_design"], row["n_rival"], row["test"])
+    told_of = (row["n_design"], row["n_baseline"], row["test"])
     assert told_of == ((10, 10, "paired t") if paired else (12, 5, "Welch"))
     unbiased = 1.0 if paired else np.exp(gammaln(7.5) - gammaln(7)) / np.sqrt(7.5)
     pooled = np.sqrt((11 * first.var(ddof=1) + 4 * second.var(ddof=1)) / 15)
@@ -326,9 +326,9 @@ def test_comparisons_agree_with_scipy(rival, measure, muscle, generator):
 
 
 def test_holm_counts_the_rows_of_each_test_set(generator):
-    design, curve = make_curves(generator, dict.fromkeys(RIVALS, 0.0505))
+    design, curve = make_curves(generator, dict.fromkeys(BASELINES, 0.0505))
     both = [pd.concat([each, each.assign(tested_on="unseen_bank")], ignore_index=True) for each in (design, curve)]
-    told = compare_rivals(*both, ["pam1", "pam2"])
+    told = compare_baselines(*both, ["pam1", "pam2"])
     assert told.groupby("tested_on").size().to_dict() == {"bank": 15, "unseen_bank": 15}
     for _, family in told.groupby("tested_on"):
         assert_holm(family, 15, "p")
@@ -356,22 +356,22 @@ def test_bars_are_as_high_as_the_errors_and_told_apart(generator):
 
 
 def test_curves_have_a_panel_for_each_muscle_and_two_lines(generator):
-    trials = pd.DataFrame({"trial": [0, 1, 2, 1, 2], "line": ["design"] * 3 + ["rival"] * 2})
+    trials = pd.DataFrame({"trial": [0, 1, 2, 1, 2], "line": ["design"] * 3 + ["baseline"] * 2})
     frame = trials.merge(pd.DataFrame({"muscle": ["mean", "pam1"]}), how="cross")
     frame = frame.assign(error_rate_mean=generator.uniform(0.01, 0.1, len(frame)), error_rate_sd=0.01)
-    axes = draw_rival_curves(frame, ["design", "rival"], ["mean", "pam1"]).axes
+    axes = draw_baseline_curves(frame, ["design", "baseline"], ["mean", "pam1"]).axes
     assert [axis.get_title() for axis in axes[:2]] == ["average of the muscles", "pam1"]
-    design, rival = (container.lines[0] for container in axes[1].containers)
+    design, baseline = (container.lines[0] for container in axes[1].containers)
     assert list(design.get_xdata()) == [0, 1, 2]
-    assert list(rival.get_xdata()) == [1, 2]
-    expected = 100 * frame.query("line == 'rival' and muscle == 'pam1'")["error_rate_mean"].to_numpy()
-    np.testing.assert_allclose(np.asarray(rival.get_ydata(), dtype=float), expected)
-    assert {design.get_marker(), design.get_linestyle()}.isdisjoint({rival.get_marker(), rival.get_linestyle()})
+    assert list(baseline.get_xdata()) == [1, 2]
+    expected = 100 * frame.query("line == 'baseline' and muscle == 'pam1'")["error_rate_mean"].to_numpy()
+    np.testing.assert_allclose(np.asarray(baseline.get_ydata(), dtype=float), expected)
+    assert {design.get_marker(), design.get_linestyle()}.isdisjoint({baseline.get_marker(), baseline.get_linestyle()})
 
 
 def test_the_stated_settings_follow_the_budget():
-    composed = compose_values("budget=tiny", "+rivals=stated")
-    section = Rivals.model_validate(OmegaConf.to_container(composed.rivals, resolve=True))
+    composed = compose_values("budget=tiny", "+baselines=default")
+    section = Baselines.model_validate(OmegaConf.to_container(composed.baselines, resolve=True))
     assert section.starts == 2
 
 
@@ -390,4 +390,4 @@ def test_the_stated_settings_follow_the_budget():
 )
 def test_nonsense_is_refused(changed, message):
     with pytest.raises(ValidationError, match=message):
-        Rivals.model_validate({**SECTION, **changed})
+        Baselines.model_validate({**SECTION, **changed})
