@@ -41,8 +41,8 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from pipeline.choices import read_choices
 from pipeline.command import command_line
+from pipeline.config_files import read_choices
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.interruption import Interrupted, ignore_from_now_on
 from pipeline.places import CONFIG_FOLDER

@@ -18,7 +18,6 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from pipeline.apart import Ending, run_apart
 from pipeline.checkout import look_at_checkout
 from pipeline.config import Study, read_study
 from pipeline.errors import PipelineError, TakenError
@@ -30,6 +29,7 @@ from pipeline.report import try_report
 from pipeline.runner import Runner
 from pipeline.runs import claim_job, is_running, list_ledgers
 from pipeline.stage import Stage
+from pipeline.subprocess_job import Ending, run_apart
 from pipeline.terminal import open_console
 
 ONE_WORKER = 1

@@ -66,7 +66,7 @@ class Launch:
     on_finished : {"keep", "refresh"}
         Whether a job that is done is looked at again.
     files : mapping
-        Options that lie in files of one's own, as of `pipeline.choices`.
+        Options that lie in files of one's own, as of `pipeline.config_files`.
     options : tuple of str
         Of the command line, such as a folder of configurations, that a job by itself needs too.
     """

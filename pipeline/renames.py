@@ -45,26 +45,26 @@ def _update_record(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def rename(values: Any) -> Any:
-    """Return plain values whose ``_target_`` keys name today's modules."""
+    """Return plain values whose ``_target_`` keys have today's names."""
     if isinstance(values, list):
         return [rename(each) for each in values]
     if not isinstance(values, Mapping):
         return values
     return {
-        name: _rename_module(each) if name == "_target_" and isinstance(each, str) else rename(each)
+        name: _rename_target(each) if name == "_target_" and isinstance(each, str) else rename(each)
         for name, each in values.items()
     }
 
 
-def _rename_module(target: str) -> str:
-    for before, now in _read_modules():
-        if target.startswith(f"{before}."):
+def _rename_target(target: str) -> str:
+    for before, now in _read_targets():
+        if f"{target}.".startswith(f"{before}."):
             return now + target.removeprefix(before)
     return target
 
 
 @cache
-def _read_modules() -> tuple[tuple[str, str], ...]:
-    """Return old and new names of modules, the longest old ones first."""
-    modules = yaml.safe_load((CONFIG_FOLDER / "renames.yaml").read_text(encoding="utf-8"))["modules"]
-    return tuple(sorted(modules.items(), key=lambda each: -len(each[0])))
+def _read_targets() -> tuple[tuple[str, str], ...]:
+    """Return old and new names, the longest old ones first."""
+    targets = yaml.safe_load((CONFIG_FOLDER / "renames.yaml").read_text(encoding="utf-8"))["targets"]
+    return tuple(sorted(targets.items(), key=lambda each: -len(each[0])))

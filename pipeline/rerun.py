@@ -17,13 +17,13 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from pipeline.agreement import compare_tables, tell_changes
 from pipeline.config import INCIDENTAL, read_study
 from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import hash_file, hash_json
 from pipeline.inputs import hash_inputs
 from pipeline.ledger import FILE_NAME, Ledger
 from pipeline.plan import Ingredients, Step, choose_stages, decide, gather
+from pipeline.reproducibility import compare_tables, tell_changes
 from pipeline.runner import Runner
 from pipeline.runs import find_run, live_status
 from pipeline.stage import Stage

@@ -61,7 +61,7 @@ class Runner:
     console, errors : Console
         Standard output and standard error.
     given : sequence of dict
-        Files that gave options of config groups, as of `pipeline.choices`, for the ledger.
+        Files that gave options of config groups, as of `pipeline.config_files`, for the ledger.
     place : Path, optional
         The folder that the run must have, as a job of a sweep; else it gets one of its own.
     workers : int, optional

@@ -97,7 +97,7 @@ def run_sweep(
     search_path : str or None
         Folder of configurations of one's own.
     files : mapping
-        Options that lie in files, as of `pipeline.choices`.
+        Options that lie in files, as of `pipeline.config_files`.
 
     Returns
     -------

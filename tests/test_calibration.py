@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.choices import read_choices
 from pipeline.config import read_study
+from pipeline.config_files import read_choices
 from pipeline.errors import ConfigError
 from pipeline.files import write_json
 from stages.science.rig import clock

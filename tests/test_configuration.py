@@ -11,7 +11,7 @@ from pipeline.errors import ConfigError
 from tests.composing import compose_values
 from tests.conftest import ROOT
 
-NEED_A_PATH = ("rig=operator", "rig=replay", "rerun=")
+NEED_A_PATH = ("rig=manual", "rig=replay", "rerun=")
 """Parts of commands that name what is not here."""
 
 
@@ -126,11 +126,11 @@ def validated(*overrides):
         ),
         ("plant.integration_step_s=1e-9", ": input should be greater than or equal to 0.00001"),
         (
-            ["rig=operator", "rig.folder="],
+            ["rig=manual", "rig.folder="],
             "rig.folder: expected the path of the folder that receives recordings, got ''",
         ),
         (
-            ["rig=operator", "rig.folder=x", "bank.pressure.range_kpa.pam1.high=700.0"],
+            ["rig=manual", "rig.folder=x", "bank.pressure.range_kpa.pam1.high=700.0"],
             "bank.pressure.range_kpa.pam1.high: expected at most the 600.0 kPa of max_pressure_kpa of pam1, got 700.0",
         ),
         (

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from stages.science.rig import clock
-from stages.science.rig.operator_ui import fronts
+from stages.science.rig.operator_ui import ui
 from stages.science.rig.operator_ui.terminal import Terminal
 from tests.conftest import Command
 from tests.rig.attended import wait_until
@@ -52,7 +52,7 @@ class Operator:
         watchdog = threading.Timer(LONGEST_S, self.type, [""])
         watchdog.start()
         try:
-            with patch.object(fronts, "Terminal", self.sit_at):
+            with patch.object(ui, "Terminal", self.sit_at):
                 return command(*more)
         finally:
             watchdog.cancel()

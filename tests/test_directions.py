@@ -28,10 +28,10 @@ STAGES = {
     if path.stem != "__init__"
 }
 READS_THE_PATH_ITS_CONFIGURATION_NAMES = {
-    *((f"{SCIENCE}.recording.files.{name}", "pathlib") for name in ("foreign", "delimited", "matlab", "bags")),
-    (f"{SCIENCE}.recording.files.foreign", "pyarrow"),
+    *((f"{SCIENCE}.recording.files.{name}", "pathlib") for name in ("readers", "delimited", "matlab", "bags")),
+    (f"{SCIENCE}.recording.files.readers", "pyarrow"),
     (f"{SCIENCE}.recording.files.bags", "os"),
-    (f"{SCIENCE}.rig.operator", "pathlib"),
+    (f"{SCIENCE}.rig.manual", "pathlib"),
     (f"{SCIENCE}.rig.replay", "pathlib"),
     (f"{SCIENCE}.rig.replay", "pipeline.inputs"),
 }

@@ -9,12 +9,12 @@ import pytest
 
 from pipeline.context import Context
 from stages.science.rig.contract import RECORDING_COLUMNS, tidy
-from stages.science.rig.operator import OperatorRig, TrialRequested
+from stages.science.rig.manual import ManualRig, TrialRequested
+from stages.science.rig.passive_trials import passive_trial
 from stages.science.rig.sim import SimulatedRig
-from stages.science.rig.sweeps import passive_trial
 from tests.plant.machines import configured
 from tests.studies import read_stages, run_stage
-from tests.test_operator import execute_by_hand
+from tests.test_manual_rig import execute_by_hand
 
 PROTOCOL = ["+protocol=default", "protocol.experiments=2"]
 STAGES = ["bank", "subsampling", "hardware"]
@@ -120,7 +120,7 @@ def test_an_operator_is_asked_for_passive_trials_and_told_that_nobody_moves(pass
     study, stages, tables = passive
     few = tables | {"protocol_commands": tables["protocol_commands"].query("experiment == 1 and trial <= 2")}
     simulated = study.build("rig")
-    rig = OperatorRig(
+    rig = ManualRig(
         exoskeleton=simulated.exoskeleton, participants=simulated.participants, folder=str(tmp_path / "told")
     )
     asked, found = [], None
@@ -143,4 +143,4 @@ def test_an_operator_is_asked_for_passive_trials_and_told_that_nobody_moves(pass
     told = pd.read_csv(Path(last["save_as"]))
     recorded = found["protocol_recordings"].query("trial == 2")
     np.testing.assert_array_equal(recorded["force_n"], told["force_n"])
-    check_executor(found, "OperatorRig", True)
+    check_executor(found, "ManualRig", True)

@@ -9,7 +9,7 @@ from scipy.stats import qmc
 from pipeline.errors import ConfigError
 from stages.science.rig.contract import tidy
 from stages.science.rig.excitation import Range
-from stages.science.rig.sweeps import Sweeps, passive_trial
+from stages.science.rig.passive_trials import Sweeps, passive_trial
 from stages.science.rig.trial import Trial
 from tests.plant.machines import configured, other_machine
 from tests.studies import read_stages, run_stage

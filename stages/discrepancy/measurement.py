@@ -38,7 +38,7 @@ from stages.science.recording.description import describe, list_arguments, quote
 from stages.science.recording.endings import join_parts
 from stages.science.recording.files.bags import is_bag
 from stages.science.recording.files.errors import FileError
-from stages.science.recording.files.foreign import Header, UnequalColumns, read_columns, read_foreign, read_header
+from stages.science.recording.files.readers import Header, UnequalColumns, read_columns, read_foreign, read_header
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.science.recording.plausibility import check_plausible
 from stages.science.recording.trials import find_starts, list_trials

@@ -21,6 +21,17 @@ from pipeline.table import Table, column
 from stages.science.discrepancy.machines import Measurements, list_cells, settle
 from stages.science.discrepancy.odd_trials import find_odd_trials
 from stages.science.discrepancy.parts import PURPOSES
+from stages.science.discrepancy.report_text import (
+    tell,
+    tell_bounds,
+    tell_few,
+    tell_floor,
+    tell_odd,
+    tell_remainder,
+    tell_scales,
+    tell_silent,
+    tell_unconfirmed,
+)
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.signature import trace_effects
@@ -43,17 +54,6 @@ from stages.science.discrepancy.verification import (
     list_hidden,
     list_predictions,
     verify,
-)
-from stages.science.discrepancy.words import (
-    tell,
-    tell_bounds,
-    tell_few,
-    tell_floor,
-    tell_odd,
-    tell_remainder,
-    tell_scales,
-    tell_silent,
-    tell_unconfirmed,
 )
 from stages.science.figures.effect_signature import draw_effect_signature
 from stages.science.figures.gap_waterfall import draw_gap_waterfall

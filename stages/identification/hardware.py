@@ -19,8 +19,8 @@ from pipeline.table import Table, column
 from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import RECORDING_COLUMNS, Rig, tidy
 from stages.science.rig.pacing import measure_pace
+from stages.science.rig.passive_trials import passive_trial
 from stages.science.rig.reference import tracked_trial
-from stages.science.rig.sweeps import passive_trial
 from stages.science.rig.trial import Proposal
 
 NOBODY = "nobody"

@@ -207,7 +207,9 @@ def claims(
     rows = [describe(each) for weigh, frame in sources if frame is not None for each in weigh(frame)]
     if executed_by is not None:
         rows.append(tell_reality(bool(executed_by["real"].all()), rows))
-        rows += [leave_open(claim, UNTESTED, ABSENT) for claim in PAPER if claim not in {row["claim"] for row in rows}]
+        rows += [
+            leave_untested(claim, UNTESTED, ABSENT) for claim in PAPER if claim not in {row["claim"] for row in rows}
+        ]
     return pd.DataFrame(rows, columns=list(CLAIMS.columns))
 
 
@@ -237,11 +239,11 @@ def tell_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
     if real and row is not None:
         return {**row, "claim": "works_on_real_robot", "paper": PAPER["works_on_real_robot"]}
     if real:
-        return leave_open("works_on_real_robot", UNTESTED, ABSENT)
-    return leave_open("works_on_real_robot", UNTESTABLE, "all trials were simulated")
+        return leave_untested("works_on_real_robot", UNTESTED, ABSENT)
+    return leave_untested("works_on_real_robot", UNTESTABLE, "all trials were simulated")
 
 
-def leave_open(claim: str, verdict: str, finding: str) -> dict[str, Any]:
+def leave_untested(claim: str, verdict: str, finding: str) -> dict[str, Any]:
     """Return the row of a claim about which nothing was measured."""
     return {
         **dict.fromkeys(("estimate", "low", "high", "effect", "p"), np.nan),

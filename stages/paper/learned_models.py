@@ -24,9 +24,9 @@ from pipeline.context import Context
 from pipeline.errors import suggest
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.calibration import draw_calibration
 from stages.science.figures.force_surfaces import draw_force_surfaces
 from stages.science.figures.frequent_references import draw_frequent_references
+from stages.science.figures.reliability import draw_calibration
 from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.recorded_models import RecordedModels
 from stages.science.plant.exoskeleton import Exoskeleton

@@ -20,7 +20,7 @@ from stages.science.figures.protocol_commands import draw_protocol
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS
 from stages.science.rig.excitation import RigWithLimits, check_levels
-from stages.science.rig.sweeps import Sweeps
+from stages.science.rig.passive_trials import Sweeps
 
 PROTOCOL_COMMANDS = Table(
     "protocol_commands",

@@ -4,8 +4,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from stages.science.discrepancy.report_text import (
+    tell,
+    tell_bounds,
+    tell_few,
+    tell_floor,
+    tell_scales,
+    tell_unconfirmed,
+)
 from stages.science.discrepancy.verdict import summarise_unexplained
-from stages.science.discrepancy.words import tell, tell_bounds, tell_few, tell_floor, tell_scales, tell_unconfirmed
 from tests.plant.machines import configured, read_plant
 
 GAP = {

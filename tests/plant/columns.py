@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from stages.science.plant.actuator_path import predict_force, predict_pressure
 from stages.science.plant.effect import ChainEffect, list_effects, list_forms
 from stages.science.plant.muscle import MuscleConstants
-from stages.science.plant.passage import predict_force, predict_pressure
 from stages.science.plant.plant import collect_constants
 from tests.plant.machines import configured
 

@@ -14,7 +14,7 @@ from stages.science.plant.effect import find_effect
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import read_machine
 from stages.science.plant.plant import Plant
-from stages.science.plant.record_plant import Beginning
+from stages.science.plant.record_plant import InitialState
 from stages.science.rig.sim import SimulatedRig
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
@@ -74,6 +74,6 @@ def solve(rates, start, time):
     return solve_ivp(rates, (time[0], time[-1]), start, t_eval=time, rtol=1e-8, atol=1e-10, max_step=step).y
 
 
-def begin_surely(place: float, rate: float, error: float = 1e-6) -> Beginning:
+def begin_surely(place: float, rate: float, error: float = 1e-6) -> InitialState:
     """Return the beginning of a record that shows a place and a rate."""
-    return Beginning(*(np.array([each]) for each in (place, error, rate, error, error)))
+    return InitialState(*(np.array([each]) for each in (place, error, rate, error, error)))

@@ -9,7 +9,7 @@ import pytest
 
 from stages.science.discrepancy.whole_record_cell import build_whole_records
 from stages.science.plant.declaration import Declared
-from stages.science.plant.listed import ListedEffect, NominalConstant, constant
+from stages.science.plant.effect_config import EffectConfig, NominalConstant, constant
 from stages.science.plant.machine import read_machine
 from stages.science.plant.record_plant import RecordPlant, Watched
 from tests.discrepancy.simulated_records import tabulate
@@ -21,7 +21,7 @@ class LeverConstants(Declared):
     ratio: NominalConstant = constant("1", "way out over way in")
 
 
-class LeverEffect(ListedEffect):
+class LeverEffect(EffectConfig):
     SITE = "lever"
 
 

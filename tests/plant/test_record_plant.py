@@ -10,8 +10,8 @@ from pydantic import ValidationError
 from stages.science.discrepancy.whole_record_cell import build_whole_records
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import find_effect, list_effects, list_forms
+from stages.science.plant.effect_config import NominalConstant, constant
 from stages.science.plant.element_plant import ElementPlant
-from stages.science.plant.listed import NominalConstant, constant
 from stages.science.plant.machine import read_machine
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import read_beginning

@@ -23,7 +23,7 @@ from stages.science.discrepancy.noise import Noise
 from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
 from stages.science.discrepancy.restoring import restore
 from stages.science.discrepancy.signal_names import name_signal
-from stages.science.discrepancy.sketch import Regression, Sketch, sketch_residual
+from stages.science.discrepancy.symbolic_regression import Regression, Sketch, sketch_residual
 from stages.science.plant.declaration import Declared
 from stages.science.signals.trajectories import Array
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from stages.science.discrepancy.cell import Cell, Driver, Form, list_starts
 from stages.science.discrepancy.exact_values import find_levels
+from stages.science.plant.actuator_path import ActuatorPath, Everywhere, predict_force, predict_pressure
 from stages.science.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
-from stages.science.plant.passage import Everywhere, Passage, predict_force, predict_pressure
 from stages.science.signals.trajectories import Array
 
 EXACT = "saturation"
@@ -263,8 +263,8 @@ class ForceCell(MuscleCell):
         if not sensor:
             return self
         records = self.records
-        passage = Passage(self._collect({}), sensor, records.step_s, records.start_s)
-        return self.from_pressure(passage.unsense_pressure(records.smooth_pressure_kpa))
+        path = ActuatorPath(self._collect({}), sensor, records.step_s, records.start_s)
+        return self.from_pressure(path.unsense_pressure(records.smooth_pressure_kpa))
 
     def from_pressure(self, pressure_kpa: Array) -> ForceCell:
         """Return the cell with another pressure, (T, K), than the measured one."""

@@ -22,8 +22,8 @@ from stages.science.discrepancy.fitting import Model, begin, fit
 from stages.science.discrepancy.noise import make_plain
 from stages.science.discrepancy.records import bridge, bridge_short, list_blocks, spread_records, thin_out
 from stages.science.plant.effect import Parameter, list_effects
-from stages.science.plant.listed import list_effects_at
-from stages.science.plant.record_plant import HEAD, Beginning, RecordPlant, read_beginning
+from stages.science.plant.effect_config import list_effects_at
+from stages.science.plant.record_plant import HEAD, InitialState, RecordPlant, read_beginning
 from stages.science.recording.units import own_unit
 from stages.science.signals.trajectories import Array
 
@@ -46,7 +46,7 @@ class _Group(NamedTuple):
 
     records: tuple[int, ...]
     signals: Mapping[str, Array]
-    begun: Beginning
+    begun: InitialState
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class WholeRecordCell(Cell):
         Start of each block, s.
     element : str
         What the machine is called.
-    begun : tuple of Beginning
+    begun : tuple of InitialState
         How each record begins.
     head : int
         Samples by which that may be refined.
@@ -87,7 +87,7 @@ class WholeRecordCell(Cell):
     present: NDArray[np.bool_]
     start_s: Array
     element: str
-    begun: tuple[Beginning, ...]
+    begun: tuple[InitialState, ...]
     head: int
     averaged: int
 
@@ -204,7 +204,7 @@ class WholeRecordCell(Cell):
         signals = {name: np.stack([self.records[record][name] for record in records], axis=1) for name in names}
         output = signals[self.plant.output]
         signals[self.plant.output] = np.where(np.arange(length)[:, None] < self.head, output, np.nan)
-        begun = Beginning(*np.concatenate([self.begun[record] for record in records], axis=1))
+        begun = InitialState(*np.concatenate([self.begun[record] for record in records], axis=1))
         return _Group(records, self.plant.refine(signals, self.step_s), begun)
 
     @cached_property

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from stages.science.plant.actuator_path import ActuatorPath, Everywhere
 from stages.science.plant.effect import ChainEffect, Signal, State
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.muscle import MuscleConstants, compute_tension
-from stages.science.plant.passage import Everywhere, Passage
 from stages.science.plant.plant import AppliedEffect, Plant, collect_constants
 from stages.science.signals.trajectories import Array
 
@@ -99,9 +99,9 @@ class Chain:
         flat = [self._flatten(each) for each in (force_n, pressure_kpa, contraction, velocity_per_s)]
         return self._pass(flat[0]).sense_force(*flat).reshape(force_n.shape)
 
-    def _pass(self, values: Array) -> Passage:
+    def _pass(self, values: Array) -> ActuatorPath:
         columns = values.shape[1]
-        return Passage(self._repeat(columns), self.effects, self.step_s, np.full(columns, self.start_s))
+        return ActuatorPath(self._repeat(columns), self.effects, self.step_s, np.full(columns, self.start_s))
 
     def _flatten(self, values: Array) -> Array:
         muscles = len(self.constants.area_n_per_kpa)

@@ -14,14 +14,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from stages.science.plant.effect import Bench
-from stages.science.plant.listed import ListedEffect
-from stages.science.plant.record_plant import Beginning, Placed, Positive, RecordPlant, Watched
+from stages.science.plant.effect_config import EffectConfig
+from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Watched
 from stages.science.signals.trajectories import Array
 
 SITE = "element"
 
 
-class ElementListed(ListedEffect):
+class ElementListed(EffectConfig):
     """An effect that acts at an element."""
 
     SITE = SITE
@@ -104,7 +104,7 @@ class ElementPlant(RecordPlant):
         start_s: Array,
         constants: Mapping[str, float],
         effects: Sequence[Placed] = (),
-        begun: Beginning | None = None,
+        begun: InitialState | None = None,
     ) -> Array:
         """Return the answer, (T, R); see `RecordPlant.simulate`."""
         answer = self.answer(signals, constants)

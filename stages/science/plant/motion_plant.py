@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from stages.science.plant.declaration import Declared
+from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.linear_guess import filter_derivatives, find_pace
-from stages.science.plant.listed import ListedEffect, NominalConstant
 from stages.science.plant.motion import SITE, WIDE, Between, MotionTerms, integrate, refine
 from stages.science.plant.record_plant import (
     HEAD,
-    Beginning,
     Case,
+    InitialState,
     Placed,
     Positive,
     RecordPlant,
@@ -44,7 +44,7 @@ A machine that is moved much more slowly than it moves by itself shows its usual
 """
 
 
-class MotionEffect(ListedEffect):
+class MotionEffect(EffectConfig):
     """An effect that acts in a motion."""
 
     SITE = SITE
@@ -141,7 +141,7 @@ class MotionPlant(RecordPlant):
 
     @abstractmethod
     def guess(
-        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
+        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState
     ) -> dict[str, tuple[float, ...]]:
         """Return start, bounds and deviation of each constant.
 
@@ -151,7 +151,7 @@ class MotionPlant(RecordPlant):
             Signals of each record with two derivatives, through the same filter, by name; `""` is the number one.
         skipped : int
             Samples in which the filters settle.
-        begun : Beginning
+        begun : InitialState
             How records begin.
         """
 
@@ -183,7 +183,7 @@ class MotionPlant(RecordPlant):
                 least, settled = missed, tried
         return settled
 
-    def _guess_constants(self, records: Sequence[Mapping[str, Array]], step_s: float, begun: Beginning) -> Self:
+    def _guess_constants(self, records: Sequence[Mapping[str, Array]], step_s: float, begun: InitialState) -> Self:
         """Return the plant with constants told by records through filters of its pace."""
         tau_s = max(self.FILTER * cast(float, self.pace_s), FINEST_FILTER * step_s)
         names = (*self.inputs, self.output)
@@ -237,7 +237,7 @@ class MotionPlant(RecordPlant):
         start_s: Array,
         constants: Mapping[str, float],
         effects: Sequence[Placed] = (),
-        begun: Beginning | None = None,
+        begun: InitialState | None = None,
     ) -> Array:
         """Return the motion, (T, R); see `RecordPlant.simulate`."""
         return self.simulate_each(signals, step_s, start_s, [(constants, effects)], begun)[:, :, 0]
@@ -248,7 +248,7 @@ class MotionPlant(RecordPlant):
         step_s: float,
         start_s: Array,
         cases: Sequence[Case],
-        begun: Beginning | None = None,
+        begun: InitialState | None = None,
     ) -> Array:
         """Return the motions of several cases, (T, R, C); see `RecordPlant.simulate_each`."""
         if self.output_scale is None or self.pace_s is None:
@@ -276,7 +276,7 @@ class MotionPlant(RecordPlant):
         state = np.zeros((2, len(terms)))
         if begun is not None:
             shifts = np.repeat([each.start for each in pulls], records, axis=0).T
-            told = Beginning(*(np.tile(each, len(cases)) for each in begun))
+            told = InitialState(*(np.tile(each, len(cases)) for each in begun))
             place, rate = told.value - offset + shifts[0], told.rate + shifts[1]
             state = np.stack([place / scale, rate * self.pace_s / scale])
             if self.SETTLES and self.output in signals:

@@ -16,8 +16,8 @@ from pydantic import BaseModel, Field, model_validator
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import DynamicEffect, Effect, Parameter
+from stages.science.plant.effect_config import EffectConfig, NominalConstant, find_effect_at, infer_from_data
 from stages.science.plant.linear_guess import find_pace
-from stages.science.plant.listed import ListedEffect, NominalConstant, find_effect_at, leave_open
 from stages.science.signals.trajectories import Array
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -50,7 +50,7 @@ LIMITED = (0.95, 0.8, 0.5)
 """Quantiles of what drives a machine at which a limit of it is looked for."""
 
 
-class Beginning(NamedTuple):
+class InitialState(NamedTuple):
     """What the first samples of records tell of their beginning, in the output's unit and per second; (R,) each.
 
     Parameters
@@ -70,7 +70,7 @@ class Beginning(NamedTuple):
     noise: Array
 
 
-def read_beginning(heads: Sequence[Array], step_s: float, at_s: float = 0.0) -> Beginning:
+def read_beginning(heads: Sequence[Array], step_s: float, at_s: float = 0.0) -> InitialState:
     """Return how records begin, by a parabola through as many of their first samples as lie on one.
 
     Parameters
@@ -82,7 +82,7 @@ def read_beginning(heads: Sequence[Array], step_s: float, at_s: float = 0.0) -> 
     at_s : float
         Time after the first sample for which it is told, s.
     """
-    return Beginning(*np.array([_read_one(head, step_s, at_s) for head in heads]).T)
+    return InitialState(*np.array([_read_one(head, step_s, at_s) for head in heads]).T)
 
 
 def _read_one(head: Array, step_s: float, at_s: float) -> tuple[float, float, float, float, float]:
@@ -119,7 +119,7 @@ class RecordPlant(Declared):
     output_scale: Positive | None
     pace_s: Positive | None
     constants: Any
-    effects: Sequence[ListedEffect]
+    effects: Sequence[EffectConfig]
 
     @model_validator(mode="before")
     @classmethod
@@ -133,7 +133,7 @@ class RecordPlant(Declared):
         nullable = {name: None for name, each in cls.model_fields.items() if type(None) in get_args(each.annotation)}
         own = {name for name, each in cls.model_fields.items() if name not in nullable and not each.is_required()}
         told = {name: value for name, value in section.items() if value is not None or name not in own}
-        return {**nullable, **told, "constants": leave_open(constants)}
+        return {**nullable, **told, "constants": infer_from_data(constants)}
 
     @model_validator(mode="after")
     def _check_signals(self) -> Self:
@@ -282,7 +282,7 @@ class RecordPlant(Declared):
         start_s: Array,
         constants: Mapping[str, float],
         effects: Sequence[Placed] = (),
-        begun: Beginning | None = None,
+        begun: InitialState | None = None,
     ) -> Array:
         """Return the output, (T, R), in its unit.
 
@@ -299,7 +299,7 @@ class RecordPlant(Declared):
             By name.
         effects : sequence of (Effect, mapping)
             Beside those listed, which act first.
-        begun : Beginning, optional
+        begun : InitialState, optional
             From `read_beginning`; without it a machine with a memory begins at rest.
         """
 
@@ -309,7 +309,7 @@ class RecordPlant(Declared):
         step_s: float,
         start_s: Array,
         cases: Sequence[Case],
-        begun: Beginning | None = None,
+        begun: InitialState | None = None,
     ) -> Array:
         """Return the outputs of several cases, (T, R, C), bit for bit those of one after the other; see `simulate`."""
         return np.stack([self.simulate(signals, step_s, start_s, *case, begun) for case in cases], axis=2)

@@ -26,7 +26,7 @@ from stages.science.recording.columns import RecordingError, check_rows
 from stages.science.recording.completion import derive_velocity
 from stages.science.recording.files.bags import is_bag
 from stages.science.recording.files.errors import FileError
-from stages.science.recording.files.foreign import TABLE_SUFFIXES, read_foreign, read_header
+from stages.science.recording.files.readers import TABLE_SUFFIXES, read_foreign, read_header
 from stages.science.recording.muscles import describe_muscles
 from stages.science.recording.plausibility import check_plausible
 from stages.science.recording.wide import is_wide, list_sources

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from stages.science.plant.declaration import Declared
-from stages.science.plant.listed import ListedEffect, NominalConstant
+from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.reading import read
 from stages.science.plant.record_plant import (
     HEAD,
-    Beginning,
+    InitialState,
     Placed,
     Positive,
     RecordPlant,
@@ -111,7 +111,7 @@ def _rest(pump: Array, values: TankValues) -> Array:
     return np.stack([down, (down / values.lower_outflow) ** 2])
 
 
-def _read_state(begun: Beginning, values: TankValues) -> Array:
+def _read_state(begun: InitialState, values: TankValues) -> Array:
     """Return the state (2, R) that the first readings tell: what the lower tank gains and loses ran into it."""
     lower = np.maximum(begun.value - values.reading_offset, 0.0)
     return np.stack([np.maximum(begun.rate + values.lower_outflow * np.sqrt(lower), 0.0), lower])
@@ -128,7 +128,7 @@ class TankConstants(Declared):
     timing_s: NominalConstant = Field(description="by which the input acts later than it was recorded, within a sample")
 
 
-class TankEffect(ListedEffect):
+class TankEffect(EffectConfig):
     """An effect that acts at the tanks."""
 
     SITE = SITE
@@ -191,7 +191,7 @@ class CascadedTanks(RecordPlant):
         start_s: Array,
         constants: Mapping[str, float],
         effects: Sequence[Placed] = (),
-        begun: Beginning | None = None,
+        begun: InitialState | None = None,
     ) -> Array:
         """Return the reading, (T, R), each record from its own beginning; see `RecordPlant.simulate`."""
         terms = collect(TankTerms, SITE, self.place(effects))

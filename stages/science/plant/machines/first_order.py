@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from stages.science.plant.declaration import Declared
+from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.linear_guess import filter_derivatives, find_pace, regress
-from stages.science.plant.listed import ListedEffect, NominalConstant
 from stages.science.plant.reading import read
 from stages.science.plant.record_plant import (
     HEAD,
-    Beginning,
+    InitialState,
     Placed,
     Positive,
     RecordPlant,
@@ -97,7 +97,7 @@ class LagConstants(Declared):
     timing_s: NominalConstant = Field(description="by which the input acts later than it was recorded, within a sample")
 
 
-class LagEffect(ListedEffect):
+class LagEffect(EffectConfig):
     """An effect that acts at a lag."""
 
     SITE = SITE
@@ -177,7 +177,7 @@ class FirstOrder(RecordPlant):
         start_s: Array,
         constants: Mapping[str, float],
         effects: Sequence[Placed] = (),
-        begun: Beginning | None = None,
+        begun: InitialState | None = None,
     ) -> Array:
         """Return the output, (T, R); see `RecordPlant.simulate`."""
         if self.output_scale is None or self.pace_s is None:

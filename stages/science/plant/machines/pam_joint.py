@@ -14,10 +14,10 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
-from stages.science.plant.listed import NominalConstant
 from stages.science.plant.motion_plant import MotionConstants, MotionPlant, Pull
-from stages.science.plant.record_plant import Beginning
+from stages.science.plant.record_plant import InitialState
 from stages.science.signals.trajectories import Array
 
 VARIED = 0.01
@@ -54,7 +54,7 @@ class PamJoint(MotionPlant):
         return Pull(push, hold, constants["damping"], 0.0)
 
     def guess(
-        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
+        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState
     ) -> dict[str, tuple[float, ...]]:
         """Return the constants that agree best with filtered records beside friction.
 

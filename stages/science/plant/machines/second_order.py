@@ -8,10 +8,10 @@ from typing import Literal, Self, cast
 import numpy as np
 from pydantic import Field, model_validator
 
+from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
-from stages.science.plant.listed import NominalConstant
 from stages.science.plant.motion_plant import MotionConstants, MotionPlant, Pull
-from stages.science.plant.record_plant import Beginning
+from stages.science.plant.record_plant import InitialState
 from stages.science.signals.trajectories import Array
 
 
@@ -58,7 +58,7 @@ class Oscillator(MotionPlant):
         return Pull(push, omega**2, 2.0 * constants["damping_ratio"] * omega, constants["output_offset"])
 
     def guess(
-        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
+        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState
     ) -> dict[str, tuple[float, ...]]:
         """Return the constants of the linear model that agrees best with filtered records beside friction."""
         inputs, outputs = derivatives[self.input], derivatives[self.output]

@@ -11,10 +11,10 @@ from typing import ClassVar, Literal, cast
 import numpy as np
 from pydantic import Field
 
+from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
-from stages.science.plant.listed import NominalConstant
 from stages.science.plant.motion_plant import MotionConstants, MotionPlant, Pull
-from stages.science.plant.record_plant import AT_REST, Beginning, Watched
+from stages.science.plant.record_plant import AT_REST, InitialState, Watched
 from stages.science.signals.trajectories import Array
 
 START = 0.002
@@ -55,7 +55,7 @@ class ServoDrive(MotionPlant):
         return Pull(push, 0.0, 0.0, 0.0, (constants["start_shift"], constants["start_rate_shift"]))
 
     def guess(
-        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: Beginning
+        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState
     ) -> dict[str, tuple[float, ...]]:
         """Return the mass that filtered records show beside friction and springs, and no offset."""
         rows = [

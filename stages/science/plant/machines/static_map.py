@@ -14,8 +14,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from stages.science.plant.effect import Parameter
+from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.element_plant import ElementPlant
-from stages.science.plant.listed import NominalConstant
 from stages.science.signals.trajectories import Array
 
 FURTHEST = 20.0

@@ -14,8 +14,8 @@ import numpy as np
 from stages.science.rig.contract import RigError
 from stages.science.rig.festo.channels import ChannelMap, CountRange
 from stages.science.rig.festo.cpx_link import CpxLink, LinkLost
+from stages.science.rig.festo.depressurise import depressurise
 from stages.science.rig.festo.held_signals import hold_signals
-from stages.science.rig.festo.let_down import let_down
 from stages.science.rig.limits import Ceiling
 from stages.science.rig.pacing import pace
 from stages.science.signals.trajectories import Array
@@ -163,7 +163,7 @@ def record_held(link: CpxLink, rate_hz: float, record_s: float, hold: Hold, judg
             lost = str(error)
         finally:
             ramp_s = min(hold.ramp_s * share, hold.ramp_down_s if reason else np.inf)
-            unreached = let_down(link, share * target, max(ramp_s, period_s), period_s, _pass_over, lost)
+            unreached = depressurise(link, share * target, max(ramp_s, period_s), period_s, _pass_over, lost)
     if lost or unreached:
         how = (
             f"its watchdog lets the muscle down, {watchdog_s} s after the last request"

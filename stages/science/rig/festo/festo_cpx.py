@@ -27,8 +27,8 @@ from stages.science.rig.contract import RigError, TrialStopped, Watch
 from stages.science.rig.festo.channels import ChannelMap, EncoderPlace, MuscleChannels
 from stages.science.rig.festo.counting import CountJudge, CountRecording, Hold, record_counts, record_held
 from stages.science.rig.festo.cpx_link import CpxLink, Device, LinkLost
+from stages.science.rig.festo.depressurise import depressurise
 from stages.science.rig.festo.held_signals import Held, hold_signals
-from stages.science.rig.festo.let_down import let_down
 from stages.science.rig.festo.logbook import Logbook
 from stages.science.rig.festo.supervision import Sample, Supervisor
 from stages.science.rig.filling import check_filling, fill
@@ -353,7 +353,7 @@ class FestoCpx(ConfiguredRig):
             self._show(book.time_s, sample, command_kpa)
 
         period_s = 1.0 / self.sampling_rate_hz
-        problem = let_down(link, book.last_command, self.guard.ramp_down_s, period_s, look, broken)
+        problem = depressurise(link, book.last_command, self.guard.ramp_down_s, period_s, look, broken)
         if problem:
             return (
                 f"the muscles could not be let down ({problem}): the watchdog does, {self.device.watchdog_s} s after "

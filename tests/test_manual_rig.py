@@ -29,7 +29,7 @@ def execute_by_hand(asks):
 @pytest.mark.slow
 def test_asks_for_each_trial_and_goes_on_when_told(tmp_path):
     small = ["bank.trajectories=3", "subsampling.initial_trials=1", "active_loop.trials=2"]
-    command = Command(tmp_path / "outputs", "budget=tiny", *small, "rig=operator", f"rig.folder={tmp_path / 'told'}")
+    command = Command(tmp_path / "outputs", "budget=tiny", *small, "rig=manual", f"rig.folder={tmp_path / 'told'}")
     asked = []
     for _ in range(12):
         result = command()

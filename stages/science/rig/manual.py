@@ -38,7 +38,7 @@ class TrialRequested(Exception):
         self.asks = asks
 
 
-class OperatorRig(ConfiguredRig):
+class ManualRig(ConfiguredRig):
     """A rig behind a person.
 
     Parameters

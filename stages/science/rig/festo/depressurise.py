@@ -23,7 +23,7 @@ Look = Callable[[Array, Array], None]
 """Is handed the counts of all inputs and the command, kPa gauge, at each step."""
 
 
-def let_down(link: CpxLink, last_kpa: Array, ramp_s: float, period_s: float, look: Look, problem: str = "") -> str:
+def depressurise(link: CpxLink, last_kpa: Array, ramp_s: float, period_s: float, look: Look, problem: str = "") -> str:
     """Let all muscles down and disarm the watchdog.
 
     Parameters

@@ -63,7 +63,7 @@ def constant(unit: str, description: str) -> Any:
     return Field(description=description, json_schema_extra={UNIT: unit})
 
 
-def leave_open(constants: type[BaseModel]) -> dict[str, Any] | None:
+def infer_from_data(constants: type[BaseModel]) -> dict[str, Any] | None:
     """Return a section that leaves all constants of a model to the data; None where it does not tell their units."""
     told = {name: each.json_schema_extra for name, each in constants.model_fields.items()}
     units = {name: each[UNIT] for name, each in told.items() if isinstance(each, dict) and UNIT in each}
@@ -71,7 +71,7 @@ def leave_open(constants: type[BaseModel]) -> dict[str, Any] | None:
     return {name: {"unit": unit, **open_values} for name, unit in units.items()} if len(units) == len(told) else None
 
 
-class ListedEffect(Declared):
+class EffectConfig(Declared):
     """One entry of a plant's list: an effect by name, its form and its parameters, written flat in YAML.
 
     `form` is the first that acts at the plant's site, where the entry does not say.

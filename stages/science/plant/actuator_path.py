@@ -1,4 +1,4 @@
-"""The passage from command to pressure and from pressure to force, of columns that may be muscles, trials, or both.
+"""The actuator path: from command to pressure, and from pressure to force, of columns of muscles, trials, or both.
 
 Arrays (T, K) flow in and out. A rig's chain passes all its muscles through here at once; a fit passes one muscle, its
 trials side by side. Effects act at their signals in the order in which they are listed.
@@ -49,7 +49,7 @@ class Everywhere:
 
 
 @dataclass(frozen=True)
-class Passage:
+class ActuatorPath:
     """K columns of muscle under effects.
 
     Parameters
@@ -158,8 +158,8 @@ def predict_pressure(
     (T, K) ndarray
         Pressure, kPa gauge.
     """
-    passage = Passage(constants, [Everywhere(*each) for each in effects], step_s, start_s)
-    return passage.sense_pressure(passage.pressurise(_contiguous(command_kpa)))
+    path = ActuatorPath(constants, [Everywhere(*each) for each in effects], step_s, start_s)
+    return path.sense_pressure(path.pressurise(_contiguous(command_kpa)))
 
 
 def predict_force(
@@ -190,11 +190,11 @@ def predict_force(
     (T, K) ndarray
         Force, N, with the load cell's offset.
     """
-    passage = Passage(constants, [Everywhere(*each) for each in effects], step_s, start_s)
+    path = ActuatorPath(constants, [Everywhere(*each) for each in effects], step_s, start_s)
     contraction, velocity = _contiguous(contraction), _contiguous(velocity_per_s)
-    pressure = passage.unsense_pressure(_contiguous(pressure_kpa))
-    force = passage.pull(pressure, contraction, velocity)[load_cell_site == "joint_end"]
-    return passage.sense_force(force, pressure, contraction, velocity)
+    pressure = path.unsense_pressure(_contiguous(pressure_kpa))
+    force = path.pull(pressure, contraction, velocity)[load_cell_site == "joint_end"]
+    return path.sense_force(force, pressure, contraction, velocity)
 
 
 def _contiguous(values: Array) -> Array:

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, tidy
-from stages.science.rig.operator import OperatorRig, TrialRequested
+from stages.science.rig.manual import ManualRig, TrialRequested
 from stages.science.rig.trial import Trial
 from tests.plant.machines import configured
 from tests.rig.watching import execute
@@ -27,7 +27,7 @@ def told(trial):
 def operator(tmp_path):
     simulated = configured()
     people = simulated.participants
-    return OperatorRig(exoskeleton=simulated.exoskeleton, participants=people, folder=str(tmp_path))
+    return ManualRig(exoskeleton=simulated.exoskeleton, participants=people, folder=str(tmp_path))
 
 
 def asked_for(operator, trial):

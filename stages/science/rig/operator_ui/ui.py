@@ -15,7 +15,7 @@ from stages.science.rig.operator_ui.pages.server import PageServer
 from stages.science.rig.operator_ui.terminal import Terminal
 
 
-class Front(DeskSettings):
+class OperatorUi(DeskSettings):
     """What the operator, and perhaps the participant, sits at."""
 
     @property
@@ -32,7 +32,7 @@ class Front(DeskSettings):
         """Let it go; harmless when it is not open."""
 
 
-class Pages(Front):
+class Pages(OperatorUi):
     """Pages of the operator and of the participant, in browsers.
 
     Parameters
@@ -76,7 +76,7 @@ class Pages(Front):
         self._server = None
 
 
-class InTerminal(Front):
+class TerminalUi(OperatorUi):
     """Questions and keys in the terminal; nobody sees the trial drawn."""
 
     _terminal: Terminal | None = PrivateAttr(default=None)
