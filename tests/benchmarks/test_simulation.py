@@ -68,10 +68,10 @@ def test_whole_trial_in_real_time(benchmark, sized, tell):
 def test_constants_side_by_side_against_one_after_the_other(rubbing, against, tell):
     """Eight cases of an oscillator, as the derivatives of a fit take them; what comes out is the same, bit for bit."""
     told = yaml.safe_load((CONF / "plant" / "second_order.yaml").read_text())
-    plant = read_machine({**told, "output_scale": 1.0, "pace_s": 0.16})
+    plant = read_machine({**told, "output_scale": 1.0, "time_scale_s": 0.16})
     generator = np.random.default_rng(20261121)
     signals = plant.refine({"drive_v": np.cumsum(generator.standard_normal((20000, 1)), axis=0) / 20.0}, 0.02)
-    known = {"static_gain": 1.0, "damping_ratio": 0.1, "input_offset": 0.0, "output_offset": 0.0, "timing_s": 0.0}
+    known = {"static_gain": 1.0, "damping_ratio": 0.1, "input_offset": 0.0, "output_offset": 0.0, "input_delay_s": 0.0}
     effects = [(find_effect("coulomb_friction", "slider"), {"share": 0.1, "sliding": 0.05})] if rubbing else []
     cases = [({**known, "natural_frequency_hz": 1.0 + 0.01 * place}, effects) for place in range(8)]
 

@@ -13,10 +13,10 @@ from tests.plant.machines import read_plant
 both_seeds = pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 
 SIZES = {
-    "viscous_friction": lambda its, plant: its["share"] / plant.pace_s,
-    "coulomb_friction": lambda its, plant: its["share"] * plant.output_scale / plant.pace_s**2,
+    "viscous_friction": lambda its, plant: its["share"] / plant.time_scale_s,
+    "coulomb_friction": lambda its, plant: its["share"] * plant.output_scale / plant.time_scale_s**2,
     "valve_asymmetry": lambda its, plant: its["asymmetry"],
-    "valve_rate_limit": lambda its, plant: plant.output_scale / plant.pace_s / its["slowness"],
+    "valve_rate_limit": lambda its, plant: plant.output_scale / plant.time_scale_s / its["slowness"],
     "cubic_stiffness": lambda its, plant: its["share"] / plant.output_scale**2,
 }
 """What the parameters of an effect say in the machine's own units."""

@@ -109,7 +109,7 @@ def test_a_gap_stands_between_a_fitted_block_and_the_opened_one_beside_it():
 @pytest.mark.parametrize("machine", ["second_order", "static_map"])
 def test_a_gap_is_not_judged_and_nothing_else_is_lost(machine):
     swing = machine == "second_order"
-    plant = read_plant(machine, **({} if swing else {"pace_s": 1.0}))
+    plant = read_plant(machine, **({} if swing else {"time_scale_s": 1.0}))
     names = ("drive_v", "response_v") if swing else ("position_m", "force_n")
     time = np.arange(200) * 0.1
     told = {name: np.sin(time + k) for k, name in enumerate(names)}

@@ -18,7 +18,7 @@ PLANT = (
     "plant.output=position_m",
     "plant.between_samples=band_limited",
     f"plant.output_scale={SCALE_M}",
-    "plant.pace_s=0.08",
+    "plant.time_scale_s=0.08",
 )
 
 

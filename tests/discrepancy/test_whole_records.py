@@ -104,7 +104,7 @@ def test_a_loop_remembers_what_was_before_its_block():
 def test_samples_far_quicker_than_the_movement_are_averaged():
     way = np.repeat(move(1, 1200), 4)
     force = 300.0 * way + np.tile([1.0, -1.0], len(way) // 2)
-    cell = build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(pace_s=8.0))
+    cell = build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=8.0))
     assert cell.step_s == pytest.approx(4 * STEP_S)
     np.testing.assert_allclose(cell.measured, cell.simulate({"stiffness": 300.0, "offset": 0.0}, []), atol=1e-9)
 
@@ -178,7 +178,7 @@ def ring(way, pulled):
 def test_a_resonance_that_the_input_sets_off_is_no_noise(generator, pulled):
     way = move(1) + 0.002 * generator.standard_normal(4800)
     force = 300.0 * way + ring(way, pulled) + 0.05 * generator.standard_normal(4800)
-    state = prepare(build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(pace_s=2.0)))
+    state = prepare(build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=2.0)))
     gap = np.sqrt(state.nominal.raw.sum() / state.samples.sum())
     assert state.leftover.remembered == (pulled > 0.0)
     if pulled:

@@ -96,7 +96,7 @@ def test_few_trials_and_a_gap_that_opened_ones_lack_are_told():
 
 
 def test_scales_are_told_in_units():
-    (told,) = tell_scales(read_plant(along_scale=0.02, output_scale=150.0, pace_s=0.5))
+    (told,) = tell_scales(read_plant(along_scale=0.02, output_scale=150.0, time_scale_s=0.5))
     assert told.endswith("a scale of force is 150 N, a scale of position is 0.02 m and a pace is 0.5 s.")
     assert tell_scales(read_plant()) == []
     assert tell_scales(configured().plant) == []

@@ -6,11 +6,11 @@ import pytest
 from tests.plant.machines import read_plant, simulate, solve
 
 STEP_S, LAG_S, SCALE, PACE_S = 0.01, 0.2, 50.0, 0.1
-CONSTANTS = {"gain": 100.0, "offset": 20.0, "time_constant_s": LAG_S, "timing_s": 0.0}
+CONSTANTS = {"gain": 100.0, "offset": 20.0, "time_constant_s": LAG_S, "input_delay_s": 0.0}
 
 
 def fill(command, *effects, **changes):
-    plant = read_plant("first_order", output_scale=SCALE, pace_s=PACE_S)
+    plant = read_plant("first_order", output_scale=SCALE, time_scale_s=PACE_S)
     return simulate(plant, {"command_v": command}, {**CONSTANTS, **changes}, effects)
 
 
@@ -61,7 +61,7 @@ def test_a_delay_answers_late_and_then_as_it_should():
 @pytest.mark.parametrize("share", [0.5, -0.6])
 def test_a_command_recorded_early_or_late_acts_in_time(share):
     time = np.arange(400) * STEP_S
-    shifted = fill(np.sin(4.0 * (time + share * STEP_S)), timing_s=share * STEP_S)
+    shifted = fill(np.sin(4.0 * (time + share * STEP_S)), input_delay_s=share * STEP_S)
     np.testing.assert_allclose(shifted[100:], fill(np.sin(4.0 * time))[100:], atol=0.05)
 
 

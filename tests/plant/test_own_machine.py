@@ -14,7 +14,7 @@ from stages.science.plant.machine import read_machine
 from stages.science.plant.record_plant import RecordPlant, Watched
 from tests.discrepancy.simulated_records import tabulate
 
-OPEN = {"output_scale": None, "pace_s": None, "constants": None, "effects": []}
+OPEN = {"output_scale": None, "time_scale_s": None, "constants": None, "effects": []}
 
 
 class LeverConstants(Declared):
@@ -74,8 +74,8 @@ def test_scales_constants_and_what_is_watched_have_defaults():
     plant = cell.plant
     assert plant.arms == 2
     assert plant.output_scale == pytest.approx(0.5 * np.ptp(cell.records[0]["out_m"]))
-    assert 0.2 < plant.pace_s < 0.5  # the quicker wave of a radian in 0.2 s, the slower in 0.48 s
-    assert plant.memory_s == plant.movement_s == pytest.approx(4.0 * np.pi * plant.pace_s)
+    assert 0.2 < plant.time_scale_s < 0.5  # the quicker wave of a radian in 0.2 s, the slower in 0.48 s
+    assert plant.memory_s == plant.movement_s == pytest.approx(4.0 * np.pi * plant.time_scale_s)
     assert {each.name: each.rate for each in cell.drivers()} == {"state": False, "rate of state": True, "in_m": False}
     assert cell.loop == ("state", "rate of state")
 

@@ -14,7 +14,7 @@ from stages.science.plant.effect_config import NominalConstant, constant
 from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.machine import read_machine
 from stages.science.plant.plant import Plant
-from stages.science.plant.record_plant import read_beginning
+from stages.science.plant.record_plant import read_initial_state
 from tests.discrepancy.oscillators import configured as configured_oscillator
 from tests.discrepancy.simulated_records import drive, joint, lag, tabulate
 from tests.plant.machines import begin_surely, configured, read_plant, simulate
@@ -162,10 +162,10 @@ def test_an_amended_plant_simulates_as_fitted_and_reads_back(kind, generator):
 
 
 RECORDED = {
-    "first_order": (lag, {"gain": 100.0, "offset": 20.0, "time_constant_s": 0.35, "timing_s": 0.0}),
+    "first_order": (lag, {"gain": 100.0, "offset": 20.0, "time_constant_s": 0.35, "input_delay_s": 0.0}),
     "pam_joint": (
         joint,
-        {"gain": 0.5, "bias": 1.0, "stiffness": 20.0, "stiffening": 0.1, "damping": 4.0, "timing_s": 0.0},
+        {"gain": 0.5, "bias": 1.0, "stiffness": 20.0, "stiffening": 0.1, "damping": 4.0, "input_delay_s": 0.0},
     ),
     "servo_drive": (drive, {"mass": 50.0}),
 }
@@ -183,10 +183,10 @@ GUESSES = [
 def test_constants_are_guessed_from_a_noisy_record_and_friction_does_not_mislead(kind, seed, how, shares):
     record, truth = RECORDED[kind]
     signals, step_s = record(seed, **how)
-    plant = read_plant(kind, output_scale=None, pace_s=None).settle([signals], step_s)
+    plant = read_plant(kind, output_scale=None, time_scale_s=None).settle([signals], step_s)
     for name, share in shares.items():
         assert plant.starts[name] == pytest.approx(truth[name], rel=share, abs=1e-9)
-    assert plant.constants.timing_s.high == pytest.approx(step_s)
+    assert plant.constants.input_delay_s.high == pytest.approx(step_s)
     assert plant.output_scale == pytest.approx(0.5 * np.ptp(signals[plant.output]))
 
 
@@ -199,7 +199,7 @@ def test_a_record_that_begins_unsettled_is_taken_up_there(kind, late, near, far)
     plant = read_plant(kind).settle([signals], step_s)
     signals = {name: values[late:] for name, values in signals.items()}
     truth = signals[plant.output]
-    begun = read_beginning([truth[:50]], step_s)
+    begun = read_initial_state([truth[:50]], step_s)
     errors = [(simulate(plant, signals, constants, (), each, step_s) - truth)[:50] for each in (begun, None)]
     taken_up, at_rest = np.sqrt(np.mean(np.square(errors), axis=1))
     assert taken_up < near
@@ -216,7 +216,7 @@ def test_a_record_that_begins_unsettled_is_taken_up_there(kind, late, near, far)
 def test_after_a_gap_nothing_is_judged_until_it_is_forgotten(kind, lost, memory_of):
     signals, step_s = RECORDED[kind][0](5, samples=1600)
     signals[lost][500:520] = np.nan
-    cell = build_whole_records(*tabulate(signals, step_s), read_plant(kind, output_scale=None, pace_s=None))
+    cell = build_whole_records(*tabulate(signals, step_s), read_plant(kind, output_scale=None, time_scale_s=None))
     memory = np.log(1e3) * memory_of(cell.plant.starts)
     assert cell.plant.memory_s == pytest.approx(memory)
     unjudged = np.flatnonzero(~cell.present.T.ravel()) * cell.step_s

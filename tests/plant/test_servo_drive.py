@@ -7,11 +7,11 @@ from tests.discrepancy.simulated_records import drive
 from tests.plant.machines import begin_surely, read_plant, simulate, solve
 
 STEP_S = 0.01
-CONSTANTS = {"mass": 4.0, "force_offset": 0.5, "start_shift": 0.0, "start_rate_shift": 0.0, "timing_s": 0.0}
+CONSTANTS = {"mass": 4.0, "force_offset": 0.5, "start_shift": 0.0, "start_rate_shift": 0.0, "input_delay_s": 0.0}
 
 
 def read_drive(**changes):
-    return read_plant("servo_drive", **{"output_scale": 0.3, "pace_s": 0.5, **changes})
+    return read_plant("servo_drive", **{"output_scale": 0.3, "time_scale_s": 0.5, **changes})
 
 
 def move(force, effects=(), begun=None, between="linear", **changes):
@@ -70,7 +70,7 @@ def test_a_force_recorded_early_or_late_acts_in_time(share):
 
     time = np.arange(400) * STEP_S
     begun = begin_surely(0.0, 0.0)
-    late = move(push(time + share * STEP_S), begun=begun, timing_s=share * STEP_S)
+    late = move(push(time + share * STEP_S), begun=begun, input_delay_s=share * STEP_S)
     off = move(push(time + share * STEP_S), begun=begun) - move(push(time), begun=begun)
     assert np.abs(late - move(push(time), begun=begun)).max() < 0.02 * np.abs(off).max()
 

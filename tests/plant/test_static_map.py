@@ -49,7 +49,7 @@ def test_what_is_left_open_is_the_data_s_own():
     assert plant.along_middle == pytest.approx(0.5 * (way.max() + way.min()))
     assert plant.along_scale == pytest.approx(0.5 * np.ptp(way))
     assert plant.output_scale == pytest.approx(450.0 * np.ptp(way))
-    assert plant.pace_s == pytest.approx(plant.along_scale / np.abs(np.diff(way)).mean() * STEP_S)
+    assert plant.time_scale_s == pytest.approx(plant.along_scale / np.abs(np.diff(way)).mean() * STEP_S)
     stiffness = next(each for each in plant.parameters if each.name == "stiffness")
     assert stiffness.low < -900.0 < 900.0 < stiffness.high
     assert settled(along_scale=0.5).along_scale == 0.5
@@ -63,7 +63,7 @@ def test_before_there_are_data_its_bounds_are_open():
 def test_forms_against_closed_forms():
     plant, way = settled(), sweep()["position_m"]
     x = (way - plant.along_middle) / plant.along_scale
-    rate = np.gradient(x, STEP_S) * plant.pace_s
+    rate = np.gradient(x, STEP_S) * plant.time_scale_s
     stop, turned = -1.0, []
     for step in np.diff(x, prepend=x[0]):
         stop = min(max(stop + step / 0.1, -1.0), 1.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.science.plant.record_plant import HEAD, read_beginning
+from stages.science.plant.record_plant import HEAD, read_initial_state
 from tests.plant.machines import begin_surely, read_plant, simulate, solve
 
 STEP_S = 4.0
@@ -13,7 +13,7 @@ CONSTANTS = {
     "lower_outflow": 0.04,
     "pump_gain": 0.04,
     "reading_offset": 0.3,
-    "timing_s": 0.0,
+    "input_delay_s": 0.0,
 }
 UPPER, LOWER = 4.0, 6.0
 """Levels in which records begin."""
@@ -41,8 +41,8 @@ def test_levels_rest_where_torricelli_says():
     )
 
 
-@pytest.mark.parametrize(("held", "timing_s"), [(False, 0.0), (True, 0.5 * STEP_S)], ids=["straight", "held"])
-def test_the_way_there_is_that_of_another_integrator(held, timing_s):
+@pytest.mark.parametrize(("held", "input_delay_s"), [(False, 0.0), (True, 0.5 * STEP_S)], ids=["straight", "held"])
+def test_the_way_there_is_that_of_another_integrator(held, input_delay_s):
     pump = 2.5 + np.sin(0.05 * np.arange(200))
 
     def change(time, levels):
@@ -52,7 +52,7 @@ def test_the_way_there_is_that_of_another_integrator(held, timing_s):
         return [filled - down, down - out]
 
     exact = solve(change, [4.0, 6.0], np.arange(200) * STEP_S)
-    np.testing.assert_allclose(fill(pump, timing_s=timing_s), exact[1] + 0.3, atol=2e-3)
+    np.testing.assert_allclose(fill(pump, input_delay_s=input_delay_s), exact[1] + 0.3, atol=2e-3)
 
 
 def test_each_record_begins_where_its_own_first_readings_say(generator):
@@ -60,7 +60,7 @@ def test_each_record_begins_where_its_own_first_readings_say(generator):
     levels = [(4.0, 6.0), (1.0, 9.0)]
     exact = np.stack([fill(column, begun=begin(*each)) for column, each in zip(pump.T, levels, strict=True)], axis=1)
     measured = exact + 0.02 * generator.standard_normal(exact.shape)
-    begun = read_beginning(list(measured[:HEAD].T), STEP_S)
+    begun = read_initial_state(list(measured[:HEAD].T), STEP_S)
     measured[HEAD:] = np.nan
     found = read_plant("cascaded_tanks").simulate(
         {"pump_v": pump, "level_v": measured}, STEP_S, np.zeros(1), CONSTANTS, (), begun

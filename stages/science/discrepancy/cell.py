@@ -181,7 +181,7 @@ class Cell(ABC):
         return state, rate
 
     @property
-    def pace_s(self) -> float:
+    def time_scale_s(self) -> float:
         """Time of a usual movement, s; regimes of time and frequency are told by it."""
         return 1.0
 
@@ -203,7 +203,7 @@ class Cell(ABC):
         """Return whether the starts of a form were read off exact values, and are to be taken as they are."""
         return False
 
-    def gives_away(self) -> bool:
+    def reveals_saturation(self) -> bool:
         """Return whether the measured values themselves show that a sensor has an effect."""
         return False
 

@@ -33,7 +33,7 @@ START = 0.5
 
 def build_features(cell: Cell) -> Array:
     """Return generic features of a cell's drivers as its channel answers to them, (T, K, F), zero where not present."""
-    drivers, step = cell.drivers(), cell.step_s / cell.pace_s
+    drivers, step = cell.drivers(), cell.step_s / cell.time_scale_s
     own = [(each, _standardise(each.values)) for each in drivers if each.own]
     states = [signal for driver, signal in own if not driver.rate]
     rates = [signal for driver, signal in own if driver.rate]
@@ -63,7 +63,7 @@ def build_features(cell: Cell) -> Array:
 
 def list_histories(cell: Cell) -> list[Driver]:
     """Return the past of a cell's signals: where each was lately, the distance moved so far, how others change."""
-    found, step = [], cell.step_s / cell.pace_s
+    found, step = [], cell.step_s / cell.time_scale_s
     for each in cell.drivers():
         if not each.own:
             change = each.values - _lag(each.values, LAGS[1], step)
@@ -112,9 +112,9 @@ def _look_aside(signal: Array, step: float) -> list[Array]:
 
 
 def _session(cell: Cell, states: list[Array]) -> list[Array]:
-    samples, step = cell.measured.shape[0], cell.step_s / cell.pace_s
+    samples, step = cell.measured.shape[0], cell.step_s / cell.time_scale_s
     within = np.repeat((np.arange(samples) * step)[:, None], cell.trials, axis=1)
-    session = _standardise(within + cell.start_s / cell.pace_s)
+    session = _standardise(within + cell.start_s / cell.time_scale_s)
     order = _standardise(np.repeat(np.arange(cell.trials)[None, :], samples, axis=0).astype(float))
     time = _standardise(within)
     trends = [each * signal for each in (session, time) for signal in states]

@@ -59,8 +59,8 @@ def _locate_in(state: CellState, generator: np.random.Generator) -> list[dict[st
         columns.append(np.where(inside > 0, (excess * mask).sum(axis=0) / np.maximum(inside, 1), np.nan))
         rows.append(_describe(state, name, mask, nominal, least, excess, whole))
         names.append(name)
-    for name, part in split_bands(nominal, cell.step_s, cell.pace_s).items():
-        rest = split_bands(least, cell.step_s, cell.pace_s)[name]
+    for name, part in split_bands(nominal, cell.step_s, cell.time_scale_s).items():
+        rest = split_bands(least, cell.step_s, cell.time_scale_s)[name]
         band = np.where(cell.present, part**2 - rest**2, 0.0)
         columns.append(band.mean(axis=0))
         rows.append(_describe(state, name, cell.present, part, rest, band, whole))

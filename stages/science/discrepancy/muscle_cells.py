@@ -135,7 +135,7 @@ class MuscleCell(Cell):
         """Return whether the values show a form's parameter."""
         return form.name == EXACT
 
-    def gives_away(self) -> bool:
+    def reveals_saturation(self) -> bool:
         """Return whether the largest value comes again and again, exactly."""
         return self._level is not None
 

@@ -97,7 +97,9 @@ def list_candidates(cells: Sequence[CellState], settings: SearchSettings) -> lis
     """
     least = 0.5 * (settings.smallest_gap - 1.0)
     worth = {
-        state.cell.channel for state in cells if state.ratio(state.current.raw) > 1.0 + least or state.cell.gives_away()
+        state.cell.channel
+        for state in cells
+        if state.ratio(state.current.raw) > 1.0 + least or state.cell.reveals_saturation()
     }
     listed: list[list[Screened]] = []
     for state in cells:
@@ -192,7 +194,7 @@ def _believe_exact(cells: Sequence[CellState], choices: Sequence[Choice], verdic
 def _is_shown(state: CellState, fitted: Fitted) -> bool:
     """Return whether the measured values themselves show a form's level, and the simulation would pass it."""
     cell = state.cell
-    if not cell.is_exact(fitted.forms[-1]) or not cell.gives_away():
+    if not cell.is_exact(fitted.forms[-1]) or not cell.reveals_saturation():
         return False
     return float((fitted.fit.residual**2).sum()) < SHOWN * float((state.current.fit.residual**2).sum())
 
@@ -230,7 +232,7 @@ def _shortlist(
         for scale, most in ((0, settings.shortlist), (1, (settings.shortlist + 1) // 2)):
             kept |= _take_best({key: float(each[scale]) for key, each in promised.items() if key[0] == channel}, most)
     for state, listed in zip(cells, candidates, strict=True):
-        if state.cell.gives_away():
+        if state.cell.reveals_saturation():
             exact = [each.form for each in listed if state.cell.is_exact(each.form)]
             kept |= {(state.cell.channel, form.name, form.form) for form in exact}
     return kept

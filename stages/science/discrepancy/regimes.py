@@ -34,7 +34,7 @@ def find_regimes(cell: Cell) -> dict[str, Mask]:
             forth, back, reversal = _tell_motion(driver.name)
             regimes[forth] = driver.values > moving
             regimes[back] = driver.values < -moving
-            regimes[reversal] = _around_reversals(driver.values, moving, cell.step_s / cell.pace_s)
+            regimes[reversal] = _around_reversals(driver.values, moving, cell.step_s / cell.time_scale_s)
         else:
             name = _tell(driver.name)
             middle = float(np.median(driver.values[present])) if present.any() else 0.0
@@ -50,21 +50,21 @@ def find_regimes(cell: Cell) -> dict[str, Mask]:
     return {name: mask & present for name, mask in regimes.items()}
 
 
-def split_bands(residual: Array, step_s: float, pace_s: float = 1.0) -> dict[str, Array]:
+def split_bands(residual: Array, step_s: float, time_scale_s: float = 1.0) -> dict[str, Array]:
     """Return a residual's parts by frequency band; they sum to it.
 
     Parameters
     ----------
     residual : (T, K) ndarray
         In any unit.
-    step_s, pace_s : float
+    step_s, time_scale_s : float
         Time between samples, and of a usual movement, s.
     """
     spectrum = np.fft.rfft(residual, axis=0)
     frequency = np.fft.rfftfreq(len(residual), step_s)
     parts = {}
     for slow, quick in BANDS:
-        low, high = slow / pace_s, None if quick is None else quick / pace_s
+        low, high = slow / time_scale_s, None if quick is None else quick / time_scale_s
         inside = (frequency >= low) & (frequency < (np.inf if high is None else high))
         name = f"above {low:g} Hz" if high is None else f"{low:g} to {high:g} Hz"
         parts[name] = np.fft.irfft(spectrum * inside[:, None], n=len(residual), axis=0)

@@ -240,7 +240,7 @@ def tell_scales(plant: Plant | RecordPlant) -> list[str]:
         if scale is not None
         for words, unit in [name_signal(name)]
     ]
-    pace = [f"a pace is {plant.pace_s:.3g} s"] if plant.pace_s is not None else []
+    pace = [f"a pace is {plant.time_scale_s:.3g} s"] if plant.time_scale_s is not None else []
     return [f"Where sizes are told in them, {_join([*told, *pace])}."] if told or pace else []
 
 

@@ -169,4 +169,4 @@ def _without(state: CellState, name: str) -> Fitted:
 def _is_given(state: CellState, name: str) -> bool:
     """Return whether exact values of a cell show what a named effect does."""
     own = [form for form in state.current.forms if form.name == name]
-    return state.cell.gives_away() and any(state.cell.is_exact(form) for form in own)
+    return state.cell.reveals_saturation() and any(state.cell.is_exact(form) for form in own)

@@ -23,7 +23,7 @@ from stages.science.discrepancy.noise import make_plain
 from stages.science.discrepancy.records import bridge, bridge_short, list_blocks, spread_records, thin_out
 from stages.science.plant.effect import Parameter, list_effects
 from stages.science.plant.effect_config import list_effects_at
-from stages.science.plant.record_plant import HEAD, InitialState, RecordPlant, read_beginning
+from stages.science.plant.record_plant import HEAD, InitialState, RecordPlant, read_initial_state
 from stages.science.recording.units import own_unit
 from stages.science.signals.trajectories import Array
 
@@ -102,7 +102,7 @@ class WholeRecordCell(Cell):
         return own_unit(self.channel)
 
     @property
-    def pace_s(self) -> float:
+    def time_scale_s(self) -> float:
         """Time of a usual movement, s."""
         return self.plant.movement_s
 
@@ -263,7 +263,7 @@ class WholeRecordCell(Cell):
         ends = {each.name for each in form.parameters} & set(Levels._fields)
         return form.name == EXACT and (form.form == FULL or bool(ends))
 
-    def gives_away(self) -> bool:
+    def reveals_saturation(self) -> bool:
         """Return whether the largest or the smallest value comes again and again, exactly."""
         return self._levels != Levels(None, None)
 
@@ -340,7 +340,7 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
         trials["start_s"].to_numpy(dtype=float),
         settled.element,
         tuple(
-            read_beginning([bridge(rows[plant.output])[:HEAD]], first_s, 0.5 * (step_s - first_s))
+            read_initial_state([bridge(rows[plant.output])[:HEAD]], first_s, 0.5 * (step_s - first_s))
             for rows in records.values()
         ),
         max(HEAD // stride, 3),

@@ -194,7 +194,7 @@ class Bench:
         The signal along which the element is moved, over its scale, zero in the middle of its range.
     rate : (T, R) ndarray
         How fast it is moved, scales per pace.
-    step_s, pace_s : float
+    step_s, time_scale_s : float
         Time between samples, and of a usual movement through one scale, s.
     session_s : (T, R) ndarray
         Time in the session, s.
@@ -203,7 +203,7 @@ class Bench:
     along: Array
     rate: Array
     step_s: float
-    pace_s: float
+    time_scale_s: float
     session_s: Array
 
 

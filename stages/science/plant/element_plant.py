@@ -21,7 +21,7 @@ from stages.science.signals.trajectories import Array
 SITE = "element"
 
 
-class ElementListed(EffectConfig):
+class ElementEffectConfig(EffectConfig):
     """An effect that acts at an element."""
 
     SITE = SITE
@@ -36,8 +36,8 @@ class ElementPlant(RecordPlant):
     along_middle: float | None = Field(description="value of `along` from which effects count, its unit")
     along_scale: Positive | None = Field(description="way in which effects tell theirs, unit of `along`")
     output_scale: Positive | None = Field(description="answer in which effects tell their sizes, unit of the output")
-    pace_s: Positive | None = Field(description="time of a usual movement through one scale, s")
-    effects: list[ElementListed]
+    time_scale_s: Positive | None = Field(description="time of a usual movement through one scale, s")
+    effects: list[ElementEffectConfig]
 
     @model_validator(mode="after")
     def _check_names(self) -> Self:
@@ -64,7 +64,7 @@ class ElementPlant(RecordPlant):
     @property
     def movement_s(self) -> float:
         """Time of a movement through one scale, s."""
-        return self.pace_s or 1.0
+        return self.time_scale_s or 1.0
 
     @property
     def memory_s(self) -> float:
@@ -94,7 +94,7 @@ class ElementPlant(RecordPlant):
             "along_middle": 0.5 * float(along.max() + along.min()),
             "along_scale": way,
             "output_scale": max(0.5 * float(np.ptp(answer)), 1e-12),
-            "pace_s": way / speed if speed > 0.0 else 1.0,
+            "time_scale_s": way / speed if speed > 0.0 else 1.0,
         }
 
     def simulate(
@@ -122,12 +122,12 @@ class ElementPlant(RecordPlant):
 
     def set_up(self, along: Array, step_s: float, start_s: Array) -> Bench:
         """Return what effects look at, for a signal along which records are moved, (T, R)."""
-        if self.along_middle is None or self.along_scale is None or self.pace_s is None:
+        if self.along_middle is None or self.along_scale is None or self.time_scale_s is None:
             raise ValueError("along_scale: it is the data's own, and there are no data yet")
         way = np.ascontiguousarray((along - self.along_middle) / self.along_scale)
         within = np.arange(len(along))[:, None] * step_s
-        rate = np.gradient(way, step_s, axis=0) * self.pace_s
-        return Bench(way, rate, step_s, self.pace_s, within + start_s)
+        rate = np.gradient(way, step_s, axis=0) * self.time_scale_s
+        return Bench(way, rate, step_s, self.time_scale_s, within + start_s)
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
         """Return the inputs, and how the element is moved."""

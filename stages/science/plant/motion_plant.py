@@ -29,7 +29,7 @@ from stages.science.plant.record_plant import (
     begin,
     collect,
     list_limits,
-    read_beginning,
+    read_initial_state,
 )
 from stages.science.signals.trajectories import Array
 
@@ -85,7 +85,7 @@ class Pull(NamedTuple):
 class MotionConstants(Declared):
     """Constants of any motion that is recorded."""
 
-    timing_s: NominalConstant = Field(description="by which the input acts later than it was recorded, within a sample")
+    input_delay_s: NominalConstant = Field(description="by which the input acts later than recorded, within a sample")
 
 
 class MotionPlant(RecordPlant):
@@ -100,7 +100,7 @@ class MotionPlant(RecordPlant):
 
     between_samples: Between
     output_scale: Positive | None = Field(description="motion in which effects tell their sizes, unit of the output")
-    pace_s: Positive | None = Field(description="time of a radian of the usual motion, s")
+    time_scale_s: Positive | None = Field(description="time of a radian of the usual motion, s")
     effects: list[MotionEffect]
 
     @model_validator(mode="after")
@@ -125,7 +125,7 @@ class MotionPlant(RecordPlant):
         if (effect.name, effect.form) != ("saturation", "drive"):
             return None
         pushes = [self.pull(each, constants).push for each in signals]
-        return list_limits(effect, pushes, cast(float, self.output_scale) / cast(float, self.pace_s) ** 2)
+        return list_limits(effect, pushes, cast(float, self.output_scale) / cast(float, self.time_scale_s) ** 2)
 
     @property
     def memory_s(self) -> float:
@@ -159,14 +159,14 @@ class MotionPlant(RecordPlant):
         """Return the plant with scales and constants, where they were left open; see `RecordPlant.settle`."""
         outputs = [each[self.output] for each in records]
         spans = [float(np.ptp(each)) for each in outputs]
-        usual_s = self.pace_s or max(find_pace(outputs, step_s), step_s)
+        usual_s = self.time_scale_s or max(find_pace(outputs, step_s), step_s)
         scale = self.output_scale or max(0.5 * max(spans), 1e-12)
-        opened = self.model_copy(update={"output_scale": scale, "pace_s": usual_s})
+        opened = self.model_copy(update={"output_scale": scale, "time_scale_s": usual_s})
         if all(each.start is not None for each in self.nominal.values()):
             return opened
-        begun = read_beginning([each[:HEAD] for each in outputs], step_s)
+        begun = read_initial_state([each[:HEAD] for each in outputs], step_s)
         settled = opened._guess_constants(records, step_s, begun)
-        if self.pace_s:
+        if self.time_scale_s:
             return settled
         settled = settled._follow_nature(records)
         if not self.SETTLES:
@@ -176,7 +176,7 @@ class MotionPlant(RecordPlant):
             quicker_s = usual_s * 0.5**halvings
             if self.FILTER * quicker_s < FINEST_FILTER * step_s:
                 break
-            start = opened.model_copy(update={"pace_s": quicker_s})
+            start = opened.model_copy(update={"time_scale_s": quicker_s})
             tried = start._guess_constants(records, step_s, begun)._follow_nature(records)
             missed = tried._miss(records, step_s)
             if missed < least:
@@ -185,24 +185,24 @@ class MotionPlant(RecordPlant):
 
     def _guess_constants(self, records: Sequence[Mapping[str, Array]], step_s: float, begun: InitialState) -> Self:
         """Return the plant with constants told by records through filters of its pace."""
-        tau_s = max(self.FILTER * cast(float, self.pace_s), FINEST_FILTER * step_s)
+        tau_s = max(self.FILTER * cast(float, self.time_scale_s), FINEST_FILTER * step_s)
         names = (*self.inputs, self.output)
         filtered = {name: [filter_derivatives(each[name], 2, tau_s, step_s) for each in records] for name in names}
         filtered[""] = [filter_derivatives(np.ones(len(each[self.output])), 2, tau_s, step_s) for each in records]
         guessed = self.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)), begun)
-        guessed["timing_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
+        guessed["input_delay_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
         told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
         return self.model_copy(update={"constants": type(self.constants)(**told)})
 
     def _follow_nature(self, records: Sequence[Mapping[str, Array]]) -> Self:
-        return self.model_copy(update={"pace_s": self.find_natural_pace(records)})
+        return self.model_copy(update={"time_scale_s": self.find_natural_pace(records)})
 
     def _miss(self, records: Sequence[Mapping[str, Array]], step_s: float) -> float:
         """Return the root mean square by which the guessed constants miss what was measured."""
         squares, samples = 0.0, 0
         for each in records:
             signals = {name: values[:, None] for name, values in each.items()}
-            begun = read_beginning([each[self.output][:HEAD]], step_s)
+            begun = read_initial_state([each[self.output][:HEAD]], step_s)
             told = self.simulate(self.refine(signals, step_s), step_s, np.zeros(1), self.starts, (), begun)
             squares += float(((told[:, 0] - each[self.output]) ** 2).sum())
             samples += len(told)
@@ -226,9 +226,9 @@ class MotionPlant(RecordPlant):
         return {**signals, **refined}
 
     def _substeps(self, step_s: float) -> int:
-        if self.pace_s is None:
-            raise ValueError("pace_s: it is the data's own, and there are no data yet")
-        return max(int(np.ceil(step_s / self.pace_s / FINEST)), 2)
+        if self.time_scale_s is None:
+            raise ValueError("time_scale_s: it is the data's own, and there are no data yet")
+        return max(int(np.ceil(step_s / self.time_scale_s / FINEST)), 2)
 
     def simulate(
         self,
@@ -251,18 +251,18 @@ class MotionPlant(RecordPlant):
         begun: InitialState | None = None,
     ) -> Array:
         """Return the motions of several cases, (T, R, C); see `RecordPlant.simulate_each`."""
-        if self.output_scale is None or self.pace_s is None:
+        if self.output_scale is None or self.time_scale_s is None:
             raise ValueError("output_scale: it is the data's own, and there are no data yet")
-        scale, pace, substeps = self.output_scale, step_s / self.pace_s, self._substeps(step_s)
+        scale, pace, substeps = self.output_scale, step_s / self.time_scale_s, self._substeps(step_s)
         pulls = [self.pull(signals, constants) for constants, _ in cases]
         records = pulls[0].push.shape[1]
         terms = [collect(MotionTerms, SITE, self.place(effects)) for _, effects in cases]
         terms = [each for each in terms for _ in range(records)]
-        drive = _stack([each.push for each in pulls], self.pace_s**2 / scale)
+        drive = _stack([each.push for each in pulls], self.time_scale_s**2 / scale)
         holds = [each.hold * np.ones((1, records)) for each in pulls]
-        hold = _stack(holds, self.pace_s**2)
-        damping = np.repeat([each.damping * self.pace_s for each in pulls], records)
-        late = np.repeat([constants["timing_s"] / step_s for constants, _ in cases], records)
+        hold = _stack(holds, self.time_scale_s**2)
+        damping = np.repeat([each.damping * self.time_scale_s for each in pulls], records)
+        late = np.repeat([constants["input_delay_s"] / step_s for constants, _ in cases], records)
         offset = np.repeat([each.offset for each in pulls], records)
 
         def run(state: Array, chosen: NDArray[np.int_], samples: int) -> Array:
@@ -278,10 +278,10 @@ class MotionPlant(RecordPlant):
             shifts = np.repeat([each.start for each in pulls], records, axis=0).T
             told = InitialState(*(np.tile(each, len(cases)) for each in begun))
             place, rate = told.value - offset + shifts[0], told.rate + shifts[1]
-            state = np.stack([place / scale, rate * self.pace_s / scale])
+            state = np.stack([place / scale, rate * self.time_scale_s / scale])
             if self.SETTLES and self.output in signals:
                 heads = (np.tile(signals[self.output][:HEAD], len(cases)) - offset) / scale
-                errors = np.stack([told.value_error, told.rate_error * self.pace_s]) / scale
+                errors = np.stack([told.value_error, told.rate_error * self.time_scale_s]) / scale
                 noise = told.noise / scale
                 state = begin(lambda at, of: run(at, of, len(heads)), state, np.maximum(errors, 1e-6), heads, noise)
         motion = integrate(drive, hold, state, damping, terms, pace, substeps, late, offset / scale)
@@ -293,13 +293,10 @@ class MotionPlant(RecordPlant):
 
         The measured motion would carry the noise that is to be told from what a model can explain.
         """
-        begun = read_beginning([signals[self.output][:HEAD, k] for k in range(signals[self.output].shape[1])], step_s)
-        plain = self.model_copy(update={"effects": []})
-        motion = plain.simulate(self.refine(signals, step_s), step_s, np.zeros(1), constants, (), begun)
-        return self.list_watched(motion, signals, step_s)
+        return self.list_watched(self.simulate_textbook(signals, step_s, constants), signals, step_s)
 
     def list_watched(self, motion: Array, signals: Mapping[str, Array], step_s: float) -> list[Watched]:
         """Return a motion (T, R), its velocity, and the inputs."""
-        velocity = np.gradient(motion, step_s, axis=0) * cast(float, self.pace_s)
+        velocity = np.gradient(motion, step_s, axis=0) * cast(float, self.time_scale_s)
         told = [Watched("motion", motion, False), Watched("velocity", velocity, True)]
         return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]

@@ -70,7 +70,7 @@ class InitialState(NamedTuple):
     noise: Array
 
 
-def read_beginning(heads: Sequence[Array], step_s: float, at_s: float = 0.0) -> InitialState:
+def read_initial_state(heads: Sequence[Array], step_s: float, at_s: float = 0.0) -> InitialState:
     """Return how records begin, by a parabola through as many of their first samples as lie on one.
 
     Parameters
@@ -117,7 +117,7 @@ class RecordPlant(Declared):
     kind: str
     output: str
     output_scale: Positive | None
-    pace_s: Positive | None
+    time_scale_s: Positive | None
     constants: Any
     effects: Sequence[EffectConfig]
 
@@ -170,9 +170,9 @@ class RecordPlant(Declared):
     @property
     def movement_s(self) -> float:
         """Time of a usual movement, s; regimes of time and frequency are told by it."""
-        if self.pace_s is None:
-            raise ValueError("pace_s: it is the data's own, and there are no data yet")
-        return PERIODS * 2.0 * np.pi * self.pace_s
+        if self.time_scale_s is None:
+            raise ValueError("time_scale_s: it is the data's own, and there are no data yet")
+        return PERIODS * 2.0 * np.pi * self.time_scale_s
 
     @property
     def finest_s(self) -> float:
@@ -255,7 +255,7 @@ class RecordPlant(Declared):
         outputs = [each[self.output] for each in records]
         return {
             "output_scale": max(0.5 * float(np.ptp(np.concatenate(outputs))), 1e-12),
-            "pace_s": max(find_pace(outputs, step_s), step_s),
+            "time_scale_s": max(find_pace(outputs, step_s), step_s),
         }
 
     def guess(self, *told: Any, **named: Any) -> Mapping[str, tuple[float, ...]]:
@@ -300,7 +300,7 @@ class RecordPlant(Declared):
         effects : sequence of (Effect, mapping)
             Beside those listed, which act first.
         begun : InitialState, optional
-            From `read_beginning`; without it a machine with a memory begins at rest.
+            From `read_initial_state`; without it a machine with a memory begins at rest.
         """
 
     def simulate_each(
@@ -320,12 +320,16 @@ class RecordPlant(Declared):
         Here the output as the textbook would have it, its rate, and the inputs. The measured output would carry the
         noise that is to be told from what a model can explain.
         """
-        begun = read_beginning([column[:HEAD] for column in signals[self.output].T], step_s)
-        plain = self.model_copy(update={"effects": []})
-        state = plain.simulate(self.refine(signals, step_s), step_s, np.zeros(1), constants, (), begun)
-        rate = np.gradient(state, step_s, axis=0) * (self.pace_s or 1.0)
+        state = self.simulate_textbook(signals, step_s, constants)
+        rate = np.gradient(state, step_s, axis=0) * (self.time_scale_s or 1.0)
         told = [Watched("state", state, False), Watched("rate of state", rate, True)]
         return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]
+
+    def simulate_textbook(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> Array:
+        """Return the output without effects, (T, R), from the state that its first samples tell; see `watch`."""
+        begun = read_initial_state([column[:HEAD] for column in signals[self.output].T], step_s)
+        plain = self.model_copy(update={"effects": []})
+        return plain.simulate(self.refine(signals, step_s), step_s, np.zeros(1), constants, (), begun)
 
     def respond(self, features: Array, step_s: float) -> Array:
         """Return the features of a flexible model, (T, K, F), as the output answers to them: here at once."""

@@ -45,7 +45,7 @@ EFFECT = ChainEffect(
 
 def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
     """Return an element's answer as late as its channel is."""
-    return shift(answer, parameters["paces_late"] * bench.pace_s / bench.step_s)
+    return shift(answer, parameters["paces_late"] * bench.time_scale_s / bench.step_s)
 
 
 LATE_ELEMENT = ElementEffect(

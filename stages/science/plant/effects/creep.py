@@ -71,7 +71,7 @@ EFFECT = ChainEffect(
 
 def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
     """Return an element's answer with what a slow element beside it holds."""
-    held = bench.along - lag(bench.along, parameters["paces"] * bench.pace_s, bench.step_s)
+    held = bench.along - lag(bench.along, parameters["paces"] * bench.time_scale_s, bench.step_s)
     return answer + parameters["share"] * held
 
 

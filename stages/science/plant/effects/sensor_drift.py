@@ -66,7 +66,7 @@ EFFECT = ChainEffect(
 
 def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
     """Return an element's answer with an even drift."""
-    return answer + parameters["share_per_100_paces"] * bench.session_s / (100.0 * bench.pace_s)
+    return answer + parameters["share_per_100_paces"] * bench.session_s / (100.0 * bench.time_scale_s)
 
 
 DRIFTING_ELEMENT = ElementEffect(
@@ -85,7 +85,7 @@ DRIFTING_ELEMENT = ElementEffect(
 
 def apply_warming_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
     """Return an element's answer with a drift that ends."""
-    since = bench.session_s / (100.0 * bench.pace_s)
+    since = bench.session_s / (100.0 * bench.time_scale_s)
     return answer + parameters["share"] * (1.0 - np.exp(-since * parameters["rate_per_100_paces"]))
 
 

@@ -27,7 +27,6 @@ from stages.science.plant.record_plant import (
     Watched,
     begin,
     collect,
-    read_beginning,
 )
 from stages.science.signals.trajectories import Array
 
@@ -42,7 +41,7 @@ class TankValues(NamedTuple):
     lower_outflow: float
     pump_gain: float
     reading_offset: float
-    timing_s: float
+    input_delay_s: float
 
 
 class TankTerms(NamedTuple):
@@ -85,7 +84,7 @@ def _fill(
 ) -> Array:
     """Return the reading for a pump's voltage, (N,), on straight lines between samples, from levels to begin at."""
     reading = np.empty(pump.shape[0])
-    h, late = step_s / substeps, values.timing_s / step_s
+    h, late = step_s / substeps, values.input_delay_s / step_s
     rim = scale / terms.scale_over_rim if terms.scale_over_rim > 0.0 else 1e300
     upper, lower = min(max(upper, 0.0), rim), max(lower, 0.0)
     most = scale / terms.drive_cut if terms.drive_cut > 0.0 else 1e300
@@ -125,10 +124,10 @@ class TankConstants(Declared):
     lower_outflow: NominalConstant = Field(description="flow out of the lower tank over the root of its level")
     pump_gain: NominalConstant = Field(description="rise of the upper level over the pump's voltage")
     reading_offset: NominalConstant = Field(description="what the sensor adds to the lower level")
-    timing_s: NominalConstant = Field(description="by which the input acts later than it was recorded, within a sample")
+    input_delay_s: NominalConstant = Field(description="by which the input acts later than recorded, within a sample")
 
 
-class TankEffect(EffectConfig):
+class TankEffectConfig(EffectConfig):
     """An effect that acts at the tanks."""
 
     SITE = SITE
@@ -143,9 +142,9 @@ class CascadedTanks(RecordPlant):
     input: str
     substeps: int = Field(ge=1, le=1000, description="integration steps per sample")
     output_scale: Positive = Field(description="level in which effects tell theirs, unit of the reading")
-    pace_s: Positive = Field(description="time in which a level follows, s")
+    time_scale_s: Positive = Field(description="time in which a level follows, s")
     constants: TankConstants
-    effects: list[TankEffect]
+    effects: list[TankEffectConfig]
 
     @model_validator(mode="after")
     def _check_effects(self) -> Self:
@@ -165,7 +164,7 @@ class CascadedTanks(RecordPlant):
     @property
     def movement_s(self) -> float:
         """Time in which a level follows, s."""
-        return self.pace_s
+        return self.time_scale_s
 
     @property
     def other_starts(self) -> list[dict[str, float]]:
@@ -176,12 +175,12 @@ class CascadedTanks(RecordPlant):
     @property
     def memory_s(self) -> float:
         """Time in which levels forget what was pumped, s; assumed: five times that in which one follows."""
-        return 5.0 * self.pace_s
+        return 5.0 * self.time_scale_s
 
     def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
         """Return the plant with bounds of its timing, where they were left open; a fit begins at an input held."""
         guessed = (0.5 * step_s, -step_s, step_s, 0.5 * step_s)
-        told = {**self.nominal, "timing_s": self.constants.timing_s.settle(*guessed)}
+        told = {**self.nominal, "input_delay_s": self.constants.input_delay_s.settle(*guessed)}
         return self.model_copy(update={"constants": TankConstants(**told)})
 
     def simulate(
@@ -210,15 +209,14 @@ class CascadedTanks(RecordPlant):
         state = _rest(columns[:, 0], values) if begun is None else _read_state(begun, values)
         if begun is not None and self.output in signals:
             heads = signals[self.output][:HEAD]
-            wide = np.full(state.shape, self.output_scale) / np.array([[self.pace_s], [1.0]])
+            wide = np.full(state.shape, self.output_scale) / np.array([[self.time_scale_s], [1.0]])
             state = begin(lambda at, of: run(at, of, len(heads)), state, wide, heads, begun.noise)
         return run(state, np.arange(len(columns)), columns.shape[1])
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
         """Return the input, and the level as the textbook's tanks would have it."""
-        begun = read_beginning([signals[self.output][:HEAD, k] for k in range(signals[self.output].shape[1])], step_s)
-        level = self.model_copy(update={"effects": []}).simulate(signals, step_s, np.zeros(1), constants, (), begun)
-        rate = np.gradient(level, step_s, axis=0) * self.pace_s
+        level = self.simulate_textbook(signals, step_s, constants)
+        rate = np.gradient(level, step_s, axis=0) * self.time_scale_s
         return [
             Watched(self.input, signals[self.input], False),
             Watched("level", level, False),

@@ -29,7 +29,6 @@ from stages.science.plant.record_plant import (
     begin,
     collect,
     list_limits,
-    read_beginning,
 )
 from stages.science.signals.trajectories import Array
 
@@ -94,10 +93,10 @@ class LagConstants(Declared):
     gain: NominalConstant = Field(description="output at rest over input")
     offset: NominalConstant = Field(description="output at rest without input")
     time_constant_s: NominalConstant = Field(description="time in which the output goes 63 % of its way")
-    timing_s: NominalConstant = Field(description="by which the input acts later than it was recorded, within a sample")
+    input_delay_s: NominalConstant = Field(description="by which the input acts later than recorded, within a sample")
 
 
-class LagEffect(EffectConfig):
+class LagEffectConfig(EffectConfig):
     """An effect that acts at a lag."""
 
     SITE = SITE
@@ -111,9 +110,9 @@ class FirstOrder(RecordPlant):
     kind: Literal["first_order"]
     input: str
     output_scale: Positive | None = Field(description="change in which effects tell theirs, unit of the output")
-    pace_s: Positive | None = Field(description="time of a radian of the usual motion, s")
+    time_scale_s: Positive | None = Field(description="time of a radian of the usual motion, s")
     constants: LagConstants
-    effects: list[LagEffect]
+    effects: list[LagEffectConfig]
 
     @model_validator(mode="after")
     def _check_effects(self) -> Self:
@@ -146,7 +145,7 @@ class FirstOrder(RecordPlant):
         """Return the plant with scales and constants, where they were left open; see `RecordPlant.settle`."""
         outputs = [each[self.output] for each in records]
         scale = self.output_scale or max(0.5 * max(float(np.ptp(each)) for each in outputs), 1e-12)
-        pace = self.pace_s or max(find_pace(outputs, step_s), step_s)
+        pace = self.time_scale_s or max(find_pace(outputs, step_s), step_s)
         tau_s = FILTER * pace
         filtered = [
             tuple(filter_derivatives(each, 1, tau_s, step_s) for each in (record[self.input], record[self.output]))
@@ -165,10 +164,10 @@ class FirstOrder(RecordPlant):
             "gain": (gain, -20.0 * wide, 20.0 * wide, wide),
             "offset": (offset, -20.0 * far, 20.0 * far, far),
             "time_constant_s": (lag, 0.01 * lag, 100.0 * lag, lag),
-            "timing_s": (0.0, -step_s, step_s, 0.5 * step_s),
+            "input_delay_s": (0.0, -step_s, step_s, 0.5 * step_s),
         }
         told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
-        return self.model_copy(update={"output_scale": scale, "pace_s": pace, "constants": LagConstants(**told)})
+        return self.model_copy(update={"output_scale": scale, "time_scale_s": pace, "constants": LagConstants(**told)})
 
     def simulate(
         self,
@@ -180,12 +179,12 @@ class FirstOrder(RecordPlant):
         begun: InitialState | None = None,
     ) -> Array:
         """Return the output, (T, R); see `RecordPlant.simulate`."""
-        if self.output_scale is None or self.pace_s is None:
+        if self.output_scale is None or self.time_scale_s is None:
             raise ValueError("output_scale: it is the data's own, and there are no data yet")
-        scale, pace = self.output_scale, step_s / self.pace_s
+        scale, pace = self.output_scale, step_s / self.time_scale_s
         terms = collect(LagTerms, SITE, self.place(effects))
-        terms = terms._replace(delay=terms.delay + constants["timing_s"] / self.pace_s)
-        per_pace = self.pace_s / constants["time_constant_s"]
+        terms = terms._replace(delay=terms.delay + constants["input_delay_s"] / self.time_scale_s)
+        per_pace = self.time_scale_s / constants["time_constant_s"]
         quickest = max(pace / FINEST, pace * per_pace * (1.0 + abs(terms.asymmetry)))
         substeps = min(max(int(np.ceil(quickest)), 2), 100)
         aim = constants["gain"] * signals[self.input] / scale
@@ -212,9 +211,8 @@ class FirstOrder(RecordPlant):
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
         """Return the output as the textbook would have it, its rate, and the input."""
-        begun = read_beginning([signals[self.output][:HEAD, k] for k in range(signals[self.output].shape[1])], step_s)
-        level = self.model_copy(update={"effects": []}).simulate(signals, step_s, np.zeros(1), constants, (), begun)
-        rate = np.gradient(level, step_s, axis=0) * (self.pace_s or 1.0)
+        level = self.simulate_textbook(signals, step_s, constants)
+        rate = np.gradient(level, step_s, axis=0) * (self.time_scale_s or 1.0)
         return [
             Watched("level", level, False),
             Watched("rate of level", rate, True),

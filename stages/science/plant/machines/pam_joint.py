@@ -70,7 +70,7 @@ class PamJoint(MotionPlant):
             for a, b, y, one in both
         ]
         gain, bias, hold, damping, stiffening, _ = map(float, regress(rows, [y[:, 2] for y in outputs], skipped))
-        per_pace = 1.0 / self.pace_s if self.pace_s else 1.0
+        per_pace = 1.0 / self.time_scale_s if self.time_scale_s else 1.0
         hold = hold if hold > 0.0 else per_pace**2
         damping = damping if damping > 0.0 else per_pace
         most = hold / max(total, 1e-12)

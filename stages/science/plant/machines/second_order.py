@@ -67,7 +67,7 @@ class Oscillator(MotionPlant):
             for u, y, one in zip(inputs, outputs, derivatives[""], strict=True)
         ]
         push, damping, hold, _, _ = regress(rows, [y[:, 2] for y in outputs], skipped)
-        pace = cast(float, self.pace_s)
+        pace = cast(float, self.time_scale_s)
         omega = float(np.sqrt(hold)) if hold > 0.0 else 1.0 / pace
         hertz, ratio = omega / (2.0 * np.pi), float(np.clip(0.5 * damping / omega, 0.005, 1.5))
         largest, swing = max(float(np.abs(u[:, 0]).max()) for u in inputs), cast(float, self.output_scale)

@@ -67,7 +67,7 @@ class ServoDrive(MotionPlant):
         quickest = max(float(np.abs(q[skipped:, 2]).max(initial=0.0)) for q in derivatives[self.output])
         mass = 1.0 / per_mass if per_mass > 0.0 else largest / max(quickest, 1e-12)
         place = START * cast(float, self.output_scale)
-        rate = max(place / cast(float, self.pace_s), AT_REST * float(begun.rate_error.max()))
+        rate = max(place / cast(float, self.time_scale_s), AT_REST * float(begun.rate_error.max()))
         place = max(place, float(begun.value_error.max()))
         return {
             "mass": (mass, 0.05 * mass, 20.0 * mass, mass),
@@ -80,7 +80,7 @@ class ServoDrive(MotionPlant):
         """Return the measured motion, smoothed, its velocity and the force: without friction a simulated one drifts."""
         from scipy.ndimage import gaussian_filter1d
 
-        width = max(SMOOTHED * cast(float, self.pace_s) / step_s, 1.0)
+        width = max(SMOOTHED * cast(float, self.time_scale_s) / step_s, 1.0)
         return self.list_watched(gaussian_filter1d(signals[self.output], width, axis=0), signals, step_s)
 
 
