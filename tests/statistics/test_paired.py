@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from stages.science.statistics.paired import adjust_benjamini_yekutieli, adjust_holm, compare_pairs
+from stages.science.statistics.paired import adjust_holm, compare_pairs
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=40)
 UNDEFINED = ("low", "high", "effect_size", "t_p_value", "wilcoxon_p_value")
@@ -66,14 +66,6 @@ def test_holm_is_the_step_down_rule_and_keeps_nan(p_values):
     np.testing.assert_array_equal(adjust_holm(p_values[order]), adjusted[order])
 
 
-def test_benjamini_yekutieli_divides_by_the_harmonic_sum_and_keeps_nan():
-    p_values = np.array([0.01, np.nan, 0.04, 0.03])
-    adjusted = adjust_benjamini_yekutieli(p_values)
-    np.testing.assert_allclose(adjusted, np.array([0.03, np.nan, 0.04, 0.04]) * (1 + 1 / 2 + 1 / 3))
-    np.testing.assert_allclose(adjusted[[0, 2, 3]], stats.false_discovery_control(p_values[[0, 2, 3]], method="by"))
-
-
 @pytest.mark.parametrize("p_values", [[], [np.nan], [0.2], [1.0, 1.0]])
 def test_nothing_to_adjust(p_values):
-    for adjust in (adjust_holm, adjust_benjamini_yekutieli):
-        np.testing.assert_array_equal(adjust(np.array(p_values)), p_values)
+    np.testing.assert_array_equal(adjust_holm(np.array(p_values)), p_values)

@@ -110,25 +110,10 @@ def compare_pairs(first: Array, second: Array) -> PairedComparison:
 
 def adjust_holm(p_values: Array) -> Array:
     """Return p-values adjusted for their number by Holm's step-down rule; NaN stays NaN."""
-    return _adjust(p_values, "holm")
-
-
-def adjust_benjamini_yekutieli(p_values: Array) -> Array:
-    """Return p-values adjusted for the false discovery rate, whatever their dependence; NaN stays NaN.
-
-    Notes
-    -----
-    Benjamini and Yekutieli, The control of the false discovery rate in multiple testing under dependency, Ann. Stat. 29
-    (2001). Holm's rule bounds the chance of any false finding, this one the expected share of false findings.
-    """
-    return _adjust(p_values, "fdr_by")
-
-
-def _adjust(p_values: Array, method: str) -> Array:
     from statsmodels.stats.multitest import multipletests
 
     adjusted = np.full(p_values.shape, np.nan)
     known = ~np.isnan(p_values)
     if known.any():
-        adjusted[known] = multipletests(p_values[known], method=method)[1]
+        adjusted[known] = multipletests(p_values[known], method="holm")[1]
     return adjusted

@@ -1,4 +1,4 @@
-"""Power of t-tests and of equivalence tests of normal data, by quadrature.
+"""Power of equivalence tests of normal data, by quadrature.
 
 A design (standard deviations, numbers of values, a true difference) flows in; a probability or a number of values
 comes out. A mean difference and its estimated standard error are independent, so a probability given the error is
@@ -54,60 +54,6 @@ class _Spread(NamedTuple):
     slope: Array
     weight: Array
     degrees: int
-
-
-def power_of_paired_test(difference: float, sd: float, n: int) -> float:
-    """Return the power of the two-sided paired t-test at 5 %.
-
-    Parameters
-    ----------
-    difference : float
-        True mean of the differences.
-    sd : float
-        Standard deviation of the differences, in the same unit; with sd = 1, the difference is Cohen's d_z.
-    n : int
-        Pairs.
-
-    Returns
-    -------
-    float
-        Probability to find a difference, of either sign.
-
-    Raises
-    ------
-    ValueError
-        When pairs are fewer than two or over 1e9, the standard deviation is not positive or a number is not finite.
-    """
-    _check(difference, 0.0, (sd,), (n,))
-    return _reject(float(difference) / float(sd), _spread_of_pairs(n, SIGNIFICANCE / 2))
-
-
-def power_of_welch_test(difference: float, sd_first: float, sd_second: float, n_first: int, n_second: int) -> float:
-    """Return the power of Welch's two-sided t-test at 5 %.
-
-    Parameters
-    ----------
-    difference : float
-        True difference of the means.
-    sd_first, sd_second : float
-        Standard deviation of each group, in the same unit; one of them may be zero.
-    n_first, n_second : int
-        Values of each group.
-
-    Returns
-    -------
-    float
-        Probability to find a difference, of either sign.
-
-    Raises
-    ------
-    ValueError
-        When a group has fewer than two values or over 1e9, neither has a spread or a number is not finite.
-    """
-    _check(difference, 0.0, (sd_first, sd_second), (n_first, n_second))
-    unit = float(max(sd_first, sd_second))
-    spread = _spread_of_groups((sd_first / unit, sd_second / unit), (n_first, n_second), SIGNIFICANCE / 2)
-    return _reject(float(difference) / unit, spread)
 
 
 def power_of_paired_equivalence(margin: float, sd: float, n: int, difference: float = 0.0) -> float:
@@ -259,16 +205,6 @@ def _chi_rule(degrees: int, upper: Array) -> tuple[Array, Array]:
     chi = low + width * nodes
     log_density = (degrees - 1) * np.log(chi) - chi**2 / 2 - (degrees / 2 - 1) * np.log(2)
     return chi, width * weights * np.exp(log_density - special.gammaln(degrees / 2))
-
-
-def _reject(difference: float, spread: _Spread) -> float:
-    from scipy import special
-
-    difference = _limit(difference)
-    chi, weight = _chi_rule(spread.degrees, np.full(spread.slope.shape, np.inf))
-    half = spread.slope[:, None] * chi
-    outside = special.ndtr((-half - difference) / spread.error) + special.ndtr((difference - half) / spread.error)
-    return min(float(spread.weight @ (weight * outside).sum(axis=1)), 1.0)
 
 
 def _enclose(margin: float, difference: float, spread: _Spread) -> float:
