@@ -10,8 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stages.science.signals.filtering import differentiate, window_length
-
-Array = NDArray[np.float64]
+from stages.science.signals.trajectories import Array
 
 
 def derive_contraction(frame: pd.DataFrame, muscles: pd.DataFrame) -> Array:

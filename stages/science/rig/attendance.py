@@ -9,14 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+from stages.science.signals.trajectories import Array
 
 if TYPE_CHECKING:
     from stages.science.plant.exoskeleton import Exoskeleton
     from stages.science.rig.trial import Recording, Trial
-
-Array = NDArray[np.float64]
 Landed = TypeVar("Landed")
 
 DECLINED = {

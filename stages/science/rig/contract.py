@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 from stages.science.rig.attendance import Attendance, TrialDeclined
 from stages.science.rig.trial import CLIPPED_BY, PER_SAMPLE, STATUS, Recording, Trial
 
-Array = NDArray[np.float64]
-
 MOST_ROWS = 50_000_000
 """Rows of a table of measurements, beyond which its ten numbers a row take over 4 GB and its copies no longer fit."""
 

@@ -16,10 +16,11 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegative
 
 from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.contract import MOST_ROWS, Array, Rig, Watch, tidy
+from stages.science.rig.contract import MOST_ROWS, Rig, Watch, tidy
 from stages.science.rig.limits import Limits
 from stages.science.rig.trial import Proposal, Trial
 from stages.science.signals.pressures import pressure_profiles
+from stages.science.signals.trajectories import Array
 
 
 class Range(Declared):

@@ -12,11 +12,11 @@ from pydantic import Field, PositiveInt
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.contract import Array, Rig
+from stages.science.rig.contract import Rig
 from stages.science.rig.excitation import Range, check_ranges
 from stages.science.rig.limits import Limits
 from stages.science.rig.trial import Trial
-from stages.science.signals.trajectories import connect_points
+from stages.science.signals.trajectories import Array, connect_points
 
 STEEPEST = 1.875
 """Largest slope of a minimum-jerk change, over its mean."""

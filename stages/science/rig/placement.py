@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from stages.science.recording.clock import find_rate, regularise
 from stages.science.recording.columns import RecordingError, tell_rows
-from stages.science.rig.contract import MEASUREMENT_COLUMNS, Array
+from stages.science.rig.contract import MEASUREMENT_COLUMNS
 from stages.science.rig.rows import PUNCTUAL
+from stages.science.signals.trajectories import Array
 
 READINGS = tuple(MEASUREMENT_COLUMNS)[2:]
 HELD = ("pressure_command_kpa", *PUNCTUAL)

@@ -31,10 +31,11 @@ from stages.science.recording.muscles import describe_muscles
 from stages.science.recording.plausibility import check_plausible
 from stages.science.recording.wide import is_wide, list_sources
 from stages.science.rig.configured import ConfiguredRig
-from stages.science.rig.contract import MEASUREMENT_COLUMNS, Array, RigError, Watch
+from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, Watch
 from stages.science.rig.placement import READINGS, keep, resample
 from stages.science.rig.rows import PUNCTUAL, assume_conduct, check_values, gather
 from stages.science.rig.trial import Recording, Trial
+from stages.science.signals.trajectories import Array
 
 Kind = Literal["free", "tracked", "passive"]
 How = Literal["command", "order"]

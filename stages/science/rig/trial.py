@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stages.science.signals.trajectories import Array
 
 STATUS = {
     "ok": "as measured",

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stages.science.signals.trajectories import Array
 
 MODEL_INPUTS = ("pressure_kpa", "contraction", "contraction_velocity_per_s")
 MODEL_OUTPUT = "force_n"

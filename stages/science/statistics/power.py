@@ -13,9 +13,8 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stages.science.statistics.paired import Array
 
 SIGNIFICANCE = 0.05
 """Level of every test."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stages.science.statistics.paired import Array
 
 MOST_ENUMERATED = 12
 RANDOM_FLIPS = 8191
