@@ -6,6 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from stages.science.discrepancy.parts import Parts, assign_parts, leave_gaps
+from stages.science.discrepancy.settings import choose_verification
 from stages.science.discrepancy.whole_record_cell import build_whole_records
 from tests.plant.machines import read_plant
 
@@ -122,3 +123,10 @@ def test_a_gap_is_not_judged_and_nothing_else_is_lost(machine):
     assert not cut.present[:5, 2].any()
     assert cut.present[5:, 2].all()
     np.testing.assert_array_equal(cut.measured, whole.measured)
+
+
+@pytest.mark.parametrize(
+    ("trials", "share", "chosen"), [(10, 0.2, [4, 9]), (12, 0.25, [3, 7, 11]), (4, 0.7, [2, 3]), (3, 0.01, [2])]
+)
+def test_verification_trials_are_spread_evenly_never_the_first_two_and_at_least_the_last(trials, share, chosen):
+    assert choose_verification(trials, share) == chosen
