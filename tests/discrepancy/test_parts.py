@@ -126,7 +126,7 @@ def test_a_gap_is_not_judged_and_nothing_else_is_lost(machine):
 
 
 @pytest.mark.parametrize(
-    ("trials", "share", "chosen"), [(10, 0.2, [4, 9]), (12, 0.25, [3, 7, 11]), (4, 0.7, [2, 3]), (3, 0.01, [2])]
+    ("trials", "share", "chosen"), [(10, 0.2, [4, 9]), (12, 0.25, [3, 7, 11]), (4, 0.7, [1, 2]), (3, 0.01, [2])]
 )
-def test_verification_trials_are_spread_evenly_never_the_first_two_and_at_least_the_last(trials, share, chosen):
+def test_verification_trials_are_spread_evenly_at_least_the_last_and_two_are_left_to_fit(trials, share, chosen):
     assert choose_verification(trials, share) == chosen

@@ -72,7 +72,7 @@ class DiscrepancySettings(Declared):
 
 
 def choose_verification(trials: int, share: float) -> list[int]:
-    """Return the positions of the trials that are opened once, spread evenly; at least one, and never the first two.
+    """Return the positions of the trials that are opened once, spread evenly: at least one, and all but two at most.
 
     Raises
     ------
