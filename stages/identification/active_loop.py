@@ -17,7 +17,6 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import PositiveInt, model_validator
 
 from pipeline.config import Section, Target, View
@@ -39,8 +38,6 @@ from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDIN
 from stages.science.rig.reference import track
 from stages.science.rig.trial import Proposal
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
-
-Array = NDArray[np.float64]
 
 WHERE = {
     "participant": column(str, "who tracked"),

@@ -14,7 +14,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 
 from pipeline.config import Section
@@ -24,9 +23,8 @@ from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
 from stages.science.muscle_models.recorded_models import RecordedModels
 from stages.science.signals.measures import error_rate
+from stages.science.signals.scaling import Array
 from stages.science.statistics.paired import adjust_holm, compare_pairs
-
-Array = NDArray[np.float64]
 
 ALL_MUSCLES = "mean"
 LEVEL = 0.05

@@ -17,7 +17,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 
 from pipeline.config import Section
@@ -33,11 +32,9 @@ from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
 from stages.science.muscle_models.linear_muscle import LinearMuscleModel
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
 from stages.science.statistics.groups import compare_groups
 from stages.science.statistics.paired import adjust_holm, compare_pairs
-
-Array = NDArray[np.float64]
 
 CONSTANT_MEAN = "constant_mean"
 ALL_MUSCLES = "mean"

@@ -16,7 +16,6 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pipeline.config import Section, View
@@ -30,12 +29,11 @@ from stages.science.muscle_models.loop_settings import LoopSettings
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay
 from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.signals.scaling import Array
 from stages.science.statistics.equivalence import Equivalence, judge_equivalence, judge_paired_equivalence
 from stages.science.statistics.groups import compare_groups
 from stages.science.statistics.paired import adjust_holm
 from stages.science.statistics.signed_rank import compare_ranks
-
-Array = NDArray[np.float64]
 
 ALL_MUSCLES = "mean"
 LEVEL = 0.05

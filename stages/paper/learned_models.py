@@ -30,12 +30,10 @@ from stages.science.figures.reliability import draw_calibration
 from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.recorded_models import RecordedModels
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
 from stages.science.statistics.concentration import Choices, judge_concentration
 from stages.science.statistics.coverage import cover_blocks
 from stages.science.statistics.paired import adjust_holm, compare_pairs
-
-Array = NDArray[np.float64]
 
 ALL_MUSCLES = "mean"
 LEVEL = 0.05

@@ -11,9 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from pipeline.config import Section
@@ -23,11 +21,9 @@ from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
 from stages.science.gp.sparse_model import predict_weighted
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import Scaling
+from stages.science.signals.scaling import Array, Scaling
 from stages.science.statistics.equivalence import judge_paired_equivalence
 from stages.science.statistics.paired import adjust_holm, compare_pairs
-
-Array = NDArray[np.float64]
 
 LEVEL = 0.05
 KEEPING, CHOOSING = "keeping all samples", "choosing by utility"

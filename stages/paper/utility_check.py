@@ -13,7 +13,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 from scipy.stats import spearmanr
 
@@ -27,9 +26,8 @@ from stages.science.gp.mutual_information import Information, draw_models, path_
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.utilities import UTILITIES
 from stages.science.muscle_models.muscle_set import MuscleSet
+from stages.science.signals.scaling import Array
 from stages.science.statistics.paired import adjust_holm, compare_pairs
-
-Array = NDArray[np.float64]
 
 LEVEL = 0.05
 DESIGN = "y_y"

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.kernel import Array
 from stages.science.gp.knowledge import Knowledge, Policy, check_muscles, check_trajectories
 from stages.science.gp.marginal import MarginalGP, condition, fit
 from stages.science.gp.subsample import Displace, check_count, subsample
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.kernel import Array
 from stages.science.gp.marginal_model import MarginalModel
 from stages.science.gp.scoring import trajectory_utility
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.kernel import Array
 from stages.science.gp.knowledge import Knowledge, Policy, check_muscles, check_trajectories
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_marginal import SparseMarginalGP, condition_sparse
 from stages.science.gp.sparse_model import SparseGP
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
