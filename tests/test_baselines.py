@@ -153,8 +153,8 @@ def test_every_baseline_has_an_error_on_every_test_set(noisy):
         np.testing.assert_allclose(its["rmse_n"], its["error_rate"] * its["muscle"].map(largest), rtol=1e-12)
     assert len(noisy.compared) == 2 * (2 + 3) * 3
     assert sorted(path.name for path in (noisy.folder / "figures").glob("*.png")) == [
-        "learning_curves_baselines.png",
         "baseline_errors.png",
+        "learning_curves_baselines.png",
     ]
 
 

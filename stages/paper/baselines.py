@@ -30,16 +30,16 @@ from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.marginal import MarginalGP, fit
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average, summarise_error_rates
 from stages.science.muscle_models.linear_muscle import LinearMuscleModel
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
 from stages.science.statistics.groups import compare_groups
-from stages.science.statistics.paired import adjust_holm, compare_pairs
+from stages.science.statistics.paired import compare_pairs
+from stages.science.statistics.verdicts import LEVEL, judge_differences
 
 CONSTANT_MEAN = "constant_mean"
-ALL_MUSCLES = "mean"
 NOBODY = "nobody"
-LEVEL = 0.05
 LINEAR, SPARSE, SUBSET, INTERACTIVE = "linear", "sparse_gp", "subset_gp", "linear_interactive"
 DESCRIBED = {
     LINEAR: "linear law, nobody moves",
@@ -376,19 +376,8 @@ def compare_family(design: pd.DataFrame, curve: pd.DataFrame, muscles: Sequence[
             for muscle in [ALL_MUSCLES, *muscles]:
                 where = {"tested_on": tested_on, "measure": measure, "muscle": muscle, "baseline": baseline}
                 rows.append(where | compare(ours[muscle], theirs[muscle], paired=baseline == INTERACTIVE))
-    frame = pd.DataFrame(rows)
-    adjusted = adjust_holm(frame["p"].to_numpy(dtype=float))
-    better = np.where(frame["difference"] < 0, "design better", "baseline better")
-    frame = frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, better, "undecided"))
+    frame = judge_differences(pd.DataFrame(rows), "p", "design better", "baseline better")
     return frame[list(BASELINE_COMPARISON.columns)]
-
-
-def add_average(curve: pd.DataFrame) -> pd.DataFrame:
-    """Return the curve with rows of the average over muscles."""
-    keys = [name for name in curve.columns if name not in ("muscle", "rmse_n", "error_rate")]
-    average = curve.groupby(keys, sort=False)["error_rate"].mean().reset_index().assign(muscle=ALL_MUSCLES)
-    columns = [*keys, "muscle", "error_rate"]
-    return pd.concat([curve[columns], average[columns]], ignore_index=True)
 
 
 def summarise_experiments(curve: pd.DataFrame, last: int | None) -> pd.DataFrame:
@@ -439,8 +428,7 @@ def draw(ctx: Context, design: pd.DataFrame, curve: pd.DataFrame, arm: str, musc
             add_average(curve).assign(line=lambda frame: frame["baseline"].map(DESCRIBED)),
         ]
     )
-    told = lines.groupby(["line", "trial", "tested_on", "muscle"])["error_rate"].agg(["mean", "std"]).reset_index()
-    told = told.rename(columns={"mean": "error_rate_mean", "std": "error_rate_sd"})
+    told = summarise_error_rates(lines, ["line", "trial", "tested_on", "muscle"])
     panels, tests = [ALL_MUSCLES, *muscles], list(design["tested_on"].unique())
     counts = [len(each.groupby(["participant", "experiment"])) for each in (design, curve[curve["baseline"] == LINEAR])]
     spread = f"mean and standard deviation over {counts[0]} experiments of the design, {counts[1]} of the protocol"
