@@ -12,7 +12,7 @@ keeping.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -346,17 +346,7 @@ class Experiment:
 
     def begin(self, arm: str) -> SparseInteraction:
         """Return what an arm knows of the initial trials."""
-        known = self.first
-        return SparseInteraction(
-            self.design(arm),
-            known.candidates,
-            known.priors,
-            known.inputs,
-            known.outputs,
-            known.thetas,
-            known.used,
-            known.pseudo,
-        )
+        return replace(self.first, design=self.design(arm))
 
     def continue_from(self, arm: str, tables: Mapping[str, pd.DataFrame]) -> SparseInteraction:
         """Rebuild the state from what the trials so far left on disk, and from nothing else."""
