@@ -24,8 +24,8 @@ from pipeline.context import Context
 from pipeline.errors import WiringError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.baseline_curves import draw_baseline_curves
 from stages.science.figures.error_bars import draw_error_bars
+from stages.science.figures.learning_curves import STYLES, draw_learning_curves
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.marginal import MarginalGP, fit
 from stages.science.gp.sparse_fit import fit_sparse
@@ -434,7 +434,9 @@ def draw(ctx: Context, design: pd.DataFrame, curve: pd.DataFrame, arm: str, musc
     spread = f"mean and standard deviation over {counts[0]} experiments of the design, {counts[1]} of the protocol"
     ctx.figure(
         "learning_curves_baselines",
-        draw_baseline_curves(told[told["tested_on"] == "bank"], [ours, linear], panels),
+        draw_learning_curves(
+            told[told["tested_on"] == "bank"], [ours, linear], panels, "line", None, STYLES, apart=0.0, cut=True
+        ),
         "Error rate (RMSE over the largest force of the test data) after each designed trial, and of the linear law "
         f"after each trial of the protocol in which nobody moves, tested on the bank: {spread} (cut where large).",
     )
