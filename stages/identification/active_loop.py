@@ -29,7 +29,7 @@ from stages.science.gp.interaction import Design, Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.force_test import ForceTest
-from stages.science.muscle_models.loop_settings import DesignSettings
+from stages.science.muscle_models.loop_settings import DesignSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import keep_usable, spread_evenly, take
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -135,12 +135,6 @@ class ActiveLoop(DesignSettings):
                 f"set active_loop.controls=[{','.join(dict.fromkeys(controls))}]"
             )
         return self
-
-
-class Movements(View):
-    """How many movements the bank will hold."""
-
-    trajectories: int
 
 
 class Thinning(View):

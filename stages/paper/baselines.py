@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -26,19 +27,18 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.error_bars import draw_error_bars
 from stages.science.figures.learning_curves import STYLES, draw_learning_curves
-from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.marginal import MarginalGP, fit
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average, summarise_error_rates
 from stages.science.muscle_models.linear_muscle import LinearMuscleModel
+from stages.science.muscle_models.recorded_models import RecordedModels
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
 from stages.science.statistics.groups import compare_groups
 from stages.science.statistics.paired import compare_pairs
 from stages.science.statistics.verdicts import LEVEL, judge_differences
 
-CONSTANT_MEAN = "constant_mean"
 NOBODY = "nobody"
 LINEAR, SPARSE, SUBSET, INTERACTIVE = "linear", "sparse_gp", "subset_gp", "linear_interactive"
 DESCRIBED = {
@@ -158,12 +158,8 @@ class MuscleData:
     ----------
     name : str
         Of the muscle.
-    prior : Hyperprior
-        Table 1.
-    mean : str
-        Of its GPs: ``zero`` or ``constant``.
-    scaling : Scaling
-        Centres and scales.
+    recorded : RecordedModels
+        Table 1, the mean of its GPs, centres and scales.
     tests : mapping of str to DataFrame
         Samples of each test set.
     points : int
@@ -171,9 +167,7 @@ class MuscleData:
     """
 
     name: str
-    prior: Hyperprior
-    mean: str
-    scaling: Scaling
+    recorded: RecordedModels
     tests: Mapping[str, pd.DataFrame]
     points: int
 
@@ -182,15 +176,9 @@ def gather(
     muscle: str, hyperprior: pd.DataFrame, scaling: pd.DataFrame, tests: Mapping[str, pd.DataFrame], points: int
 ) -> MuscleData:
     """Return what is known of a muscle."""
-    rows = hyperprior[hyperprior["muscle"] == muscle]
-    return MuscleData(
-        muscle,
-        Hyperprior(rows["mean"].to_numpy(), rows["variance"].to_numpy()),
-        "constant" if CONSTANT_MEAN in set(rows["hyperparameter"]) else "zero",
-        Scaling.of_muscle(scaling, muscle),
-        {name: frame.loc[frame["muscle"] == muscle, [*MODEL_INPUTS, MODEL_OUTPUT]] for name, frame in tests.items()},
-        points,
-    )
+    columns = [*MODEL_INPUTS, MODEL_OUTPUT]
+    its_tests = {name: frame.loc[frame["muscle"] == muscle, columns] for name, frame in tests.items()}
+    return MuscleData(muscle, RecordedModels.read(hyperprior, scaling, muscle), its_tests, points)
 
 
 def count_points(points: pd.DataFrame, design: str) -> int:
@@ -268,27 +256,12 @@ class Job:
         """
         known, trials = self.muscle, int(self.samples["trial"].nunique())
         count = min(known.points, len(self.samples))
-        data = known.scaling.inputs_of(self.samples), known.scaling.output_of(self.samples)
+        data = known.recorded.scaling.inputs_of(self.samples), known.recorded.scaling.output_of(self.samples)
         generator = self.ctx.generator(SPARSE, self.experiment, known.name)
-        first = fit_sparse(
-            *data,
-            count,
-            None,
-            known.mean,
-            generator=generator,
-            starts=self.cfg.sparse_starts,
-            iterations=self.cfg.sparse_trial_iterations * trials,
-        )
-        best = fit_sparse(
-            *data,
-            count,
-            None,
-            known.mean,
-            generator=generator,
-            starts=0,
-            warm_starts=[(first.pseudo, first.theta)],
-            iterations=self.cfg.sparse_best_iterations * trials,
-        )
+        search = partial(fit_sparse, *data, count, None, known.recorded.mean, generator=generator)
+        first = search(starts=self.cfg.sparse_starts, iterations=self.cfg.sparse_trial_iterations * trials)
+        again = [(first.pseudo, first.theta)]
+        best = search(starts=0, warm_starts=again, iterations=self.cfg.sparse_best_iterations * trials)
         return self.predict_with(best)
 
     def fit_subset(self) -> Predictor:
@@ -297,14 +270,14 @@ class Job:
         generator = self.ctx.generator(SUBSET, self.experiment, known.name)
         drawn = generator.choice(len(self.samples), min(known.points, len(self.samples)), replace=False)
         samples = self.samples.iloc[np.sort(drawn)]
-        inputs, output = known.scaling.inputs_of(samples), known.scaling.output_of(samples)
+        inputs, output = known.recorded.scaling.inputs_of(samples), known.recorded.scaling.output_of(samples)
         return self.predict_with(
-            fit(inputs, output, known.prior, known.mean, generator=generator, starts=self.cfg.starts)
+            fit(inputs, output, known.recorded.prior, known.recorded.mean, generator=generator, starts=self.cfg.starts)
         )
 
     def predict_with(self, model: MarginalGP | SparseGP) -> Predictor:
         """Return the forces that a GP predicts."""
-        scaling = self.muscle.scaling
+        scaling = self.muscle.recorded.scaling
         return lambda test: scaling.restore_force(model.predict_mean(scaling.inputs_of(test)))
 
     def measure(self, baseline: str, trial: int, predict: Predictor) -> list[tuple[Any, ...]]:

@@ -26,7 +26,7 @@ from stages.science.figures.sensitivity import draw_sensitivity
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles
 from stages.science.muscle_models.force_test import ForceTest
-from stages.science.muscle_models.loop_settings import LoopSettings
+from stages.science.muscle_models.loop_settings import LoopSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -148,12 +148,6 @@ class HyperpriorSensitivity(Section):
             *((MEAN, each) for each in self.mean_shifts),
             *((VARIANCE, each) for each in self.variance_factors),
         ]
-
-
-class Movements(View):
-    """How many movements the bank will hold."""
-
-    trajectories: int
 
 
 class MovementsEnough(View):

@@ -31,6 +31,7 @@ from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.sparse_interaction import SparseDesign, SparseInteraction
 from stages.science.muscle_models.cost import measure_cost
 from stages.science.muscle_models.description import describe_choice, describe_models
+from stages.science.muscle_models.loop_settings import Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import thin
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -128,12 +129,6 @@ class SparseLoop(Section):
                 f"set sparse_loop.controls=[{','.join(dict.fromkeys(self.controls))}]"
             )
         return self
-
-
-class Movements(View):
-    """How many movements the bank will hold."""
-
-    trajectories: int
 
 
 class Initial(View):

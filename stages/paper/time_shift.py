@@ -23,7 +23,7 @@ from pipeline.table import Table, column
 from stages.science.figures.shift_curves import draw_shift_curves
 from stages.science.muscle_models.error_rates import average_muscles, summarise_error_rates
 from stages.science.muscle_models.force_test import ForceTest
-from stages.science.muscle_models.loop_settings import LoopSettings
+from stages.science.muscle_models.loop_settings import LoopSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -106,12 +106,6 @@ class TimeShift(Section):
                 f"set time_shift.amplitudes_s={ordered}"
             )
         return self
-
-
-class Movements(View):
-    """How many movements the bank will hold."""
-
-    trajectories: int
 
 
 class TrialsEnough(View):
