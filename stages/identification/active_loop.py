@@ -481,11 +481,8 @@ class Loop:
 
     def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""
-        return frame.assign(**self.where(trial))[[*WHERE, *(name for name in frame if name not in WHERE)]]
-
-    def where(self, trial: int) -> dict[str, Any]:
-        """Return the columns that say which trial this is."""
-        return {"participant": self.participant, "experiment": self.experiment, "arm": self.arm, "trial": trial}
+        where: dict[str, Any] = {"participant": self.participant, "experiment": self.experiment, "arm": self.arm}
+        return frame.assign(**where, trial=trial)[[*WHERE, *(name for name in frame if name not in WHERE)]]
 
 
 def nothing() -> dict[str, pd.DataFrame]:

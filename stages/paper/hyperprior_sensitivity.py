@@ -302,7 +302,8 @@ def compare_settings(errors: pd.DataFrame, margin: float) -> pd.DataFrame:
                 compare = compare_means if kind == MEAN else compare_variances
                 rows.append({**where, "before": changed["before"].mean(), **compare(after, expected, margin)})
             p = "p_welch" if kind == MEAN else "p_wilcoxon"
-            families.append(judge_with_equivalence(pd.DataFrame(rows), p, *["sensitive"] * 2, equivalent="insensitive"))
+            words = {"negative": "sensitive", "positive": "sensitive", "equivalent": "insensitive"}
+            families.append(judge_with_equivalence(pd.DataFrame(rows), p, **words))
     return pd.concat(families, ignore_index=True)[list(SENSITIVITY_COMPARISON.columns)]
 
 

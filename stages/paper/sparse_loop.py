@@ -154,7 +154,13 @@ class SamplesEnough(View):
 
     @model_validator(mode="after")
     def _find_samples(self) -> Self:
-        check_samples(self.sparse_loop, self.exoskeleton.samples, self.subsampling.initial_trials)
+        section, initial = self.sparse_loop, self.subsampling.initial_trials
+        kept = initial * count_kept(self.exoskeleton.samples, section.every)
+        if section.pseudo_inputs > kept:
+            raise ValueError(
+                f"sparse_loop.pseudo_inputs: expected at most the {kept} samples that are kept of the {initial} "
+                f"initial trials, got {section.pseudo_inputs}; lower it or sparse_loop.every"
+            )
         return self
 
     @model_validator(mode="after")
@@ -249,22 +255,6 @@ def check_movements(section: SparseLoop, movements: int, initial: int) -> None:
             f"sparse_loop.trials: expected at most {max(movements - initial, 0)} ({movements} movements of the bank "
             f"less {initial} initial trials), got {section.trials}; lower it, raise bank.trajectories or set "
             "sparse_loop.reuse_trajectories=true"
-        )
-
-
-def check_samples(section: SparseLoop, samples: int, initial: int) -> None:
-    """Refuse more pseudo-inputs than the first models have samples.
-
-    Raises
-    ------
-    ConfigError
-        Saying how many there are.
-    """
-    kept = initial * count_kept(samples, section.every)
-    if section.pseudo_inputs > kept:
-        raise ConfigError(
-            f"sparse_loop.pseudo_inputs: expected at most the {kept} samples that are kept of the {initial} initial "
-            f"trials, got {section.pseudo_inputs}; lower it or sparse_loop.every"
         )
 
 

@@ -238,7 +238,7 @@ def compare_shifts(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
             }
             for measure, pair in pairs.items():
                 where = {"amplitude_s": amplitude_s, "tested_on": tested_on, "measure": measure, "before": before}
-                compared = compare_pairs(*pair).tabulate("with", "without")
-                rows.append(where | compared | judge_paired_equivalence(*pair, margin).tabulate())
+                compared = compare_pairs(pair[0], pair[1]).tabulate("with", "without")
+                rows.append(where | compared | judge_paired_equivalence(pair[0], pair[1], margin).tabulate())
     frame = judge_with_equivalence(pd.DataFrame(rows), "p_t", "better", "worse", ending=" with shift")
     return frame[list(SHIFT_COMPARISON.columns)]

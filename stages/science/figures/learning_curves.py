@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -78,15 +78,15 @@ def draw_learning_curves(
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.tick_params(labelbottom=True)
         axis.grid(alpha=0.25)
-    for axis in axes[len(panels) :]:
-        axis.axis("off")
-    for axis in axes[max(0, len(panels) - columns) : len(panels)]:
-        axis.set_xlabel("trial")
-    spare = axes[len(panels)] if len(panels) < len(axes) else axes[0]
-    spare.legend(
-        *axes[0].get_legend_handles_labels(),
-        title=title,
-        loc="center" if spare is not axes[0] else "best",
-        frameon=False,
-    )
+    finish_panels(axes, len(panels), title)
     return figure
+
+
+def finish_panels(axes: Any, count: int, title: str | None = None) -> None:
+    """Label the lowest panels' abscissa and put the legend into a spare panel, or the first."""
+    for axis in axes[count:]:
+        axis.axis("off")
+    for axis in axes[max(0, count - min(3, count)) : count]:
+        axis.set_xlabel("trial")
+    spare, place = (axes[count], "center") if count < len(axes) else (axes[0], "best")
+    spare.legend(*axes[0].get_legend_handles_labels(), title=title, loc=place, frameon=False)

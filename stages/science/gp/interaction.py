@@ -55,7 +55,8 @@ class Interaction(Knowledge):
         self, inputs: tuple[Array, ...], outputs: tuple[Array, ...], generators: Sequence[np.random.Generator]
     ) -> Self:
         mean, starts = self.design.mean, self.design.starts
-        warm = [(theta,) for theta in self.thetas] or [()] * len(self.priors)
+        none: list[tuple[Array, ...]] = [()] * len(self.priors)
+        warm = [(theta,) for theta in self.thetas] or none
         thetas = tuple(
             fit(x, y, prior, mean=mean, generator=each, starts=starts, warm_starts=last).theta
             for x, y, prior, last, each in zip(inputs, outputs, self.priors, warm, generators, strict=True)
@@ -115,8 +116,8 @@ class Interaction(Knowledge):
             self._pick(model, x, y, each, way)
             for model, x, y, each, way in zip(self.models, inputs, outputs, generators, ways, strict=True)
         )
-        picked = [[each[at] for each, at in zip(data, picks, strict=True)] for data in (inputs, outputs)]
-        return self._append(trajectory, *picked, generators), picks
+        x, y = ([each[at] for each, at in zip(data, picks, strict=True)] for data in (inputs, outputs))
+        return self._append(trajectory, x, y, generators), picks
 
     def _pick(
         self, model: MarginalGP, x: Array, y: Array, generator: np.random.Generator, displace: Displace | None
