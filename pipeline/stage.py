@@ -29,7 +29,7 @@ class Stage:
     Parameters
     ----------
     name : str
-        Name of the function, of its file and of its config group.
+        Name of the function and of its config group.
     function : callable
         Called with ``cfg``, the tables it reads, and ``ctx``, by name.
     config : type of BaseModel
@@ -102,7 +102,8 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
     package : str
         Dotted name of the package whose files, and those of its folders, are stages.
     names : sequence of str, optional
-        One file, and one function in it, for each; without them, all files that define a stage of their name.
+        Each is a function in the file of its name, or in the one that its name ends with (``unseen_bank`` in
+        ``bank.py``); without them, all stages of all files.
 
     Raises
     ------
@@ -113,16 +114,19 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
         known = _find_modules(package)
     except ModuleNotFoundError:
         raise ConfigError(f"workflow.package: no Python package '{package}'") from None
+    if names is None:
+        modules = [importlib.import_module(each) for each in known.values()]
+        return [found for module in modules for found in vars(module).values() if isinstance(found, Stage)]
     stages = []
-    for name in known if names is None else names:
-        if name not in known:
-            raise ConfigError(f"workflow.stages: no stage '{name}' in {package}; {suggest(name, known)}")
-        found = getattr(importlib.import_module(known[name]), name, None)
-        if names is None and not isinstance(found, Stage):
-            continue
-        if not isinstance(found, Stage):
+    for name in names:
+        file = name if name in known else name.rpartition("_")[2]
+        found = getattr(importlib.import_module(known[file]), name, None) if file in known else None
+        if isinstance(found, Stage):
+            stages.append(found)
+        elif name in known:
             raise WiringError(f"{known[name].replace('.', '/')}.py: expected a stage function named {name}")
-        stages.append(found)
+        else:
+            raise ConfigError(f"workflow.stages: no stage '{name}' in {package}; {suggest(name, known)}")
     return stages
 
 

@@ -15,8 +15,8 @@ from pipeline.context import Context
 from pipeline.errors import WiringError
 from stages.paper import baselines as module
 from stages.paper.baselines import Baselines, Config, baselines, compare_baselines, count_points, fit_law, predict_law
-from stages.science.figures.baseline_curves import draw_baseline_curves
 from stages.science.figures.error_bars import draw_error_bars
+from stages.science.figures.learning_curves import STYLES, draw_learning_curves
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 from tests.composing import compose_values
 from tests.identification.data import HYPERPARAMETERS
@@ -153,8 +153,8 @@ def test_every_baseline_has_an_error_on_every_test_set(noisy):
         np.testing.assert_allclose(its["rmse_n"], its["error_rate"] * its["muscle"].map(largest), rtol=1e-12)
     assert len(noisy.compared) == 2 * (2 + 3) * 3
     assert sorted(path.name for path in (noisy.folder / "figures").glob("*.png")) == [
-        "learning_curves_baselines.png",
         "baseline_errors.png",
+        "learning_curves_baselines.png",
     ]
 
 
@@ -359,7 +359,8 @@ def test_curves_have_a_panel_for_each_muscle_and_two_lines(generator):
     trials = pd.DataFrame({"trial": [0, 1, 2, 1, 2], "line": ["design"] * 3 + ["baseline"] * 2})
     frame = trials.merge(pd.DataFrame({"muscle": ["mean", "pam1"]}), how="cross")
     frame = frame.assign(error_rate_mean=generator.uniform(0.01, 0.1, len(frame)), error_rate_sd=0.01)
-    axes = draw_baseline_curves(frame, ["design", "baseline"], ["mean", "pam1"]).axes
+    lines, panels = ["design", "baseline"], ["mean", "pam1"]
+    axes = draw_learning_curves(frame, lines, panels, "line", None, STYLES, apart=0.0, cut=True).axes
     assert [axis.get_title() for axis in axes[:2]] == ["average of the muscles", "pam1"]
     design, baseline = (container.lines[0] for container in axes[1].containers)
     assert list(design.get_xdata()) == [0, 1, 2]

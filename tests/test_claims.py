@@ -7,7 +7,7 @@ from scipy import stats
 from statsmodels.stats.weightstats import ttost_paired
 
 from stages.identification.comparison import pair_arms
-from stages.identification.participant_differences import add_average, compare_participants
+from stages.identification.participant_differences import compare_participants
 from stages.paper.baselines import compare_family
 from stages.paper.claims import (
     CLAIMS,
@@ -20,6 +20,7 @@ from stages.paper.claims import (
     judge_same,
     weigh_fall,
 )
+from stages.science.muscle_models.error_rates import add_average
 from tests.planted import make_curve
 
 

@@ -6,7 +6,8 @@ import pytest
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind
 
-from stages.identification.participant_differences import add_average, compare_participants, summarise
+from stages.identification.participant_differences import compare_participants
+from stages.science.muscle_models.error_rates import add_average, summarise_error_rates
 from tests import planted
 from tests.planted import assert_holm
 
@@ -79,7 +80,8 @@ def test_one_experiment_decides_nothing_and_one_person_has_no_row(generator):
 
 def test_curves_are_those_of_each_participant(generator):
     curve = make_curve(generator, {"p1": 0.036, "p2": 0.039})
-    told = summarise(curve).set_index(["participant", "trial", "muscle"])
+    by = ["participant", "trial", "muscle"]
+    told = summarise_error_rates(curve, by).set_index(by)
     its = curve[(curve["participant"] == "p2") & (curve["trial"] == 1) & (curve["muscle"] == "pam2")]["error_rate"]
     assert told.loc[("p2", 1, "pam2"), "error_rate_mean"] == pytest.approx(its.mean())
     assert told.loc[("p2", 1, "pam2"), "error_rate_sd"] == pytest.approx(its.std(ddof=1))

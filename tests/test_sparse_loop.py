@@ -9,11 +9,12 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import ConfigError
-from stages.paper.sparse_comparison import compare_ways, join_exact, judge, label_lines, summarise
+from stages.paper.sparse_comparison import compare_ways, join_exact, label_lines, summarise
 from stages.science.gp.sparse_marginal import condition_sparse
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import thin
 from stages.science.signals.measures import error_rate
+from stages.science.statistics.verdicts import judge
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 from tests.studies import read_stages, run_stage
 
@@ -306,4 +307,4 @@ def test_curves_are_means_and_sds_of_the_muscles_average(generator):
 
 
 def test_a_missing_p_value_decides_nothing():
-    assert judge(-0.1, np.nan, np.nan) == "undecided"
+    assert judge(np.nan, np.nan, "first better", "", "equivalent") == "undecided"

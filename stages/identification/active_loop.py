@@ -17,7 +17,6 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import PositiveInt, model_validator
 
 from pipeline.config import Section, Target, View
@@ -30,7 +29,7 @@ from stages.science.gp.interaction import Design, Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.force_test import ForceTest
-from stages.science.muscle_models.loop_settings import DesignSettings
+from stages.science.muscle_models.loop_settings import DesignSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import keep_usable, spread_evenly, take
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -39,8 +38,6 @@ from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDIN
 from stages.science.rig.reference import track
 from stages.science.rig.trial import Proposal
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
-
-Array = NDArray[np.float64]
 
 WHERE = {
     "participant": column(str, "who tracked"),
@@ -138,12 +135,6 @@ class ActiveLoop(DesignSettings):
                 f"set active_loop.controls=[{','.join(dict.fromkeys(controls))}]"
             )
         return self
-
-
-class Movements(View):
-    """How many movements the bank will hold."""
-
-    trajectories: int
 
 
 class Thinning(View):
@@ -490,11 +481,8 @@ class Loop:
 
     def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""
-        return frame.assign(**self.where(trial))[[*WHERE, *(name for name in frame if name not in WHERE)]]
-
-    def where(self, trial: int) -> dict[str, Any]:
-        """Return the columns that say which trial this is."""
-        return {"participant": self.participant, "experiment": self.experiment, "arm": self.arm, "trial": trial}
+        where: dict[str, Any] = {"participant": self.participant, "experiment": self.experiment, "arm": self.arm}
+        return frame.assign(**where, trial=trial)[[*WHERE, *(name for name in frame if name not in WHERE)]]
 
 
 def nothing() -> dict[str, pd.DataFrame]:

@@ -1,6 +1,8 @@
-"""Records an experimenter's natural movements under varied pressures: the bank that interactions are chosen from.
+"""Records natural movements under varied pressures: the bank that interactions are chosen from, and an unseen one.
 
-In: the rig. Out: `bank`, with force, which only the evaluation may read.
+In: the rig. Out: `bank`, with force, which only the evaluation may read, and `unseen_bank`, which nothing else reads.
+Models come from movements of `bank`; an error on `unseen_bank` is one on movements of the same kind that nothing has
+seen.
 """
 
 from __future__ import annotations
@@ -27,6 +29,12 @@ BANK = Table(
     {"trajectory": column(int, "movement of the bank", low=0), **RECORDING_COLUMNS},
     key=("trajectory", "muscle", "time_s"),
 )
+UNSEEN_BANK = Table(
+    "unseen_bank",
+    "A sample of a muscle in a movement that nothing has seen",
+    {"trajectory": column(int, "movement of the unseen bank", low=0), **RECORDING_COLUMNS},
+    key=("trajectory", "muscle", "time_s"),
+)
 
 
 class CommandsWithinLimits(View):
@@ -43,8 +51,48 @@ class CommandsWithinLimits(View):
         return self
 
 
+class UnseenCommandsWithinLimits(View):
+    """The same of the unseen bank."""
+
+    unseen_bank: FreeMovements
+    exoskeleton: Exoskeleton
+    rig: RigWithLimits
+
+    @model_validator(mode="after")
+    def _keep_limits(self) -> Self:
+        ranges = self.unseen_bank.pressure.range_kpa
+        check_levels(ranges, self.exoskeleton, self.rig.limits, "unseen_bank.pressure.range_kpa")
+        return self
+
+
+class Seed(View):
+    """A bank's own seed."""
+
+    seed: int
+
+
+class SeedsDiffer(View):
+    """The two banks are two draws.
+
+    The stage's name enters its generators too, so that equal seeds would not give equal movements; but who sets them
+    equal expects that they do.
+    """
+
+    bank: Seed
+    unseen_bank: Seed
+
+    @model_validator(mode="after")
+    def _draw_anew(self) -> Self:
+        if self.unseen_bank.seed == self.bank.seed:
+            raise ValueError(
+                f"unseen_bank.seed: expected another seed than bank.seed, as its movements are to be new, "
+                f"got {self.unseen_bank.seed} for both; set unseen_bank.seed={self.bank.seed + 1}"
+            )
+        return self
+
+
 class Config(Section):
-    """What this stage reads."""
+    """What `bank` reads."""
 
     checks: ClassVar = (CommandsWithinLimits,)
 
@@ -58,22 +106,48 @@ class Config(Section):
         return self
 
 
+class UnseenConfig(Section):
+    """What `unseen_bank` reads."""
+
+    checks: ClassVar = (UnseenCommandsWithinLimits, SeedsDiffer)
+
+    unseen_bank: FreeMovements
+    exoskeleton: Exoskeleton
+    rig: Target
+
+    @model_validator(mode="after")
+    def _fit_machine(self) -> Self:
+        self.unseen_bank.check_against(self.exoskeleton, "unseen_bank")
+        return self
+
+
 @stage(BANK, stream="bank")
 def bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record an experimenter's natural movements under varied pressures, with force."""
-    with ctx.rig as rig, ctx.progress("movements", cfg.bank.trajectories) as advance:
-        for trajectory in range(cfg.bank.trajectories):
-            make = partial(record_movement, cfg, ctx, rig, trajectory)
+    return record_movements(BANK, cfg.bank, "a natural movement for the bank", ctx)
+
+
+@stage(UNSEEN_BANK, stream="unseen_bank")
+def unseen_bank(cfg: UnseenConfig, ctx: Context) -> dict[str, pd.DataFrame]:
+    """Record a second bank of natural movements, for the evaluation alone."""
+    return record_movements(UNSEEN_BANK, cfg.unseen_bank, "a natural movement for the evaluation alone", ctx)
+
+
+def record_movements(table: Table, section: FreeMovements, reason: str, ctx: Context) -> dict[str, pd.DataFrame]:
+    """Record every free movement of a bank, a part each."""
+    with ctx.rig as rig, ctx.progress("movements", section.trajectories) as advance:
+        for trajectory in range(section.trajectories):
+            make = partial(record_movement, table, section, reason, ctx, rig, trajectory)
             until_kept(partial(ctx.record.part, (trajectory,), make))
             advance(f"movement {trajectory}")
     return ctx.record.collect()
 
 
-def record_movement(cfg: Config, ctx: Context, rig: Rig, trajectory: int) -> dict[str, pd.DataFrame]:
-    """Record one free movement."""
-    watch = ctx.record.watch((trajectory,))
-    proposal = Proposal(trajectory + 1, cfg.bank.trajectories, "a natural movement for the bank")
-    columns = cfg.bank.record(
-        trajectory, rig, ctx.generator(trajectory), f"bank {trajectory}", watch, trajectory, proposal
-    )
-    return {BANK.name: pd.DataFrame(columns)}
+def record_movement(
+    table: Table, section: FreeMovements, reason: str, ctx: Context, rig: Rig, trajectory: int
+) -> dict[str, pd.DataFrame]:
+    """Record one free movement; those of the bank have a number, by which a replay can find them."""
+    watch, label = ctx.record.watch((trajectory,)), f"{table.name.replace('_', ' ')} {trajectory}"
+    proposal, number = Proposal(trajectory + 1, section.trajectories, reason), trajectory if table is BANK else None
+    columns = section.record(trajectory, rig, ctx.generator(trajectory), label, watch, number, proposal)
+    return {table.name: pd.DataFrame(columns)}

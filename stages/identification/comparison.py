@@ -12,9 +12,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Annotated, Any
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 
 from pipeline.config import Section
@@ -22,14 +20,13 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles
 from stages.science.muscle_models.recorded_models import RecordedModels
 from stages.science.signals.measures import error_rate
-from stages.science.statistics.paired import adjust_holm, compare_pairs
+from stages.science.signals.scaling import Array
+from stages.science.statistics.paired import compare_pairs
+from stages.science.statistics.verdicts import LEVEL, judge_differences
 
-Array = NDArray[np.float64]
-
-ALL_MUSCLES = "mean"
-LEVEL = 0.05
 DESCRIBED = {
     "bank": "the bank that trials were chosen from",
     "unseen_bank": "a second bank that nothing else saw",
@@ -236,20 +233,13 @@ def keep_common(curve: pd.DataFrame, arms: int) -> pd.DataFrame:
 
 def summarise(curve: pd.DataFrame, tests: Sequence[str], arms: Sequence[str], muscles: Sequence[str]) -> pd.DataFrame:
     """Return mean and SD over experiments, for each muscle and for their average."""
-    average = average_muscles(curve).assign(muscle=ALL_MUSCLES)
-    rows = pd.concat([curve, average], ignore_index=True)
+    rows = pd.concat([curve, average_muscles(curve)], ignore_index=True)
     grouped = rows.groupby(["tested_on", "arm", "trial", "muscle"])["error_rate"].agg(["mean", "std", "count"])
     trials = sorted(curve["trial"].unique())
     keys = list(product(tests, arms, trials, [*muscles, ALL_MUSCLES]))
     ordered = grouped.loc[keys].reset_index()
     ordered.columns = pd.Index(LEARNING_SUMMARY.columns)
     return ordered
-
-
-def average_muscles(curve: pd.DataFrame) -> pd.DataFrame:
-    """Return the error rate averaged over muscles."""
-    keys = ["participant", "experiment", "arm", "trial", "tested_on"]
-    return curve.groupby(keys, sort=False)["error_rate"].mean().reset_index()
 
 
 def tell_final_errors(
@@ -303,33 +293,15 @@ def pair_family(curve: pd.DataFrame, arms: Sequence[str], tested_on: str) -> pd.
         "final": {arm: table[arm][last].to_numpy() for arm in arms},
         "curve": {arm: table[arm].drop(columns=0).to_numpy().mean(axis=1) for arm in arms},
     }
-    design, controls = arms[0], arms[1:]
-    rows = []
-    for measure, values in measures.items():
-        for control in controls:
-            told = compare_pairs(values[design], values[control])
-            rows.append(
-                (
-                    tested_on,
-                    measure,
-                    design,
-                    control,
-                    told.n,
-                    told.mean_first,
-                    told.mean_second,
-                    told.difference,
-                    told.low,
-                    told.high,
-                    told.effect_size,
-                    told.wins,
-                    told.t_p_value,
-                    told.wilcoxon_p_value,
-                )
-            )
+    where = {"tested_on": tested_on, "design": arms[0]}
+    rows = [
+        {**where, "measure": measure, "control": control}
+        | compare_pairs(values[arms[0]], values[control]).tabulate("design", "control")
+        for measure, values in measures.items()
+        for control in arms[1:]
+    ]
     frame = pd.DataFrame(rows, columns=list(PAIRED_COMPARISON.columns)[:-2])
-    adjusted = adjust_holm(frame["p_t"].to_numpy(dtype=float))
-    better = np.where(frame["difference"] < 0, "design better", "control better")
-    return frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, better, "undecided"))
+    return judge_differences(frame, "p_t", "design better", "control better")
 
 
 def recommend(compared: pd.DataFrame, design: str) -> pd.DataFrame:

@@ -18,12 +18,10 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average, summarise_error_rates
 from stages.science.statistics.equivalence import judge_equivalence
 from stages.science.statistics.groups import compare_groups
-from stages.science.statistics.paired import adjust_holm
-
-ALL_MUSCLES = "mean"
-LEVEL = 0.05
+from stages.science.statistics.verdicts import LEVEL, judge_with_equivalence
 
 PARTICIPANT_COMPARISON = Table(
     "participant_comparison",
@@ -77,31 +75,18 @@ class Config(Section):
 def participant_differences(cfg: Config, learning_curve: pd.DataFrame, ctx: Context) -> pd.DataFrame:
     """Compare the participants' error rates in the design's arm."""
     design = learning_curve["arm"].iloc[0]
-    curve = add_average(learning_curve[learning_curve["arm"] == design])
+    curve = add_average(learning_curve[learning_curve["arm"] == design].drop(columns="arm"))
     muscles = [ALL_MUSCLES, *learning_curve["muscle"].unique()]
     people = list(curve["participant"].unique())
     caption = (
         f"Error rate after each trial of the design ({design}), for every participant: mean and SD over "
         f"each one's {curve['experiment'].nunique()} experiments, tested on {curve['tested_on'].iloc[0]}."
     )
-    shown = summarise(curve[curve["tested_on"] == curve["tested_on"].iloc[0]])
+    shown = curve[curve["tested_on"] == curve["tested_on"].iloc[0]]
+    shown = summarise_error_rates(shown, ["participant", "trial", "muscle"])
     ctx.figure("participants", draw_learning_curves(shown, people, muscles, "participant", "participant"), caption)
     section = cfg.participant_differences
     return compare_participants(curve, people, muscles, section.margin, section.experiments)
-
-
-def add_average(curve: pd.DataFrame) -> pd.DataFrame:
-    """Return the curve with rows of the average over muscles."""
-    keys = ["participant", "experiment", "trial", "tested_on"]
-    average = curve.groupby(keys, sort=False)["error_rate"].mean().reset_index().assign(muscle=ALL_MUSCLES)
-    columns = [*keys, "muscle", "error_rate"]
-    return pd.concat([curve[columns], average[columns]], ignore_index=True)
-
-
-def summarise(curve: pd.DataFrame) -> pd.DataFrame:
-    """Return mean and SD over each participant's experiments."""
-    told = curve.groupby(["participant", "trial", "muscle"])["error_rate"].agg(["mean", "std"]).reset_index()
-    return told.rename(columns={"mean": "error_rate_mean", "std": "error_rate_sd"})
 
 
 def compare_participants(
@@ -141,38 +126,16 @@ def compare_family(last: pd.DataFrame, people: list[str], muscles: list[str], ma
     for first, second in combinations(people, 2):
         for muscle in muscles:
             pair = values[(first, muscle)], values[(second, muscle)]
-            told, same = compare_groups(*pair), judge_equivalence(*pair, margin)
-            rows.append(
-                {
-                    "first": first,
-                    "second": second,
-                    "muscle": muscle,
-                    "n_first": told.n_first,
-                    "n_second": told.n_second,
-                    "first_mean": told.mean_first,
-                    "second_mean": told.mean_second,
-                    "difference": told.difference,
-                    "low": told.low,
-                    "high": told.high,
-                    "hedges_g": told.effect_size,
-                    "p_welch": told.p_value,
-                    "margin": margin,
-                    "p_tost": same.p_value,
-                    "power": same.power,
-                    "n_needed": float("nan") if same.n_needed is None else float(same.n_needed),
-                }
-            )
+            told = compare_groups(*pair)
+            means = {"first_mean": told.mean_first, "second_mean": told.mean_second}
+            row = {
+                "first": first,
+                "second": second,
+                "muscle": muscle,
+                "n_first": told.n_first,
+                "n_second": told.n_second,
+            }
+            rows.append(row | means | told.tabulate() | judge_equivalence(*pair, margin).tabulate())
     if not rows:
         return pd.DataFrame(columns=list(PARTICIPANT_COMPARISON.columns))
-    frame = pd.DataFrame(rows)
-    frame = frame.assign(p_holm=adjust_holm(frame["p_welch"].to_numpy(dtype=float)))
-    frame["verdict"] = [judge(*each) for each in zip(frame["p_holm"], frame["p_tost"], strict=True)]
-    return frame
-
-
-def judge(p_different: float, p_equivalent: float) -> str:
-    """Return the verdict of two p-values; a missing one decides nothing."""
-    different, equivalent = p_different < LEVEL, p_equivalent < LEVEL
-    if different and equivalent:
-        return "different within the margin"
-    return "different" if different else "equivalent" if equivalent else "undecided"
+    return judge_with_equivalence(pd.DataFrame(rows), "p_welch", "different", "different")

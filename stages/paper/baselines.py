@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 
 from pipeline.config import Section
@@ -25,24 +25,21 @@ from pipeline.context import Context
 from pipeline.errors import WiringError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.baseline_curves import draw_baseline_curves
 from stages.science.figures.error_bars import draw_error_bars
-from stages.science.gp.hyperprior import Hyperprior
+from stages.science.figures.learning_curves import STYLES, draw_learning_curves
 from stages.science.gp.marginal import MarginalGP, fit
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average, summarise_error_rates
 from stages.science.muscle_models.linear_muscle import LinearMuscleModel
+from stages.science.muscle_models.recorded_models import RecordedModels
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
 from stages.science.statistics.groups import compare_groups
-from stages.science.statistics.paired import adjust_holm, compare_pairs
+from stages.science.statistics.paired import compare_pairs
+from stages.science.statistics.verdicts import LEVEL, judge_differences
 
-Array = NDArray[np.float64]
-
-CONSTANT_MEAN = "constant_mean"
-ALL_MUSCLES = "mean"
 NOBODY = "nobody"
-LEVEL = 0.05
 LINEAR, SPARSE, SUBSET, INTERACTIVE = "linear", "sparse_gp", "subset_gp", "linear_interactive"
 DESCRIBED = {
     LINEAR: "linear law, nobody moves",
@@ -161,12 +158,8 @@ class MuscleData:
     ----------
     name : str
         Of the muscle.
-    prior : Hyperprior
-        Table 1.
-    mean : str
-        Of its GPs: ``zero`` or ``constant``.
-    scaling : Scaling
-        Centres and scales.
+    recorded : RecordedModels
+        Table 1, the mean of its GPs, centres and scales.
     tests : mapping of str to DataFrame
         Samples of each test set.
     points : int
@@ -174,9 +167,7 @@ class MuscleData:
     """
 
     name: str
-    prior: Hyperprior
-    mean: str
-    scaling: Scaling
+    recorded: RecordedModels
     tests: Mapping[str, pd.DataFrame]
     points: int
 
@@ -185,15 +176,9 @@ def gather(
     muscle: str, hyperprior: pd.DataFrame, scaling: pd.DataFrame, tests: Mapping[str, pd.DataFrame], points: int
 ) -> MuscleData:
     """Return what is known of a muscle."""
-    rows = hyperprior[hyperprior["muscle"] == muscle]
-    return MuscleData(
-        muscle,
-        Hyperprior(rows["mean"].to_numpy(), rows["variance"].to_numpy()),
-        "constant" if CONSTANT_MEAN in set(rows["hyperparameter"]) else "zero",
-        Scaling.of_muscle(scaling, muscle),
-        {name: frame.loc[frame["muscle"] == muscle, [*MODEL_INPUTS, MODEL_OUTPUT]] for name, frame in tests.items()},
-        points,
-    )
+    columns = [*MODEL_INPUTS, MODEL_OUTPUT]
+    its_tests = {name: frame.loc[frame["muscle"] == muscle, columns] for name, frame in tests.items()}
+    return MuscleData(muscle, RecordedModels.read(hyperprior, scaling, muscle), its_tests, points)
 
 
 def count_points(points: pd.DataFrame, design: str) -> int:
@@ -271,27 +256,12 @@ class Job:
         """
         known, trials = self.muscle, int(self.samples["trial"].nunique())
         count = min(known.points, len(self.samples))
-        data = known.scaling.inputs_of(self.samples), known.scaling.output_of(self.samples)
+        data = known.recorded.scaling.inputs_of(self.samples), known.recorded.scaling.output_of(self.samples)
         generator = self.ctx.generator(SPARSE, self.experiment, known.name)
-        first = fit_sparse(
-            *data,
-            count,
-            None,
-            known.mean,
-            generator=generator,
-            starts=self.cfg.sparse_starts,
-            iterations=self.cfg.sparse_trial_iterations * trials,
-        )
-        best = fit_sparse(
-            *data,
-            count,
-            None,
-            known.mean,
-            generator=generator,
-            starts=0,
-            warm_starts=[(first.pseudo, first.theta)],
-            iterations=self.cfg.sparse_best_iterations * trials,
-        )
+        search = partial(fit_sparse, *data, count, None, known.recorded.mean, generator=generator)
+        first = search(starts=self.cfg.sparse_starts, iterations=self.cfg.sparse_trial_iterations * trials)
+        again = [(first.pseudo, first.theta)]
+        best = search(starts=0, warm_starts=again, iterations=self.cfg.sparse_best_iterations * trials)
         return self.predict_with(best)
 
     def fit_subset(self) -> Predictor:
@@ -300,14 +270,14 @@ class Job:
         generator = self.ctx.generator(SUBSET, self.experiment, known.name)
         drawn = generator.choice(len(self.samples), min(known.points, len(self.samples)), replace=False)
         samples = self.samples.iloc[np.sort(drawn)]
-        inputs, output = known.scaling.inputs_of(samples), known.scaling.output_of(samples)
+        inputs, output = known.recorded.scaling.inputs_of(samples), known.recorded.scaling.output_of(samples)
         return self.predict_with(
-            fit(inputs, output, known.prior, known.mean, generator=generator, starts=self.cfg.starts)
+            fit(inputs, output, known.recorded.prior, known.recorded.mean, generator=generator, starts=self.cfg.starts)
         )
 
     def predict_with(self, model: MarginalGP | SparseGP) -> Predictor:
         """Return the forces that a GP predicts."""
-        scaling = self.muscle.scaling
+        scaling = self.muscle.recorded.scaling
         return lambda test: scaling.restore_force(model.predict_mean(scaling.inputs_of(test)))
 
     def measure(self, baseline: str, trial: int, predict: Predictor) -> list[tuple[Any, ...]]:
@@ -379,19 +349,8 @@ def compare_family(design: pd.DataFrame, curve: pd.DataFrame, muscles: Sequence[
             for muscle in [ALL_MUSCLES, *muscles]:
                 where = {"tested_on": tested_on, "measure": measure, "muscle": muscle, "baseline": baseline}
                 rows.append(where | compare(ours[muscle], theirs[muscle], paired=baseline == INTERACTIVE))
-    frame = pd.DataFrame(rows)
-    adjusted = adjust_holm(frame["p"].to_numpy(dtype=float))
-    better = np.where(frame["difference"] < 0, "design better", "baseline better")
-    frame = frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, better, "undecided"))
+    frame = judge_differences(pd.DataFrame(rows), "p", "design better", "baseline better")
     return frame[list(BASELINE_COMPARISON.columns)]
-
-
-def add_average(curve: pd.DataFrame) -> pd.DataFrame:
-    """Return the curve with rows of the average over muscles."""
-    keys = [name for name in curve.columns if name not in ("muscle", "rmse_n", "error_rate")]
-    average = curve.groupby(keys, sort=False)["error_rate"].mean().reset_index().assign(muscle=ALL_MUSCLES)
-    columns = [*keys, "muscle", "error_rate"]
-    return pd.concat([curve[columns], average[columns]], ignore_index=True)
 
 
 def summarise_experiments(curve: pd.DataFrame, last: int | None) -> pd.DataFrame:
@@ -442,14 +401,15 @@ def draw(ctx: Context, design: pd.DataFrame, curve: pd.DataFrame, arm: str, musc
             add_average(curve).assign(line=lambda frame: frame["baseline"].map(DESCRIBED)),
         ]
     )
-    told = lines.groupby(["line", "trial", "tested_on", "muscle"])["error_rate"].agg(["mean", "std"]).reset_index()
-    told = told.rename(columns={"mean": "error_rate_mean", "std": "error_rate_sd"})
+    told = summarise_error_rates(lines, ["line", "trial", "tested_on", "muscle"])
     panels, tests = [ALL_MUSCLES, *muscles], list(design["tested_on"].unique())
     counts = [len(each.groupby(["participant", "experiment"])) for each in (design, curve[curve["baseline"] == LINEAR])]
     spread = f"mean and standard deviation over {counts[0]} experiments of the design, {counts[1]} of the protocol"
     ctx.figure(
         "learning_curves_baselines",
-        draw_baseline_curves(told[told["tested_on"] == "bank"], [ours, linear], panels),
+        draw_learning_curves(
+            told[told["tested_on"] == "bank"], [ours, linear], panels, "line", None, STYLES, apart=0.0, cut=True
+        ),
         "Error rate (RMSE over the largest force of the test data) after each designed trial, and of the linear law "
         f"after each trial of the protocol in which nobody moves, tested on the bank: {spread} (cut where large).",
     )

@@ -24,10 +24,9 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.muscle_models.error_rates import ALL_MUSCLES
 from stages.science.statistics.paired import compare_pairs
-
-ALL_MUSCLES = "mean"
-LEVEL = 0.05
+from stages.science.statistics.verdicts import LEVEL
 
 HOLDS, FAILS, UNTESTED, UNTESTABLE = "holds", "does not hold", "not tested", "not testable in simulation"
 
@@ -274,7 +273,7 @@ def weigh_participants(compared: pd.DataFrame) -> Iterator[Case]:
     """Take the comparison of every two participants, over all muscles and their largest number of experiments."""
     average = compared[compared["muscle"] == ALL_MUSCLES]
     for _, its in average.groupby(["first", "second", "tested_on"], sort=False):
-        row = rows_of(its.sort_values("n_first"))[-1]
+        row = its.sort_values("n_first").to_dict("records")[-1]
         n = int(min(row["n_first"], row["n_second"]))
         evidence = Evidence(
             f"Welch, TOST to {row['margin']:g}, Hedges g", n, *numbers(row, "hedges_g", "p_holm", "p_tost")
@@ -284,7 +283,7 @@ def weigh_participants(compared: pd.DataFrame) -> Iterator[Case]:
 
 def weigh_time_shift(compared: pd.DataFrame) -> Iterator[Case]:
     """Take each amplitude's comparison: equivalence after the last trial, and the curve without shift against with."""
-    for row in rows_of(compared):
+    for row in compared.to_dict("records"):
         setting = f"up to {plain(row['amplitude_s'])} s"
         if row["measure"] == "final":
             evidence = Evidence(
@@ -301,7 +300,7 @@ def weigh_choices_against_random(compared: pd.DataFrame) -> Iterator[Case]:
     """Take the design's comparison with the control that chooses at random, over the largest number of experiments."""
     its = compared[compared["control"] == "random"]
     for _, rows in its.groupby(["tested_on", "measure"], sort=False):
-        row = rows_of(rows.sort_values("n"))[-1]
+        row = rows.sort_values("n").to_dict("records")[-1]
         evidence = Evidence("paired t, d_z", int(row["n"]), *numbers(row, "d_z", "p_holm"))
         setting = "after the last trial" if row["measure"] == "final" else "over the curve"
         yield Case("beats_random_choice", setting, row["tested_on"], evidence, judge_better)
@@ -320,11 +319,6 @@ def turn(evidence: Evidence) -> Evidence:
     )
 
 
-def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return a frame's rows as plain mappings."""
-    return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
-
-
 def weigh_baselines(compared: pd.DataFrame) -> Iterator[Case]:
     """Take the design's comparisons with the two baselines of the paper, over all muscles."""
     about = {
@@ -332,7 +326,7 @@ def weigh_baselines(compared: pd.DataFrame) -> Iterator[Case]:
         ("linear", "final"): "beats_linear",
         ("sparse_gp", "final"): "beats_sparse_gp",
     }
-    for row in rows_of(compared[compared["muscle"] == ALL_MUSCLES]):
+    for row in compared[compared["muscle"] == ALL_MUSCLES].to_dict("records"):
         claim = about.get((row["baseline"], row["measure"]))
         if claim:
             n = min(row["n_design"], row["n_baseline"])
@@ -355,7 +349,7 @@ def weigh_hyperpriors(compared: pd.DataFrame) -> Iterator[Case]:
     for _, rows in compared.groupby(["kind", "setting", "tested_on"], sort=False):
         claim, described, test, effect, estimate = names[str(rows["kind"].iloc[0])]
         its = rows[rows["muscle"] != ALL_MUSCLES].sort_values("p_tost", na_position="last")
-        row = rows_of(its)[-1]
+        row = its.to_dict("records")[-1]
         evidence = Evidence(
             f"{test} to {row['margin']:g}, {effect}: of {row['muscle']}, least surely equivalent",
             int(row["n"]),
@@ -377,7 +371,7 @@ def plain(value: float) -> str:
 
 def weigh_concentration(concentration: pd.DataFrame) -> Iterator[Case]:
     """Take the design's test, the first of the arms."""
-    row = rows_of(concentration)[0]
+    row = concentration.to_dict("records")[0]
     evidence = Evidence(
         "Monte Carlo test of dispersion, over its mean at random",
         row["n"],
@@ -393,6 +387,6 @@ def weigh_concentration(concentration: pd.DataFrame) -> Iterator[Case]:
 def weigh_sparse_model(compared: pd.DataFrame) -> Iterator[Case]:
     """Take the comparison of a sparse model that keeps all samples with an exact one of few, after the last trial."""
     its = compared[(compared["question"] == "keeping all samples") & (compared["measure"] == "final")]
-    for row in rows_of(its.drop_duplicates("tested_on")):  # the design's comparison stands first
+    for row in its.drop_duplicates("tested_on").to_dict("records"):  # the design's comparison stands first
         evidence = Evidence("paired t, d_z", row["n"], *numbers(row, "d_z", "p_holm"))
         yield Case("sparse_model_gains", f"{row['first']} - {row['second']}", row["tested_on"], evidence, judge_better)

@@ -16,7 +16,6 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pipeline.config import Section, View
@@ -25,20 +24,18 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.sensitivity import draw_sensitivity
 from stages.science.gp.hyperprior import Hyperprior
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles
 from stages.science.muscle_models.force_test import ForceTest
-from stages.science.muscle_models.loop_settings import LoopSettings
+from stages.science.muscle_models.loop_settings import LoopSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.statistics.equivalence import Equivalence, judge_equivalence, judge_paired_equivalence
+from stages.science.signals.scaling import Array
+from stages.science.statistics.equivalence import judge_equivalence, judge_paired_equivalence
 from stages.science.statistics.groups import compare_groups
-from stages.science.statistics.paired import adjust_holm
 from stages.science.statistics.signed_rank import compare_ranks
+from stages.science.statistics.verdicts import LEVEL, judge_with_equivalence
 
-Array = NDArray[np.float64]
-
-ALL_MUSCLES = "mean"
-LEVEL = 0.05
 TABLE_1, MEAN, VARIANCE = "table_1", "mean", "variance"
 
 SETTING = {
@@ -151,12 +148,6 @@ class HyperpriorSensitivity(Section):
             *((MEAN, each) for each in self.mean_shifts),
             *((VARIANCE, each) for each in self.variance_factors),
         ]
-
-
-class Movements(View):
-    """How many movements the bank will hold."""
-
-    trajectories: int
 
 
 class MovementsEnough(View):
@@ -293,8 +284,7 @@ def sort_settings(frame: pd.DataFrame, section: HyperpriorSensitivity, columns: 
 
 def add_average(errors: pd.DataFrame) -> pd.DataFrame:
     """Return the errors with rows of the average over muscles."""
-    keys = [*SETTING, "experiment", "tested_on"]
-    average = errors.groupby(keys, sort=False)[["before", "after"]].mean().reset_index().assign(muscle=ALL_MUSCLES)
+    average = average_muscles(errors, ["before", "after"])
     return pd.concat([average[list(errors.columns)], errors], ignore_index=True)
 
 
@@ -311,12 +301,10 @@ def compare_settings(errors: pd.DataFrame, margin: float) -> pd.DataFrame:
                 after, expected = (each.sort_values("experiment")["after"].to_numpy() for each in (changed, own))
                 compare = compare_means if kind == MEAN else compare_variances
                 rows.append({**where, "before": changed["before"].mean(), **compare(after, expected, margin)})
-            family = pd.DataFrame(rows)
-            p_value = family["p_welch" if kind == MEAN else "p_wilcoxon"].to_numpy(dtype=float)
-            families.append(family.assign(p_holm=adjust_holm(p_value)))
-    frame = pd.concat(families, ignore_index=True)
-    frame["verdict"] = [judge(*each) for each in zip(frame["p_holm"], frame["p_tost"], strict=True)]
-    return frame[list(SENSITIVITY_COMPARISON.columns)]
+            p = "p_welch" if kind == MEAN else "p_wilcoxon"
+            words = {"negative": "sensitive", "positive": "sensitive", "equivalent": "insensitive"}
+            families.append(judge_with_equivalence(pd.DataFrame(rows), p, **words))
+    return pd.concat(families, ignore_index=True)[list(SENSITIVITY_COMPARISON.columns)]
 
 
 def compare_means(changed: Array, table_1: Array, margin: float) -> dict[str, Any]:
@@ -327,15 +315,9 @@ def compare_means(changed: Array, table_1: Array, margin: float) -> dict[str, An
         "n_table_1": told.n_second,
         "mean": told.mean_first,
         "table_1_mean": told.mean_second,
-        "difference": told.difference,
-        "hodges_lehmann": np.nan,
-        "low": told.low,
-        "high": told.high,
-        "hedges_g": told.effect_size,
-        "rank_biserial": np.nan,
-        "p_welch": told.p_value,
-        "p_wilcoxon": np.nan,
-        **tell_equivalence(judge_equivalence(changed, table_1, margin)),
+        **dict.fromkeys(("hodges_lehmann", "rank_biserial", "p_wilcoxon"), np.nan),
+        **told.tabulate(),
+        **judge_equivalence(changed, table_1, margin).tabulate(),
     }
 
 
@@ -355,19 +337,5 @@ def compare_variances(changed: Array, table_1: Array, margin: float) -> dict[str
         "rank_biserial": told.effect_size,
         "p_welch": np.nan,
         "p_wilcoxon": told.p_value,
-        **tell_equivalence(judge_paired_equivalence(changed, table_1, margin)),
+        **judge_paired_equivalence(changed, table_1, margin).tabulate(),
     }
-
-
-def tell_equivalence(same: Equivalence) -> dict[str, float]:
-    """Return the columns of a test of equivalence."""
-    needed = np.nan if same.n_needed is None else float(same.n_needed)
-    return {"margin": same.margin, "p_tost": same.p_value, "power": same.power, "n_needed": needed}
-
-
-def judge(p_different: float, p_equivalent: float) -> str:
-    """Return the verdict of two p-values; a missing one decides nothing."""
-    different, equivalent = p_different < LEVEL, p_equivalent < LEVEL
-    if different and equivalent:
-        return "sensitive within the margin"
-    return "sensitive" if different else "insensitive" if equivalent else "undecided"

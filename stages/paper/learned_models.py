@@ -28,17 +28,15 @@ from stages.science.figures.force_surfaces import draw_force_surfaces
 from stages.science.figures.frequent_references import draw_frequent_references
 from stages.science.figures.reliability import draw_calibration
 from stages.science.gp.marginal import MarginalGP
+from stages.science.muscle_models.error_rates import ALL_MUSCLES
 from stages.science.muscle_models.recorded_models import RecordedModels
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
 from stages.science.statistics.concentration import Choices, judge_concentration
 from stages.science.statistics.coverage import cover_blocks
 from stages.science.statistics.paired import adjust_holm, compare_pairs
+from stages.science.statistics.verdicts import LEVEL, judge_differences
 
-Array = NDArray[np.float64]
-
-ALL_MUSCLES = "mean"
-LEVEL = 0.05
 NOMINAL = 0.95
 QUANTILE = float(ndtri(0.5 + NOMINAL / 2))
 PLAIN, MARGINAL = "plain", "marginal"
@@ -567,29 +565,14 @@ def compare_models(family: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame
     for muscle, trial in sorted(groups, key=lambda each: (muscles.index(each[0]), each[1])):
         its = groups[(muscle, trial)]
         told = compare_pairs(its[f"{MARGINAL}_gap"].to_numpy(), its[f"{PLAIN}_gap"].to_numpy())
-        row = {
-            "muscle": muscle,
-            "trial": trial,
-            "n": told.n,
-            "plain_gap": told.mean_second,
-            "marginal_gap": told.mean_first,
-            "difference": told.difference,
-            "low": told.low,
-            "high": told.high,
-            "d_z": told.effect_size,
-            "wider": its["wider"].mean(),
-            "p_t": told.t_p_value,
-            "p_wilcoxon": told.wilcoxon_p_value,
-        }
+        row = {"muscle": muscle, "trial": trial, "wider": its["wider"].mean(), **told.tabulate(MARGINAL, PLAIN)}
+        row |= {"marginal_gap": told.mean_first, "plain_gap": told.mean_second}
         for name in (PLAIN, MARGINAL):
             row |= dict(
                 zip((f"{name}_share", f"{name}_low", f"{name}_high"), average(its[f"{name}_share"]), strict=True)
             )
         found.append(row)
-    frame = pd.DataFrame(found)
-    adjusted = adjust_holm(frame["p_t"].to_numpy(dtype=float))
-    closer = np.where(frame["difference"] < 0, "marginal closer", "plain closer")
-    return frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, closer, "undecided"))
+    return judge_differences(pd.DataFrame(found), "p_t", "marginal closer", "plain closer")
 
 
 def average(values: pd.Series[float]) -> tuple[float, float, float]:

@@ -11,9 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from pipeline.config import Section
@@ -22,14 +20,13 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
 from stages.science.gp.sparse_model import predict_weighted
+from stages.science.muscle_models.error_rates import average_muscles, summarise_error_rates
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import Scaling
+from stages.science.signals.scaling import Array, Scaling
 from stages.science.statistics.equivalence import judge_paired_equivalence
-from stages.science.statistics.paired import adjust_holm, compare_pairs
+from stages.science.statistics.paired import compare_pairs
+from stages.science.statistics.verdicts import LEVEL, judge_with_equivalence
 
-Array = NDArray[np.float64]
-
-LEVEL = 0.05
 KEEPING, CHOOSING = "keeping all samples", "choosing by utility"
 
 MODEL = column(str, "sparse: of all samples; exact: of a trial's most informative ones", among=["sparse", "exact"])
@@ -208,12 +205,6 @@ def label_lines(curve: pd.DataFrame) -> pd.DataFrame:
     return curve.assign(line=curve["model"] + " " + curve["arm"])
 
 
-def average_muscles(labelled: pd.DataFrame) -> pd.DataFrame:
-    """Return the error rate averaged over muscles."""
-    keys = ["participant", "experiment", "line", "trial", "tested_on"]
-    return labelled.groupby(keys, sort=False)["error_rate"].mean().reset_index()
-
-
 def count_fewest(labelled: pd.DataFrame) -> int:
     """Return how many experiments the line with the fewest has."""
     distinct = labelled[["line", "participant", "experiment"]].drop_duplicates()
@@ -222,9 +213,7 @@ def count_fewest(labelled: pd.DataFrame) -> int:
 
 def summarise(labelled: pd.DataFrame) -> pd.DataFrame:
     """Return mean and SD over experiments of the average over muscles, one panel for each test set."""
-    rows = average_muscles(labelled)
-    told = rows.groupby(["line", "trial", "tested_on"])["error_rate"].agg(["mean", "std"]).reset_index()
-    told = told.rename(columns={"mean": "error_rate_mean", "std": "error_rate_sd"})
+    told = summarise_error_rates(average_muscles(labelled), ["line", "trial", "tested_on"])
     return told.assign(muscle="average of the muscles, " + told["tested_on"])
 
 
@@ -277,39 +266,7 @@ def compare_family(labelled: pd.DataFrame, pairs: Sequence[tuple[str, str, str]]
             trials = [last] if measure == "final" else list(range(1, last + 1))
             both = pd.DataFrame({line: table[line][trials].to_numpy().mean(axis=1) for line in (first, second)})
             values = both.dropna()[first].to_numpy(), both.dropna()[second].to_numpy()
-            told, same = compare_pairs(*values), judge_paired_equivalence(*values, margin)
-            rows.append(
-                {
-                    "question": question,
-                    "measure": measure,
-                    "first": first,
-                    "second": second,
-                    "n": told.n,
-                    "first_mean": told.mean_first,
-                    "second_mean": told.mean_second,
-                    "difference": told.difference,
-                    "low": told.low,
-                    "high": told.high,
-                    "d_z": told.effect_size,
-                    "wins": told.wins,
-                    "p_t": told.t_p_value,
-                    "p_wilcoxon": told.wilcoxon_p_value,
-                    "margin": margin,
-                    "p_tost": same.p_value,
-                    "power": same.power,
-                    "n_needed": float("nan") if same.n_needed is None else float(same.n_needed),
-                }
-            )
-    frame = pd.DataFrame(rows)
-    frame = frame.assign(p_holm=adjust_holm(frame["p_t"].to_numpy(dtype=float)))
-    told_apart = zip(frame["difference"], frame["p_holm"], frame["p_tost"], strict=True)
-    return frame.assign(verdict=[judge(*each) for each in told_apart])
-
-
-def judge(difference: float, p_different: float, p_equivalent: float) -> str:
-    """Return the verdict of a difference and two p-values; a missing one decides nothing."""
-    better = "first better" if difference < 0 else "second better"
-    different, equivalent = p_different < LEVEL, p_equivalent < LEVEL
-    if different and equivalent:
-        return f"{better} within the margin"
-    return better if different else "equivalent" if equivalent else "undecided"
+            compared = compare_pairs(*values).tabulate("first", "second")
+            where = {"question": question, "measure": measure, "first": first, "second": second}
+            rows.append(where | compared | judge_paired_equivalence(*values, margin).tabulate())
+    return judge_with_equivalence(pd.DataFrame(rows), "p_t", "first better", "second better")

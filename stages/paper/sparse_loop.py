@@ -12,7 +12,7 @@ keeping.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -31,6 +31,7 @@ from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.sparse_interaction import SparseDesign, SparseInteraction
 from stages.science.muscle_models.cost import measure_cost
 from stages.science.muscle_models.description import describe_choice, describe_models
+from stages.science.muscle_models.loop_settings import Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import thin
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -130,12 +131,6 @@ class SparseLoop(Section):
         return self
 
 
-class Movements(View):
-    """How many movements the bank will hold."""
-
-    trajectories: int
-
-
 class Initial(View):
     """The initial trials of the experiments."""
 
@@ -159,7 +154,13 @@ class SamplesEnough(View):
 
     @model_validator(mode="after")
     def _find_samples(self) -> Self:
-        check_samples(self.sparse_loop, self.exoskeleton.samples, self.subsampling.initial_trials)
+        section, initial = self.sparse_loop, self.subsampling.initial_trials
+        kept = initial * count_kept(self.exoskeleton.samples, section.every)
+        if section.pseudo_inputs > kept:
+            raise ValueError(
+                f"sparse_loop.pseudo_inputs: expected at most the {kept} samples that are kept of the {initial} "
+                f"initial trials, got {section.pseudo_inputs}; lower it or sparse_loop.every"
+            )
         return self
 
     @model_validator(mode="after")
@@ -257,22 +258,6 @@ def check_movements(section: SparseLoop, movements: int, initial: int) -> None:
         )
 
 
-def check_samples(section: SparseLoop, samples: int, initial: int) -> None:
-    """Refuse more pseudo-inputs than the first models have samples.
-
-    Raises
-    ------
-    ConfigError
-        Saying how many there are.
-    """
-    kept = initial * count_kept(samples, section.every)
-    if section.pseudo_inputs > kept:
-        raise ConfigError(
-            f"sparse_loop.pseudo_inputs: expected at most the {kept} samples that are kept of the {initial} initial "
-            f"trials, got {section.pseudo_inputs}; lower it or sparse_loop.every"
-        )
-
-
 @dataclass(frozen=True)
 class Experiment:
     """One experiment's trials in every arm."""
@@ -346,17 +331,7 @@ class Experiment:
 
     def begin(self, arm: str) -> SparseInteraction:
         """Return what an arm knows of the initial trials."""
-        known = self.first
-        return SparseInteraction(
-            self.design(arm),
-            known.candidates,
-            known.priors,
-            known.inputs,
-            known.outputs,
-            known.thetas,
-            known.used,
-            known.pseudo,
-        )
+        return replace(self.first, design=self.design(arm))
 
     def continue_from(self, arm: str, tables: Mapping[str, pd.DataFrame]) -> SparseInteraction:
         """Rebuild the state from what the trials so far left on disk, and from nothing else."""

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, ClassVar, Self
 
-import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
@@ -22,15 +21,16 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.shift_curves import draw_shift_curves
+from stages.science.muscle_models.error_rates import average_muscles, summarise_error_rates
 from stages.science.muscle_models.force_test import ForceTest
-from stages.science.muscle_models.loop_settings import LoopSettings
+from stages.science.muscle_models.loop_settings import LoopSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.statistics.equivalence import judge_paired_equivalence
-from stages.science.statistics.paired import adjust_holm, compare_pairs
+from stages.science.statistics.paired import compare_pairs
+from stages.science.statistics.verdicts import LEVEL, judge_with_equivalence
 
-LEVEL = 0.05
 NO_SHIFT = 0.0
 
 TESTED_ON = column(str, "recordings that errors are measured on", among=["bank", "unseen_bank"])
@@ -106,12 +106,6 @@ class TimeShift(Section):
                 f"set time_shift.amplitudes_s={ordered}"
             )
         return self
-
-
-class Movements(View):
-    """How many movements the bank will hold."""
-
-    trajectories: int
 
 
 class TrialsEnough(View):
@@ -222,17 +216,9 @@ class Experiments:
         }
 
 
-def average_muscles(curve: pd.DataFrame) -> pd.DataFrame:
-    """Return the error rate averaged over muscles."""
-    keys = ["tested_on", "amplitude_s", "experiment", "trial"]
-    return curve.groupby(keys, sort=False)["error_rate"].mean().reset_index()
-
-
 def summarise(curve: pd.DataFrame) -> pd.DataFrame:
     """Return mean and SD over experiments of the error rate averaged over muscles."""
-    keys = ["tested_on", "amplitude_s", "trial"]
-    told = average_muscles(curve).groupby(keys, sort=False)["error_rate"].agg(["mean", "std"]).reset_index()
-    return told.rename(columns={"mean": "error_rate_mean", "std": "error_rate_sd"})
+    return summarise_error_rates(average_muscles(curve), ["tested_on", "amplitude_s", "trial"])
 
 
 def compare_shifts(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
@@ -252,38 +238,7 @@ def compare_shifts(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
             }
             for measure, pair in pairs.items():
                 where = {"amplitude_s": amplitude_s, "tested_on": tested_on, "measure": measure, "before": before}
-                rows.append({**where, **compare_pair(pair[0], pair[1], margin)})
-    frame = pd.DataFrame(rows)
-    frame = frame.assign(p_holm=adjust_holm(frame["p_t"].to_numpy(dtype=float)))
-    columns = zip(frame["difference"], frame["p_holm"], frame["p_tost"], strict=True)
-    frame["verdict"] = [judge(*each) for each in columns]
+                compared = compare_pairs(pair[0], pair[1]).tabulate("with", "without")
+                rows.append(where | compared | judge_paired_equivalence(pair[0], pair[1], margin).tabulate())
+    frame = judge_with_equivalence(pd.DataFrame(rows), "p_t", "better", "worse", ending=" with shift")
     return frame[list(SHIFT_COMPARISON.columns)]
-
-
-def compare_pair(shifted: np.ndarray, without: np.ndarray, margin: float) -> dict[str, Any]:
-    """Return what one row says of paired error rates, (n,) each."""
-    told, same = compare_pairs(shifted, without), judge_paired_equivalence(shifted, without, margin)
-    return {
-        "n": told.n,
-        "without_mean": told.mean_second,
-        "with_mean": told.mean_first,
-        "difference": told.difference,
-        "low": told.low,
-        "high": told.high,
-        "d_z": told.effect_size,
-        "wins": told.wins,
-        "p_t": told.t_p_value,
-        "p_wilcoxon": told.wilcoxon_p_value,
-        "margin": margin,
-        "p_tost": same.p_value,
-        "power": same.power,
-        "n_needed": float("nan") if same.n_needed is None else float(same.n_needed),
-    }
-
-
-def judge(difference: float, p_different: float, p_equivalent: float) -> str:
-    """Return the verdict on a difference and two p-values; a missing one decides nothing."""
-    direction = "worse" if difference > 0 else "better"
-    if p_different < LEVEL:
-        return f"{direction} within the margin" if p_equivalent < LEVEL else f"{direction} with shift"
-    return "equivalent" if p_equivalent < LEVEL else "undecided"

@@ -13,7 +13,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt
 from scipy.stats import spearmanr
 
@@ -27,11 +26,10 @@ from stages.science.gp.mutual_information import Information, draw_models, path_
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.utilities import UTILITIES
 from stages.science.muscle_models.muscle_set import MuscleSet
-from stages.science.statistics.paired import adjust_holm, compare_pairs
+from stages.science.signals.scaling import Array
+from stages.science.statistics.paired import compare_pairs
+from stages.science.statistics.verdicts import LEVEL, judge_differences
 
-Array = NDArray[np.float64]
-
-LEVEL = 0.05
 DESIGN = "y_y"
 TRAJECTORY = "log_det"
 RANDOM = "random"
@@ -272,16 +270,10 @@ def summarise(agreement: pd.DataFrame) -> pd.DataFrame:
                 "spearman_high": spread.high,
                 "reliability": of[name]["reliability"].mean(),
                 "regret": told.mean_first,
-                "difference": told.difference,
-                "low": told.low,
-                "high": told.high,
-                "d_z": told.effect_size,
-                "p": told.t_p_value,
+                **told.tabulate("regret", "design"),
             }
             rows.append(row)
-        frame = pd.DataFrame(rows)
-        adjusted = adjust_holm(frame["p"].to_numpy(dtype=float))
-        side = np.where(frame["difference"] < 0, "forgoes less than y_y", "forgoes more than y_y")
-        verdict = np.where(frame["utility"] == DESIGN, "the design", np.where(adjusted < LEVEL, side, "undecided"))
-        frames.append(frame.assign(p_holm=adjusted, verdict=verdict)[list(UTILITY_SUMMARY.columns)])
+        frame = judge_differences(pd.DataFrame(rows), "p_t", "forgoes less than y_y", "forgoes more than y_y")
+        frame.loc[frame["utility"] == DESIGN, "verdict"] = "the design"
+        frames.append(frame[list(UTILITY_SUMMARY.columns)])
     return pd.concat(frames, ignore_index=True)

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from stages.science.figures.learning_curves import COLOURS
+from stages.science.figures.learning_curves import COLOURS, STYLES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ANGLE_COLOUR = "#2b2b2b"
-STYLES = ("-", "--", "-.", ":")
 
 
 def draw_frequent_references(

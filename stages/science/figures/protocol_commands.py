@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.learning_curves import COLOURS
+from stages.science.figures.learning_curves import COLOURS, STYLES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STYLES = ("-", "--", "-.", ":")
 MOST_POINTS = 100
 """Of a trial and muscle: enough for ramps, few to draw."""
 

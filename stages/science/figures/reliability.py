@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.learning_curves import AVERAGE
+from stages.science.figures.learning_curves import AVERAGE, finish_panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,13 +64,7 @@ def draw_calibration(calibration: pd.DataFrame, panels: Sequence[str]) -> Figure
         axis.set_xticks(trials)
         axis.tick_params(labelbottom=True, labelleft=True)
         axis.grid(alpha=0.25)
-    for axis in axes[len(panels) :]:
-        axis.axis("off")
     for axis in axes[::columns]:
         axis.set_ylabel("forces within\n95 % intervals (%)")
-    for axis in axes[max(0, len(panels) - columns) : len(panels)]:
-        axis.set_xlabel("trial")
-    spare = axes[len(panels)] if len(panels) < len(axes) else axes[0]
-    handles, labels = axes[0].get_legend_handles_labels()
-    spare.legend(handles, labels, loc="center" if spare is not axes[0] else "best", frameon=False)
+    finish_panels(axes, len(panels))
     return figure

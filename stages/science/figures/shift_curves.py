@@ -6,13 +6,11 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from stages.science.figures.learning_curves import COLOURS
+from stages.science.figures.learning_curves import STYLES, draw_learning_curves
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-LINES = ("-", "--", "-.", ":")
 TITLES = {"bank": "tested on the bank", "unseen_bank": "tested on an unseen bank"}
 
 
@@ -25,34 +23,7 @@ def draw_shift_curves(summary: pd.DataFrame) -> Figure:
         Columns tested_on, amplitude_s (0 = no shift), trial, error_rate_mean and error_rate_sd, in the order of panels
         and lines.
     """
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator
-
-    panels = list(summary["tested_on"].unique())
-    amplitudes = list(summary["amplitude_s"].unique())
-    figure = Figure(figsize=(4.9 * len(panels) + 0.8, 4.0), layout="constrained")
-    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    for axis, panel in zip(axes, panels, strict=True):
-        for position, amplitude_s in enumerate(amplitudes):
-            its = summary[(summary["tested_on"] == panel) & (summary["amplitude_s"] == amplitude_s)]
-            axis.errorbar(
-                its["trial"] + 0.12 * (position - (len(amplitudes) - 1) / 2),
-                100 * its["error_rate_mean"],
-                100 * its["error_rate_sd"].fillna(0.0),
-                color=COLOURS[position % len(COLOURS)],
-                marker=MARKERS[position % len(MARKERS)],
-                linestyle=LINES[position % len(LINES)],
-                markersize=4.5,
-                linewidth=1.4,
-                elinewidth=0.8,
-                capsize=2,
-                label=f"up to {amplitude_s:g} s" if amplitude_s else "none",
-            )
-        axis.set(title=TITLES.get(panel, panel), xlabel="trial")
-        axis.set_ylim(bottom=0)
-        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axis.tick_params(labelleft=True)
-        axis.grid(alpha=0.25)
-    axes[0].set_ylabel("error rate, average of the muscles (%)")
-    axes[-1].legend(title="time shift", frameon=False)
-    return figure
+    names = {each: f"up to {each:g} s" if each else "none" for each in summary["amplitude_s"].unique()}
+    told = summary.assign(line=summary["amplitude_s"].map(names), muscle=summary["tested_on"].map(TITLES))
+    panels = list(told["muscle"].unique())
+    return draw_learning_curves(told, list(names.values()), panels, "line", "time shift", STYLES, apart=0.12)

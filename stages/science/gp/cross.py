@@ -13,11 +13,9 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.distance import keeps_digits
-
-Array = NDArray[np.float64]
+from stages.science.gp.kernel import Array
 
 
 class Cross(Protocol):

@@ -14,12 +14,10 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.factor import Factor
+from stages.science.gp.kernel import Array
 from stages.science.gp.triangle import Triangle
-
-Array = NDArray[np.float64]
 
 LOST_DIGITS = 2e5
 """Largest squared radius x sf / sn for `Expanded`: rounding of V stays at about 1e-10 sf^2."""

@@ -11,12 +11,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.factor import FactorisationError
+from stages.science.gp.kernel import Array
 from stages.science.gp.posterior import LogPosterior
-
-Array = NDArray[np.float64]
 
 GRADIENT_TOLERANCE = 1e-9
 CURVATURE_TOLERANCE = 1e-6

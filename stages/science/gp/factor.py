@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-Array = NDArray[np.float64]
+from stages.science.gp.kernel import Array
 
 RELATIVE_JITTERS = (0.0, 1e-12, 1e-10, 1e-8)
 """Tried in turn, times the mean of the diagonal."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stages.science.gp.kernel import Array
 
 LARGEST_MEAN = 1e50
 SMALLEST_VARIANCE, LARGEST_VARIANCE = 1e-100, 1e100

@@ -10,16 +10,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.gp.hyperprior import Hyperprior
-from stages.science.gp.knowledge import Knowledge, Policy, check_muscles, check_trajectories
+from stages.science.gp.kernel import Array
+from stages.science.gp.knowledge import Knowledge, Policy, check_muscles
 from stages.science.gp.marginal import MarginalGP, condition, fit
 from stages.science.gp.subsample import Displace, check_count, subsample
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -52,31 +51,17 @@ class Interaction(Knowledge):
 
     design: Design
 
-    @classmethod
-    def begin(
-        cls,
-        design: Design,
-        candidates: Sequence[Array],
-        priors: Sequence[Hyperprior],
-        inputs: Sequence[Array],
-        outputs: Sequence[Array],
-        used: Sequence[int],
-        generators: Sequence[np.random.Generator],
-    ) -> Interaction:
-        """Identify every muscle's model from the initial data; one generator for each muscle's starts.
-
-        Raises
-        ------
-        ValueError
-            When a muscle is missing or a used trajectory is not in the bank.
-        """
-        check_muscles(len(priors), candidates, inputs, outputs, generators)
-        check_trajectories("used: expected trajectories 0 to", used, candidates)
+    def _identify(
+        self, inputs: tuple[Array, ...], outputs: tuple[Array, ...], generators: Sequence[np.random.Generator]
+    ) -> Self:
+        mean, starts = self.design.mean, self.design.starts
+        none: list[tuple[Array, ...]] = [()] * len(self.priors)
+        warm = [(theta,) for theta in self.thetas] or none
         thetas = tuple(
-            fit(x, y, prior, mean=design.mean, generator=each, starts=design.starts).theta
-            for x, y, prior, each in zip(inputs, outputs, priors, generators, strict=True)
+            fit(x, y, prior, mean=mean, generator=each, starts=starts, warm_starts=last).theta
+            for x, y, prior, last, each in zip(inputs, outputs, self.priors, warm, generators, strict=True)
         )
-        return cls(design, tuple(candidates), tuple(priors), tuple(inputs), tuple(outputs), thetas, frozenset(used))
+        return replace(self, inputs=inputs, outputs=outputs, thetas=thetas)
 
     @cached_property
     def models(self) -> tuple[MarginalGP, ...]:
@@ -98,7 +83,7 @@ class Interaction(Knowledge):
         outputs: Sequence[Array],
         generators: Sequence[np.random.Generator],
         displace: Sequence[Displace] | None = None,
-    ) -> tuple[Interaction, tuple[NDArray[np.intp], ...]]:
+    ) -> tuple[Self, tuple[NDArray[np.intp], ...]]:
         """Take a trial's most informative samples and identify every model again.
 
         Parameters
@@ -124,28 +109,15 @@ class Interaction(Knowledge):
         ValueError
             When a muscle is missing, the trajectory is not in the bank, or the recording has too few samples.
         """
-        check_muscles(len(self.priors), inputs, outputs, generators)
-        check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
+        self._check(trajectory, inputs, outputs, generators)
         ways: Sequence[Displace | None] = [None] * len(self.priors) if displace is None else displace
         check_muscles(len(self.priors), ways)
         picks = tuple(
             self._pick(model, x, y, each, way)
             for model, x, y, each, way in zip(self.models, inputs, outputs, generators, ways, strict=True)
         )
-        grown_inputs = tuple(np.vstack([old, x[at]]) for old, x, at in zip(self.inputs, inputs, picks, strict=True))
-        grown_outputs = tuple(
-            np.concatenate([old, y[at]]) for old, y, at in zip(self.outputs, outputs, picks, strict=True)
-        )
-        thetas = tuple(
-            fit(
-                x, y, prior, mean=self.design.mean, generator=each, starts=self.design.starts, warm_starts=(theta,)
-            ).theta
-            for x, y, prior, theta, each in zip(
-                grown_inputs, grown_outputs, self.priors, self.thetas, generators, strict=True
-            )
-        )
-        told = replace(self, inputs=grown_inputs, outputs=grown_outputs, thetas=thetas, used=self.used | {trajectory})
-        return told, picks
+        x, y = ([each[at] for each, at in zip(data, picks, strict=True)] for data in (inputs, outputs))
+        return self._append(trajectory, x, y, generators), picks
 
     def _pick(
         self, model: MarginalGP, x: Array, y: Array, generator: np.random.Generator, displace: Displace | None

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.kernel import Array
 from stages.science.gp.marginal_model import MarginalModel
 from stages.science.gp.scoring import trajectory_utility
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -89,6 +89,58 @@ class Knowledge(ABC):
     outputs: tuple[Array, ...]
     thetas: tuple[Array, ...]
     used: frozenset[int]
+
+    @classmethod
+    def begin(
+        cls,
+        design: Policy,
+        candidates: Sequence[Array],
+        priors: Sequence[Hyperprior],
+        inputs: Sequence[Array],
+        outputs: Sequence[Array],
+        used: Sequence[int],
+        generators: Sequence[np.random.Generator],
+    ) -> Self:
+        """Identify every muscle's model from the initial data; one generator for each muscle's starts.
+
+        Raises
+        ------
+        ValueError
+            When a muscle is missing, a used trajectory is not in the bank, or pseudo-inputs outnumber the data.
+        """
+        check_muscles(len(priors), candidates, inputs, outputs, generators)
+        check_trajectories("used: expected trajectories 0 to", used, candidates)
+        blank = cls(design, tuple(candidates), tuple(priors), (), (), (), frozenset(used))
+        return blank._identify(tuple(inputs), tuple(outputs), generators)
+
+    @abstractmethod
+    def _identify(
+        self, inputs: tuple[Array, ...], outputs: tuple[Array, ...], generators: Sequence[np.random.Generator]
+    ) -> Self:
+        """Return what is known of these data, the models sought from the last ones where there are any."""
+
+    def _check(
+        self,
+        trajectory: int,
+        inputs: Sequence[Array],
+        outputs: Sequence[Array],
+        generators: Sequence[np.random.Generator],
+    ) -> None:
+        check_muscles(len(self.priors), inputs, outputs, generators)
+        check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
+
+    def _append(
+        self,
+        trajectory: int,
+        inputs: Sequence[Array],
+        outputs: Sequence[Array],
+        generators: Sequence[np.random.Generator],
+    ) -> Self:
+        """Return what is known with a trial's samples appended."""
+        grown_inputs = tuple(np.concatenate(each) for each in zip(self.inputs, inputs, strict=True))
+        grown_outputs = tuple(np.concatenate(each) for each in zip(self.outputs, outputs, strict=True))
+        told = self._identify(grown_inputs, grown_outputs, generators)
+        return replace(told, used=self.used | {trajectory})
 
     @property
     @abstractmethod

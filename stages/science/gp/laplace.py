@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from stages.science.gp.hyperprior import Hyperprior
-
-Array = NDArray[np.float64]
+from stages.science.gp.kernel import Array
 
 ROUNDING = 1e-12
 """Eigenvalues of a Hessian below this share of the largest are rounding."""

@@ -10,18 +10,15 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.estimation import find_map
 from stages.science.gp.factor import Factor, factorise
 from stages.science.gp.hyperprior import Hyperprior
-from stages.science.gp.kernel import covariance_among, squared_differences
+from stages.science.gp.kernel import Array, covariance_among, squared_differences
 from stages.science.gp.laplace import Laplace, accept, approximate
 from stages.science.gp.marginal_model import MarginalModel
 from stages.science.gp.posterior import LogPosterior
 from stages.science.gp.prediction import Predictor, chunk_size
-
-Array = NDArray[np.float64]
 
 LARGEST_SLOPE = 1e150
 """Its square is finite."""

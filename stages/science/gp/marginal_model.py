@@ -15,16 +15,13 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.factor import FactorisationError
-from stages.science.gp.kernel import Hyperparameters
+from stages.science.gp.kernel import Array, Hyperparameters
 from stages.science.gp.laplace import Laplace
 from stages.science.gp.posterior import check_points, find_bad_row
 from stages.science.gp.prediction import Moments
 from stages.science.gp.utilities import PredictiveTerms, find_utility
-
-Array = NDArray[np.float64]
 
 MEMORY_MB = 64.0
 

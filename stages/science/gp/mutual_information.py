@@ -11,14 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.factor import Factor, factorise
-from stages.science.gp.kernel import Hyperparameters
+from stages.science.gp.kernel import Array, Hyperparameters
 from stages.science.gp.marginal import MarginalGP
 from stages.science.gp.posterior import LogPosterior, check_points
-
-Array = NDArray[np.float64]
 
 NODES = 6
 """Of the Gauss-Hermite rule over the output at one point, exact for polynomials of degree 11."""

@@ -16,9 +16,13 @@ from numpy.typing import NDArray
 
 from stages.science.gp.factor import Factor, FactorisationError, factorise
 from stages.science.gp.hyperprior import Hyperprior
-from stages.science.gp.kernel import Hyperparameters, count_hyperparameters, covariance_among, squared_differences
-
-Array = NDArray[np.float64]
+from stages.science.gp.kernel import (
+    Array,
+    Hyperparameters,
+    count_hyperparameters,
+    covariance_among,
+    squared_differences,
+)
 
 LARGEST_LOG = 50.0
 LARGEST_VALUE = 1e50

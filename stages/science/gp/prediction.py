@@ -17,14 +17,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.distance import choose_distances, count_numbers
 from stages.science.gp.factor import Factor
+from stages.science.gp.kernel import Array
 from stages.science.gp.posterior import LogPosterior
 from stages.science.gp.triangle import Triangle
-
-Array = NDArray[np.float64]
 
 LARGEST_CHUNK = 1024
 """Points at a time: working memory then stays in the processor's cache at the sizes of this method."""

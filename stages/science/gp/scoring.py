@@ -7,11 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stages.science.gp.kernel import Array
 from stages.science.gp.utilities import TRAJECTORY_UTILITY, UTILITIES, find_utility
-
-Array = NDArray[np.float64]
 
 REDUCTIONS = ("sum", "max")
 MOST_THREADS = 4

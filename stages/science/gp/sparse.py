@@ -24,15 +24,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.cross import Cross, choose_cross
 from stages.science.gp.factor import Factor, FactorisationError, factorise
 from stages.science.gp.hyperprior import Hyperprior
-from stages.science.gp.kernel import Hyperparameters, count_hyperparameters, covariance_among, squared_differences
+from stages.science.gp.kernel import (
+    Array,
+    Hyperparameters,
+    count_hyperparameters,
+    covariance_among,
+    squared_differences,
+)
 from stages.science.gp.posterior import check_data, check_points, check_prior, read_theta
-
-Array = NDArray[np.float64]
 
 RELATIVE_JITTER = 1e-10
 BLOCK = 2000

@@ -11,16 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.factor import FactorisationError
 from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.kernel import Array
 from stages.science.gp.marginal import fit
 from stages.science.gp.posterior import LARGEST_LOG, check_points, read_theta
 from stages.science.gp.sparse import SparsePosterior
 from stages.science.gp.sparse_model import SparseGP
-
-Array = NDArray[np.float64]
 
 GAIN = 1e-9
 SLOPE = 1e-5

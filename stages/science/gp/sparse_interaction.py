@@ -9,17 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stages.science.gp.hyperprior import Hyperprior
-from stages.science.gp.knowledge import Knowledge, Policy, check_muscles, check_trajectories
+from stages.science.gp.kernel import Array
+from stages.science.gp.knowledge import Knowledge, Policy
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_marginal import SparseMarginalGP, condition_sparse
-from stages.science.gp.sparse_model import SparseGP
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -57,44 +54,30 @@ class SparseInteraction(Knowledge):
     """
 
     design: SparseDesign
-    pseudo: tuple[Array, ...]
+    pseudo: tuple[Array, ...] = ()
 
-    @classmethod
-    def begin(
-        cls,
-        design: SparseDesign,
-        candidates: Sequence[Array],
-        priors: Sequence[Hyperprior],
-        inputs: Sequence[Array],
-        outputs: Sequence[Array],
-        used: Sequence[int],
-        generators: Sequence[np.random.Generator],
-    ) -> SparseInteraction:
-        """Identify every muscle's model from the initial data; one generator for each muscle's starts.
-
-        Raises
-        ------
-        ValueError
-            When a muscle is missing, a used trajectory is not in the bank, or pseudo-inputs outnumber the data.
-        """
-        check_muscles(len(priors), candidates, inputs, outputs, generators)
-        check_trajectories("used: expected trajectories 0 to", used, candidates)
+    def _identify(
+        self, inputs: tuple[Array, ...], outputs: tuple[Array, ...], generators: Sequence[np.random.Generator]
+    ) -> Self:
+        design = self.design
+        first = not self.thetas
+        warm = [[]] * len(self.priors) if first else [[each] for each in zip(self.pseudo, self.thetas, strict=True)]
         found = [
             fit_sparse(
                 x,
                 y,
-                design.pseudo_inputs,
+                design.pseudo_inputs if first else len(last[0][0]),
                 prior,
                 design.mean,
                 generator=each,
-                starts=design.starts,
-                iterations=design.first_iterations,
+                starts=design.starts if first else 0,
+                warm_starts=last,
+                iterations=design.first_iterations if first else design.iterations,
             )
-            for x, y, prior, each in zip(inputs, outputs, priors, generators, strict=True)
+            for x, y, prior, last, each in zip(inputs, outputs, self.priors, warm, generators, strict=True)
         ]
-        thetas, pseudo = _read(found)
-        data = tuple(candidates), tuple(priors), tuple(inputs), tuple(outputs)
-        return cls(design, *data, thetas, frozenset(used), pseudo)
+        thetas, pseudo = tuple(each.theta for each in found), tuple(each.pseudo for each in found)
+        return replace(self, inputs=inputs, outputs=outputs, thetas=thetas, pseudo=pseudo)
 
     @cached_property
     def models(self) -> tuple[SparseMarginalGP, ...]:
@@ -112,7 +95,7 @@ class SparseInteraction(Knowledge):
         inputs: Sequence[Array],
         outputs: Sequence[Array],
         generators: Sequence[np.random.Generator],
-    ) -> SparseInteraction:
+    ) -> Self:
         """Append all samples of a trial and identify every model again, from its last pseudo-inputs and theta.
 
         Parameters
@@ -129,30 +112,5 @@ class SparseInteraction(Knowledge):
         ValueError
             When a muscle is missing or the trajectory is not in the bank.
         """
-        check_muscles(len(self.priors), inputs, outputs, generators)
-        check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
-        grown_inputs = tuple(np.vstack(each) for each in zip(self.inputs, inputs, strict=True))
-        grown_outputs = tuple(np.concatenate(each) for each in zip(self.outputs, outputs, strict=True))
-        found = [
-            fit_sparse(
-                x,
-                y,
-                len(pseudo),
-                prior,
-                self.design.mean,
-                generator=each,
-                starts=0,
-                warm_starts=[(pseudo, theta)],
-                iterations=self.design.iterations,
-            )
-            for x, y, pseudo, theta, prior, each in zip(
-                grown_inputs, grown_outputs, self.pseudo, self.thetas, self.priors, generators, strict=True
-            )
-        ]
-        thetas, pseudo = _read(found)
-        used = self.used | {trajectory}
-        return replace(self, inputs=grown_inputs, outputs=grown_outputs, thetas=thetas, pseudo=pseudo, used=used)
-
-
-def _read(models: Sequence[SparseGP]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    return tuple(each.theta for each in models), tuple(each.pseudo for each in models)
+        self._check(trajectory, inputs, outputs, generators)
+        return self._append(trajectory, inputs, outputs, generators)

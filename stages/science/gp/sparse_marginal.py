@@ -25,18 +25,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.cross import choose_cross
 from stages.science.gp.hyperprior import Hyperprior
-from stages.science.gp.kernel import covariance_among, squared_differences
+from stages.science.gp.kernel import Array, covariance_among, squared_differences
 from stages.science.gp.laplace import Laplace, accept, approximate
 from stages.science.gp.marginal_model import MarginalModel
 from stages.science.gp.prediction import Moments, limit_chunk
 from stages.science.gp.sparse import SparsePosterior, blocks, replace_lengths
 from stages.science.gp.sparse_model import SparseGP
-
-Array = NDArray[np.float64]
 
 STEP = 1e-4
 """Of the differences: their error, the gradient's third derivative x STEP^2 / 6, is then about that of rounding."""

@@ -10,14 +10,11 @@ with v = L^-1 k_m(x*):
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.gp.cross import choose_cross
-from stages.science.gp.kernel import Hyperparameters
+from stages.science.gp.kernel import Array, Hyperparameters
 from stages.science.gp.posterior import check_points
 from stages.science.gp.sparse import SparsePosterior, blocks
-
-Array = NDArray[np.float64]
 
 
 class SparseGP:

@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.science.gp.kernel import Array
 from stages.science.gp.marginal import MarginalGP
-
-Array = NDArray[np.float64]
 
 Displace = Callable[[int, Sequence[int]], int]
 """Returns the row to take in place of a picked one, given the rows taken so far, of which it is none."""

@@ -8,16 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import MODEL_OUTPUT, Scaling
-
-Array = NDArray[np.float64]
+from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from stages.science.signals.scaling import Array
 
 COEFFICIENT_UNITS = {"a1": "N/kPa", "a2": "N/kPa", "a3": "N/kPa", "a4": "N", "a5": "N", "a6": "N"}
 """Unit of each coefficient; contraction has none."""

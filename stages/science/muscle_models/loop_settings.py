@@ -18,6 +18,14 @@ thousands of steps in which hyperparameters are sought take a day for each trial
 Points = Annotated[int, Field(ge=1, le=MOST_POINTS)]
 
 
+class Movements(BaseModel):
+    """How many movements the bank will hold; its other keys are passed over."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+
+    trajectories: int
+
+
 class DesignSettings(BaseModel):
     """Trials, points and the choices of a `Design`; all required, none unknown.
 

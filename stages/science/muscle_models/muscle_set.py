@@ -8,14 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stages.science.gp.hyperprior import Hyperprior
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
-
-Array = NDArray[np.float64]
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
 
 CONSTANT_MEAN = "constant_mean"
 

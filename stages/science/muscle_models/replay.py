@@ -13,15 +13,12 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.interaction import Design, Interaction
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import place_evenly
-from stages.science.signals.scaling import MODEL_INPUTS
-
-Array = NDArray[np.float64]
+from stages.science.signals.scaling import MODEL_INPUTS, Array
 
 Draw = Callable[..., np.random.Generator]
 """Returns the generator of a key of names and numbers, always the same one for the same key."""

@@ -64,6 +64,11 @@ class Equivalence:
     power: float
     n_needed: int | None
 
+    def tabulate(self) -> dict[str, float]:
+        """Return the columns of a table's row that stand beside a test of difference."""
+        needed = np.nan if self.n_needed is None else float(self.n_needed)
+        return {"margin": self.margin, "p_tost": self.p_value, "power": self.power, "n_needed": needed}
+
 
 def judge_equivalence(first: Array, second: Array, margin: float) -> Equivalence:
     """Test whether the means of two independent groups are equivalent, without assuming equal variances.

@@ -45,6 +45,16 @@ class GroupComparison:
     effect_size: float
     p_value: float
 
+    def tabulate(self) -> dict[str, float]:
+        """Return the columns of a table's row that sample sizes and means do not belong to."""
+        return {
+            "difference": self.difference,
+            "low": self.low,
+            "high": self.high,
+            "hedges_g": self.effect_size,
+            "p_welch": self.p_value,
+        }
+
 
 @dataclass(frozen=True)
 class ScaledGroups:

@@ -52,6 +52,21 @@ class PairedComparison:
     wilcoxon_p_value: float
     wins: int
 
+    def tabulate(self, first: str, second: str) -> dict[str, float]:
+        """Return the columns of a table's row; those of the means begin with the methods' names."""
+        return {
+            "n": self.n,
+            f"{first}_mean": self.mean_first,
+            f"{second}_mean": self.mean_second,
+            "difference": self.difference,
+            "low": self.low,
+            "high": self.high,
+            "d_z": self.effect_size,
+            "wins": self.wins,
+            "p_t": self.t_p_value,
+            "p_wilcoxon": self.wilcoxon_p_value,
+        }
+
 
 def compare_pairs(first: Array, second: Array) -> PairedComparison:
     """Compare two methods on the same experiments.

@@ -1,0 +1,55 @@
+"""Verdicts on a family of tests, whose p-values are adjusted together.
+
+Rows with a difference and p-values flow in; the same rows with ``p_holm`` and ``verdict`` flow out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from stages.science.statistics.paired import adjust_holm
+
+LEVEL = 0.05
+
+
+def judge_differences(family: pd.DataFrame, p: str, negative: str, positive: str) -> pd.DataFrame:
+    """Return the rows with what a significant difference of either sign is called, else ``undecided``."""
+    adjusted = adjust_holm(family[p].to_numpy(dtype=float))
+    found = np.where(family["difference"] < 0, negative, positive)
+    return family.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, found, "undecided"))
+
+
+def judge_with_equivalence(
+    family: pd.DataFrame, p: str, negative: str, positive: str, ending: str = "", equivalent: str = "equivalent"
+) -> pd.DataFrame:
+    """Return the rows with a verdict on difference and equivalence.
+
+    Parameters
+    ----------
+    family : DataFrame
+        Columns difference, p_tost and the one that `p` names.
+    p : str
+        Column of the p-values of the tests of difference, which are adjusted by Holm.
+    negative, positive : str
+        What a significant difference of either sign is called; ``within the margin`` follows where the test of
+        equivalence is significant too.
+    ending : str
+        Follows where it is not.
+    equivalent : str
+        What equivalence without a significant difference is called.
+    """
+    family = family.assign(p_holm=adjust_holm(family[p].to_numpy(dtype=float)))
+    columns = zip(family["difference"], family["p_holm"], family["p_tost"], strict=True)
+    family["verdict"] = [
+        judge(p_different, p_equivalent, negative if difference < 0 else positive, ending, equivalent)
+        for difference, p_different, p_equivalent in columns
+    ]
+    return family
+
+
+def judge(p_different: float, p_equivalent: float, different: str, ending: str, equivalent: str) -> str:
+    """Return the verdict of two p-values; a missing one (NaN) decides nothing."""
+    if p_different < LEVEL:
+        return f"{different} within the margin" if p_equivalent < LEVEL else f"{different}{ending}"
+    return equivalent if p_equivalent < LEVEL else "undecided"
