@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,23 +24,14 @@ LONGEST_FILE_NAME = 80
 STRANGE = re.compile(r"[^\w.=+-]+")
 
 
-def review_comparison(
-    outputs: str, names: Sequence[str], page: str | None, everything: bool, rows: int, console: Console
-) -> None:
+def review(options: argparse.Namespace, console: Console) -> None:
     """Print how runs differ, and write a page of it, with their curves.
 
     Parameters
     ----------
-    outputs : str
-        The outputs folder.
-    names : sequence of str
-        Of runs and sweeps.
-    page : str or None
-        File to write; else one in the outputs folder.
-    everything : bool
-        Whether what does not differ is listed too.
-    rows : int
-        How many rows of each table to print.
+    options : Namespace
+        ``outputs`` (folder), ``runs`` (names of runs and sweeps), ``html`` (file to write; else one in the outputs
+        folder), ``all`` (list also what does not differ), ``rows`` (of each table to print).
     console : Console
         Standard output.
 
@@ -48,17 +40,18 @@ def review_comparison(
     PipelineError
         When the runs cannot be found, or the page cannot be written.
     """
-    found = Comparison(choose_runs(outputs, names), everything)
+    names = options.runs
+    found = Comparison(choose_runs(options.outputs, names), options.all)
     curves, complaints = make_curves(found.ledgers, [each.name for each in found.ledgers], found.nested, found.flat)
     for each in replace(found, most=COLUMNS_OF_A_TERMINAL).differences():
         title = f"{each.name}: {each.told}" if each.told else each.name
         if each.frame.empty:
             console.print(title, soft_wrap=True, highlight=False, markup=False)
         else:
-            print_frame(title, each.frame, console, rows, "--rows")
+            print_frame(title, each.frame, console, options.rows, "--rows")
     for told in complaints:
         console.print(told, soft_wrap=True, highlight=False, markup=False)
-    path = Path(page) if page else Path(outputs) / "reviews" / _name_file(names)
+    path = Path(options.html) if options.html else Path(options.outputs) / "reviews" / _name_file(names)
     if not path.name:
         raise PipelineError(f"cannot write {path}: Is a directory; name another file by --html PATH")
     try:
@@ -68,7 +61,7 @@ def review_comparison(
                 "compare.html.j2",
                 names=list(names),
                 runs=len(found.ledgers),
-                everything=everything,
+                everything=options.all,
                 differences=[(each, make_grid(each.frame)) for each in found.differences()],
                 curves=[_show_curves(each) for each in curves],
                 complaints=complaints,

@@ -5,6 +5,7 @@ A folder goes in two steps, a new name that nothing looks at, then its files: a 
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import shutil
@@ -73,19 +74,14 @@ class Freed:
         return sum(size for size, left in self.files.values() if (left > 0) == shared)
 
 
-def prune(outputs: str, keep: int, sweeps: int | None, dry_run: bool, console: Console) -> int:
+def review(options: argparse.Namespace, console: Console) -> int:
     """Remove the runs that are neither among the newest nor at work, measured or needed.
 
     Parameters
     ----------
-    outputs : str
-        The outputs folder.
-    keep : int
-        How many of the newest runs stay in any case.
-    sweeps : int or None
-        How many of the newest sweeps stay in any case; None for all.
-    dry_run : bool
-        Whether to say what would be done, and do nothing.
+    options : Namespace
+        ``outputs`` (folder), ``keep`` and ``sweeps`` (how many of the newest runs and sweeps stay in any case; None for
+        all sweeps), ``dry_run`` (say what would be done, and do nothing).
     console : Console
         For what is told.
 
@@ -113,10 +109,11 @@ def prune(outputs: str, keep: int, sweeps: int | None, dry_run: bool, console: C
         except OSError as error:
             problems.append(f"cannot remove {error.filename} ({error.strerror}); make it removable, then prune again")
 
+    outputs, sweeps, dry_run = options.outputs, options.sweeps, options.dry_run
     list_folders(outputs)  # says so where it cannot be read
     all_runs = _find_units(runs_folder(outputs), of_jobs=False)
     all_sweeps = _find_units(sweeps_folder(outputs), of_jobs=True)
-    reasons = _find_reasons(all_runs, keep)
+    reasons = _find_reasons(all_runs, options.keep)
     if sweeps is None:
         reasons |= {each.folder: "sweeps stay without --sweeps" for each in all_sweeps}
     else:
