@@ -111,10 +111,10 @@ def _is_same(facts: dict[str, Any], found: Checkout) -> bool:
 
 def _read_diff(root: Path) -> tuple[bytes, bool]:
     """Return what was changed in tracked files, as far as it is not too much, and whether that is all."""
-    whole = _ask_git(root, (*DIFF, "--binary"), LARGEST_PATCH + 1)
+    whole = _ask_git(root, (*DIFF, "--binary"))
     if len(whole) <= LARGEST_PATCH:
         return whole, True
-    diff = _ask_git(root, DIFF, LARGEST_PATCH + 1)  # without what binary files hold
+    diff = _ask_git(root, DIFF)  # without what binary files hold
     if len(diff) > LARGEST_PATCH:
         diff = diff[: max(0, diff.rfind(b"\ndiff --git ", 0, LARGEST_PATCH) + 1)]
     return diff, False
@@ -131,24 +131,12 @@ def _introduce(commit: str, complete: bool, untracked: Sequence[bytes]) -> bytes
     return "".join(f"{line}\n" for line in [*lines, ""]).encode()
 
 
-def _ask_git(root: Path, arguments: Sequence[str], most_bytes: int = -1) -> bytes:
-    """Return what git answers, of a long answer the first bytes.
+def _ask_git(root: Path, arguments: Sequence[str]) -> bytes:
+    """Return what git answers.
 
     Raises
     ------
     OSError, SubprocessError
         When git is not there, takes too long, or refuses.
     """
-    if most_bytes < 0:
-        answer = subprocess.run(["git", *arguments], cwd=root, capture_output=True, timeout=PATIENCE_S, check=True)
-        return answer.stdout
-    with subprocess.Popen(
-        ["git", *arguments], cwd=root, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    ) as process:
-        assert process.stdout is not None
-        read = process.stdout.read(most_bytes)
-        if len(read) == most_bytes:
-            process.kill()
-        elif process.wait(PATIENCE_S):
-            raise subprocess.CalledProcessError(process.returncode, "git")
-        return read
+    return subprocess.run(["git", *arguments], cwd=root, capture_output=True, timeout=PATIENCE_S, check=True).stdout

@@ -48,25 +48,3 @@ def list_differences(runs: Sequence[Mapping[str, str]]) -> list[str]:
     """Return the keys that have not the same value in all runs, in the order in which they come."""
     keys = dict.fromkeys(key for each in runs for key in each)
     return [key for key in keys if len({each.get(key) for each in runs}) > 1]
-
-
-def count_values(sections: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
-    """Return, for each dotted key in which runs differ, how many have each value.
-
-    Parameters
-    ----------
-    sections : sequence of mapping
-        Configuration of each run, nested. Of what many share, one alone is looked into.
-    """
-    found: dict[str, dict[str, int]] = {}
-    for name in dict.fromkeys(name for each in sections for name in each):
-        kinds: dict[str, tuple[dict[str, str], int]] = {}
-        for each in sections:
-            kind = repr(each[name]) if name in each else ""
-            flat, count = kinds.get(kind) or (flatten(each[name], name) if kind else {}, 0)
-            kinds[kind] = flat, count + 1
-        for key in list_differences([flat for flat, _ in kinds.values()]):
-            counts = found.setdefault(key, {})
-            for flat, count in kinds.values():
-                counts[flat.get(key, ABSENT)] = counts.get(flat.get(key, ABSENT), 0) + count
-    return found

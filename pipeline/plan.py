@@ -88,9 +88,11 @@ class Ingredients:
         differences = _config_differences(record["config"], self.config)
         if differences:
             told.append(f"config changed ({_some(differences)})")
-        told.extend(f"input {name} {self._tell_input(name, record)}" for name in self._changed_inputs(record))
-        told.extend(self.code_changes(record))
-        return told
+        return [*told, *self.input_changes(record), *self.code_changes(record)]
+
+    def input_changes(self, record: Mapping[str, Any]) -> list[str]:
+        """Say how tables and files differ from those of an earlier record."""
+        return [f"input {name} {self._tell_input(name, record)}" for name in self._changed_inputs(record)]
 
     def count_changes(self, record: Mapping[str, Any]) -> int:
         """Count the keys, inputs, source files and versions that differ from those of an earlier record."""

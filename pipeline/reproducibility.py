@@ -1,7 +1,6 @@
 """Whether two runs of one configuration hold the same tables, and what differs between them that could be why.
 
-Two ledgers flow in, with their folders as far as these are whole; sentences flow out. Bytes decide; rows and columns
-are looked at only to say by how much tables differ.
+Bytes decide; rows and columns are looked at only to say by how much tables differ.
 """
 
 from __future__ import annotations
@@ -58,24 +57,19 @@ def tell_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterator[s
     pairs = [(then.records.get(each, {}), now.records[each]) for each in stages]
     if any(old.get("config") != new["config"] for old, new in pairs):
         yield "configuration: config.yaml is no longer what the stages had then"
-    files = _gather_changes(pairs, "code")
-    if files:
-        yield f"code: {_some(list(files))}"
-    versions = _gather_changes(pairs, "libraries")
-    if versions:
-        yield f"libraries: {_some([f'{name} {old} -> {new}' for name, (old, new) in versions.items()])}"
     tables = {name for ledger in (now, then) for each in ledger.records.values() for name in each["tables"]}
-    inputs = [name for name in _gather_changes(pairs, "inputs") if name not in tables]
-    if inputs:
-        yield f"input files: {_some(inputs)}"
+    for word, key in (("code", "code"), ("libraries", "libraries"), ("input files", "inputs")):
+        found = {name: each for name, each in _gather_changes(pairs, key).items() if name not in tables}
+        if found:
+            versions = [f"{name} {old} -> {new}" for name, (old, new) in found.items()]
+            yield f"{word}: {_some(versions if key == 'libraries' else list(found))}"
     commits = [_tell_commit(each.facts.get("git")) for each in (then, now)]
     if commits[0] != commits[1]:
         yield f"commit: {commits[0]} -> {commits[1]}"
-    machines = [each.facts.get("machine") or {} for each in (then, now)]
-    differing = [key for key in MACHINE if all(key in each for each in machines)]
-    differing = [key for key in differing if machines[0][key] != machines[1][key]]
-    for key in differing:
-        yield f"machine: {key} {machines[0][key]} -> {machines[1][key]}"
+    before, after = (each.facts.get("machine") or {} for each in (then, now))
+    for key in MACHINE:
+        if key in before and key in after and before[key] != after[key]:
+            yield f"machine: {key} {before[key]} -> {after[key]}"
 
 
 def _gather_changes(pairs: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]], key: str) -> dict[str, Any]:
@@ -109,16 +103,19 @@ def _tell_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping
     except (OSError, TableError):
         return rows or "other bytes (the file of then is no longer there)"
     told = [rows] if rows else []
-    for phrase, names in (
-        ("without", [str(each) for each in before if each not in after]),
-        ("with new", [str(each) for each in after if each not in before]),
-    ):
+    for phrase, one, other in (("without", before, after), ("with new", after, before)):
+        names = [str(each) for each in one if each not in other]
         if names:
             told.append(f"{phrase} {'column' if len(names) == 1 else 'columns'} {_some(names)}")
     if not rows:
         shared = [each for each in before if each in after]
         told += [each for name in shared if (each := _tell_values(str(name), before[name], after[name]))][:MOST_TOLD]
-    return "; ".join(told) or _tell_writers(then, now)
+    if told:
+        return "; ".join(told)
+    writers = [pyarrow.parquet.read_metadata(each).created_by for each in (then, now)]
+    if writers[0] != writers[1]:
+        return f"the same values, written by {writers[0]} then and by {writers[1]} now"
+    return "the same values, in other bytes (units, descriptions or order of columns)"
 
 
 def _tell_values(name: str, before: pd.Series, after: pd.Series) -> str | None:
@@ -132,13 +129,6 @@ def _tell_values(name: str, before: pd.Series, after: pd.Series) -> str | None:
     if pd.api.types.is_float_dtype(before):
         return f"{told}, by at most {(before - after)[unequal].abs().max():.3g}"
     return told
-
-
-def _tell_writers(then: Path, now: Path) -> str:
-    writers = [pyarrow.parquet.read_metadata(each).created_by for each in (then, now)]
-    if writers[0] != writers[1]:
-        return f"the same values, written by {writers[0]} then and by {writers[1]} now"
-    return "the same values, in other bytes (units, descriptions or order of columns)"
 
 
 def _some(items: Sequence[str]) -> str:

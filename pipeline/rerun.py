@@ -1,14 +1,12 @@
 """``python -m pipeline rerun=RUN``: makes every table of a finished run again, and tells whether the bytes agree.
 
-The folder of a run flows in, wherever it comes from: its configuration as it was, and its ledger. A new run's folder
-flows out, whose ledger says of which run it is the repetition and what came of it. Nothing is taken over from any run
-but what real hardware measured, which cannot be made again.
+Nothing is taken over from any run but what real hardware measured, which cannot be made again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,6 @@ from yaml import YAMLError
 from pipeline.config import INCIDENTAL, read_study
 from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import hash_file, hash_json
-from pipeline.inputs import hash_inputs
 from pipeline.ledger import FILE_NAME, Ledger
 from pipeline.plan import Ingredients, Step, choose_stages, decide, gather
 from pipeline.reproducibility import compare_tables, tell_changes
@@ -65,20 +62,29 @@ class Rerun(Runner):
         ConfigError
             When what hardware measured is not whole in the other run.
         """
-        for line in self._tell_files():
-            self._say(f"note: {line}")
+        label = self.label
         for stage in choose_stages(self.study, self.stages):
-            if not self._was_measured(stage, gather(self.study, stage, {})):
-                continue
-            record = self.origin.finished(stage.name)
-            problem = f"{stage.name} is not done in it" if record is None else self.origin.damage(record)
-            missing = [each.name for each in stage.writes if record and each.name not in record["tables"]]
-            if problem or missing:
-                told = problem or f"{stage.name} has no table {missing[0]} in it"
-                raise ConfigError(
-                    f"rerun={self.label}: {told}; expected what was measured on real hardware to be whole, "
-                    "as it cannot be made again; restore it"
-                )
+            ingredients = replace(gather(self.study, stage, {}), waiting=stage.reads)
+            record = self.origin.records.get(stage.name)
+            for each in ingredients.input_changes(record) if record else []:
+                self._say(f"note: {each} since {label}")
+            if self._was_measured(stage, ingredients):
+                self._check_measured(stage)
+        for given in self.given:
+            path = Path(given["file"])
+            if not path.is_file() or hash_file(path) != given["sha256"]:
+                told = "has other bytes now" if path.is_file() else "is gone"
+                self._say(f"note: {given['group']}={path} {told}; what {label} had of it is taken from its config.yaml")
+
+    def _check_measured(self, stage: Stage) -> None:
+        record = self.origin.finished(stage.name)
+        missing = [each.name for each in stage.writes if record and each.name not in record["tables"]]
+        problem = f"{stage.name} is not done in it" if record is None else self.origin.damage(record)
+        if problem or missing:
+            raise ConfigError(
+                f"rerun={self.label}: {problem or f'{stage.name} has no table {missing[0]} in it'}; expected what was "
+                "measured on real hardware to be whole, as it cannot be made again; restore it"
+            )
 
     def tell(self) -> int:
         """Print what came of it; return the exit code: 0 where all tables agree, else 1."""
@@ -127,25 +133,6 @@ class Rerun(Runner):
     def _was_measured(self, stage: Stage, ingredients: Ingredients) -> bool:
         record: Mapping[str, Any] = self.origin.records.get(stage.name, {})
         return ingredients.measured or bool(record.get("measured"))
-
-    def _tell_files(self) -> Iterator[str]:
-        for stage in choose_stages(self.study, self.stages):
-            record: Mapping[str, Any] = self.origin.records.get(stage.name, {"inputs": {}})
-            found = hash_inputs(self.study.config(stage))
-            tables = {*stage.reads, *(table.name for each in self.stages for table in each.writes)}
-            before = {name: digest for name, digest in record["inputs"].items() if name not in tables}
-            for name in sorted({*before, *found}):
-                word = "is gone" if name not in found else "changed" if name in before else "is new"
-                if before.get(name) != found.get(name):
-                    yield f"input {name} {word} since {self.label}"
-        for each in self.given:
-            path = Path(each["file"])
-            try:
-                told = "" if hash_file(path) == each["sha256"] else "has other bytes now"
-            except OSError:
-                told = "is gone"
-            if told:
-                yield f"{each['group']}={path} {told}; what {self.label} had of it is taken from its config.yaml"
 
 
 def rerun(arguments: Sequence[str], config_folder: Path) -> int:
@@ -231,40 +218,36 @@ def find_origin(outputs: str, name: str) -> Ledger:
     ConfigError
         When there is no such run, or it is not done.
     """
+    path = Path(name).expanduser()
+    folder = path.parent if path.is_file() else path
     try:
         origin = find_run(outputs, name)
     except ConfigError:
-        path = Path(name).expanduser()
         if not path.exists():
             raise
-        origin = _read_ledger(path.parent if path.is_file() else path)
+        if not (folder / FILE_NAME).is_file():
+            raise ConfigError(f"rerun={folder}: expected the folder of a run, got one without {FILE_NAME}") from None
+        found = Ledger.read(folder.absolute())
+        if found is None:
+            raise ConfigError(f"rerun={folder}: {FILE_NAME} cannot be read, or is of another version") from None
+        origin = found
     status = live_status(origin)
     if status != "done":
         raise ConfigError(f"rerun={name}: expected a run that is done, got one that is {status}; finish it first")
     return origin
 
 
-def _read_ledger(folder: Path) -> Ledger:
-    if not (folder / FILE_NAME).is_file():
-        raise ConfigError(f"rerun={folder}: expected the folder of a run, got one without {FILE_NAME}")
-    found = Ledger.read(folder.absolute())
-    if found is None:
-        raise ConfigError(f"rerun={folder}: {FILE_NAME} cannot be read, or is of another version")
-    return found
-
-
 def _read_config(origin: Ledger) -> dict[str, Any]:
-    label = origin.name
     path = origin.folder / "config.yaml"
+    if not path.is_file():
+        raise ConfigError(f"rerun={origin.name}: there is no {path}, which holds its configuration; restore it")
     try:
         values = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
-    except FileNotFoundError:
-        raise ConfigError(f"rerun={label}: there is no {path}, which holds its configuration; restore it") from None
     except (OSError, ValueError, YAMLError, OmegaConfBaseException) as error:
         told = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ConfigError(f"rerun={label}: {path} cannot be read ({told}); restore it") from None
+        raise ConfigError(f"rerun={origin.name}: {path} cannot be read ({told}); restore it") from None
     if not isinstance(values, dict) or "workflow" not in values:
-        raise ConfigError(f"rerun={label}: expected {path} to hold a whole configuration, got none; restore it")
+        raise ConfigError(f"rerun={origin.name}: expected {path} to hold a whole configuration, got none; restore it")
     return {str(key): value for key, value in values.items()}
 
 

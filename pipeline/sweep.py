@@ -17,13 +17,13 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import product
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 import hydra
 from hydra._internal.callbacks import Callbacks
-from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -208,7 +208,11 @@ def _expand(overrides: Sequence[str], config_folder: Path) -> tuple[DictConfig, 
 
 def _combine(overrides: list[Override]) -> list[list[str]]:
     """Return the overrides of each job."""
-    lists: list[list[str]] = BasicSweeper.split_arguments(overrides, None)[0]
+    choices: dict[str, list[str]] = {}
+    for each in overrides:
+        values = each.sweep_string_iterator() if each.is_sweep_override() else [each.get_value_element_as_str()]
+        choices[each.get_key_element()] = [f"{each.get_key_element()}={value}" for value in values]
+    lists = [list(each) for each in product(*choices.values())]
     if not lists:
         raise ConfigError("sweep: no job, as a key has no value at all; give it some, as in 'seed=range(8)'")
     return lists

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
+from importlib import import_module
 
 from rich.console import Console
 from rich.markup import escape
@@ -94,80 +96,45 @@ def show_table(ledger: Ledger, name: str, rows: int, console: Console) -> None:
     print_frame(str(path), read_frame(path), console, rows, "--rows")
 
 
-def sweep(options: argparse.Namespace, console: Console) -> None:
-    """Print a sweep, and write its table and its page."""
-    from pipeline.review.sweep import review_sweep
-
-    conditions = [read_condition(each) for each in options.where]
-    review_sweep(options.outputs, options.sweep, conditions, options.sort, options.rows, options.all, console)
-
-
-def compare(options: argparse.Namespace, console: Console) -> None:
-    """Print how runs differ, and write a page of it."""
-    from pipeline.review.compare import review_comparison
-
-    review_comparison(options.outputs, options.runs, options.html, options.all, options.rows, console)
-
-
-def prune_outputs(options: argparse.Namespace, console: Console) -> int:
-    """Remove all but the newest runs, and those that something needs; return the exit code."""
-    from pipeline.review.prune import prune
-
-    return prune(options.outputs, options.keep, options.sweeps, options.dry_run, console)
-
-
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m pipeline.review", description="Look at runs and their tables.")
     parser.add_argument("--outputs", default="outputs", metavar="PATH", help=OUTPUTS_HELP)
     commands = parser.add_subparsers(dest="command", required=True, metavar="list | show | compare | sweep | prune")
-    for name, (told, declare) in {
-        "list": ("all runs and sweeps, newest first", _add_list),
-        "show": ("a run's stages, or the first rows of one of its tables", _add_show),
-        "compare": ("how runs differ, as text and as a page with their curves", _add_compare),
-        "sweep": ("a sweep: its jobs, failures and metrics, as text and as a page", _add_sweep),
-        "prune": ("remove all but the newest runs, and those that something needs", _add_prune),
-    }.items():
+
+    def add(name: str, told: str, act: Callable[[argparse.Namespace, Console], int | None]) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=told, description=f"{told[0].upper()}{told[1:]}.")
         command.add_argument("--outputs", default=argparse.SUPPRESS, metavar="PATH", help=OUTPUTS_HELP)
-        declare(command)
+        command.set_defaults(act=act)
+        return command
+
+    listing = add("list", "all runs and sweeps, newest first", list_runs)
+    listing.add_argument("--jobs", action="store_true", help="each job of a sweep on a line of its own")
+    _add_selection(listing)
+    shown = add("show", "a run's stages, or the first rows of one of its tables", show)
+    shown.add_argument("run", metavar="RUN", help="its name, the beginning of its name, SWEEP/JOB, or latest")
+    shown.add_argument("table", metavar="TABLE", nargs="?", help="one of its tables")
+    _add_rows(shown, ROWS_SHOWN)
+    compared = add("compare", "how runs differ, as text and as a page with their curves", _act_of("compare"))
+    compared.add_argument(
+        "runs", metavar="RUN", nargs="+", help="as of show; or a sweep, for all its jobs that are done"
+    )
+    compared.add_argument("--all", action="store_true", help="list also what is the same in all")
+    compared.add_argument("--html", metavar="PATH", help="the page (default: outputs/reviews/compare-RUN_vs_RUN.html)")
+    _add_rows(compared)
+    swept = add("sweep", "a sweep: its jobs, failures and metrics, as text and as a page", _act_of("sweep"))
+    swept.add_argument("sweep", metavar="DIR|NAME", help="its name, its folder, or latest")
+    swept.add_argument("--all", action="store_true", help="all columns, not those alone that vary")
+    _add_selection(swept)
+    pruned = add("prune", "remove all but the newest runs, and those that something needs", _act_of("prune"))
+    pruned.add_argument("--keep", type=_count_or_none, required=True, metavar="N", help="runs to keep, the newest")
+    pruned.add_argument("--sweeps", type=_count_or_none, metavar="N", help="whole sweeps to keep; without it all stay")
+    pruned.add_argument("--dry-run", action="store_true", help="say what would be removed; change nothing")
     return parser
 
 
-def _add_list(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(act=list_runs)
-    parser.add_argument("--jobs", action="store_true", help="each job of a sweep on a line of its own")
-    _add_selection(parser)
-
-
-def _add_show(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(act=show)
-    parser.add_argument("run", metavar="RUN", help="its name, the beginning of its name, SWEEP/JOB, or latest")
-    parser.add_argument("table", metavar="TABLE", nargs="?", help="one of its tables")
-    parser.add_argument(
-        "--rows", type=_count, default=ROWS_SHOWN, metavar="N", help=f"rows to print (default: {ROWS_SHOWN})"
-    )
-
-
-def _add_compare(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(act=compare)
-    parser.add_argument("runs", metavar="RUN", nargs="+", help="as of show; or a sweep, for all its jobs that are done")
-    parser.add_argument("--all", action="store_true", help="list also what is the same in all")
-    parser.add_argument("--html", metavar="PATH", help="the page (default: outputs/reviews/compare-RUN_vs_RUN.html)")
-    _add_rows(parser)
-
-
-def _add_sweep(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(act=sweep)
-    parser.add_argument("sweep", metavar="DIR|NAME", help="its name, its folder, or latest")
-    parser.add_argument("--all", action="store_true", help="all columns, not those alone that vary")
-    _add_selection(parser)
-
-
-def _add_prune(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(act=prune_outputs)
-    parser.add_argument("--keep", type=_count_or_none, required=True, metavar="N", help="runs to keep, the newest")
-    parser.add_argument("--sweeps", type=_count_or_none, metavar="N", help="whole sweeps to keep; without it all stay")
-    parser.add_argument("--dry-run", action="store_true", help="say what would be removed; change nothing")
+def _act_of(module: str) -> Callable[[argparse.Namespace, Console], int | None]:
+    """Return what runs a command of a module's own, which is imported only then."""
+    return lambda options, console: import_module(f"pipeline.review.{module}").review(options, console)
 
 
 def _add_selection(parser: argparse.ArgumentParser) -> None:
@@ -182,10 +149,8 @@ def _add_selection(parser: argparse.ArgumentParser) -> None:
     _add_rows(parser)
 
 
-def _add_rows(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--rows", type=_count, default=ROWS_OF_A_LIST, metavar="N", help=f"rows to print (default: {ROWS_OF_A_LIST})"
-    )
+def _add_rows(parser: argparse.ArgumentParser, rows: int = ROWS_OF_A_LIST) -> None:
+    parser.add_argument("--rows", type=_count, default=rows, metavar="N", help=f"rows to print (default: {rows})")
 
 
 def _count(text: str, least: int = 1) -> int:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,23 +24,14 @@ LONGEST_FILE_NAME = 80
 STRANGE = re.compile(r"[^\w.=+-]+")
 
 
-def review_comparison(
-    outputs: str, names: Sequence[str], page: str | None, everything: bool, rows: int, console: Console
-) -> None:
+def review(options: argparse.Namespace, console: Console) -> None:
     """Print how runs differ, and write a page of it, with their curves.
 
     Parameters
     ----------
-    outputs : str
-        The outputs folder.
-    names : sequence of str
-        Of runs and sweeps.
-    page : str or None
-        File to write; else one in the outputs folder.
-    everything : bool
-        Whether what does not differ is listed too.
-    rows : int
-        How many rows of each table to print.
+    options : Namespace
+        ``outputs`` (folder), ``runs`` (names of runs and sweeps), ``html`` (file to write; else one in the outputs
+        folder), ``all`` (list also what does not differ), ``rows`` (of each table to print).
     console : Console
         Standard output.
 
@@ -47,16 +40,33 @@ def review_comparison(
     PipelineError
         When the runs cannot be found, or the page cannot be written.
     """
-    found = Comparison(choose_runs(outputs, names), everything)
+    names = options.runs
+    found = Comparison(choose_runs(options.outputs, names), options.all)
     curves, complaints = make_curves(found.ledgers, [each.name for each in found.ledgers], found.nested, found.flat)
-    _print(found, rows, console)
-    for each in complaints:
-        console.print(each, soft_wrap=True, highlight=False, markup=False)
-    path = Path(page) if page else Path(outputs) / "reviews" / _name_file(names)
+    for each in replace(found, most=COLUMNS_OF_A_TERMINAL).differences():
+        title = f"{each.name}: {each.told}" if each.told else each.name
+        if each.frame.empty:
+            console.print(title, soft_wrap=True, highlight=False, markup=False)
+        else:
+            print_frame(title, each.frame, console, options.rows, "--rows")
+    for told in complaints:
+        console.print(told, soft_wrap=True, highlight=False, markup=False)
+    path = Path(options.html) if options.html else Path(options.outputs) / "reviews" / _name_file(names)
     if not path.name:
         raise PipelineError(f"cannot write {path}: Is a directory; name another file by --html PATH")
     try:
-        write_text(path, _render(found, names, curves, complaints))
+        write_text(
+            path,
+            render(
+                "compare.html.j2",
+                names=list(names),
+                runs=len(found.ledgers),
+                everything=options.all,
+                differences=[(each, make_grid(each.frame)) for each in found.differences()],
+                curves=[_show_curves(each) for each in curves],
+                complaints=complaints,
+            ),
+        )
     except OSError as error:
         raise PipelineError(f"cannot write {path}: {error.strerror}; name another file by --html PATH") from None
     console.print(f"page: {path}", soft_wrap=True, highlight=False, markup=False)
@@ -65,49 +75,6 @@ def review_comparison(
 def _name_file(names: Sequence[str]) -> str:
     joined = "_vs_".join(STRANGE.sub("-", each).strip("-") for each in names)
     return f"compare-{joined if len(joined) <= LONGEST_FILE_NAME else hash_json(list(names))[:12]}.html"
-
-
-def _print(found: Comparison, rows: int, console: Console) -> None:
-    def table(title: str, frame: pd.DataFrame, none: str) -> None:
-        if frame.empty:
-            console.print(f"{title}: {none}", soft_wrap=True, highlight=False, markup=False)
-        else:
-            print_frame(title, frame, console, rows, "--rows")
-
-    most = COLUMNS_OF_A_TERMINAL
-    print_frame("Runs", found.runs(), console, rows, "--rows")
-    table("Configuration", found.configuration(most), "no key differs")
-    metrics, same = found.metrics()
-    table("Metrics", metrics, f"the same in all ({', '.join(same)})" if same else "none is declared, or none was kept")
-    for each in found.headlines():
-        if each.frame.empty:
-            console.print(f"{each.name}: {each.told}", soft_wrap=True, highlight=False, markup=False)
-        else:
-            print_frame(f"{each.name}: {each.told}", each.frame, console, rows, "--rows")
-    identical, others = found.tables(most)
-    table("Tables that differ", others, "none")
-    console.print(f"the same to the byte in all: {', '.join(identical) or 'no table'}", soft_wrap=True, highlight=False)
-    table("Code, libraries, machines", found.surroundings(most), "no difference")
-
-
-def _render(found: Comparison, names: Sequence[str], curves: Sequence[Curves], complaints: Sequence[str]) -> str:
-    metrics, same = found.metrics()
-    identical, others = found.tables()
-    return render(
-        "compare.html.j2",
-        names=list(names),
-        everything=found.everything,
-        runs=make_grid(found.runs(), {"wall_s": "s"}),
-        curves=[_show_curves(each) for each in curves],
-        complaints=complaints,
-        configuration=make_grid(found.configuration()),
-        metrics=make_grid(metrics),
-        same_metrics=same,
-        headlines=[(each, make_grid(each.frame)) for each in found.headlines()],
-        identical=identical,
-        others=make_grid(others),
-        surroundings=make_grid(found.surroundings()),
-    )
 
 
 def _show_curves(curves: Curves) -> dict[str, Any]:

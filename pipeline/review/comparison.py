@@ -28,27 +28,25 @@ from pipeline.runs import find_run, list_ledgers, live_status, sweeps_folder
 LONGEST_NAME = 24
 LONGEST_VALUE = 160
 MOST_COLUMNS = 30
-"""Runs up to which each has a column; of more, values are counted."""
 MOST_ROWS = 400
 """Rows up to which differences of a table are listed."""
 
 
 @dataclass(frozen=True)
-class TableDifference:
-    """How runs differ in a table that their workflows want seen first.
+class Difference:
+    """How runs differ in one respect.
 
     Parameters
     ----------
-    name, title : str
-        Of the table.
+    name : str
+        The respect.
     told : str
-        In words.
+        In words; empty where the frame tells it.
     frame : DataFrame
         A row for each value that differs; empty where none does, or none can be compared.
     """
 
     name: str
-    title: str
     told: str
     frame: pd.DataFrame
 
@@ -63,10 +61,16 @@ class Comparison:
         Of the runs, in the order in which they were named.
     everything : bool
         Whether what is the same in all is listed too.
+    most : int
+        Runs up to which each has a column; of more, values are counted.
+    whole : bool
+        Whether the whole configuration is looked at, or what the stages read.
     """
 
     ledgers: tuple[Ledger, ...]
     everything: bool = False
+    most: int = MOST_COLUMNS
+    whole: bool = True
 
     @cached_property
     def labels(self) -> list[str]:
@@ -79,15 +83,37 @@ class Comparison:
     @cached_property
     def nested(self) -> list[dict[str, Any]]:
         """Configuration of each run: whole, or what its stages read where that is all that is left."""
-        return [read_config(each.folder) or read_slices(each) for each in self.ledgers]
+        return [(self.whole and read_config(each.folder)) or read_slices(each) for each in self.ledgers]
 
     @cached_property
     def flat(self) -> list[dict[str, str]]:
         """The same by dotted key."""
         return [flatten(each) if each else {} for each in self.nested]
 
-    def runs(self) -> pd.DataFrame:
-        """Return a row for each run."""
+    def differences(self) -> list[Difference]:
+        """Return how the runs differ in everything, in the order in which it is told."""
+        configuration, surroundings = self.configuration(), self.surroundings()
+        names = dict.fromkeys(name for each in self.nested for name in list_headlines(each))
+        return [
+            Difference("Runs", "", self._list_runs()),
+            Difference("Configuration", "" if len(configuration) else "no key differs", configuration),
+            self._compare_metrics(),
+            *(found for name in names if (found := self._compare_table(name))),
+            *self._compare_files(),
+            Difference("Code, libraries, machines", "" if len(surroundings) else "no difference", surroundings),
+        ]
+
+    def configuration(self) -> pd.DataFrame:
+        """Return the keys that differ, of those that say what is computed."""
+        return self._across(
+            "key", self.flat, [] if self.everything else [*filter(is_incidental, self._keys(self.flat))]
+        )
+
+    def surroundings(self) -> pd.DataFrame:
+        """Return how code, libraries and machines differ."""
+        return self._across("what", [flatten(read_surroundings(each)) for each in self.ledgers])
+
+    def _list_runs(self) -> pd.DataFrame:
         names = [each.name for each in self.ledgers]
         return pd.DataFrame(
             {
@@ -99,15 +125,7 @@ class Comparison:
             }
         )
 
-    def configuration(self, most: int = MOST_COLUMNS) -> pd.DataFrame:
-        """Return the keys that differ, of those that say what is computed."""
-        keys = [*dict.fromkeys(key for each in self.flat for key in each)] if self.everything else None
-        keys = list_differences(self.flat) if keys is None else keys
-        shown = [key for key in keys if self.everything or not is_incidental(key)]
-        return self._across("key", [(key, [each.get(key, ABSENT) for each in self.flat]) for key in shown], most)
-
-    def metrics(self) -> tuple[pd.DataFrame, list[str]]:
-        """Return the metrics that differ, a row for each run, and the names of those that do not."""
+    def _compare_metrics(self) -> Difference:
         found = [each.facts.get("metrics") or {} for each in self.ledgers]
         columns: dict[str, list[Any]] = {}
         same = []
@@ -118,61 +136,50 @@ class Comparison:
                 columns[add_unit(name, unit)] = values
             else:
                 same.append(name)
-        return pd.DataFrame({"run": self.labels, **columns}) if columns else pd.DataFrame(), same
+        told = (
+            f"the same in all: {', '.join(same)}" if same else "" if columns else "none is declared, or none was kept"
+        )
+        return Difference("Metrics", told, pd.DataFrame({"run": self.labels, **columns} if columns else {}))
 
-    def surroundings(self, most: int = MOST_COLUMNS) -> pd.DataFrame:
-        """Return how code, libraries and machines differ."""
-        found = [flatten(read_surroundings(each)) for each in self.ledgers]
-        keys = [*dict.fromkeys(key for each in found for key in each)] if self.everything else list_differences(found)
-        return self._across("what", [(key, [each.get(key, ABSENT) for each in found]) for key in keys], most)
-
-    def tables(self, most: int = MOST_COLUMNS) -> tuple[list[str], pd.DataFrame]:
-        """Return the names of the tables that are the same to the byte in all runs, and the others, with rows."""
+    def _compare_files(self) -> list[Difference]:
+        """Return how the bytes of tables differ, and which are the same."""
         found = [list_tables(each) for each in self.ledgers]
         names = dict.fromkeys(name for each in found for name in each)
         same = [name for name in names if len({each.get(name, {}).get("sha256") for each in found}) == 1]
-        rows = [
-            (
-                name,
-                [
-                    f"{each[name].get('rows', '?')} rows, {each[name]['sha256'][:8]}" if name in each else ABSENT
-                    for each in found
-                ],
-            )
-            for name in names
-            if name not in same
+        told = [
+            {name: f"{facts.get('rows', '?')} rows, {facts['sha256'][:8]}" for name, facts in each.items()}
+            for each in found
         ]
-        return same, self._across("table", rows, most)
+        others = self._across("table", told, same)
+        return [
+            Difference("Tables that differ", "" if len(others) else "none", others),
+            Difference("the same to the byte in all", ", ".join(same) or "no table", pd.DataFrame()),
+        ]
 
-    def headlines(self) -> list[TableDifference]:
-        """Return how runs differ in the tables that their workflows want seen first."""
-        names = dict.fromkeys(name for each in self.nested for name in list_headlines(each))
-        return [found for name in names if (found := self._compare_table(name))]
-
-    def _compare_table(self, name: str) -> TableDifference | None:
+    def _compare_table(self, name: str) -> Difference | None:
         kept = [list_tables(each).get(name) for each in self.ledgers]
         having = [index for index, facts in enumerate(kept) if facts]
         if len(having) < 2:
             return None
         if len({facts["sha256"] for facts in kept if facts}) == 1:
-            return TableDifference(name, name, "the same to the byte in all runs that have it", pd.DataFrame())
+            return Difference(name, "the same to the byte in all runs that have it", pd.DataFrame())
         read = {index: found for index in having if (found := read_whole_table(self.ledgers[index], name))}
         if len(read) < 2:
-            return TableDifference(name, name, "cannot be read in all runs but one", pd.DataFrame())
+            return Difference(name, "cannot be read in all runs but one", pd.DataFrame())
         frames = {index: found[0] for index, found in read.items()}
-        title = next(iter(read.values()))[2]
         labels = {index: self.labels[index] for index in frames}
         if all(is_prose(each) for each in frames.values()):
-            return TableDifference(
-                name, title, "sentences, and the runs that have them", _compare_prose(frames, labels)
-            )
+            return Difference(name, "sentences, and the runs that have them", _compare_prose(frames, labels))
         units = {key: unit for _, found, _ in read.values() for key, unit in found.items()}
-        told, frame = _compare_rows(frames, labels, units)
-        return TableDifference(name, title, told, frame)
+        return Difference(name, *_compare_rows(frames, labels, units))
 
-    def _across(self, head: str, rows: Sequence[tuple[str, Sequence[str]]], most: int) -> pd.DataFrame:
+    def _keys(self, flat: Sequence[Mapping[str, str]]) -> list[str]:
+        return [*dict.fromkeys(key for each in flat for key in each)] if self.everything else list_differences(flat)
+
+    def _across(self, head: str, flat: Sequence[Mapping[str, str]], hidden: Sequence[str] = ()) -> pd.DataFrame:
         """Return a column for each run, or each value with the number of runs where there are too many."""
-        if len(self.ledgers) <= most:
+        rows = [(key, [each.get(key, ABSENT) for each in flat]) for key in self._keys(flat) if key not in hidden]
+        if 0 < len(self.ledgers) <= self.most:
             short = [[key, *(shorten(each, LONGEST_VALUE) for each in values)] for key, values in rows]
             return pd.DataFrame(short, columns=[head, *self.labels])
         counted = []
@@ -264,10 +271,6 @@ def _compare_rows(
 
 def _count(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}"
-
-
-def _tell_table(facts: Mapping[str, Any] | None) -> str:
-    return f"{facts.get('rows', '?')} rows, {facts['sha256'][:8]}" if facts else ABSENT
 
 
 def _rows(frame: pd.DataFrame, key: Sequence[str], columns: Sequence[str]) -> list[tuple[Any, ...]]:

@@ -18,8 +18,8 @@ from pipeline.flat import is_seed, list_differences
 from pipeline.launch import INCIDENTAL_KEYS
 from pipeline.ledger import Ledger
 from pipeline.printing import add_unit, shorten
-from pipeline.review.intervals import half_width
 from pipeline.review.kept import list_tables, read_whole_table
+from pipeline.review.pictures import half_width
 from pipeline.sweep_table import split_overrides
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.review.intervals import half_width
-from pipeline.review.pictures import Margins, Picture, make_picture, new_figure, shorten_label
+from pipeline.review.pictures import Picture, half_width, make_picture, new_figure, shorten_label
 from pipeline.review.selection import order_of, read_number
 from pipeline.review.sweep_view import Sweep, summarise
 
@@ -20,7 +19,6 @@ MOST_CELLS = 30
 MOST_LABELLED_CELLS = 12
 MOST_PANELS = 24
 LONGEST_LABEL = 22
-INCHES_OF_A_LETTER = 0.075
 BLUE, DARK, GREY = "#0b5fa5", "#1d2530", "#5b6775"
 
 
@@ -46,28 +44,12 @@ def _draw_metric(sweep: Sweep, metric: str, points: pd.DataFrame) -> Iterator[Pi
     head = sweep.head(metric)
     axes = [each for each in sweep.axes if len(set(points[each])) > 1][:MOST_AXES]
     if not axes:
-        yield _draw_repeats(points["value"].to_numpy(), head, sweep.seeds)
-        return
+        points, axes = points.assign(jobs="all"), ["jobs"]
     small = [each for each in axes if len(set(points[each])) <= MOST_CELLS][:3]
     for one, other in combinations(small, 2):
         yield _draw_grid(points, one, other, head, [each for each in sweep.axes if each not in (one, other)])
     for axis in axes:
         yield _draw_axis(points, axis, head, [each for each in axes if each != axis], sweep.seeds)
-
-
-def _draw_repeats(values: np.ndarray[Any, Any], head: str, seeds: Sequence[str]) -> Picture:
-    figure, axes = new_figure(margins=Margins())
-    mean, half = float(values.mean()), half_width(float(values.std(ddof=1)), len(values))
-    axes.axhspan(mean - half, mean + half, color=BLUE, alpha=0.15, lw=0)
-    axes.axhline(mean, color=BLUE, lw=1.8)
-    axes.plot(range(1, len(values) + 1), values, "o", mfc="none", mec=GREY, ms=4.5)
-    axes.set(xlabel="job", ylabel=shorten_label(head, 40))
-    axes.xaxis.get_major_locator().set_params(integer=True)
-    caption = (
-        f"{head}: line is the mean of {len(values)} jobs, {mean:.4g}; band its 95 % interval (t), "
-        f"{mean - half:.4g} to {mean + half:.4g}; circles are jobs, which differ in {_join(seeds) or 'nothing'}."
-    )
-    return make_picture(figure, caption)
 
 
 def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str], seeds: Sequence[str]) -> Picture:
@@ -78,8 +60,7 @@ def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str]
     numeric = all(each is not None and np.isfinite(each) for each in numbers)
     places = np.array(numbers if numeric else range(len(labels)), dtype=float)
     at = dict(zip(labels, places, strict=True))
-    below = 0.0 if numeric else _room_below(labels)
-    figure, axes = new_figure(height=3.3 + below, margins=Margins(bottom=0.55 + below))
+    figure, axes = new_figure()
     axes.plot([at[each] for each in points[axis]], points["value"], "o", mfc="none", mec=GREY, alpha=0.6, ms=4)
     mean = summary["mean"].to_numpy()
     if summary["count"].max() > 1:
@@ -115,8 +96,7 @@ def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Se
     across, along = (sorted(points[each].unique(), key=order_of) for each in (one, other))
     means = summary.pivot(index=other, columns=one, values="mean").reindex(index=along, columns=across)
     counts = summary.pivot(index=other, columns=one, values="count").reindex(index=along, columns=across).fillna(0)
-    below, beside = _room_below(across), INCHES_OF_A_LETTER * min(max(map(len, along)), LONGEST_LABEL)
-    figure, axes = new_figure(5.7, 3.3 + below, Margins(0.5 + beside, 0.65, 0.55 + below))
+    figure, axes = new_figure(5.7)
     image = axes.imshow(means.to_numpy(), aspect="auto", origin="lower", cmap="viridis")
     axes.set_facecolor("white")
     _name_ticks(axes.xaxis, across)
@@ -137,23 +117,14 @@ def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Se
     return make_picture(figure, caption if least == 0 else caption.replace("; white cells have none", ""))
 
 
-def _room_below(labels: Sequence[str]) -> float:
-    """Return the inches that labels below axes need beyond one line."""
-    return 0.5 * INCHES_OF_A_LETTER * max(map(len, _shown(labels))) if _are_slanted(labels) else 0.0
-
-
-def _are_slanted(labels: Sequence[str]) -> bool:
-    return sum(map(len, _shown(labels))) > 40
-
-
-def _shown(labels: Sequence[str]) -> list[str]:
-    step = -(-len(labels) // 16)
-    return [shorten_label(each, LONGEST_LABEL) if index % step == 0 else "" for index, each in enumerate(labels)]
-
-
 def _name_ticks(axis: Any, labels: Sequence[str], below: bool = True) -> None:
-    slant = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if below and _are_slanted(labels) else {}
-    axis.set_ticks(range(len(labels)), _shown(labels), **slant)
+    """Name ticks, of many only some; long names below the axes are slanted."""
+    step = -(-len(labels) // 16)
+    shown = [shorten_label(each, LONGEST_LABEL) if index % step == 0 else "" for index, each in enumerate(labels)]
+    slanted = below and sum(map(len, shown)) > 40
+    axis.set_ticks(
+        range(len(labels)), shown, **({"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if slanted else {})
+    )
 
 
 def _join(names: Sequence[str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RESOLUTION = 130
+CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -31,31 +33,14 @@ class Picture:
     caption: str
 
 
-@dataclass(frozen=True)
-class Margins:
-    """Room around axes for their labels, in inches."""
-
-    left: float = 0.85
-    right: float = 0.15
-    bottom: float = 0.55
-    top: float = 0.15
-
-
-def new_figure(width: float = 5.2, height: float = 3.3, margins: Margins | None = None) -> tuple[Figure, Any]:
-    """Return a figure of so many inches and its axes, with margins that are given, or found slowly."""
+def new_figure(width: float = 5.2, height: float = 3.3) -> tuple[Figure, Any]:
+    """Return a figure of so many inches and its axes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout=None if margins else "constrained")
+    figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
-    if margins:
-        figure.subplots_adjust(
-            left=margins.left / width,
-            right=1 - margins.right / width,
-            bottom=margins.bottom / height,
-            top=1 - margins.top / height,
-        )
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color="#dde3ea", lw=0.6)
     axes.set_axisbelow(True)
@@ -73,3 +58,12 @@ def make_picture(figure: Figure, caption: str) -> Picture:
 def shorten_label(text: str, most: int) -> str:
     """Return a label that is not longer than so many characters, and no formula."""
     return shorten(text.replace("$", r"\$"), most)
+
+
+def half_width(spread: float, count: int) -> float:
+    """Return half of the 95 % interval (t) of a mean, from the SD and number of its values; nan for fewer than two."""
+    from scipy.special import stdtrit
+
+    if count < 2:
+        return float("nan")
+    return float(stdtrit(count - 1, (1 + CONFIDENCE) / 2) * spread / math.sqrt(count))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import argparse
+from collections.abc import Iterator
 
 from rich.console import Console
 
@@ -10,7 +11,7 @@ from pipeline.errors import PipelineError
 from pipeline.failures import list_commands, tell_reason
 from pipeline.ledger import Ledger
 from pipeline.printing import print_frame
-from pipeline.review.selection import Condition, keep_rows, sort_rows
+from pipeline.review.selection import keep_rows, read_condition, sort_rows
 from pipeline.review.sweep_page import FILE_NAME, tell_counts, write_page
 from pipeline.review.sweep_view import Sweep, find_sweep
 from pipeline.sweep_table import write_frame
@@ -19,29 +20,14 @@ MOST_FAILURES = 20
 NOT_TOLD = ("done", "not begun", "running")
 
 
-def review_sweep(
-    outputs: str,
-    name: str,
-    conditions: Sequence[Condition],
-    sort: str | None,
-    rows: int,
-    everything: bool,
-    console: Console,
-) -> None:
+def review(options: argparse.Namespace, console: Console) -> None:
     """Print a sweep's jobs, failures and the commands that finish it; write ``sweep.parquet`` and ``sweep.html``.
 
     Parameters
     ----------
-    outputs, name : str
-        The outputs folder and the sweep's name, or its folder.
-    conditions : sequence of Condition
-        Of the jobs to print; the files hold all.
-    sort : str or None
-        Column by which to sort.
-    rows : int
-        How many jobs to print.
-    everything : bool
-        Whether columns that do not vary are printed too.
+    options : Namespace
+        ``outputs`` (folder), ``sweep`` (name or folder), and of the jobs to print, as the files hold all: ``where``,
+        ``sort``, ``rows``, and ``all`` for columns that do not vary, too.
     console : Console
         Standard output.
 
@@ -50,20 +36,20 @@ def review_sweep(
     PipelineError
         When there is no such sweep, or its folder cannot be written.
     """
-    found = find_sweep(outputs, name)
+    found = find_sweep(options.outputs, options.sweep)
 
     def say(text: str) -> None:
         console.print(text, soft_wrap=True, highlight=False, markup=False)
 
     jobs = len(found.frame)
     say(f"sweep {found.folder}: {jobs} {'job' if jobs == 1 else 'jobs'} ({tell_counts(found.counts)})")
-    if found.alike and not everything:
+    if found.alike and not options.all:
         say(f"the same in all: {', '.join(f'{key}={value}' for key, value in found.alike.items())}")
-    chosen = sort_rows(keep_rows(found.frame, conditions), sort)
-    table = found.table(everything).loc[chosen.index]
-    if everything:
+    chosen = sort_rows(keep_rows(found.frame, [read_condition(each) for each in options.where]), options.sort)
+    table = found.table(options.all).loc[chosen.index]
+    if options.all:
         table = table.drop(columns="error")
-    print_frame("Jobs", table.rename(columns=found.head), console, rows, "--rows")
+    print_frame("Jobs", table.rename(columns=found.head), console, options.rows, "--rows")
     for line in _tell_failures(found):
         say(line)
     try:

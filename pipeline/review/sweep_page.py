@@ -6,19 +6,20 @@ from collections.abc import Sequence
 from itertools import islice
 from typing import Any
 
+import pandas as pd
+
 from pipeline.failures import list_commands, read_traceback, tell_reason
 from pipeline.files import write_text
-from pipeline.flat import count_values
 from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
 from pipeline.page import link_to, make_grid, make_rows, render
-from pipeline.printing import is_prose, shorten
-from pipeline.review.kept import list_headlines, read_config, read_short_tables, read_slices, read_surroundings
+from pipeline.printing import is_prose
+from pipeline.review.comparison import Comparison
+from pipeline.review.kept import list_headlines, read_config, read_short_tables
 from pipeline.review.sweep_view import AS_CONFIGURED, Sweep
 
 FILE_NAME = "sweep.html"
 MOST_VALUES = 12
-LONGEST_VALUE = 60
 MOST_DIFFERENCES = 200
 MOST_JOBS_WITH_RESULTS = 12
 MOST_ROWS_OF_RESULTS = 12
@@ -135,17 +136,8 @@ def _list_results(done: Sequence[Ledger]) -> Any:
 
 
 def _list_differences(sweep: Sweep, ledgers: Sequence[Ledger]) -> dict[str, Any]:
-    found = {
-        key: counts
-        for key, counts in count_values([read_slices(each) for each in ledgers]).items()
-        if key not in sweep.keys
-    }
-    found |= count_values([read_surroundings(each) for each in ledgers])
-    rows = [
-        [
-            key,
-            ", ".join(f"{shorten(each, LONGEST_VALUE)} ({count})" for each, count in islice(its.items(), MOST_VALUES)),
-        ]
-        for key, its in islice(found.items(), MOST_DIFFERENCES)
-    ]
-    return make_rows(["key", "value (jobs)"], rows)
+    """Return what jobs differ in beyond their overrides, each value with the number of jobs that have it."""
+    found = Comparison(tuple(ledgers), most=0, whole=False)
+    frame = found.configuration().set_axis(["key", "value (jobs)"], axis="columns")
+    around = found.surroundings().set_axis(frame.columns, axis="columns")
+    return make_grid(pd.concat([frame[~frame["key"].isin(sweep.keys)], around]).head(MOST_DIFFERENCES))

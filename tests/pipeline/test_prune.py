@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.review import prune
 from tests.conftest import ROOT, Command
 from tests.faults import check_wholeness, find_parts, ledger_of, obey_permissions, tables_of, wait_until
 from tests.pipeline.conftest import ALONE, CONFIG, SLOWLY, Toy
@@ -260,15 +259,15 @@ def test_what_cannot_be_read_is_left_alone(done):
     assert snapshot(run.parent) == before
 
 
-def die_at_the_third_folder():
-    """Have a process end, as if it was killed, when it has removed two folders."""
-    delete, count = prune._delete, iter(range(3))
-    prune._delete = lambda folder: os._exit(9) if next(count) == 2 else delete(folder)
+def die_at_the_second_folder():
+    """Have a process end, as if it was killed, when it has removed one folder."""
+    remove, count = os.rmdir, iter(range(2))
+    os.rmdir = lambda *what, **how: os._exit(9) if next(count) == 1 else remove(*what, **how)
 
 
 def test_killed_in_between_leaves_what_the_next_one_clears_up(many):
     first, *others = many.runs
-    assert many.review("prune", "--keep", "3", before=die_at_the_third_folder).returncode == 9
+    assert many.review("prune", "--keep", "3", before=die_at_the_second_folder).returncode == 9
     (hidden,) = many.outputs.glob("runs/.pruned-*")
     assert any(hidden.rglob("*"))
     assert not first.exists()

@@ -176,7 +176,7 @@ def test_changed_and_missing_input_files_are_told(rerun, tmp_path):
     assert result.returncode == 1
     for line in (
         f"note: input weighing.what/a changed since {first.name}",
-        f"note: input weighing.what/b is gone since {first.name}",
+        f"note: input weighing.what/b is no longer there since {first.name}",
         f"note: input weighing.what/d is new since {first.name}",
         f"note: weighing={option} has other bytes now; what {first.name} had of it is taken from its config.yaml",
         "  input files: weighing.what/a, weighing.what/b, weighing.what/d",
