@@ -122,7 +122,8 @@ def _find_file(module: str) -> Path | None:
 
 @cache
 def _does_something(path: Path) -> bool:
-    return any(not isinstance(each, ast.Expr) for each in ast.parse(path.read_bytes()).body)
+    body = ast.parse(path.read_bytes()).body
+    return any(not (isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant)) for each in body)
 
 
 @cache
