@@ -1,9 +1,9 @@
-"""Searches as the workflow makes them, with the stated settings, in cells of whole records."""
+"""Searches as the workflow makes them, with the stated settings, in outputs of whole records."""
 
 import numpy as np
 import yaml
 
-from stages.science.discrepancy.fitted_cell import prepare
+from stages.science.discrepancy.fitted_channel import prepare
 from stages.science.discrepancy.naming import SearchSettings
 from stages.science.discrepancy.search import search
 from tests.plant.machines import CONF
@@ -12,9 +12,9 @@ STATED = yaml.safe_load((CONF / "discrepancy" / "default.yaml").read_text())
 SETTINGS = SearchSettings(**STATED["search"])
 
 
-def look(cell, seed=0):
-    """Return what the search finds in a cell, and the names."""
-    found = search([prepare(cell)], SETTINGS, np.random.default_rng(seed))
+def look(output, seed=0):
+    """Return what the search finds in an output, and the names."""
+    found = search([prepare(output)], SETTINGS, np.random.default_rng(seed))
     return found, [each.name for each in found.named]
 
 

@@ -49,10 +49,10 @@ def test_beside_a_floor_that_hides_what_there_is_a_name_is_at_most_as_likely_as_
     ("floor", "white", "hidden"), [(0.06, 0.01, ["y"]), (0.06, 0.03, []), (0.03, 0.001, [])], ids=str
 )
 def test_whether_a_floor_hides_what_there_is_the_opened_trials_say(floor, white, hidden):
-    cell = make_toy(0)
-    left = np.array([0.001] * 5 + [floor] * 3) ** 2 * cell.present.sum(axis=0)
-    channels = pd.DataFrame([{"channel": "y", "muscle": "toy", "white": white * cell.range}])
-    seen = [Verified(cell, [], [], left)]
+    output = make_toy(0)
+    left = np.array([0.001] * 5 + [floor] * 3) ** 2 * output.present.sum(axis=0)
+    channels = pd.DataFrame([{"channel": "y", "muscle": "toy", "white": white * output.range}])
+    seen = [Verified(output, [], [], left)]
     assert list_hidden(seen, channels, [5, 6, 7]) == hidden
     assert list_hidden(seen, channels, [0, 1]) == []
 

@@ -5,9 +5,9 @@ import pytest
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from stages.science.discrepancy.cell import Driver
 from stages.science.discrepancy.dependence import find_dependence, find_range, fit_gaussian_process
 from stages.science.discrepancy.description import measure_share
+from stages.science.discrepancy.output_channel import Driver
 from stages.science.discrepancy.resampling import resample
 from tests.discrepancy.toys import make_toy
 
@@ -29,13 +29,13 @@ class Aside:
 
 
 def plant(seed, surface, noise=NOISE):
-    """A cell, its residual, and the residual without noise; two more signals were measured beside."""
+    """An output, its residual, and the residual without noise; two more signals were measured beside."""
     generator = np.random.default_rng(seed)
-    cell = make_toy(seed, trials=TRIALS)
-    smooth = np.cumsum(generator.standard_normal((2, *cell.x.shape)), axis=1) / 10.0
-    cell = Aside(cell, pressure_kpa=smooth[0], tension_n=smooth[1])
-    truth = surface(cell.x, smooth[0], cell.drivers()[1].values)
-    return cell, truth + noise * generator.standard_normal(truth.shape), truth
+    output = make_toy(seed, trials=TRIALS)
+    smooth = np.cumsum(generator.standard_normal((2, *output.x.shape)), axis=1) / 10.0
+    output = Aside(output, pressure_kpa=smooth[0], tension_n=smooth[1])
+    truth = surface(output.x, smooth[0], output.drivers()[1].values)
+    return output, truth + noise * generator.standard_normal(truth.shape), truth
 
 
 def measure(residual, left):
@@ -54,8 +54,8 @@ def measure(residual, left):
 )
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_inputs_and_share_are_those_planted(seed, surface, inputs):
-    cell, residual, truth = plant(seed, surface)
-    found = find_dependence(cell, residual, 3, 32, np.random.default_rng(0))
+    output, residual, truth = plant(seed, surface)
+    found = find_dependence(output, residual, 3, 32, np.random.default_rng(0))
     assert sorted(each.name for each in found.inputs) == inputs
     share = measure(residual, residual - found.heldout)
     possible = (truth**2).sum() / (residual**2).sum()
@@ -65,8 +65,8 @@ def test_inputs_and_share_are_those_planted(seed, surface, inputs):
 
 
 def test_two_signals_that_tell_something_only_together_are_found():
-    cell, residual, truth = plant(1, lambda x, p, v: 0.1 * np.sin(4.0 * x) * v)
-    found = find_dependence(cell, residual, 3, 32, np.random.default_rng(0))
+    output, residual, truth = plant(1, lambda x, p, v: 0.1 * np.sin(4.0 * x) * v)
+    found = find_dependence(output, residual, 3, 32, np.random.default_rng(0))
     assert "x" in [each.name for each in found.inputs]
     share = measure(residual, residual - found.heldout)
     assert share.value > 0.7 * (truth**2).sum() / (residual**2).sum()
@@ -74,19 +74,21 @@ def test_two_signals_that_tell_something_only_together_are_found():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_is_left_alone(seed):
-    cell, residual, _ = plant(seed, lambda x, p, v: 0.0 * x)
+    output, residual, _ = plant(seed, lambda x, p, v: 0.0 * x)
     residual += 0.05 * np.random.default_rng(seed).standard_normal(TRIALS)
-    found = find_dependence(cell, residual, 3, 32, np.random.default_rng(0))
+    found = find_dependence(output, residual, 3, 32, np.random.default_rng(0))
     share = measure(residual, residual - found.heldout)
     assert not found.inputs or share.low <= 0.0
     assert share.value < 0.1
 
 
 def test_a_trial_has_no_part_in_what_is_said_of_it():
-    cell, residual, _ = plant(3, lambda x, p, v: 0.3 * np.sin(4.0 * x))
+    output, residual, _ = plant(3, lambda x, p, v: 0.3 * np.sin(4.0 * x))
     spoilt = residual.copy()
     spoilt[:, 4] += 0.2
-    kept, other = (find_dependence(cell, each, 1, 32, np.random.default_rng(0)).heldout for each in (residual, spoilt))
+    kept, other = (
+        find_dependence(output, each, 1, 32, np.random.default_rng(0)).heldout for each in (residual, spoilt)
+    )
     np.testing.assert_allclose(other[:, 4], kept[:, 4], atol=1e-9)
 
 
@@ -105,10 +107,10 @@ def test_with_a_pseudo_input_at_every_row_it_is_the_exact_gaussian_process(gener
 
 
 def test_a_hum_is_no_dependence():
-    cell, residual, _ = plant(2, lambda x, p, v: 0.0 * x)
-    time = np.arange(len(residual))[:, None] * cell.step_s
+    output, residual, _ = plant(2, lambda x, p, v: 0.0 * x)
+    time = np.arange(len(residual))[:, None] * output.step_s
     residual += 0.5 * np.sin(2.0 * np.pi * 20.0 * time + np.random.default_rng(2).uniform(0.0, 6.0, TRIALS))
-    found = find_dependence(cell, residual, 3, 32, np.random.default_rng(0))
+    found = find_dependence(output, residual, 3, 32, np.random.default_rng(0))
     assert not found.inputs or measure(residual, residual - found.heldout).low <= 0.0
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.science.discrepancy.whole_record_cell import WholeRecordCell, build_whole_records
+from stages.science.discrepancy.whole_record_channel import WholeRecordChannel, build_whole_records
 from tests.discrepancy.searches import look, read_values
 from tests.discrepancy.simulated_records import drive, joint, lag, pendulum, tabulate
 from tests.plant.machines import read_plant
@@ -72,9 +72,9 @@ PLAIN = {
 
 
 def look_into(plant, recorded, **changes):
-    """Return the state of the record's cell after the search, and what was named."""
+    """Return the state of the record's output after the search, and what was named."""
     found, names = look(build_whole_records(*tabulate(*recorded), read_plant(plant, **changes)))
-    return found.cells[0], names
+    return found.outputs[0], names
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_what_was_planted_is_named_with_its_size(planted, seed):
     assert set(names) == set(sizes)
     assert len(names) == len(sizes)
     found, effects = read_values(state)
-    assert {name: SIZES[name](its, state.cell.plant) for name, its in effects.items()} == sizes
+    assert {name: SIZES[name](its, state.output.plant) for name, its in effects.items()} == sizes
     assert {name: found[name] for name in constants} == constants
 
 
@@ -112,23 +112,23 @@ def test_nothing_is_named_where_nothing_was_planted(plain, seed):
 def test_noise_that_pushes_a_drive_is_no_effect_where_samples_become_their_means(seed):
     """It adds up to a walk that plain means of the force would miss: with them friction was named."""
     state, names = look_into("servo_drive", drive(seed, jitter=1.0, samples=3000))
-    assert state.cell.averaged > 1
+    assert state.output.averaged > 1
     assert names == []
     assert state.ratio(state.nominal.raw) < 1.1
 
 
 @pytest.mark.slow
 def test_a_name_beside_a_spring_that_may_soften_no_further_is_doubted(monkeypatch):
-    offered = WholeRecordCell.forms.fget
+    offered = WholeRecordChannel.forms.fget
 
-    def narrow(cell):
-        told = [each if each.name != "cubic_stiffness" else soften(each) for each in offered(cell)]
+    def narrow(output):
+        told = [each if each.name != "cubic_stiffness" else soften(each) for each in offered(output)]
         return tuple(told)
 
     def soften(form):
         return replace(form, parameters=(replace(form.parameters[0], low=-0.1),))
 
-    monkeypatch.setattr(WholeRecordCell, "forms", property(narrow))
+    monkeypatch.setattr(WholeRecordChannel, "forms", property(narrow))
     named = look(build_whole_records(*tabulate(*pendulum(2)), read_plant("second_order")))[0].named
     assert named[0].name == "cubic_stiffness"
     assert len(named) > 1
@@ -147,6 +147,6 @@ def test_a_reading_that_ends_at_one_side_or_both_is_named_with_its_ends(plant, m
     cut = np.clip(signals[output], ends.get("lowest"), ends.get("highest"))
     state, names = look_into(plant, ({**signals, output: cut}, step_s))
     assert names == ["saturation"]
-    scale = state.cell.plant.output_scale
+    scale = state.output.plant.output_scale
     found = {name: scale * value for name, value in read_values(state)[1]["saturation"].items() if name != "share"}
     assert found == pytest.approx(ends, abs=2e-3 * scale)

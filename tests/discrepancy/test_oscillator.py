@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stages.science.discrepancy.remainder import weigh_remainder
-from stages.science.discrepancy.whole_record_cell import build_whole_records
+from stages.science.discrepancy.whole_record_channel import build_whole_records
 from tests.discrepancy.oscillators import NOISE_V, WANDER_V, configured, shake
 from tests.discrepancy.searches import SETTINGS, look
 
@@ -28,27 +28,27 @@ def test_a_gap_in_the_input_is_not_judged_until_its_motion_has_died(linear):
     signals, blocks = linear
     lost = (signals["signal"] == "drive_v") & signals["time_s"].between(0.9995, 1.0505)
     lost &= signals["record"] == "record 0"
-    cell = build_whole_records(signals.assign(value=signals["value"].mask(lost)), blocks, configured("silverbox"))
-    unjudged = np.flatnonzero(~cell.present[:, 0]) * cell.step_s + blocks["start_s"].iloc[0]
+    output = build_whole_records(signals.assign(value=signals["value"].mask(lost)), blocks, configured("silverbox"))
+    unjudged = np.flatnonzero(~output.present[:, 0]) * output.step_s + blocks["start_s"].iloc[0]
     assert unjudged[0] == pytest.approx(1.0, abs=0.003)
     assert unjudged[-1] == pytest.approx(1.05 + np.log(1e3) / (2 * np.pi * 68.0 * 0.05), abs=0.005)
-    assert cell.present[:, 1:].all()
+    assert output.present[:, 1:].all()
 
 
 def test_the_end_of_a_short_block_is_not_judged(linear):
     signals, blocks = linear
     blocks = blocks[:2].assign(start_s=[0.0, 0.6], samples=[1000, 200])
-    cell = build_whole_records(signals, blocks, configured("silverbox"))
-    assert cell.present[:, 0].sum() == 1000
-    assert (np.flatnonzero(cell.present[:, 1]) == np.arange(200)).all()
+    output = build_whole_records(signals, blocks, configured("silverbox"))
+    assert output.present[:, 0].sum() == 1000
+    assert (np.flatnonzero(output.present[:, 1]) == np.arange(200)).all()
 
 
 def test_a_record_begins_in_the_motion_that_its_first_samples_show(linear):
     signals, blocks = linear
     late = signals[signals["time_s"] > 0.5].copy()
     late["time_s"] -= late["time_s"].min()
-    cell = build_whole_records(late, blocks.assign(start_s=0.0, samples=600), configured("silverbox"))
-    constants = {each.name: each.prior_mean for each in cell.constants}
-    simulated = cell.simulate(constants, [])
-    assert np.sqrt(((cell.measured - simulated)[:30] ** 2).mean()) < 3.0 * np.hypot(NOISE_V, WANDER_V)
-    assert (cell.take([2, 0]).simulate(constants, []) == simulated[:, [2, 0]]).all()
+    output = build_whole_records(late, blocks.assign(start_s=0.0, samples=600), configured("silverbox"))
+    constants = {each.name: each.prior_mean for each in output.constants}
+    simulated = output.simulate(constants, [])
+    assert np.sqrt(((output.measured - simulated)[:30] ** 2).mean()) < 3.0 * np.hypot(NOISE_V, WANDER_V)
+    assert (output.take([2, 0]).simulate(constants, []) == simulated[:, [2, 0]]).all()

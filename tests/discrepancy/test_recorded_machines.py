@@ -14,10 +14,10 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
-from stages.science.discrepancy.fitted_cell import prepare
+from stages.science.discrepancy.fitted_channel import prepare
 from stages.science.discrepancy.remainder import weigh_remainder
 from stages.science.discrepancy.search import search
-from stages.science.discrepancy.whole_record_cell import build_whole_records
+from stages.science.discrepancy.whole_record_channel import build_whole_records
 from stages.science.plant.machine import read_machine
 from tests.composing import compose_values
 from tests.discrepancy.searches import SETTINGS, look
@@ -118,21 +118,21 @@ def test_without_its_effects_a_gap_of_the_tanks_has_no_other_name(left_out, said
     found = search([fitted(TANKS)[1]], replace(SETTINGS, left_out=tuple(left_out)), generator)
     assert [each.name for each in found.named] == said
     assert said or weigh_remainder(found, SETTINGS, generator)["level_v"].unknown > 0.5
-    (state,) = found.cells
+    (state,) = found.outputs
     left = np.sqrt(state.current.raw.sum() / state.samples.sum())
-    assert left > 0.25 * state.cell.measured[state.cell.present].std()
+    assert left > 0.25 * state.output.measured[state.output.present].std()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", MAPS, ids=["tanks", "joint", "drive"])
 def test_nothing_is_named_in_what_the_fitted_textbook_simulates(path, fitted):
     plant, state = fitted(path)
-    cell, nominal = state.cell, state.nominal.fit
-    refined = cell.plant.refine({name: values[:, None] for name, values in cell.records[0].items()}, cell.step_s)
+    output, nominal = state.output, state.nominal.fit
+    refined = output.plant.refine({name: values[:, None] for name, values in output.records[0].items()}, output.step_s)
     constants = nominal.model.name_values(nominal.values)[0]
-    clean = cell.plant.simulate(refined, cell.step_s, np.zeros(1), constants, (), cell.begun[0])[:, 0]
+    clean = output.plant.simulate(refined, output.step_s, np.zeros(1), constants, (), output.begun[0])[:, 0]
     for seed in range(2):
         noise = 0.01 * clean.std() * np.random.default_rng(seed).standard_normal(len(clean))
-        copied = {**cell.records[0], cell.plant.output: clean + noise}
-        again = build_whole_records(*tabulate(copied, step_s=cell.step_s), plant)
+        copied = {**output.records[0], output.plant.output: clean + noise}
+        again = build_whole_records(*tabulate(copied, step_s=output.step_s), plant)
         assert look(again, seed)[1] == []

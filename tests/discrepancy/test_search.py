@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.science.discrepancy.cell import list_starts
-from stages.science.discrepancy.fitted_cell import prepare, refine, resume
+from stages.science.discrepancy.fitted_channel import prepare, refine, resume
 from stages.science.discrepancy.fitting import Model
 from stages.science.discrepancy.flexible import Leftover
+from stages.science.discrepancy.output_channel import list_starts
 from stages.science.discrepancy.ranking import rank_first
 from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.science.discrepancy.screening import screen
@@ -31,7 +31,7 @@ def test_a_planted_effect_is_named(form, size, seed):
     assert left["y"].unknown < 0.1
     first = rank_first(found, left["y"].unknown, 0.9)[0]
     assert (first["round"], first["name"], first["form"], first["site"]) == (1, form.name, "only", "muscle")
-    assert found.cells[0].current.fit.values[-1] == pytest.approx(size, rel=0.15)
+    assert found.outputs[0].current.fit.values[-1] == pytest.approx(size, rel=0.15)
 
 
 @pytest.mark.parametrize("wander", [0.0, 0.1])
@@ -44,12 +44,12 @@ def test_nothing_is_named_where_nothing_is_missing(seed, wander):
 
 def test_two_effects_are_named_both_also_by_a_search_that_is_resumed():
     state = prepare(make_toy(1, [(WAVE.effect, 0.5), (KINK.effect, 2.5)]))
-    kept = resume(state.cell, state.nominal.fit.values, state.noise, state.nominal.residual, state.leftover)
+    kept = resume(state.output, state.nominal.fit.values, state.noise, state.nominal.residual, state.leftover)
     found, again = (search([each], SETTINGS, np.random.default_rng(0)) for each in (state, kept))
     assert {each.name for each in found.named} == {"wave", "kink"}
     assert len(found.steps) == 3
     assert again.named == found.named
-    values = [each.cells[0].current.fit.values for each in (again, found)]
+    values = [each.outputs[0].current.fit.values for each in (again, found)]
     np.testing.assert_allclose(*values, rtol=1e-6)
 
 
@@ -78,14 +78,14 @@ def test_the_element_that_carries_it_is_named():
 @pytest.mark.parametrize("size", [0.5, 1.5, 4.0])
 def test_screening_does_not_miss_what_full_fits_find(size):
     state = prepare(make_toy(5, [(KINK.effect, size)]))
-    promised = screen(state.nominal.fit, state.noise, state.cell.forms)
+    promised = screen(state.nominal.fit, state.noise, state.output.forms)
     best = max(promised, key=lambda each: each.gain)
     full = {
         form.name: min(
-            refine(Model(state.cell, (form,)), np.append(state.nominal.fit.values, start["size"]), 0.2).raw.sum()
+            refine(Model(state.output, (form,)), np.append(state.nominal.fit.values, start["size"]), 0.2).raw.sum()
             for start in list_starts(form)
         )
-        for form in state.cell.forms
+        for form in state.output.forms
     }
     assert best.form.name == min(full, key=full.__getitem__) == "kink"
 

@@ -26,12 +26,12 @@ REGRESSIONS = [
 
 def fit_line(seed, shape=None, trials=10):
     """The toy's line fitted to a line plus a shape of x and its rate; and the inputs."""
-    cell = make_toy(seed, trials=trials, noise=NOISE)
+    output = make_toy(seed, trials=trials, noise=NOISE)
     if shape is not None:
-        x, rate = cell.x, np.gradient(cell.x, cell.step_s, axis=0)
-        cell = replace(cell, measured=cell.measured + shape(x, rate))
-    model = Model(cell)
-    return fit(model, make_plain(NOISE), begin(model)), cell.drivers()
+        x, rate = output.x, np.gradient(output.x, output.step_s, axis=0)
+        output = replace(output, measured=output.measured + shape(x, rate))
+    model = Model(output)
+    return fit(model, make_plain(NOISE), begin(model)), output.drivers()
 
 
 @pytest.mark.parametrize("regression", REGRESSIONS)

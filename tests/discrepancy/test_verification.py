@@ -11,9 +11,9 @@ TRIALS, SAMPLES = 3, 10
 
 
 def channel(name, gap, floor):
-    """A cell of a channel with the same squared gap and floor in every trial."""
+    """An output of a channel with the same squared gap and floor in every trial."""
     return SimpleNamespace(
-        cell=SimpleNamespace(channel=name, present=np.ones((SAMPLES, TRIALS), dtype=bool)),
+        output=SimpleNamespace(channel=name, present=np.ones((SAMPLES, TRIALS), dtype=bool)),
         floor=SAMPLES * np.full(TRIALS, floor**2),
         steps=[SAMPLES * np.full(TRIALS, gap**2)],
         squares=lambda step: step,

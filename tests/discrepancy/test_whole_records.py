@@ -6,10 +6,10 @@ import pytest
 from scipy.signal import lfilter
 
 from stages.science.discrepancy.amendment import estimate_intervals
-from stages.science.discrepancy.fitted_cell import prepare
+from stages.science.discrepancy.fitted_channel import prepare
 from stages.science.discrepancy.records import thin_out
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.whole_record_cell import build_whole_records
+from stages.science.discrepancy.whole_record_channel import build_whole_records
 from tests.discrepancy.searches import STATED, look, read_values
 from tests.discrepancy.simulated_records import move, slide, tabulate
 from tests.plant.machines import read_plant
@@ -51,7 +51,7 @@ def build(added=0.0, seed=1, noise=0.05, hole=None, samples=4800):
 def test_a_hidden_loop_is_named_and_mended(seed):
     found, names = look(build(0.8 * slide(move(seed, 1600), 0.004), seed, samples=1600))
     assert names == ["hysteresis"]
-    state = found.cells[0]
+    state = found.outputs[0]
     after, before = (np.sqrt(each.raw.sum() / state.samples.sum()) for each in (state.current, state.nominal))
     assert before > 0.3
     assert after < 0.3 * before
@@ -81,32 +81,32 @@ def test_a_value_that_stands_at_a_bound_says_so(high, told):
 
 
 def test_blocks_are_cut_as_recorded_and_gaps_are_not_judged():
-    cell = build(hole=slice(400, 450))
-    assert cell.measured.shape == (300, BLOCKS)
-    assert not cell.present[100:150, 1].any()
-    assert cell.present.sum() == 4800 - 50
-    chosen = cell.take([3, 1])
-    np.testing.assert_array_equal(chosen.measured, cell.measured[:, [3, 1]])
+    output = build(hole=slice(400, 450))
+    assert output.measured.shape == (300, BLOCKS)
+    assert not output.present[100:150, 1].any()
+    assert output.present.sum() == 4800 - 50
+    chosen = output.take([3, 1])
+    np.testing.assert_array_equal(chosen.measured, output.measured[:, [3, 1]])
     constants = {"stiffness": 300.0, "offset": 2.0}
-    np.testing.assert_array_equal(chosen.simulate(constants, []), cell.simulate(constants, [])[:, [3, 1]])
-    residual = (cell.measured - cell.simulate(constants, []))[cell.present]
+    np.testing.assert_array_equal(chosen.simulate(constants, []), output.simulate(constants, [])[:, [3, 1]])
+    residual = (output.measured - output.simulate(constants, []))[output.present]
     assert residual.std() == pytest.approx(0.05, rel=0.05)
 
 
 def test_a_loop_remembers_what_was_before_its_block():
-    cell = build()
-    form = next(each for each in cell.forms if each.form == "element_maxwell_slip")
+    output = build()
+    form = next(each for each in output.forms if each.form == "element_maxwell_slip")
     constants, values = {"stiffness": 300.0, "offset": 2.0}, {"share": 0.2, "width": 0.5}
-    whole = cell.simulate(constants, [(form, values)])
-    np.testing.assert_array_equal(cell.take([9]).simulate(constants, [(form, values)])[:, 0], whole[:, 9])
+    whole = output.simulate(constants, [(form, values)])
+    np.testing.assert_array_equal(output.take([9]).simulate(constants, [(form, values)])[:, 0], whole[:, 9])
 
 
 def test_samples_far_quicker_than_the_movement_are_averaged():
     way = np.repeat(move(1, 1200), 4)
     force = 300.0 * way + np.tile([1.0, -1.0], len(way) // 2)
-    cell = build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=8.0))
-    assert cell.step_s == pytest.approx(4 * STEP_S)
-    np.testing.assert_allclose(cell.measured, cell.simulate({"stiffness": 300.0, "offset": 0.0}, []), atol=1e-9)
+    output = build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=8.0))
+    assert output.step_s == pytest.approx(4 * STEP_S)
+    np.testing.assert_allclose(output.measured, output.simulate({"stiffness": 300.0, "offset": 0.0}, []), atol=1e-9)
 
 
 @pytest.mark.parametrize("stride", [4, 5])
@@ -137,8 +137,8 @@ def test_a_gap_that_no_motion_sees_costs_nothing():
     for lost, judged in (([1000, 2500], 4000), (slice(1000, 1200), 1000)):
         pushed = force.copy()
         pushed[lost] = np.nan
-        cell = build_whole_records(*tabulate({"force_n": pushed, "position_m": position}), read_plant("servo_drive"))
-        assert cell.present.sum() * cell.averaged == pytest.approx(judged, abs=BLOCKS * cell.averaged)
+        output = build_whole_records(*tabulate({"force_n": pushed, "position_m": position}), read_plant("servo_drive"))
+        assert output.present.sum() * output.averaged == pytest.approx(judged, abs=BLOCKS * output.averaged)
 
 
 SWING = np.sin(2.0 * np.pi * 0.2 * STEP_S * np.arange(4000))
@@ -199,7 +199,7 @@ def test_a_reading_that_is_cut_is_named_with_its_level():
     level = float(np.quantile(pump_tanks(seed=2)["level_v"], 0.85))
     found, names = look(build_tanks(seed=2, cut=level))
     assert names == ["saturation"]
-    assert 5.0 * read_values(found.cells[0])[1]["saturation"]["highest"] == pytest.approx(level, rel=0.01)
+    assert 5.0 * read_values(found.outputs[0])[1]["saturation"]["highest"] == pytest.approx(level, rel=0.01)
 
 
 def test_records_of_tanks_that_begin_at_other_levels_leave_noise_alone():

@@ -1,4 +1,4 @@
-"""A cell whose simulation is known in closed form: a line, and effects with known shapes."""
+"""An output whose simulation is known in closed form: a line, and effects with known shapes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.science.discrepancy.cell import Cell, Driver, Form
+from stages.science.discrepancy.output_channel import Driver, EffectForm, OutputChannel
 from stages.science.plant.effect import Parameter
 
 
@@ -19,7 +19,7 @@ def magnitude(name="size", low=0.0, high=10.0, starts=(0.5, 2.0)):
 
 
 def form(name, shape):
-    return Form(name, "only", "muscle", (magnitude(),), shape)
+    return EffectForm(name, "only", "muscle", (magnitude(),), shape)
 
 
 WAVE = form("wave", lambda x: np.sin(3.0 * x))
@@ -28,7 +28,7 @@ LINE = form("line", lambda x: x)
 
 
 @dataclass(frozen=True)
-class Toy(Cell):
+class Toy(OutputChannel):
     """y = offset + slope x + effects, over K trials."""
 
     x: np.ndarray
@@ -39,7 +39,7 @@ class Toy(Cell):
     channel: str = "y"
     element: str = "toy"
     unit: str = "1"
-    offered: tuple[Form, ...] = (WAVE, KINK, LINE)
+    offered: tuple[EffectForm, ...] = (WAVE, KINK, LINE)
 
     @property
     def constants(self):

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import pytest
 
-from stages.science.discrepancy.whole_record_cell import build_whole_records
+from stages.science.discrepancy.whole_record_channel import build_whole_records
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant, constant
 from stages.science.plant.machine import read_machine
@@ -70,14 +70,14 @@ def build(plant):
 
 
 def test_scales_constants_and_what_is_watched_have_defaults():
-    cell = build(read_lever(arms=None))
-    plant = cell.plant
+    output = build(read_lever(arms=None))
+    plant = output.plant
     assert plant.arms == 2
-    assert plant.output_scale == pytest.approx(0.5 * np.ptp(cell.records[0]["out_m"]))
+    assert plant.output_scale == pytest.approx(0.5 * np.ptp(output.records[0]["out_m"]))
     assert 0.2 < plant.time_scale_s < 0.5  # the quicker wave of a radian in 0.2 s, the slower in 0.48 s
     assert plant.memory_s == plant.movement_s == pytest.approx(4.0 * np.pi * plant.time_scale_s)
-    assert {each.name: each.rate for each in cell.drivers()} == {"state": False, "rate of state": True, "in_m": False}
-    assert cell.loop == ("state", "rate of state")
+    assert {each.name: each.rate for each in output.drivers()} == {"state": False, "rate of state": True, "in_m": False}
+    assert output.loop == ("state", "rate of state")
 
 
 def test_what_is_not_told_is_named():

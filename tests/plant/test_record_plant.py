@@ -7,7 +7,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from stages.science.discrepancy.whole_record_cell import build_whole_records
+from stages.science.discrepancy.whole_record_channel import build_whole_records
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import find_effect, list_effects, list_forms
 from stages.science.plant.effect_config import NominalConstant, constant
@@ -216,12 +216,12 @@ def test_a_record_that_begins_unsettled_is_taken_up_there(kind, late, near, far)
 def test_after_a_gap_nothing_is_judged_until_it_is_forgotten(kind, lost, memory_of):
     signals, step_s = RECORDED[kind][0](5, samples=1600)
     signals[lost][500:520] = np.nan
-    cell = build_whole_records(*tabulate(signals, step_s), read_plant(kind, output_scale=None, time_scale_s=None))
-    memory = np.log(1e3) * memory_of(cell.plant.starts)
-    assert cell.plant.memory_s == pytest.approx(memory)
-    unjudged = np.flatnonzero(~cell.present.T.ravel()) * cell.step_s
-    assert unjudged[0] == pytest.approx(500 * step_s, abs=2 * cell.step_s)
-    assert unjudged[-1] == pytest.approx(520 * step_s + memory, abs=3 * cell.step_s)
+    output = build_whole_records(*tabulate(signals, step_s), read_plant(kind, output_scale=None, time_scale_s=None))
+    memory = np.log(1e3) * memory_of(output.plant.starts)
+    assert output.plant.memory_s == pytest.approx(memory)
+    unjudged = np.flatnonzero(~output.present.T.ravel()) * output.step_s
+    assert unjudged[0] == pytest.approx(500 * step_s, abs=2 * output.step_s)
+    assert unjudged[-1] == pytest.approx(520 * step_s + memory, abs=3 * output.step_s)
 
 
 def sweep_element():

@@ -1,6 +1,6 @@
-"""Generic features of a cell's measured signals: what a flexible model may explain a residual by.
+"""Generic features of an output's measured signals: what a flexible model may explain a residual by.
 
-A cell flows in; out flow columns that follow no literature: powers, products, what was before, where a signal is and
+An output flows in; out flow columns that follow no literature: powers, products, what was before, where a signal is and
 which way it goes, how much has been moved, what the neighbours do, time.
 """
 
@@ -11,7 +11,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numba import njit
 
-from stages.science.discrepancy.cell import Cell, Driver
+from stages.science.discrepancy.output_channel import Driver, OutputChannel
 from stages.science.signals.trajectories import Array
 
 LAGS = (0.02, 0.06, 0.2, 0.6, 2.0)
@@ -31,9 +31,9 @@ START = 0.5
 """Time constant of what happens at a trial's start, paces."""
 
 
-def build_features(cell: Cell) -> Array:
-    """Return generic features of a cell's drivers as its channel answers to them, (T, K, F), zero where not present."""
-    drivers, step = cell.drivers(), cell.step_s / cell.time_scale_s
+def build_features(output: OutputChannel) -> Array:
+    """Return generic features of an output's drivers, as the output responds to them, (T, K, F), zero where not present."""
+    drivers, step = output.drivers(), output.step_s / output.time_scale_s
     own = [(each, _standardise(each.values)) for each in drivers if each.own]
     states = [signal for driver, signal in own if not driver.rate]
     rates = [signal for driver, signal in own if driver.rate]
@@ -56,21 +56,21 @@ def build_features(cell: Cell) -> Array:
         columns += [*_look_aside(aside, step), *(aside * signal for _, signal in own)]
         columns += [aside * change for change in changes]
         columns += [np.abs(aside), np.abs(aside) * own[0][1]]
-    columns += _session(cell, states)
+    columns += _session(output, states)
     features = np.stack([_standardise(column) for column in columns], axis=2)
-    return np.where(cell.present[:, :, None], cell.respond(features), 0.0)
+    return np.where(output.present[:, :, None], output.respond(features), 0.0)
 
 
-def list_histories(cell: Cell) -> list[Driver]:
-    """Return the past of a cell's signals: where each was lately, the distance moved so far, how others change."""
-    found, step = [], cell.step_s / cell.time_scale_s
-    for each in cell.drivers():
+def list_histories(output: OutputChannel) -> list[Driver]:
+    """Return the past of an output's signals: where each was lately, the distance moved so far, how others change."""
+    found, step = [], output.step_s / output.time_scale_s
+    for each in output.drivers():
         if not each.own:
             change = each.values - _lag(each.values, LAGS[1], step)
             found.append(Driver(f"{CHANGE} {each.name}", change, own=False))
         elif each.rate:
             found.append(
-                Driver(f"{DISTANCE} {each.name}", np.cumsum(np.abs(each.values), axis=0) * cell.step_s, own=False)
+                Driver(f"{DISTANCE} {each.name}", np.cumsum(np.abs(each.values), axis=0) * output.step_s, own=False)
             )
         else:
             found.append(Driver(f"{RECENT} {each.name}", _lag(each.values, LAGS[2], step), own=False))
@@ -111,11 +111,11 @@ def _look_aside(signal: Array, step: float) -> list[Array]:
     return [signal, signal**2, soon, late, change, _lag(np.maximum(change, 0.0), LAGS[1], step)]
 
 
-def _session(cell: Cell, states: list[Array]) -> list[Array]:
-    samples, step = cell.measured.shape[0], cell.step_s / cell.time_scale_s
-    within = np.repeat((np.arange(samples) * step)[:, None], cell.trials, axis=1)
-    session = _standardise(within + cell.start_s / cell.time_scale_s)
-    order = _standardise(np.repeat(np.arange(cell.trials)[None, :], samples, axis=0).astype(float))
+def _session(output: OutputChannel, states: list[Array]) -> list[Array]:
+    samples, step = output.measured.shape[0], output.step_s / output.time_scale_s
+    within = np.repeat((np.arange(samples) * step)[:, None], output.trials, axis=1)
+    session = _standardise(within + output.start_s / output.time_scale_s)
+    order = _standardise(np.repeat(np.arange(output.trials)[None, :], samples, axis=0).astype(float))
     time = _standardise(within)
     trends = [each * signal for each in (session, time) for signal in states]
     return [time, time**2, session, session**2, *trends, order, np.exp(-within / START)]

@@ -1,6 +1,6 @@
-"""Nominal constants and effects fitted together, by simulation, to one cell.
+"""Nominal constants and effects fitted together, by simulation, to one output.
 
-A cell and a list of forms flow in; out flows a `Fit`: values within bounds at the largest posterior density, and for
+An output and a list of forms flow in; out flows a `Fit`: values within bounds at the largest posterior density, and for
 each trial what leaving it out would change. Steps are Gauss-Newton's with bounds; derivatives are differences of
 simulations.
 """
@@ -14,8 +14,8 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.cell import Cell, Form
 from stages.science.discrepancy.noise import Noise, whiten
+from stages.science.discrepancy.output_channel import EffectForm, OutputChannel
 from stages.science.plant.effect import Parameter
 from stages.science.signals.trajectories import Array
 
@@ -32,15 +32,15 @@ ENOUGH = 1e-5
 
 @dataclass(frozen=True)
 class Model:
-    """A cell's nominal model with a list of effects: what a vector of values means."""
+    """An output's nominal model with a list of effects: what a vector of values means."""
 
-    cell: Cell
-    forms: tuple[Form, ...] = ()
+    output: OutputChannel
+    forms: tuple[EffectForm, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Constants, then the parameters of each effect."""
-        return (*self.cell.constants, *(each for form in self.forms for each in form.parameters))
+        return (*self.output.constants, *(each for form in self.forms for each in form.parameters))
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -52,9 +52,9 @@ class Model:
         """Means and standard deviations of the priors."""
         return np.array([p.prior_mean for p in self.parameters]), np.array([p.prior_sd for p in self.parameters])
 
-    def name_values(self, values: Array) -> tuple[dict[str, float], list[tuple[Form, dict[str, float]]]]:
+    def name_values(self, values: Array) -> tuple[dict[str, float], list[tuple[EffectForm, dict[str, float]]]]:
         """Return values by name: the constants', and each effect's."""
-        names = [each.name for each in self.cell.constants]
+        names = [each.name for each in self.output.constants]
         constants = dict(zip(names, map(float, values), strict=False))
         place, effects = len(names), []
         for form in self.forms:
@@ -65,13 +65,13 @@ class Model:
 
     def simulate(self, values: Array) -> Array:
         """Return the channel, (T, K)."""
-        return self.cell.simulate(*self.name_values(values))
+        return self.output.simulate(*self.name_values(values))
 
     def differentiate(self, values: Array, simulated: Array) -> Array:
         """Return the derivatives of the channel by each value, (T, K, P)."""
         high, sd = self.bounds[1], self.prior[1]
         steps = np.where(values + STEP * sd <= high, STEP * sd, -STEP * sd)
-        moved = self.cell.simulate_each([self.name_values(each) for each in values + np.diag(steps)])
+        moved = self.output.simulate_each([self.name_values(each) for each in values + np.diag(steps)])
         moved -= simulated[:, :, None]
         moved /= steps
         return moved
@@ -158,8 +158,8 @@ class Fit:
 
     def cost(self, noise: Noise) -> float:
         """Return the whitened sum of squares under a noise, and that of the values' distances from their priors."""
-        cell = self.model.cell
-        white = whiten(self.residual[:, :, None], cell.present, noise, cell.step_s)
+        output = self.model.output
+        white = whiten(self.residual[:, :, None], output.present, noise, output.step_s)
         mean, sd = self.model.prior
         return float((white**2).sum() + (((self.values - mean) / sd) ** 2).sum())
 
@@ -198,7 +198,7 @@ def collect_grams(slopes: Array, residual: Array, present: NDArray[np.bool_]) ->
 
 def begin(model: Model, start: Mapping[int, Mapping[str, float]] | None = None) -> Array:
     """Return values to begin at: the priors' means, and an effect's own start by its place in the list."""
-    values = [each.prior_mean for each in model.cell.constants]
+    values = [each.prior_mean for each in model.output.constants]
     for place, form in enumerate(model.forms):
         chosen = (start or {}).get(place, {})
         values += [chosen.get(each.name, each.starts[0]) for each in form.parameters]
@@ -221,12 +221,12 @@ def fit(model: Model, noise: Noise, start: Array, iterations: int = ITERATIONS) 
     """
     low, high = model.bounds
     mean, sd = model.prior
-    present, step_s = model.cell.present, model.cell.step_s
+    present, step_s = model.output.present, model.output.step_s
     values = np.clip(start, low, high)
 
     def look(at: Array) -> tuple[Array, Array, float]:
         simulated = model.simulate(at)
-        residual = np.where(present, model.cell.measured - simulated, 0.0)
+        residual = np.where(present, model.output.measured - simulated, 0.0)
         white = whiten(residual[:, :, None], present, noise, step_s)[:, :, 0]
         return simulated, residual, float((white**2).sum() + (((at - mean) / sd) ** 2).sum())
 
@@ -255,9 +255,9 @@ def fit(model: Model, noise: Noise, start: Array, iterations: int = ITERATIONS) 
 
 
 def _linearise(model: Model, values: Array, simulated: Array, residual: Array, noise: Noise) -> tuple[Array, Grams]:
-    present = model.cell.present
+    present = model.output.present
     slopes = np.where(present[:, :, None], model.differentiate(values, simulated), 0.0)
-    white = whiten(np.concatenate([slopes, residual[:, :, None]], axis=2), present, noise, model.cell.step_s)
+    white = whiten(np.concatenate([slopes, residual[:, :, None]], axis=2), present, noise, model.output.step_s)
     return slopes, collect_grams(white[:, :, :-1], white[:, :, -1], present)
 
 

@@ -1,6 +1,6 @@
 """A flexible residual model: what could still be explained, by whatever function of the measured signals.
 
-A fitted model and its cell flow in; out flows what each trial's residual would be if generic features with weights of
+A fitted model and its output flow in; out flows what each trial's residual would be if generic features with weights of
 their own, or boosted trees, neither of which has a name for anything, were fitted to the others. It names nothing: it
 tells the noise from what is reproducible.
 """
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.cell import Cell
 from stages.science.discrepancy.features import build_features
 from stages.science.discrepancy.fitting import Fit, Grams
 from stages.science.discrepancy.noise import Noise, whiten
+from stages.science.discrepancy.output_channel import OutputChannel
 from stages.science.discrepancy.spectral_line import find_line, remove_line
 from stages.science.signals.trajectories import Array
 
@@ -53,7 +53,7 @@ class Leftover:
 
 
 def keep_least(
-    left: Sequence[Array], cell: Cell, learnt: Mask | None = None, by_memory: Array | None = None
+    left: Sequence[Array], output: OutputChannel, learnt: Mask | None = None, by_memory: Array | None = None
 ) -> Leftover:
     """Return the least of what several models leave, (T, K) each, without a spectral line, if it has one.
 
@@ -61,29 +61,32 @@ def keep_least(
     ----------
     left : sequence of (T, K) ndarray
         Residuals of trials left out.
-    cell : Cell
+    output : OutputChannel
         Whose.
     learnt : (K,) ndarray of bool, optional
         Trials by which the least is told; all, unless told.
     by_memory : (T, K) ndarray, optional
         What a linear memory of the inputs leaves, from `explain_by_memory`.
     """
-    known = np.ones(cell.trials, dtype=bool) if learnt is None else learnt
+    known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
     several = [*left, *([] if by_memory is None else [by_memory])]
     residual = min(several, key=lambda each: float((each[:, known] ** 2).sum()))
     remembered = residual is by_memory
-    line_hz = find_line(residual, cell.present, cell.step_s)
+    line_hz = find_line(residual, output.present, output.step_s)
     if line_hz is not None:
-        residual = remove_line(residual, cell.present, cell.step_s, line_hz)
+        residual = remove_line(residual, output.present, output.step_s, line_hz)
     return Leftover((residual**2).sum(axis=0), residual, line_hz, remembered)
 
 
 def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
     """Return what flexible models leave that are fitted to some trials alone; noise, as far as one can tell."""
-    cell = fit.model.cell
-    by_features = explain_by_features(fit, build_features(cell), noise, learnt)
-    by_trees, by_memory = explain_by_trees(cell, fit.residual, learnt), explain_by_memory(cell, fit.residual, learnt)
-    return keep_least([by_features, by_trees], cell, learnt, by_memory)
+    output = fit.model.output
+    by_features = explain_by_features(fit, build_features(output), noise, learnt)
+    by_trees, by_memory = (
+        explain_by_trees(output, fit.residual, learnt),
+        explain_by_memory(output, fit.residual, learnt),
+    )
+    return keep_least([by_features, by_trees], output, learnt, by_memory)
 
 
 def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Array:
@@ -94,25 +97,25 @@ def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: 
     fit : Fit
         The model whose residual it is; its own values may change along with the features' weights.
     features : (T, K, F) ndarray
-        Of its cell, zero where not present.
+        Of its output, zero where not present.
     noise : Noise or None
         Of the channel; None takes the residual as white.
     learnt : (K,) ndarray of bool, optional
         Trials that it may be fitted to; all, unless told.
     """
-    cell = fit.model.cell
-    present = cell.present
+    output = fit.model.output
+    present = output.present
     together = np.concatenate([fit.slopes, features, fit.residual[:, :, None]], axis=2)
     if noise is None:
         spread = float(np.sqrt((fit.residual**2).sum() / max(present.sum(), 1))) or 1.0
         white = together / spread
     else:
-        white = whiten(together, present, noise, cell.step_s)
-    known = np.ones(cell.trials, dtype=bool) if learnt is None else learnt
+        white = whiten(together, present, noise, output.step_s)
+    known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
     return _leave_each_out(white, together, fit.precision, known)
 
 
-def explain_by_trees(cell: Cell, residual: Array, learnt: Mask | None = None) -> Array:
+def explain_by_trees(output: OutputChannel, residual: Array, learnt: Mask | None = None) -> Array:
     """Return what is left of each trial's residual, (T, K), when boosted trees are fitted to that of others.
 
     They see what happens at one place of several signals together, which sums of features miss, and nothing of the
@@ -120,7 +123,7 @@ def explain_by_trees(cell: Cell, residual: Array, learnt: Mask | None = None) ->
 
     Parameters
     ----------
-    cell : Cell
+    output : OutputChannel
         Whose drivers, time in trial and time in session are the inputs.
     residual : (T, K) ndarray
         Zero where not present.
@@ -129,45 +132,45 @@ def explain_by_trees(cell: Cell, residual: Array, learnt: Mask | None = None) ->
     """
     from sklearn.ensemble import HistGradientBoostingRegressor
 
-    known = np.ones(cell.trials, dtype=bool) if learnt is None else learnt
-    within = np.repeat((np.arange(len(residual)) * cell.step_s)[:, None], cell.trials, axis=1)
-    inputs = np.stack([*(each.values for each in cell.drivers()), within, within + cell.start_s], axis=2)
-    stride = int(np.ceil(cell.present[:, known].sum() / MOST_ROWS))
+    known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
+    within = np.repeat((np.arange(len(residual)) * output.step_s)[:, None], output.trials, axis=1)
+    inputs = np.stack([*(each.values for each in output.drivers()), within, within + output.start_s], axis=2)
+    stride = int(np.ceil(output.present[:, known].sum() / MOST_ROWS))
     left = residual.copy()
-    for fold in range(min(FOLDS, cell.trials)):
-        out = np.arange(cell.trials) % FOLDS == fold
-        rows = cell.present[::stride] & (known & ~out)
+    for fold in range(min(FOLDS, output.trials)):
+        out = np.arange(output.trials) % FOLDS == fold
+        rows = output.present[::stride] & (known & ~out)
         if rows.sum() < 2 * TREES["min_samples_leaf"]:
             continue
         trees = HistGradientBoostingRegressor(**TREES, early_stopping=False, random_state=0)
         trees.fit(inputs[::stride][rows], residual[::stride][rows])
-        told = cell.present & out
+        told = output.present & out
         if not told.any():
             continue
         left[told] -= trees.predict(inputs[told])
     return left
 
 
-def explain_by_memory(cell: Cell, residual: Array, learnt: Mask | None = None) -> Array:
+def explain_by_memory(output: OutputChannel, residual: Array, learnt: Mask | None = None) -> Array:
     """Return what is left of each trial's residual, (T, K), when others' is fitted by a linear memory of the inputs.
 
     It sees an oscillation that an input sets off, which features that forget evenly and trees without a past do not.
 
     Parameters
     ----------
-    cell : Cell
+    output : OutputChannel
         Whose inputs are remembered.
     residual : (T, K) ndarray
         Zero where not present.
     learnt : (K,) ndarray of bool, optional
         Trials that it may be fitted to; all, unless told.
     """
-    past = cell.recall(REMEMBERED)
+    past = output.recall(REMEMBERED)
     if not past.shape[2]:
         return residual
-    known = np.ones(cell.trials, dtype=bool) if learnt is None else learnt
-    together = np.where(cell.present[:, :, None], np.concatenate([past, residual[:, :, None]], axis=2), 0.0)
-    spread = float(np.sqrt((residual**2).sum() / max(cell.present.sum(), 1))) or 1.0
+    known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
+    together = np.where(output.present[:, :, None], np.concatenate([past, residual[:, :, None]], axis=2), 0.0)
+    spread = float(np.sqrt((residual**2).sum() / max(output.present.sum(), 1))) or 1.0
     return _leave_each_out(together / spread, together, np.empty(0), known)
 
 

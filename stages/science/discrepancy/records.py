@@ -1,4 +1,4 @@
-"""Records of signals as arrays: what the cells of machines other than muscles are built from.
+"""Records of signals as arrays: what the outputs of machines other than muscles are built from.
 
 Tidy signals flow in; by record, arrays without gaps and where they were measured flow out.
 """

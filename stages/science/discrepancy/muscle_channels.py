@@ -1,7 +1,7 @@
 """The two channels of a muscle: pressure from the command, and force from the measured pressure and contraction.
 
 Each is fed with measured signals from upstream, so that a fault shows where it arises. Recorded trials of one muscle
-flow in; cells flow out.
+flow in; outputs flow out.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.cell import Cell, Driver, Form, list_starts
 from stages.science.discrepancy.exact_values import find_levels
+from stages.science.discrepancy.output_channel import Driver, EffectForm, OutputChannel, list_starts
 from stages.science.plant.actuator_path import ActuatorPath, Everywhere, predict_force, predict_pressure
 from stages.science.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
@@ -84,7 +84,7 @@ class Records:
 
 
 @dataclass(frozen=True)
-class MuscleCell(Cell):
+class MuscleChannel(OutputChannel):
     """A channel of one muscle."""
 
     build: Build
@@ -113,7 +113,7 @@ class MuscleCell(Cell):
         return self.tolerances
 
     def take(self, trials: Sequence[int]) -> Self:
-        """Return the cell with some of its trials."""
+        """Return the output with some of its trials."""
         return replace(self, records=self.records.take(trials))
 
     def is_driven(self) -> bool:
@@ -124,14 +124,14 @@ class MuscleCell(Cell):
     def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
         """Return the level at which this channel is clipped as the parameter of ``saturation``."""
 
-    def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
+    def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return where fits of a form begin; saturation at the level that the values show, or nowhere."""
         if form.name != EXACT:
             return list_starts(form)
         level = self._level
         return [] if level is None else [self.name_level(level, constants)]
 
-    def is_exact(self, form: Form) -> bool:
+    def is_exact(self, form: EffectForm) -> bool:
         """Return whether the values show a form's parameter."""
         return form.name == EXACT
 
@@ -165,7 +165,7 @@ class MuscleCell(Cell):
         return MuscleConstants(*(np.full(columns, given.get(name, 0.0)) for name in MuscleConstants._fields))
 
 
-class PressureCell(MuscleCell):
+class PressureChannel(MuscleChannel):
     """Sensed pressure from the command."""
 
     channel = "pressure_kpa"
@@ -186,11 +186,13 @@ class PressureCell(MuscleCell):
         return bool(np.ptp(self.records.command_kpa[self.present]) > LEAST_DRIVE_KPA)
 
     @property
-    def forms(self) -> tuple[Form, ...]:
+    def forms(self) -> tuple[EffectForm, ...]:
         """Effects between command and sensed pressure."""
         return _offer(PRESSURE_SITES, "sensed_pressure_kpa")
 
-    def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
+    def simulate(
+        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
+    ) -> Array:
         """Return the sensed pressure, kPa."""
         placed = [(cast(ChainEffect, form.effect), values) for form, values in effects]
         records = self.records
@@ -210,7 +212,7 @@ class PressureCell(MuscleCell):
         return own + [Driver(name, values, own=False) for name, values in aside.items()]
 
 
-class ForceCell(MuscleCell):
+class ForceChannel(MuscleChannel):
     """Sensed force from measured pressure and contraction."""
 
     channel = "force_n"
@@ -230,14 +232,16 @@ class ForceCell(MuscleCell):
         return known["force_n"] & known["pressure_kpa"] & known["contraction"] & known["velocity_per_s"]
 
     @property
-    def forms(self) -> tuple[Form, ...]:
+    def forms(self) -> tuple[EffectForm, ...]:
         """Effects between pressure, contraction and sensed force; at the muscle's tip no cable's tension is felt."""
         felt = _offer(FORCE_SITES, "sensed_force_n")
         if self.load_cell_site == "joint_end":
             return felt
         return tuple(each for each in felt if cast(ChainEffect, each.effect).signal != "tension_n")
 
-    def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
+    def simulate(
+        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
+    ) -> Array:
         """Return the sensed force, N."""
         placed = [(cast(ChainEffect, form.effect), values) for form, values in effects]
         records = self.records
@@ -252,8 +256,8 @@ class ForceCell(MuscleCell):
             self.load_cell_site,
         )
 
-    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceCell:
-        """Return the cell with the pressure that was there, where the pressure's sensor has an effect."""
+    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceChannel:
+        """Return the output with the pressure that was there, where the pressure's sensor has an effect."""
         placed = [(find_effect(name, form), values) for name, form, values in effects]
         sensor = [
             Everywhere(effect, values)
@@ -266,8 +270,8 @@ class ForceCell(MuscleCell):
         path = ActuatorPath(self._collect({}), sensor, records.step_s, records.start_s)
         return self.from_pressure(path.unsense_pressure(records.smooth_pressure_kpa))
 
-    def from_pressure(self, pressure_kpa: Array) -> ForceCell:
-        """Return the cell with another pressure, (T, K), than the measured one."""
+    def from_pressure(self, pressure_kpa: Array) -> ForceChannel:
+        """Return the output with another pressure, (T, K), than the measured one."""
         return replace(self, records=replace(self.records, smooth_pressure_kpa=np.ascontiguousarray(pressure_kpa)))
 
     def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
@@ -293,12 +297,12 @@ class ForceCell(MuscleCell):
         return own + [Driver(name, values, own=False) for name, values in aside.items()]
 
 
-def _offer(sites: Sequence[str], sensed: str) -> tuple[Form, ...]:
+def _offer(sites: Sequence[str], sensed: str) -> tuple[EffectForm, ...]:
     found = []
     for name in list_effects():
         for effect in list_forms(name):
             if not isinstance(effect, ChainEffect) or not effect.parameters or name == NOT_FITTED:
                 continue
             if effect.site in sites or (effect.site == "sensor" and effect.signal == sensed):
-                found.append(Form(name, effect.form, effect.site, effect.parameters, effect))
+                found.append(EffectForm(name, effect.form, effect.site, effect.parameters, effect))
     return tuple(found)

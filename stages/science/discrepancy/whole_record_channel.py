@@ -1,7 +1,7 @@
 """The one channel of a machine that is simulated a whole record at a time, cut into blocks that serve as trials.
 
-Signals of records and the list of their blocks flow in; a cell flows out. What has a memory remembers its whole record:
-a record is simulated from its beginning, however many of its blocks are looked at.
+Signals of records and the list of their blocks flow in; an output flows out. A record is always simulated from its
+beginning, however many of its blocks are looked at, so that memory is kept.
 """
 
 from __future__ import annotations
@@ -16,10 +16,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.cell import LONG, Case, Cell, Driver, Form, list_starts, share_out
 from stages.science.discrepancy.exact_values import Levels, find_levels
 from stages.science.discrepancy.fitting import Model, begin, fit
 from stages.science.discrepancy.noise import make_plain
+from stages.science.discrepancy.output_channel import (
+    LONG,
+    Case,
+    Driver,
+    EffectForm,
+    OutputChannel,
+    list_starts,
+    share_out,
+)
 from stages.science.discrepancy.records import bridge, bridge_short, list_blocks, spread_records, thin_out
 from stages.science.plant.effect import Parameter, list_effects
 from stages.science.plant.effect_config import list_effects_at
@@ -50,7 +58,7 @@ class _Group(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WholeRecordCell(Cell):
+class WholeRecordChannel(OutputChannel):
     """Blocks of a machine's records.
 
     Parameters
@@ -76,7 +84,7 @@ class WholeRecordCell(Cell):
     head : int
         Samples by which that may be refined.
     averaged : int
-        Samples of the record in one of the cell.
+        Samples of the record in one of the output.
     """
 
     plant: RecordPlant
@@ -122,19 +130,19 @@ class WholeRecordCell(Cell):
         return self.plant.other_starts
 
     @property
-    def forms(self) -> tuple[Form, ...]:
+    def forms(self) -> tuple[EffectForm, ...]:
         """Effects at the plant's site that it does not list yet; a level that exact values show is theirs."""
         taken = {entry.name for entry in self.plant.effects}
         names = [name for name in list_effects() if name not in taken]
         found = list_effects_at(self.plant.SITE, names)
         forms = [
-            Form(each.name, each.form, each.site, each.parameters, each, scales, tried=True)
+            EffectForm(each.name, each.form, each.site, each.parameters, each, scales, tried=True)
             for each in found
             for scales in [getattr(each, "scales", True) and not self.plant.drifts]
         ]
         return tuple(self._read_level(form) for form in forms)
 
-    def _read_level(self, form: Form) -> Form:
+    def _read_level(self, form: EffectForm) -> EffectForm:
         """Return a form with the parameter at the level that exact values show, if they do."""
         shown, error = self._show(form) if self.is_exact(form) else {}, LEVEL_ERROR
         told = tuple(
@@ -145,7 +153,7 @@ class WholeRecordCell(Cell):
         )
         return replace(form, parameters=told) if told else form
 
-    def _show(self, form: Form) -> dict[str, float]:
+    def _show(self, form: EffectForm) -> dict[str, float]:
         """Return what exact values show of a form's parameters: of its ends those that the sensor comes to, or none."""
         scale = self.plant.output_scale
         ends = {name: level for name, level in self._levels._asdict().items() if level is not None}
@@ -160,7 +168,9 @@ class WholeRecordCell(Cell):
         """Levels at which the output is clipped, as far as its exact values show them."""
         return find_levels(self.measured[self.present])
 
-    def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
+    def simulate(
+        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
+    ) -> Array:
         """Return the answer of the blocks, (T, K)."""
         return self.simulate_each([(constants, effects)])[:, :, 0]
 
@@ -251,14 +261,14 @@ class WholeRecordCell(Cell):
                 columns.append(self._cut(late))
         return np.stack(columns, axis=2)
 
-    def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
+    def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return where fits of a form begin; a clipped reading at the levels that the values show, or nowhere."""
         if self.is_exact(form):
             return [shown] if (shown := self._show(form)) else []
         told = self.plant.list_starts(form.effect, [each.signals for each in self._groups], constants)
         return list_starts(form) if told is None else told
 
-    def is_exact(self, form: Form) -> bool:
+    def is_exact(self, form: EffectForm) -> bool:
         """Return whether the values show a form's parameters: the levels at which a reading is clipped."""
         ends = {each.name for each in form.parameters} & set(Levels._fields)
         return form.name == EXACT and (form.form == FULL or bool(ends))
@@ -268,7 +278,7 @@ class WholeRecordCell(Cell):
         return self._levels != Levels(None, None)
 
     def take(self, trials: Sequence[int]) -> Self:
-        """Return the cell with some of its blocks, by position."""
+        """Return the output with some of its blocks, by position."""
         chosen = list(trials)
         return replace(
             self,
@@ -287,8 +297,8 @@ class WholeRecordCell(Cell):
         )
 
 
-def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: RecordPlant) -> WholeRecordCell:
-    """Return the cell of a machine's records.
+def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: RecordPlant) -> WholeRecordChannel:
+    """Return the output of a machine's records.
 
     Parameters
     ----------
@@ -330,7 +340,7 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
         measured.append(filled[record][plant.output][at])
         present.append(inside & known[record][at])
     _check_present(np.stack(present, axis=1), records, settled)
-    return WholeRecordCell(
+    return WholeRecordChannel(
         settled.thin_out(stride),
         step_s,
         tuple(filled),

@@ -1,7 +1,7 @@
 """What is fitted: one channel of one element, simulated from measured upstream signals, trial by trial.
 
-A cell knows its measured signal, the constants of its nominal model and which effects can act in it; given values for
-all of these it simulates. Nothing else of the workflow knows what machine it looks at.
+An output channel knows its measured signal, the constants of its nominal model and which effects can act in it; given
+values for all of these it simulates. Nothing else of the workflow knows what machine it looks at.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ LONG = 10000
 
 
 @dataclass(frozen=True)
-class Form:
-    """One literature form of a named effect, as a cell offers it.
+class EffectForm:
+    """One literature form of a named effect, as an output offers it.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Form:
     parameters : tuple of Parameter
         The first is the magnitude.
     effect : object
-        What the cell's `simulate` takes.
+        What the output's `simulate` takes.
     scales : bool
         Whether what it does grows in proportion to its magnitude, to begin with.
     tried : bool
@@ -54,7 +54,7 @@ class Form:
     tried: bool = False
 
 
-Case = tuple[Mapping[str, float], Sequence[tuple[Form, Mapping[str, float]]]]
+Case = tuple[Mapping[str, float], Sequence[tuple[EffectForm, Mapping[str, float]]]]
 """Constants by name, and effects with their parameters."""
 Task = TypeVar("Task")
 Done = TypeVar("Done")
@@ -68,7 +68,7 @@ def share_out(work: Callable[[Task], Done], tasks: Sequence[Task], samples: int)
         return list(pool.map(work, tasks))
 
 
-def list_starts(form: Form, most: int = MOST_STARTS) -> list[dict[str, float]]:
+def list_starts(form: EffectForm, most: int = MOST_STARTS) -> list[dict[str, float]]:
     """Return values to begin at: all combinations of the parameters' starts, thinned evenly if there are many."""
     names = [each.name for each in form.parameters]
     grid = [dict(zip(names, chosen, strict=True)) for chosen in product(*(each.starts for each in form.parameters))]
@@ -99,7 +99,7 @@ class Driver:
     rate: bool = False
 
 
-class Cell(ABC):
+class OutputChannel(ABC):
     """One channel of one element over K trials of at most T samples.
 
     Attributes
@@ -133,11 +133,13 @@ class Cell(ABC):
 
     @property
     @abstractmethod
-    def forms(self) -> tuple[Form, ...]:
+    def forms(self) -> tuple[EffectForm, ...]:
         """Effects that can act in this channel."""
 
     @abstractmethod
-    def simulate(self, constants: Mapping[str, float], effects: Sequence[tuple[Form, Mapping[str, float]]]) -> Array:
+    def simulate(
+        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
+    ) -> Array:
         """Return the channel, (T, K), under constants and effects."""
 
     def simulate_each(self, cases: Sequence[Case]) -> Array:
@@ -152,20 +154,20 @@ class Cell(ABC):
     def respond(self, features: Array) -> Array:
         """Return the features of a flexible model, (T, K, F), as this channel answers to them: here at once.
 
-        A cell whose effects act inside a motion returns what that motion makes of each feature.
+        An output whose effects act inside a motion returns what that motion makes of each feature.
         """
         return features
 
     def recall(self, most: int) -> Array:
         """Return the inputs at so many instants of the past at most, (T, K, F), of which any linear memory is a sum.
 
-        None for a cell whose upstream signals are measured close by.
+        None for an output whose upstream signals are measured close by.
         """
         return np.empty((*self.measured.shape, 0))
 
     @abstractmethod
     def take(self, trials: Sequence[int]) -> Self:
-        """Return the cell with some of its trials, by position."""
+        """Return the output with some of its trials, by position."""
 
     @property
     def plane(self) -> tuple[str, str]:
@@ -195,11 +197,11 @@ class Cell(ABC):
         """Values of some constants from which a nominal fit may begin as well; the best is taken."""
         return []
 
-    def starts(self, form: Form, constants: Mapping[str, float]) -> list[dict[str, float]]:
+    def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return the values of a form's parameters from which a fit may begin; none where the data speak against it."""
         return list_starts(form)
 
-    def is_exact(self, form: Form) -> bool:
+    def is_exact(self, form: EffectForm) -> bool:
         """Return whether the starts of a form were read off exact values, and are to be taken as they are."""
         return False
 
@@ -207,8 +209,8 @@ class Cell(ABC):
         """Return whether the measured values themselves show that a sensor has an effect."""
         return False
 
-    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> Cell:
-        """Return the cell with its inputs freed from what sensors upstream do; itself where these effects do nothing.
+    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> OutputChannel:
+        """Return the output with its inputs freed from what sensors upstream do; itself where these effects do nothing.
 
         Parameters
         ----------
