@@ -32,7 +32,7 @@ START = 0.5
 
 
 def build_features(output: OutputChannel) -> Array:
-    """Return generic features of an output's drivers, as the output responds to them, (T, K, F), zero where not present."""
+    """Return generic features of an output's drivers, as the output responds to them, (T, K, F); zero where missing."""
     drivers, step = output.drivers(), output.step_s / output.time_scale_s
     own = [(each, _standardise(each.values)) for each in drivers if each.own]
     states = [signal for driver, signal in own if not driver.rate]
