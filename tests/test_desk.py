@@ -10,9 +10,9 @@ from unittest.mock import patch
 import pandas as pd
 import pytest
 
+from stages.science.operator_ui import ui
+from stages.science.operator_ui.terminal import Terminal
 from stages.science.rig import clock
-from stages.science.rig.operator_ui import ui
-from stages.science.rig.operator_ui.terminal import Terminal
 from tests.conftest import Command
 from tests.rig.attended import wait_until
 

@@ -20,9 +20,9 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.exactness import explain_exactly
-from stages.science.discrepancy.output_channel import EffectForm, OutputChannel
 from stages.science.discrepancy.session import build_channels
 from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.recording.whole_sessions import tabulate_session
 
 INVERSE_CRIME_CHECK = Table(

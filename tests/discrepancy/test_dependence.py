@@ -7,8 +7,8 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from stages.science.discrepancy.dependence import find_dependence, find_range, fit_gaussian_process
 from stages.science.discrepancy.description import measure_share
-from stages.science.discrepancy.output_channel import Driver
 from stages.science.discrepancy.resampling import resample
+from stages.science.output_channels.output_channel import Driver
 from tests.discrepancy.toys import make_toy
 
 NOISE = 0.1

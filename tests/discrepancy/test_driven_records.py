@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.science.discrepancy.whole_record_channel import WholeRecordChannel, build_whole_records
+from stages.science.output_channels.whole_record_channel import WholeRecordChannel, build_whole_records
 from tests.discrepancy.searches import look, read_values
 from tests.discrepancy.simulated_records import drive, joint, lag, pendulum, tabulate
 from tests.plant.machines import read_plant

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.science.discrepancy.exact_values import find_count, find_levels
+from stages.science.output_channels.exact_values import find_count, find_levels
 
 SMOOTH = np.random.default_rng(1).normal(500.0, 120.0, 5000)
 

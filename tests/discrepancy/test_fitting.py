@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from stages.science.discrepancy.fitting import Model, begin, fit
-from stages.science.discrepancy.noise import Noise, whiten
+from stages.science.output_channels.fitting import Model, begin, fit
+from stages.science.output_channels.noise import Noise, whiten
 from tests.discrepancy.toys import KINK, WAVE, make_toy
 
 NOISE = Noise(0.1, 0.05, 0.05, 0.02, 1.0)

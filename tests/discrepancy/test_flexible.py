@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.science.discrepancy.features import build_features
-from stages.science.discrepancy.fitting import Model, begin, fit
-from stages.science.discrepancy.flexible import explain_by_features, explain_by_trees, find_floor, keep_least
-from stages.science.discrepancy.noise import Noise, make_plain
+from stages.science.output_channels.features import build_features
+from stages.science.output_channels.fitting import Model, begin, fit
+from stages.science.output_channels.flexible import explain_by_features, explain_by_trees, find_floor, keep_least
+from stages.science.output_channels.noise import Noise, make_plain
 from tests.discrepancy.toys import make_toy
 
 NOISE = 0.1

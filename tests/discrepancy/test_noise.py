@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from stages.science.discrepancy.noise import Noise, estimate_noise, log_density, whiten
+from stages.science.output_channels.noise import Noise, estimate_noise, log_density, whiten
 
 NOISE = Noise(0.7, 0.5, 0.05, 0.9, 1.2)
 STEP_S = 0.01

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stages.science.discrepancy.remainder import weigh_remainder
-from stages.science.discrepancy.whole_record_channel import build_whole_records
+from stages.science.output_channels.whole_record_channel import build_whole_records
 from tests.discrepancy.oscillators import NOISE_V, WANDER_V, configured, shake
 from tests.discrepancy.searches import SETTINGS, look
 

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from stages.science.discrepancy.parts import Parts, assign_parts, leave_gaps
 from stages.science.discrepancy.settings import choose_verification
-from stages.science.discrepancy.whole_record_channel import build_whole_records
+from stages.science.output_channels.whole_record_channel import build_whole_records
 from tests.plant.machines import read_plant
 
 GIVEN = ["estimation"] * 8 + ["validation"] * 3 + ["arrow"] * 2

@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 from stages.science.discrepancy.fitted_channel import prepare
 from stages.science.discrepancy.remainder import weigh_remainder
 from stages.science.discrepancy.search import search
-from stages.science.discrepancy.whole_record_channel import build_whole_records
+from stages.science.output_channels.whole_record_channel import build_whole_records
 from stages.science.plant.machine import read_machine
 from tests.composing import compose_values
 from tests.discrepancy.searches import SETTINGS, look

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from stages.science.discrepancy.fitted_channel import prepare, refine, resume
-from stages.science.discrepancy.fitting import Model
-from stages.science.discrepancy.flexible import Leftover
-from stages.science.discrepancy.output_channel import list_starts
 from stages.science.discrepancy.ranking import rank_first
 from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.science.discrepancy.screening import screen
 from stages.science.discrepancy.search import search
+from stages.science.output_channels.fitting import Model
+from stages.science.output_channels.flexible import Leftover
+from stages.science.output_channels.output_channel import list_starts
 from tests.discrepancy.searches import SETTINGS
 from tests.discrepancy.toys import KINK, LINE, WAVE, make_toy
 

@@ -9,11 +9,11 @@ import pytest
 import yaml
 
 from stages.science.discrepancy.description import DescriptionSettings, average_dependence, describe, tabulate
-from stages.science.discrepancy.fitting import Model, begin, fit
-from stages.science.discrepancy.noise import make_plain
 from stages.science.discrepancy.report_text import tell_remainder
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.symbolic_regression import sketch_residual
+from stages.science.output_channels.fitting import Model, begin, fit
+from stages.science.output_channels.noise import make_plain
 from tests.conftest import ROOT
 from tests.discrepancy.toys import make_toy
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from stages.science.discrepancy.spectral_line import find_line, remove_line
+from stages.science.output_channels.spectral_line import find_line, remove_line
 
 STEP_S = 0.004
 

@@ -7,9 +7,9 @@ from scipy.signal import lfilter
 
 from stages.science.discrepancy.amendment import estimate_intervals
 from stages.science.discrepancy.fitted_channel import prepare
-from stages.science.discrepancy.records import thin_out
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.whole_record_channel import build_whole_records
+from stages.science.output_channels.records import thin_out
+from stages.science.output_channels.whole_record_channel import build_whole_records
 from tests.discrepancy.searches import STATED, look, read_values
 from tests.discrepancy.simulated_records import move, slide, tabulate
 from tests.plant.machines import read_plant

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.science.discrepancy.output_channel import Driver, EffectForm, OutputChannel
+from stages.science.output_channels.output_channel import Driver, EffectForm, OutputChannel
 from stages.science.plant.effect import Parameter
 
 

@@ -32,7 +32,7 @@ def both(effect, parameters, signals, **where):
 
 @pytest.mark.parametrize("effect", ALL, ids=label)
 def test_a_form_declares_itself(effect):
-    module = importlib.import_module(f"stages.science.plant.effects.{effect.name}")
+    module = importlib.import_module(f"stages.science.effects.{effect.name}")
     assert module.FORMS[0] is module.EFFECT is find_effect(effect.name)
     assert len(module.__doc__) > 60
     assert find_effect(effect.name, effect.form) is effect

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import pytest
 
-from stages.science.discrepancy.whole_record_channel import build_whole_records
+from stages.science.output_channels.whole_record_channel import build_whole_records
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant, constant
 from stages.science.plant.machine import read_machine

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from stages.science.discrepancy.whole_record_channel import build_whole_records
+from stages.science.output_channels.whole_record_channel import build_whole_records
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import find_effect, list_effects, list_forms
 from stages.science.plant.effect_config import NominalConstant, constant

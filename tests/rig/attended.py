@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
+from stages.science.operator_ui.desk import Desk, DeskSettings, Refused
 from stages.science.rig import clock
 from stages.science.rig.attendance import Moment, StudyPaused, TrialDeclined
-from stages.science.rig.operator_ui.desk import Desk, DeskSettings, Refused
 from stages.science.rig.trial import Proposal, Recording, Trial
 from tests.plant.machines import other_machine
 

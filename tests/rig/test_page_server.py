@@ -12,10 +12,10 @@ import time
 import numpy as np
 import pytest
 
+from stages.science.operator_ui.pages import server as pages
+from stages.science.operator_ui.pages.server import PageServer, encode
 from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import RigError
-from stages.science.rig.operator_ui.pages import server as pages
-from stages.science.rig.operator_ui.pages.server import PageServer, encode
 from tests.rig.attended import begin as begin
 from tests.rig.attended import make_desk, make_trial, wait_until
 

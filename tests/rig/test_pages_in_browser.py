@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 import pytest
 
+from stages.science.operator_ui.pages.server import PageServer
 from stages.science.rig.attendance import TrialDeclined
-from stages.science.rig.operator_ui.pages.server import PageServer
 from tests import browsing
 from tests.browsing import HOSTILE
 from tests.browsing import browser as browser

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from stages.science.operator_ui.desk import Desk, DeskSettings
 from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.contract import TrialStopped, tidy
-from stages.science.rig.operator_ui.desk import Desk, DeskSettings
 from stages.science.rig.pacing import measure_pace
 from tests.conftest import Command
 from tests.cpx_e.emulator import Emulator

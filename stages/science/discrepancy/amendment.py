@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.fitting import Model, fit
-from stages.science.discrepancy.noise import Noise
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.output_channels.fitting import Model, fit
+from stages.science.output_channels.noise import Noise
 from stages.science.plant.effect import Parameter
 from stages.science.plant.plant import MuscleModel, Plant
 from stages.science.signals.trajectories import Array

@@ -13,11 +13,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.features import list_histories
-from stages.science.discrepancy.output_channel import Driver, OutputChannel
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
+from stages.science.output_channels.features import list_histories
+from stages.science.output_channels.output_channel import Driver, OutputChannel
 from stages.science.signals.trajectories import Array
 
 FOLDS = 10

@@ -16,14 +16,14 @@ import pandas as pd
 from pydantic import Field, field_validator
 
 from stages.science.discrepancy.dependence import Dependence, find_dependence, find_range
-from stages.science.discrepancy.fitting import Fit, fit
-from stages.science.discrepancy.flexible import find_floor
-from stages.science.discrepancy.noise import Noise
-from stages.science.discrepancy.output_channel import OutputChannel
 from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
 from stages.science.discrepancy.restoring import restore
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.symbolic_regression import Regression, Sketch, sketch_residual
+from stages.science.output_channels.fitting import Fit, fit
+from stages.science.output_channels.flexible import find_floor
+from stages.science.output_channels.noise import Noise
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.plant.declaration import Declared
 from stages.science.signals.trajectories import Array
 

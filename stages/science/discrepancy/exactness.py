@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.science.discrepancy.fitting import Fit, Model, begin, fit
-from stages.science.discrepancy.noise import Noise
-from stages.science.discrepancy.output_channel import EffectForm, OutputChannel
 from stages.science.discrepancy.screening import screen
+from stages.science.output_channels.fitting import Fit, Model, begin, fit
+from stages.science.output_channels.noise import Noise
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 
 FINE = 1e-3
 """Standard deviation, over the range, to which a record without noise is fitted; priors then hardly pull."""

@@ -10,18 +10,18 @@ from functools import cached_property
 
 import numpy as np
 
-from stages.science.discrepancy.features import build_features
-from stages.science.discrepancy.fitting import Fit, Model, begin, fit
-from stages.science.discrepancy.flexible import (
+from stages.science.discrepancy.screening import Screened, screen
+from stages.science.output_channels.features import build_features
+from stages.science.output_channels.fitting import Fit, Model, begin, fit
+from stages.science.output_channels.flexible import (
     Leftover,
     explain_by_features,
     explain_by_memory,
     explain_by_trees,
     keep_least,
 )
-from stages.science.discrepancy.noise import Noise, estimate_noise, log_density, make_plain
-from stages.science.discrepancy.output_channel import EffectForm, OutputChannel
-from stages.science.discrepancy.screening import Screened, screen
+from stages.science.output_channels.noise import Noise, estimate_noise, log_density, make_plain
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.signals.trajectories import Array
 
 FAR, LARGE = 4.0, 0.1

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
-from stages.science.discrepancy.fitting import Fit, fit
-from stages.science.discrepancy.flexible import find_floor
 from stages.science.discrepancy.naming import Named, SearchSettings
-from stages.science.discrepancy.output_channel import OutputChannel
 from stages.science.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
 from stages.science.discrepancy.search import Search, search
 from stages.science.discrepancy.verdict import Status, decide_status
+from stages.science.output_channels.fitting import Fit, fit
+from stages.science.output_channels.flexible import find_floor
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
 

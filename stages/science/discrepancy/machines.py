@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from stages.science.discrepancy.amendment import amend
-from stages.science.discrepancy.output_channel import OutputChannel
 from stages.science.discrepancy.session import build_channels
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.whole_record_channel import WholeRecordChannel, build_whole_records
+from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.output_channels.whole_record_channel import WholeRecordChannel, build_whole_records
 from stages.science.plant.machine import list_kinds
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant

@@ -12,8 +12,8 @@ import numpy as np
 
 from stages.science.discrepancy.evidence import NONE, Verdicts, weigh_names
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, colour, fit_plain
-from stages.science.discrepancy.noise import Noise
 from stages.science.discrepancy.screening import Screened
+from stages.science.output_channels.noise import Noise
 from stages.science.signals.trajectories import Array
 
 AS_MUCH, LIKE = 0.985, 0.95

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.output_channel import OutputChannel
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
 LOOP_BINS, PLANE_BINS = 14, 28

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.fitted_channel import FittedChannel, resume
-from stages.science.discrepancy.fitting import Model
-from stages.science.discrepancy.flexible import Leftover
-from stages.science.discrepancy.noise import Noise
-from stages.science.discrepancy.output_channel import EffectForm, OutputChannel
+from stages.science.output_channels.fitting import Model
+from stages.science.output_channels.flexible import Leftover
+from stages.science.output_channels.noise import Noise
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.signals.trajectories import Array
 
 

@@ -13,10 +13,10 @@ from itertools import product
 import numpy as np
 
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, assess, go_on, prepare, refine
-from stages.science.discrepancy.fitting import Fit, fit
 from stages.science.discrepancy.naming import Choice, Named, Round, SearchSettings, list_candidates, rank
-from stages.science.discrepancy.noise import make_plain
-from stages.science.discrepancy.output_channel import list_starts
+from stages.science.output_channels.fitting import Fit, fit
+from stages.science.output_channels.noise import make_plain
+from stages.science.output_channels.output_channel import list_starts
 
 FRESH_STARTS, LONG = 4, 30
 """Other starts from which a named effect is fitted once more, and steps of such a fit."""

@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.muscle_channels import Build, ForceChannel, MuscleChannel, PressureChannel, Records
 from stages.science.discrepancy.settings import DiscrepancySettings, Tolerance
+from stages.science.output_channels.muscle_channels import Build, ForceChannel, MuscleChannel, PressureChannel, Records
 from stages.science.plant.effect import Parameter
 from stages.science.signals.trajectories import Array
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.output_channel import OutputChannel
 from stages.science.discrepancy.residuals import (
     LOOP_BINS,
     average_by_direction,
@@ -21,6 +20,7 @@ from stages.science.discrepancy.residuals import (
     list_signals,
 )
 from stages.science.discrepancy.restoring import restore
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
 

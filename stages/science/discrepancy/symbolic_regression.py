@@ -15,10 +15,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.features import TURNING
-from stages.science.discrepancy.fitting import Fit
-from stages.science.discrepancy.output_channel import Driver
 from stages.science.discrepancy.signal_names import name_signal
+from stages.science.output_channels.features import TURNING
+from stages.science.output_channels.fitting import Fit
+from stages.science.output_channels.output_channel import Driver
 from stages.science.signals.trajectories import Array
 
 Regression = Literal["stepwise", "pysindy"]

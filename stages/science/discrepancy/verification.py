@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.fitting import Model, fit
-from stages.science.discrepancy.flexible import Mask, find_floor
-from stages.science.discrepancy.muscle_channels import ForceChannel, MuscleChannel
-from stages.science.discrepancy.noise import Noise
-from stages.science.discrepancy.output_channel import OutputChannel
 from stages.science.discrepancy.remainder import hides
 from stages.science.discrepancy.restoring import restore
+from stages.science.output_channels.fitting import Model, fit
+from stages.science.output_channels.flexible import Mask, find_floor
+from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
+from stages.science.output_channels.noise import Noise
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs
 

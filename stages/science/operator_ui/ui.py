@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 from pydantic import Field, PrivateAttr
 
-from stages.science.rig.operator_ui.desk import Desk, DeskSettings
-from stages.science.rig.operator_ui.pages.server import PageServer
-from stages.science.rig.operator_ui.terminal import Terminal
+from stages.science.operator_ui.desk import Desk, DeskSettings
+from stages.science.operator_ui.pages.server import PageServer
+from stages.science.operator_ui.terminal import Terminal
 
 
 class OperatorUi(DeskSettings):

@@ -14,8 +14,8 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.exact_values import find_levels
-from stages.science.discrepancy.output_channel import Driver, EffectForm, OutputChannel, list_starts
+from stages.science.output_channels.exact_values import find_levels
+from stages.science.output_channels.output_channel import Driver, EffectForm, OutputChannel, list_starts
 from stages.science.plant.actuator_path import ActuatorPath, Everywhere, predict_force, predict_pressure
 from stages.science.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients

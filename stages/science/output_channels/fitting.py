@@ -14,8 +14,8 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.noise import Noise, whiten
-from stages.science.discrepancy.output_channel import EffectForm, OutputChannel
+from stages.science.output_channels.noise import Noise, whiten
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.plant.effect import Parameter
 from stages.science.signals.trajectories import Array
 

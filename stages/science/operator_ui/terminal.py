@@ -8,8 +8,8 @@ import sys
 import threading
 from typing import Any, TextIO
 
+from stages.science.operator_ui.desk import Desk, Refused
 from stages.science.rig import clock
-from stages.science.rig.operator_ui.desk import Desk, Refused
 
 LETTERS = {"a": "accept", "s": "skip", "k": "keep", "r": "repeat", "x": "reject", "q": "pause"}
 MEANT = {

@@ -11,7 +11,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numba import njit
 
-from stages.science.discrepancy.output_channel import Driver, OutputChannel
+from stages.science.output_channels.output_channel import Driver, OutputChannel
 from stages.science.signals.trajectories import Array
 
 LAGS = (0.02, 0.06, 0.2, 0.6, 2.0)

@@ -27,10 +27,10 @@ from urllib.parse import quote
 
 import numpy as np
 
+from stages.science.operator_ui.desk import ROLES, Desk, Frame, Refused
 from stages.science.rig import clock
 from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import RigError
-from stages.science.rig.operator_ui.desk import ROLES, Desk, Frame, Refused
 
 if TYPE_CHECKING:
     from aiohttp import web

@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.exact_values import Levels, find_levels
-from stages.science.discrepancy.fitting import Model, begin, fit
-from stages.science.discrepancy.noise import make_plain
-from stages.science.discrepancy.output_channel import (
+from stages.science.output_channels.exact_values import Levels, find_levels
+from stages.science.output_channels.fitting import Model, begin, fit
+from stages.science.output_channels.noise import make_plain
+from stages.science.output_channels.output_channel import (
     LONG,
     Case,
     Driver,
@@ -28,7 +28,7 @@ from stages.science.discrepancy.output_channel import (
     list_starts,
     share_out,
 )
-from stages.science.discrepancy.records import bridge, bridge_short, list_blocks, spread_records, thin_out
+from stages.science.output_channels.records import bridge, bridge_short, list_blocks, spread_records, thin_out
 from stages.science.plant.effect import Parameter, list_effects
 from stages.science.plant.effect_config import list_effects_at
 from stages.science.plant.record_plant import HEAD, InitialState, RecordPlant, read_initial_state

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.features import build_features
-from stages.science.discrepancy.fitting import Fit, Grams
-from stages.science.discrepancy.noise import Noise, whiten
-from stages.science.discrepancy.output_channel import OutputChannel
-from stages.science.discrepancy.spectral_line import find_line, remove_line
+from stages.science.output_channels.features import build_features
+from stages.science.output_channels.fitting import Fit, Grams
+from stages.science.output_channels.noise import Noise, whiten
+from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.output_channels.spectral_line import find_line, remove_line
 from stages.science.signals.trajectories import Array
 
 Mask = NDArray[np.bool_]
