@@ -1,4 +1,4 @@
-"""Choices, forces and calibration against other libraries and the definitions, with verdicts that planted data turn."""
+"""Choices, forces and reliability against other libraries and the definitions, with verdicts that planted data turn."""
 
 from itertools import product
 from types import SimpleNamespace
@@ -14,18 +14,18 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from pipeline.errors import ConfigError
 from stages.paper.learned_models import (
-    CALIBRATION,
     CHOICE_CONCENTRATION,
     CHOSEN_OFTEN,
     COVERAGE,
+    RELIABILITY,
     LearnedModels,
-    calibrate,
     count_choices,
     gather,
     judge_choices,
     lay_grid,
     measure_coverage,
     predict_intervals,
+    tabulate_reliability,
 )
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.marginal import condition
@@ -37,7 +37,7 @@ from tests.studies import PickledContext, read_stages, run_alone, run_stage
 
 FIRST = ["bank", "unseen_bank", "subsampling", "hyperprior", "hardware", "active_loop"]
 STAGES = [*FIRST, "learned_models"]
-SMALL = ("experiment=paper", "active_loop.controls=[random]", "learned_models.calibration.every=50")
+SMALL = ("experiment=paper", "active_loop.controls=[random]", "learned_models.reliability.every=50")
 MUSCLES = ["pam1", "pam2", "pam3", "pam4"]
 
 
@@ -106,7 +106,7 @@ def test_counts_are_those_of_the_trials(generator):
     assert (told["experiments"] == 16).all()
 
 
-# ---- calibration
+# ---- reliability
 
 
 def predict_by_sklearn(x, y, theta, at):
@@ -210,7 +210,7 @@ def plant(generator, plain, marginal, experiments=6, sd=0.01, tests=("bank",), a
 
 
 def calibrated(coverage):
-    return CALIBRATION.check(calibrate(coverage, ["pam1", "pam2"]), "test")
+    return RELIABILITY.check(tabulate_reliability(coverage, ["pam1", "pam2"]), "test")
 
 
 @pytest.mark.parametrize(
@@ -328,11 +328,11 @@ def test_the_stage_tells_of_every_arm_and_test_set_and_draws(study):
     arms = list(tables["trials"]["arm"].unique())
     assert list(tables["choice_concentration"]["arm"]) == arms
     assert set(tables["coverage"]["arm"]) == set(arms)
-    assert set(tables["calibration"]["tested_on"]) == {"bank", "unseen_bank"}
+    assert set(tables["reliability"]["tested_on"]) == {"bank", "unseen_bank"}
     assert sorted(tables["coverage"]["trial"].unique()) == [0, 1, 3]
     start = tables["coverage"].query("trial == 0").groupby(["tested_on", "muscle", "model"])["share"]
     assert (start.max() == start.min()).all()
-    for name in ("frequent_references", "force_surfaces", "calibration"):
+    for name in ("frequent_references", "force_surfaces", "reliability"):
         assert (study.folder / "figures" / f"{name}.png").stat().st_size > 10_000
     # one experiment is as concentrated as any
     assert (tables["choice_concentration"]["p"] == 1).all()
@@ -344,7 +344,7 @@ def test_without_an_unseen_bank_all_else_is_the_same_and_found_by_other_processe
     found = run_alone(stage, study.configured.config(stage), tmp_path, tables, context=PickledContext)
     for name in ("chosen_often", "choice_concentration", "force_surfaces"):
         pd.testing.assert_frame_equal(found[name], study.tables[name])
-    for name in ("coverage", "calibration"):
+    for name in ("coverage", "reliability"):
         same = study.tables[name].query("tested_on == 'bank'").reset_index(drop=True)
         pd.testing.assert_frame_equal(found[name], same)
 
@@ -352,7 +352,7 @@ def test_without_an_unseen_bank_all_else_is_the_same_and_found_by_other_processe
 def test_only_the_first_experiments_count(study):
     tables = study.tables
     recorded = {"pam2": RecordedModels.read(tables["hyperprior"], tables["scaling"], "pam2")}
-    section = study.configured.config(study.stages["learned_models"]).learned_models.calibration
+    section = study.configured.config(study.stages["learned_models"]).learned_models.reliability
     models, points = (
         pd.concat([tables[name], tables[name].assign(experiment=section.experiments + 1)], ignore_index=True)
         for name in ("models", "points")
@@ -366,7 +366,7 @@ SECTION = {
     "draws": 1000,
     "shown": 3,
     "surfaces": {"muscle": "pam1", "grid": 31, "near": 0.5},
-    "calibration": {"experiments": 4, "every": 20},
+    "reliability": {"experiments": 4, "every": 20},
 }
 
 
@@ -377,8 +377,8 @@ SECTION = {
         ({"shown": 0}, "greater than or equal to 1"),
         ({"surfaces": {"muscle": "pam1", "grid": 1, "near": 0.5}}, "greater than or equal to 2"),
         ({"surfaces": {"muscle": "pam1", "grid": 31, "near": 0.0}}, "greater than 0"),
-        ({"calibration": {"experiments": 0, "every": 20}}, "greater than 0"),
-        ({"calibration": {"experiments": 4, "every": 0}}, "greater than 0"),
+        ({"reliability": {"experiments": 0, "every": 20}}, "greater than 0"),
+        ({"reliability": {"experiments": 4, "every": 0}}, "greater than 0"),
         ({"draw": 1000}, "Extra inputs"),
     ],
 )
@@ -392,7 +392,7 @@ def test_nonsense_is_refused(changed, message):
     ("override", "told"),
     [
         ("learned_models.surfaces.muscle=pam9", "learned_models.surfaces.muscle: no muscle 'pam9'; did you mean"),
-        ("learned_models.calibration.every=1000", "every: expected less than the 1000 samples of a movement, got 1000"),
+        ("learned_models.reliability.every=1000", "every: expected less than the 1000 samples of a movement, got 1000"),
     ],
 )
 def test_what_does_not_fit_the_machine_is_refused(override, told):

@@ -24,7 +24,7 @@ FIGURES = {
     "hyperprior_sensitivity",
     "frequent_references",
     "force_surfaces",
-    "calibration",
+    "reliability",
     "utility_agreement",
     "sparse_curve",
     "protocol",

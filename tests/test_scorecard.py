@@ -194,7 +194,7 @@ def test_faults_and_muscles(tmp_path):
         "two effects, both named": 1 / 2,
     }
     assert {measure: value(found, measure)["value"] for measure in shares} == pytest.approx(shares)
-    bins = found["calibration"].set_index("from_probability")
+    bins = found["reliability"].set_index("from_probability")
     assert bins.loc[0.9, "n"] == 5
     assert bins.loc[0.9, "right"] == pytest.approx(4 / 5)
     assert bins.loc[0.7, "right"] == 0.0
@@ -215,7 +215,7 @@ def test_intervals_of_medians_hold_them():
     ("override", "told"),
     [
         ("scorecard.classes.0.names=[creep]", "at least 2 items"),
-        ("scorecard.calibration_edges=[0.5,0.5,1.0]", "expected growing numbers"),
+        ("scorecard.reliability_edges=[0.5,0.5,1.0]", "expected growing numbers"),
         ("+scorecard.targets.closed.huge=0.5", "no magnitude 'huge'"),
         ("rig.effect=histeresis", "unknown effect 'histeresis'"),
         ("rig.muscles=[pam9]", "unknown muscle 'pam9'"),
