@@ -139,7 +139,7 @@ def _find_modules(package: str) -> dict[str, str]:
         When two files have the same name.
     """
     folders = [package]
-    modules = {}
+    modules: dict[str, str] = {}
     for folder in folders:
         for each in pkgutil.iter_modules(importlib.import_module(folder).__path__):
             if not each.ispkg:

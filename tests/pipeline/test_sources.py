@@ -11,7 +11,7 @@ from pipeline.files import hash_file
 from pipeline.plan import gather
 from tests.composing import compose_values
 from tests.conftest import ROOT
-from tests.discrepancy.sessions import record_session, write_session
+from tests.science.discrepancy.sessions import record_session, write_session
 from tests.studies import run_stage
 
 MAIN = ()
