@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from stages.identification.comparison import keep_common, pair_arms, recommend, summarise, tell_final_errors
+from stages.identification.comparison import keep_common, pair_arms, recommend, summarise, describe_final_errors
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 
 ARMS = ["y_y", "variance", "random"]
@@ -61,7 +61,7 @@ def test_arms_are_compared_on_the_experiments_that_all_have(generator):
     assert sorted(common["experiment"].unique()) == [1, 2]
     summary = summarise(common, ["bank"], ["y_y", "random"], ["pam1", "pam2"])
     assert (summary["experiments"] == 4).all()
-    final = tell_final_errors(summary, ["bank"], ["y_y", "random"], ["pam1", "pam2"]).set_index(["muscle", "arm"])
+    final = describe_final_errors(summary, ["bank"], ["y_y", "random"], ["pam1", "pam2"]).set_index(["muscle", "arm"])
     assert final.loc[("mean", "random"), "after"] == pytest.approx(values_of(common[common["arm"] == "random"]).mean())
     assert final.loc[("mean", "random"), "before"] == pytest.approx(0.07)
 
