@@ -34,12 +34,12 @@ from stages.science.rig.festo.known_points import (
     CalibrationSettings,
     PointRequested,
     Turn,
+    describe_destination,
+    describe_task,
     find_reading,
     label,
     list_turns,
     make_request,
-    describe_task,
-    describe_destination,
     split_name,
 )
 

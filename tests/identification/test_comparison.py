@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from stages.identification.comparison import keep_common, pair_arms, recommend, summarise, describe_final_errors
+from stages.identification.comparison import describe_final_errors, keep_common, pair_arms, recommend, summarise
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 
 ARMS = ["y_y", "variance", "random"]

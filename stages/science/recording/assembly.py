@@ -12,7 +12,7 @@ from difflib import get_close_matches
 import numpy as np
 import pandas as pd
 
-from stages.science.recording.columns import RecordingError, describe_rows
+from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.recording.completion import derive_contraction, derive_velocity
 
 Notes = list[tuple[str, str]]
@@ -49,7 +49,7 @@ def choose_muscles(
         name = str(samples.loc[strange, "muscle"].iloc[0])
         near = get_close_matches(name, known, n=1) or known
         raise RecordingError(
-            f"column muscle: {told_in} has no muscle '{name}' of {describe_rows(strange)}; it has {', '.join(near)}"
+            f"column muscle: {told_in} has no muscle '{name}' of {name_rows(strange)}; it has {', '.join(near)}"
         )
     missing = {name: _describe_missing(samples[samples["muscle"] == name]) for name in known}
     notes.extend((name, f"left out: {reason}") for name, reason in missing.items() if reason)
@@ -77,7 +77,7 @@ def read_parts(samples: pd.DataFrame, without: str) -> pd.Series:
     parts = samples.groupby("trial")["part"]
     mixed = parts.transform("nunique") > 1
     if mixed.any():
-        raise RecordingError(f"column part: expected one for each trial, got more for that of {describe_rows(mixed)}")
+        raise RecordingError(f"column part: expected one for each trial, got more for that of {name_rows(mixed)}")
     return parts.first()
 
 

@@ -24,7 +24,7 @@ class RecordingError(ValueError):
     """A recording does not hold what it should; the message fits on one line and names column and rows."""
 
 
-def describe_rows(wrong: pd.Series) -> str:
+def name_rows(wrong: pd.Series) -> str:
     """Return the first rows at which a mask is true, and how many more there are."""
     rows = list(dict.fromkeys(str(index) for index in wrong.index[wrong.to_numpy(dtype=bool)]))
     more = f" and {len(rows) - SHOWN_ROWS} more" if len(rows) > SHOWN_ROWS else ""
@@ -75,9 +75,7 @@ def adopt(
     for name in names:
         source = columns.get(name) or name
         if name in found and frame[source].isna().any():
-            raise RecordingError(
-                f"column {source}: expected text, got nothing in {describe_rows(frame[source].isna())}"
-            )
+            raise RecordingError(f"column {source}: expected text, got nothing in {name_rows(frame[source].isna())}")
     return pd.DataFrame(found)
 
 
@@ -104,15 +102,14 @@ def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
     if repeated.any():
         told = _describe_first(frame, repeated, key)
         raise RecordingError(
-            f"column {time}: {describe_rows(repeated)} repeat an earlier one ({told}); remove them"
-            + _begin_anew(stream)
+            f"column {time}: {name_rows(repeated)} repeat an earlier one ({told}); remove them" + _begin_anew(stream)
         )
     steps = frame.groupby(stream, sort=False)[time].diff() if stream else frame[time].diff()
     if (steps < 0.0).any():
         back = steps < 0.0
         where = f" ({_describe_first(frame, back, stream)})" if stream else ""
         raise RecordingError(
-            f"column {time}: time goes back in {describe_rows(back)}{where}; sort the rows" + _begin_anew(stream)
+            f"column {time}: time goes back in {name_rows(back)}{where}; sort the rows" + _begin_anew(stream)
         )
 
 
@@ -141,13 +138,11 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
     if wrong.any():
         first = values[wrong].iloc[0]
         expected = "numbers or dates, as 2026-06-05 10:00:00," if name == TIME else "numbers,"
-        raise RecordingError(
-            f"column {values.name}: expected {expected} got {str(first)[:40]!r} in {describe_rows(wrong)}"
-        )
+        raise RecordingError(f"column {values.name}: expected {expected} got {str(first)[:40]!r} in {name_rows(wrong)}")
     numbers = numbers.astype(float)
     infinite = numbers.abs() == np.inf
     if infinite.any():
-        raise RecordingError(f"column {values.name}: expected finite numbers, got inf in {describe_rows(infinite)}")
+        raise RecordingError(f"column {values.name}: expected finite numbers, got inf in {name_rows(infinite)}")
     return convert(numbers, name, unit)
 
 
@@ -159,7 +154,7 @@ def _read_dates(values: pd.Series) -> pd.Series | None:
 
 
 def _rows(values: pd.Series) -> str:
-    return describe_rows(values.isna())
+    return name_rows(values.isna())
 
 
 def _offer(name: str, known: Sequence[str]) -> str:
