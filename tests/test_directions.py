@@ -16,10 +16,13 @@ ROOMS = {
     "signals": set(),
     "statistics": set(),
     "plant": {"signals"},
+    "effects": {"plant", "signals"},
     "rig": {"plant", "signals"},
+    "operator_ui": {"plant", "rig", "signals"},
     "muscle_models": {"gp", "signals"},
     "recording": {"plant", "signals"},
-    "discrepancy": {"gp", "plant", "recording", "signals", "statistics"},
+    "output_channels": {"plant", "recording", "signals"},
+    "discrepancy": {"gp", "output_channels", "plant", "recording", "signals", "statistics"},
 }
 """Of science, with the rooms that each may import."""
 STAGES = {

@@ -33,7 +33,7 @@ def installed(tmp_path_factory):
 def test_the_wheel_holds_the_configuration_and_no_tests(installed):
     wheel, _ = installed
     names = ZipFile(wheel).namelist()
-    assert {"pipeline/conf/config.yaml", "stages/science/rig/operator_ui/pages/operator.js"} <= set(names)
+    assert {"pipeline/conf/config.yaml", "stages/science/operator_ui/pages/operator.js"} <= set(names)
     assert {each.partition("/")[0] for each in names} == {
         "pipeline",
         "stages",

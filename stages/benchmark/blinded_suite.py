@@ -22,7 +22,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.judgement import Judgement, judge, tell_truth
 from stages.science.discrepancy.ranking import rank_first
-from stages.science.discrepancy.session import build_cells
+from stages.science.discrepancy.session import build_channels
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.science.recording.whole_sessions import tabulate_session
 
@@ -139,10 +139,10 @@ class Job:
         """Return the rows of this session."""
         recorded = self.ctx.rig.record(self.name)
         frames = tabulate_session(recorded.samples, recorded.meta, self.name)
-        cells = build_cells(*frames, self.settings)
+        outputs = build_channels(*frames, self.settings)
         opened = choose_verification(len(frames.trials), self.settings.verification_share)
         told = self.settings.search.settings
-        judged = judge(cells, opened, told, lambda purpose: self.ctx.generator(self.name, purpose))
+        judged = judge(outputs, opened, told, lambda purpose: self.ctx.generator(self.name, purpose))
         row = {"session": self.name, "load_cell_site": str(frames.session["load_cell_site"].iloc[0])}
         rows = {
             BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
@@ -158,17 +158,17 @@ class Job:
     def measure(self, judged: Judgement, truth: Mapping[str, Any]) -> dict[str, Any]:
         """Return what was said, and the gaps of the channels in which something was hidden, or of all."""
         hidden = truth["effects"]
-        channels = {each["channel"] for each in hidden} or {cell.channel for cell in judged.cells}
+        channels = {each["channel"] for each in hidden} or {output.channel for output in judged.outputs}
         where = judged.unexplained
         return {
-            "kind": tell_kind(truth, {cell.element for cell in judged.cells}),
+            "kind": tell_kind(truth, {output.element for output in judged.outputs}),
             "asked": truth["scenario"]["magnitude"] if hidden else "none",
             "status": judged.status,
             "unknown": min(judged.unknown, 1.0),
             "unexplained_channel": where,
             "unexplained_share": judged.left[where].share,
             "before": judged.gap(judged.found.steps[0], channels),
-            "after": judged.gap([state.current.fit for state in judged.found.cells], channels),
+            "after": judged.gap([state.current.fit for state in judged.found.outputs], channels),
             "oracle": self.reach(judged, truth, channels),
             "floor": judged.floor(channels),
         }
@@ -176,11 +176,11 @@ class Job:
     def reach(self, judged: Judgement, truth: Mapping[str, Any], channels: set[str]) -> float:
         """Return the gap that is left when the true names are told; nan where the library lacks one."""
         names = {str(each["name"]) for each in truth["effects"]}
-        known = {form.name for cell in judged.cells for form in cell.forms}
+        known = {form.name for output in judged.outputs for form in output.forms}
         if not names or not names <= known:
             return math.nan
         knowing = tell_truth(judged, names, self.settings.search.settings, self.ctx.generator(self.name, "told"))
-        return judged.gap([state.current.fit for state in knowing.cells], channels)
+        return judged.gap([state.current.fit for state in knowing.outputs], channels)
 
 
 def tell_kind(truth: Mapping[str, Any], muscles: set[str]) -> str:

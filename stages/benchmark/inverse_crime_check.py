@@ -19,10 +19,10 @@ from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.cell import Cell, Form
 from stages.science.discrepancy.exactness import explain_exactly
-from stages.science.discrepancy.session import build_cells
+from stages.science.discrepancy.session import build_channels
 from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.recording.whole_sessions import tabulate_session
 
 INVERSE_CRIME_CHECK = Table(
@@ -101,12 +101,12 @@ class Job:
         same = best & (found["share"] < self.cfg.inverse_crime_check.least_share) & (not self.only_form)
         return found.assign(best=best, same_code=same)
 
-    def build(self, session: Any, channel: str) -> list[Cell]:
-        """Return the cells of one channel."""
-        cells = build_cells(*tabulate_session(session.samples, session.meta, self.key), self.cfg.discrepancy)
-        return [cell for cell in cells if cell.channel == channel]
+    def build(self, session: Any, channel: str) -> list[OutputChannel]:
+        """Return the outputs of one channel."""
+        outputs = build_channels(*tabulate_session(session.samples, session.meta, self.key), self.cfg.discrepancy)
+        return [output for output in outputs if output.channel == channel]
 
-    def measure(self, form: Form, pairs: Sequence[tuple[Cell, Cell]]) -> dict[str, Any]:
+    def measure(self, form: EffectForm, pairs: Sequence[tuple[OutputChannel, OutputChannel]]) -> dict[str, Any]:
         """Return the row of one form, root mean squares over muscles."""
         sizes = np.array([explain_exactly(form, *pair) for pair in pairs])
         effect, left = (float(each) for each in np.sqrt((sizes**2).mean(axis=0)))

@@ -17,7 +17,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.amendment import estimate_intervals
-from stages.science.discrepancy.machines import Measurements, list_cells, settle, write_amended
+from stages.science.discrepancy.machines import Measurements, list_channels, settle, write_amended
 from stages.science.discrepancy.restoring import restore
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.verdict import decide_status
@@ -70,16 +70,16 @@ def amend_model(
     fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
     told = told.keep_apart(trial_parts)
-    cells = list_cells(cfg.plant, told, settings)
+    outputs = list_channels(cfg.plant, told, settings)
     status = decide_status(
         list(named_effects["probability"]), unexplained["probability"].max(), settings.search.certain
     )
     last = int(steps["step"].max()) if status == "named" else 0
     rows: list[dict[str, Any]] = []
-    for cell in cells:
-        model, values = restore(cell.take(fitted), steps, last)
-        noise = channels[(channels["channel"] == cell.channel) & (channels["muscle"] == cell.element)].iloc[0]
+    for output in outputs:
+        model, values = restore(output.take(fitted), steps, last)
+        noise = channels[(channels["channel"] == output.channel) & (channels["muscle"] == output.element)].iloc[0]
         rows += estimate_intervals(model, values, noise, settings, ctx.generator("resample"))
     amended = pd.DataFrame(rows, columns=list(AMENDED_VALUES.columns))
-    ctx.document("amended", write_amended(settle(cfg.plant, cells), amended, channels, measured_muscles), "yaml")
+    ctx.document("amended", write_amended(settle(cfg.plant, outputs), amended, channels, measured_muscles), "yaml")
     return amended

@@ -21,7 +21,7 @@ from stages.science.discrepancy.description import (
     describe_above_floor,
     tabulate,
 )
-from stages.science.discrepancy.machines import Measurements, list_cells
+from stages.science.discrepancy.machines import Measurements, list_channels
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.verdict import decide_status
@@ -90,9 +90,9 @@ def explain_remainder(
     if (channels["gap_over_floor"] > smallest).any():
         fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
         told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
-        cells = list_cells(cfg.plant, told.keep_apart(trial_parts), settings)
+        outputs = list_channels(cfg.plant, told.keep_apart(trial_parts), settings)
         described = describe_above_floor(
-            [cell.take(fitted) for cell in cells],
+            [output.take(fitted) for output in outputs],
             steps,
             last,
             channels,

@@ -21,9 +21,9 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.fitted_cell import CellState, prepare
+from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
 from stages.science.discrepancy.gaps import locate, upper_ratio
-from stages.science.discrepancy.machines import Measurements, check_plant, list_cells
+from stages.science.discrepancy.machines import Measurements, check_plant, list_channels
 from stages.science.discrepancy.parts import PURPOSES, Parts, assign_parts, leave_gaps
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.residuals import Seen, average_loops, average_plane
@@ -176,16 +176,16 @@ def locate_gap(
         given, records = list(measured_trials["part"]), list(measured_trials["record"])
         purposes = assign_parts(given, cfg.parts, settings.verification_share, records)
         gaps = leave_gaps(measured_trials, purposes, cfg.parts.gap_share)
-        cells = list_cells(cfg.plant, told.keep_apart(gaps), settings)
+        outputs = list_channels(cfg.plant, told.keep_apart(gaps), settings)
     except ValueError as error:
         raise InputError(f"{measured_session['source'].iloc[0]}: {error}") from None
-    if not cells:
+    if not outputs:
         raise InputError(
             f"{measured_session['source'].iloc[0]}: expected pressure or force of a muscle that changes, with all that "
             "it is simulated from, got none; see the table measured_notes"
         )
     fitted = [k for k, purpose in enumerate(purposes) if purpose == "fitted"]
-    states = [prepare(cell.take(fitted)) for cell in cells]
+    states = [prepare(output.take(fitted)) for output in outputs]
     weights = resample(len(fitted), settings.bootstraps, ctx.generator("resample"))
     gap = pd.DataFrame(locate(states, ctx.generator("signs")), columns=list(GAP.columns))
     channels = pd.DataFrame([tell_channel(each, weights, settings) for each in states])
@@ -200,10 +200,10 @@ def locate_gap(
 
 
 def draw(
-    states: Sequence[CellState], channels: pd.DataFrame, gap: pd.DataFrame, smallest_gap: float, ctx: Context
+    states: Sequence[FittedChannel], channels: pd.DataFrame, gap: pd.DataFrame, smallest_gap: float, ctx: Context
 ) -> None:
     """Draw how large the gap is, and where it lies."""
-    seen = [Seen(each.cell, each.nominal.fit.residual, each.floor) for each in states]
+    seen = [Seen(each.output, each.nominal.fit.residual, each.floor) for each in states]
     ctx.figure(
         "gap_bars",
         draw_gap_bars(channels, smallest_gap),
@@ -229,15 +229,15 @@ def draw(
         )
 
 
-def tell_constants(state: CellState, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:
-    """Return the rows of a cell's constants."""
+def tell_constants(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:
+    """Return the rows of an output's constants."""
     found = state.nominal.fit
     tail = 0.5 * (1.0 - settings.level)
     low, high = np.quantile(found.drawn_values(weights), [tail, 1.0 - tail], axis=0)
     return [
         {
-            "channel": state.cell.channel,
-            "muscle": state.cell.element,
+            "channel": state.output.channel,
+            "muscle": state.output.element,
             "constant": each.name,
             "unit": each.unit,
             "start": each.prior_mean,
@@ -246,20 +246,20 @@ def tell_constants(state: CellState, weights: Any, settings: DiscrepancySettings
             "high": float(high[index]),
             "at_bound": not bool(found.free[index]),
         }
-        for index, (each, value) in enumerate(zip(state.cell.constants, found.listed(), strict=True))
+        for index, (each, value) in enumerate(zip(state.output.constants, found.listed(), strict=True))
     ]
 
 
-def tell_channel(state: CellState, weights: Any, settings: DiscrepancySettings) -> dict[str, Any]:
-    """Return the row of a cell."""
+def tell_channel(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> dict[str, Any]:
+    """Return the row of an output."""
     samples = float(state.samples.sum())
     return {
-        "channel": state.cell.channel,
-        "muscle": state.cell.element,
-        "unit": state.cell.unit,
-        "trials": state.cell.trials,
+        "channel": state.output.channel,
+        "muscle": state.output.element,
+        "unit": state.output.unit,
+        "trials": state.output.trials,
         "samples": int(samples),
-        "range": state.cell.range,
+        "range": state.output.range,
         "gap": float(np.sqrt(state.nominal.raw.sum() / samples)),
         "noise_floor": state.floor,
         "gap_over_floor": state.ratio(state.nominal.raw),

@@ -16,7 +16,7 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.machines import Measurements, list_cells
+from stages.science.discrepancy.machines import Measurements, list_channels
 from stages.science.discrepancy.ranking import rank_first
 from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.science.discrepancy.restoring import restore_states
@@ -115,8 +115,8 @@ def name_effect(
     fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
     told = told.keep_apart(trial_parts)
-    cells = [cell.take(fitted) for cell in list_cells(cfg.plant, told, settings)]
-    states = restore_states(cells, trial_parts["trial"].iloc[fitted].to_list(), nominal_fit, channels, residuals)
+    outputs = [output.take(fitted) for output in list_channels(cfg.plant, told, settings)]
+    states = restore_states(outputs, trial_parts["trial"].iloc[fitted].to_list(), nominal_fit, channels, residuals)
     found = search(states, settings.search.settings, ctx.generator("trials"))
     left = weigh_remainder(found, settings.search.settings, ctx.generator("unexplained"))
     doubt = sum_doubt(left)
@@ -164,18 +164,18 @@ def name_effect(
 
 
 def tell_steps(found: Search) -> list[dict[str, Any]]:
-    """Return every value of every cell after each addition."""
+    """Return every value of every output after each addition."""
     rows = []
     for step, fits in enumerate(found.steps):
         for each in fits:
-            cell = each.model.cell
+            output = each.model.output
             constants, effects = each.model.name_values(each.values)
             owners = [("", "", constants), *((form.name, form.form, values) for form, values in effects)]
             rows += [
                 {
                     "step": step,
-                    "channel": cell.channel,
-                    "muscle": cell.element,
+                    "channel": output.channel,
+                    "muscle": output.element,
                     "effect": effect,
                     "form": form,
                     "parameter": name,

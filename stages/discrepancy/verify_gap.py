@@ -18,7 +18,7 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.machines import Measurements, list_cells, settle
+from stages.science.discrepancy.machines import Measurements, list_channels, settle
 from stages.science.discrepancy.odd_trials import find_odd_trials
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.report_text import (
@@ -142,12 +142,12 @@ def verify_gap(
     learnt = (trial_parts["part"] == "fitted").to_numpy()
     told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
     told = told.keep_apart(trial_parts)
-    cells = list_cells(cfg.plant, told, settings)
-    found = verify(cells, steps, channels, learnt)
+    outputs = list_channels(cfg.plant, told, settings)
+    found = verify(outputs, steps, channels, learnt)
     added = named_effects.drop_duplicates("order")
     concerned = list(dict.fromkeys(added["channel"])) or list(dict.fromkeys(channels["channel"]))
     labels = ["nominal", *(f"+ {name}" for name in added["name"])][: int(steps["step"].max()) + 1]
-    judged = [each for each in found if each.cell.channel in concerned]
+    judged = [each for each in found if each.output.channel in concerned]
     rows = []
     for part, chosen in list_reported(trial_parts, measured_trials, judged).items():
         weights = resample(len(chosen), settings.bootstraps, ctx.generator("resample", part))
@@ -186,14 +186,14 @@ def verify_gap(
     predictions = list_predictions(found, list(trial_parts["trial"]), parts, last)
     draw(verification, predictions, channels, concerned, ctx)
     if status == "named":
-        draw_signatures(trace_effects(cells, steps, opened), ctx)
+        draw_signatures(trace_effects(outputs, steps, opened), ctx)
     comparable = predictions[predictions["part"] != "other"]
     odd = [{str(k): v for k, v in row.items()} for row in find_odd_trials(comparable).to_dict("records")]
     relevant = list_absorbed(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
         *tell_mapping(left_over_std),
-        *(tell_scales(settle(cfg.plant, cells)) if status == "named" else []),
+        *(tell_scales(settle(cfg.plant, outputs)) if status == "named" else []),
         *(tell_unconfirmed(verdict["unexplained_share"]) if lost else []),
         *tell_remainder(remainder, status),
         *tell_silent(judgeable, list(measured_muscles["muscle"])),
@@ -214,7 +214,7 @@ def list_reported(
     trial_parts: pd.DataFrame, measured_trials: pd.DataFrame, judged: Sequence[Verified]
 ) -> dict[str, list[int]]:
     """Return the positions of the trials that are judged together: those opened, then each part that was left aside."""
-    purposes, seen = trial_parts["part"].to_numpy(), sum(each.cell.present.sum(axis=0) for each in judged)
+    purposes, seen = trial_parts["part"].to_numpy(), sum(each.output.present.sum(axis=0) for each in judged)
     reported = {"verification": np.flatnonzero(purposes == "verification").tolist()}
     aside = measured_trials["part"].where((purposes == "other") & (seen > 0))
     return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
@@ -237,8 +237,8 @@ def tell_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dic
         "p_value": float(after["p_value"]),
         "low": float(after["low"]),
         "high": float(after["high"]),
-        "channels": list(dict.fromkeys(each.cell.channel for each in judged)),
-        "muscles": sorted({each.cell.element for each in judged}),
+        "channels": list(dict.fromkeys(each.output.channel for each in judged)),
+        "muscles": sorted({each.output.element for each in judged}),
         "pooling": POOLING,
     }
 

@@ -11,7 +11,7 @@ from pipeline.files import hash_file
 from pipeline.plan import gather
 from tests.composing import compose_values
 from tests.conftest import ROOT
-from tests.discrepancy.sessions import record_session, write_session
+from tests.science.discrepancy.sessions import record_session, write_session
 from tests.studies import run_stage
 
 MAIN = ()
@@ -42,10 +42,10 @@ def list_stale(monkeypatch, file, overrides):
         ("stages/science/recording/files/delimited.py", HIDDEN, {"measurement"}),
         ("stages/science/recording/files/delimited.py", PAPER, set()),
         ("stages/science/recording/dates.py", PAPER, set()),
-        ("stages/science/plant/effects/hysteresis.py", PAPER, DRIVING),
-        ("stages/science/plant/effects/hysteresis.py", (*PAPER, "plant=nominal"), set()),
-        ("stages/science/plant/effects/cable_slack.py", PAPER, set()),
-        ("stages/science/plant/effects/cable_slack.py", HIDDEN, SEARCHING),
+        ("stages/science/effects/hysteresis.py", PAPER, DRIVING),
+        ("stages/science/effects/hysteresis.py", (*PAPER, "plant=nominal"), set()),
+        ("stages/science/effects/cable_slack.py", PAPER, set()),
+        ("stages/science/effects/cable_slack.py", HIDDEN, SEARCHING),
         ("stages/science/plant/machines/second_order.py", PAPER, set()),
         (
             "stages/science/plant/machines/second_order.py",
@@ -53,8 +53,8 @@ def list_stale(monkeypatch, file, overrides):
             SEARCHING - OPENING,
         ),
         ("stages/science/plant/machines/second_order.py", GAP, set()),
-        ("stages/science/rig/operator_ui/pages/style.css", (*PAPER, "desk=pages"), set()),
-        ("stages/science/rig/operator_ui/pages/server.py", (*PAPER, "desk=pages"), set()),
+        ("stages/science/operator_ui/pages/style.css", (*PAPER, "desk=pages"), set()),
+        ("stages/science/operator_ui/pages/server.py", (*PAPER, "desk=pages"), set()),
         ("stages/science/rig/sim.py", PAPER, DRIVING),
         ("stages/benchmark/blinded_rig/kernels.py", HIDDEN, {"blinded_session", "unblinding"}),
         ("stages/science/figures/learning_curves.py", MAIN, {"comparison", "participant_differences"}),

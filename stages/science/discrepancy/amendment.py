@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.fitting import Model, fit
-from stages.science.discrepancy.noise import Noise
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.output_channels.fitting import Model, fit
+from stages.science.output_channels.noise import Noise
 from stages.science.plant.effect import Parameter
 from stages.science.plant.plant import MuscleModel, Plant
 from stages.science.signals.trajectories import Array
@@ -75,16 +75,16 @@ def estimate_intervals(
     """
     known = Noise(*(float(noise[name]) for name in Noise._fields))
     found = fit(model, known, values, iterations=0)
-    weights = resample(model.cell.trials, settings.bootstraps, generator)
+    weights = resample(model.output.trials, settings.bootstraps, generator)
     tail = 0.5 * (1.0 - settings.level)
     low, high = np.quantile(found.drawn_values(weights), [tail, 1.0 - tail], axis=0)
     bounds = np.where(found.free, "", np.where(2.0 * values < sum(model.bounds), "low", "high"))
-    owners: list[tuple[str, str, Parameter]] = [("", "", each) for each in model.cell.constants]
+    owners: list[tuple[str, str, Parameter]] = [("", "", each) for each in model.output.constants]
     owners += [(form.name, form.form, each) for form in model.forms for each in form.parameters]
     return [
         {
-            "channel": model.cell.channel,
-            "muscle": model.cell.element,
+            "channel": model.output.channel,
+            "muscle": model.output.element,
             "effect": effect,
             "form": form,
             "parameter": parameter.name,

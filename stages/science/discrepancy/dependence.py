@@ -1,7 +1,7 @@
 """On which measured signals a residual depends: a few inputs, chosen forward, and a sparse GP of them.
 
-A cell and what a model leaves of it flow in; out flow the inputs, what the GP says of each trial that it has not seen,
-and what it says when it has seen all. It names nothing: it tells where to look.
+An output and its residual flow in; out flow the inputs, the GP's prediction of each trial that it has not seen, and its
+prediction when it has seen all. It names nothing: it says where to look.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.cell import Cell, Driver
-from stages.science.discrepancy.features import list_histories
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
+from stages.science.output_channels.features import list_histories
+from stages.science.output_channels.output_channel import Driver, OutputChannel
 from stages.science.signals.trajectories import Array
 
 FOLDS = 10
@@ -74,23 +74,25 @@ class Dependence:
         return {f"low {name}": present & low, f"high {name}": present & ~low}
 
 
-def list_inputs(cell: Cell) -> list[Driver]:
+def list_inputs(output: OutputChannel) -> list[Driver]:
     """Return what a residual may depend on: drivers, their histories, time in trial and session; those that vary."""
-    within = np.repeat((np.arange(len(cell.measured)) * cell.step_s)[:, None], cell.trials, axis=1)
-    times = [Driver("time_s", within, own=False), Driver("start_s", within + cell.start_s, own=False)]
+    within = np.repeat((np.arange(len(output.measured)) * output.step_s)[:, None], output.trials, axis=1)
+    times = [Driver("time_s", within, own=False), Driver("start_s", within + output.start_s, own=False)]
     return [
-        each for each in (*cell.drivers(), *list_histories(cell), *times) if np.ptp(each.values[cell.present]) > 0.0
+        each
+        for each in (*output.drivers(), *list_histories(output), *times)
+        if np.ptp(each.values[output.present]) > 0.0
     ]
 
 
 def find_dependence(
-    cell: Cell, residual: Array, most_inputs: int, pseudo_count: int, generator: np.random.Generator
+    output: OutputChannel, residual: Array, most_inputs: int, pseudo_count: int, generator: np.random.Generator
 ) -> Dependence:
     """Return on which inputs a residual depends.
 
     Parameters
     ----------
-    cell : Cell
+    output : OutputChannel
         Whose drivers are the inputs, with the trials that may be looked at.
     residual : (T, K) ndarray
         What a model leaves, zero where not present, in the channel's unit.
@@ -108,16 +110,16 @@ def find_dependence(
     GP of the chosen ones is that of Snelson and Ghahramani (2006) with a length for each input. What it takes away is
     told of trials that had no part in either: in each of `FOLDS` folds inputs are chosen anew.
     """
-    inputs = list_inputs(cell)
-    present = cell.present
+    inputs = list_inputs(output)
+    present = output.present
     columns = np.stack([_standardise(each.values, present) for each in inputs], axis=2)
     nothing = Dependence((), *np.zeros((3, *residual.shape)))
-    if not (residual[present] != 0.0).any() or cell.trials < 3:
+    if not (residual[present] != 0.0).any() or output.trials < 3:
         return nothing
     thin = _draw_samples(present, generator)
     rows, trial, target = columns[thin], np.nonzero(thin)[1], residual[thin]
-    everything = np.ones(cell.trials, dtype=bool)
-    search = _Forward(rows, target, trial, cell.trials, pseudo_count, [each.own for each in inputs])
+    everything = np.ones(output.trials, dtype=bool)
+    search = _Forward(rows, target, trial, output.trials, pseudo_count, [each.own for each in inputs])
     chosen = search.choose(everything, most_inputs)
     if not chosen:
         return nothing
@@ -126,8 +128,8 @@ def find_dependence(
     whole = fit_gaussian_process(rows[:, chosen], target / scale, pseudo_count, generator)
     said, variance = whole.predict(columns[present][:, chosen])
     mean[present], deviation[present] = scale * said, scale * np.sqrt(variance)
-    for fold in range(min(FOLDS, cell.trials)):
-        out = np.arange(cell.trials) % FOLDS == fold
+    for fold in range(min(FOLDS, output.trials)):
+        out = np.arange(output.trials) % FOLDS == fold
         told = search.choose(~out, most_inputs)
         asked = present & out
         if not told or not asked.any():

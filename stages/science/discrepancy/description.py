@@ -15,15 +15,15 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, field_validator
 
-from stages.science.discrepancy.cell import Cell
 from stages.science.discrepancy.dependence import Dependence, find_dependence, find_range
-from stages.science.discrepancy.fitting import Fit, fit
-from stages.science.discrepancy.flexible import find_floor
-from stages.science.discrepancy.noise import Noise
 from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
 from stages.science.discrepancy.restoring import restore
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.symbolic_regression import Regression, Sketch, sketch_residual
+from stages.science.output_channels.fitting import Fit, fit
+from stages.science.output_channels.flexible import find_floor
+from stages.science.output_channels.noise import Noise
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.plant.declaration import Declared
 from stages.science.signals.trajectories import Array
 
@@ -72,11 +72,11 @@ def measure_share(before: Array, after: Array, weights: Array, level: float) -> 
 
 @dataclass(frozen=True)
 class Description:
-    """One cell's residual, described.
+    """One output's residual, described.
 
     Parameters
     ----------
-    cell : Cell
+    output : OutputChannel
         Whose.
     residual : (T, K) ndarray
         In the channel's unit.
@@ -92,7 +92,7 @@ class Description:
         What it takes away of trials left out.
     """
 
-    cell: Cell
+    output: OutputChannel
     residual: Array
     floor: float
     dependence: Dependence
@@ -108,7 +108,7 @@ class Description:
     @property
     def gap(self) -> float:
         """Root mean square of the residual, in the channel's unit."""
-        return _measure(self.residual, self.cell)
+        return _measure(self.residual, self.output)
 
     @property
     def above_floor(self) -> float:
@@ -117,7 +117,7 @@ class Description:
 
 
 def describe_above_floor(
-    cells: Sequence[Cell],
+    outputs: Sequence[OutputChannel],
     steps: pd.DataFrame,
     step: int,
     channels: pd.DataFrame,
@@ -127,40 +127,40 @@ def describe_above_floor(
     level: float,
     generator: np.random.Generator,
 ) -> list[Description]:
-    """Return a description of each cell in which more than noise is left after a number of additions.
+    """Return a description of each output in which more than noise is left after a number of additions.
 
     Where an effect was added, the floor is what flexible models leave with it, if that is less: they do better beside
     the right name than alone.
 
     Parameters
     ----------
-    cells : sequence of Cell
+    outputs : sequence of OutputChannel
         With the trials that may be looked at.
     steps : DataFrame
         Values after each addition.
     step : int
         Effects added.
     channels : DataFrame
-        Noise, noise floor and gap over floor of each cell after the nominal fit.
+        Noise, noise floor and gap over floor of each output after the nominal fit.
     smallest_gap : float
-        Over the floor; below it a cell is passed over.
+        Over the floor; below it an output is passed over.
     settings, weights, level, generator
         As `describe` takes them.
     """
     known = {(row["channel"], row["muscle"]): row for row in channels.to_dict("records")}
     described = []
-    for cell in cells:
-        row = known[cell.channel, cell.element]
+    for output in outputs:
+        row = known[output.channel, output.element]
         if row["gap_over_floor"] <= smallest_gap:
             continue
-        model, values = restore(cell, steps, step)
+        model, values = restore(output, steps, step)
         noise = Noise(*(float(row[name]) for name in Noise._fields))
         found = fit(model, noise, values, iterations=0)
         floor = float(row["noise_floor"])
         if model.forms:
-            least = find_floor(found, noise, np.ones(model.cell.trials, dtype=bool)).raw.sum()
-            floor = min(floor, float(np.sqrt(least / max(int(model.cell.present.sum()), 1))))
-        if _measure(found.residual, found.model.cell) > smallest_gap * floor:
+            least = find_floor(found, noise, np.ones(model.output.trials, dtype=bool)).raw.sum()
+            floor = min(floor, float(np.sqrt(least / max(int(model.output.present.sum()), 1))))
+        if _measure(found.residual, found.model.output) > smallest_gap * floor:
             described.append(describe(found, floor, settings, weights, level, generator))
     return described
 
@@ -190,28 +190,28 @@ def describe(
     generator : numpy.random.Generator
         Draws pseudo-inputs.
     """
-    cell, residual = fitted.model.cell, fitted.residual
-    found = find_dependence(cell, residual, settings.most_inputs, settings.pseudo_inputs, generator)
+    output, residual = fitted.model.output, fitted.residual
+    found = find_dependence(output, residual, settings.most_inputs, settings.pseudo_inputs, generator)
     left = ((residual - found.heldout) ** 2).sum(axis=0)
     share = measure_share((residual**2).sum(axis=0), left, weights, level)
     sketch = sketch_residual(fitted, found.inputs, settings.most_terms, settings.regression)
     return Description(
-        cell, residual, floor, found, share, sketch, measure_share(sketch.before, sketch.after, weights, level)
+        output, residual, floor, found, share, sketch, measure_share(sketch.before, sketch.after, weights, level)
     )
 
 
-def _measure(residual: Array, cell: Cell) -> float:
-    return float(np.sqrt((residual**2).sum() / max(int(cell.present.sum()), 1)))
+def _measure(residual: Array, output: OutputChannel) -> float:
+    return float(np.sqrt((residual**2).sum() / max(int(output.present.sum()), 1)))
 
 
 def tabulate(described: Description) -> dict[str, Any]:
     """Return a description as a row; what trials left out do not confirm is left empty."""
-    cell, share = described.cell, described.share
+    output, share = described.output, described.share
     inputs = described.dependence.inputs if described.is_confirmed else ()
     row = {
-        "channel": cell.channel,
-        "muscle": cell.element,
-        "unit": cell.unit,
+        "channel": output.channel,
+        "muscle": output.element,
+        "unit": output.unit,
         "gap": described.gap,
         "noise_floor": described.floor,
         "above_floor": described.above_floor,
@@ -225,8 +225,8 @@ def tabulate(described: Description) -> dict[str, Any]:
     }
     if inputs:
         rest = described.residual - described.dependence.heldout
-        taken = (described.residual**2 - rest**2)[cell.present]
-        where = find_range(described.dependence.along[cell.present], taken)
+        taken = (described.residual**2 - rest**2)[output.present]
+        where = find_range(described.dependence.along[output.present], taken)
         row |= {"range_low": where.low, "range_high": where.high}
         row |= {"range_part": where.part, "range_time": where.time}
     sketched = described.sketched
@@ -256,8 +256,8 @@ def average_dependence(described: Sequence[Description]) -> pd.DataFrame:
 
 
 def _average(described: Description) -> pd.DataFrame:
-    cell, found = described.cell, described.dependence
-    present, edges = cell.present, equal_edges(found.along[cell.present], LOOP_BINS)
+    output, found = described.output, described.dependence
+    present, edges = output.present, equal_edges(found.along[output.present], LOOP_BINS)
     centres, frames = 0.5 * (edges[1:] + edges[:-1]), []
     words, unit = name_signal(found.inputs[0].name)
     for beside, mask in found.split(present).items():
@@ -269,8 +269,8 @@ def _average(described: Description) -> pd.DataFrame:
             pd.DataFrame({name: values[kept] for name, values in told.items()}).assign(beside=name_signal(beside)[0])
         )
     return pd.concat(frames).assign(
-        channel=cell.channel,
-        muscle=cell.element,
-        unit=cell.unit,
+        channel=output.channel,
+        muscle=output.element,
+        unit=output.unit,
         variable=f"{words} ({unit})" if unit else words,
     )

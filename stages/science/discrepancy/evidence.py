@@ -19,16 +19,16 @@ NONE = "none"
 
 @dataclass(frozen=True)
 class Verdicts:
-    """Probabilities that sum to one, and for each name and cell how it would be carried.
+    """Probabilities that sum to one, and for each name and output how it would be carried.
 
     Parameters
     ----------
     names : mapping of str to float
         With ``none`` among them.
     forms : mapping of str to list of str
-        Most probable form of each name in every cell; empty where no form was looked at.
+        Most probable form of each name in every output; empty where no form was looked at.
     carries : mapping of str to (C,) ndarray
-        Probability that each cell is among those that carry the name, given the name.
+        Probability that each output is among those that carry the name, given the name.
     """
 
     names: Mapping[str, float]
@@ -37,7 +37,7 @@ class Verdicts:
 
 
 Worth = Callable[[str, list[str], Array], bool]
-"""Told a name, its form in every cell, and how probably each carries it: whether it would close a gap that matters."""
+"""Whether a name would close a gap that matters, given its form in every output and the probability of each output."""
 
 
 def weigh_names(
@@ -51,12 +51,12 @@ def weigh_names(
 
     Parameters
     ----------
-    scores : mapping of (name, form) to mapping of cell's place to (K_c,) ndarray
-        Log scores of a cell's trials if it carries this form; a cell that is missing cannot carry it.
+    scores : mapping of (name, form) to mapping of output's place to (K_c,) ndarray
+        Log scores of an output's trials if it carries this form; an output that is missing cannot carry it.
     none : sequence of (K_c,) ndarray
-        Those of each cell if it carries nothing more.
+        Those of each output if it carries nothing more.
     priors : mapping of str to float
-        Prior mass of each name. It is shared evenly by all sets of cells, and in each cell of a set by the forms.
+        Prior mass of each name. It is shared evenly by all sets of outputs, and in each output of a set by the forms.
     generator : numpy.random.Generator
         Draws the weights of trials.
     worth : callable
@@ -65,17 +65,17 @@ def weigh_names(
     Notes
     -----
     Yao, Vehtari, Simpson, Gelman, Using stacking to average Bayesian predictive distributions, Bayesian Analysis 13
-    (2018): pseudo-BMA+. As cells are fitted apart, the sum over all sets of cells and forms is a product.
+    (2018): pseudo-BMA+. As outputs are fitted apart, the sum over all sets of outputs and forms is a product.
     """
     draws = [len(each) * generator.dirichlet(np.ones(len(each)), DRAWS) for each in none]
     gain = {
-        key: {place: draws[place] @ (score - none[place]) for place, score in by_cell.items()}
-        for key, by_cell in scores.items()
+        key: {place: draws[place] @ (score - none[place]) for place, score in by_output.items()}
+        for key, by_output in scores.items()
     }
     names = list(dict.fromkeys(name for name, _ in scores))
     log_weight, chosen, carries = {NONE: np.full(DRAWS, np.log(priors[NONE]))}, {}, {}
     for name in names:
-        forms = {form: by_cell for (each, form), by_cell in gain.items() if each == name}
+        forms = {form: by_output for (each, form), by_output in gain.items() if each == name}
         pooled, chosen[name] = _pool_forms(forms, len(none))
         carries[name] = np.where(
             np.isfinite(pooled).all(axis=0), (1.0 / (1.0 + np.exp(-np.clip(pooled, -700, 700)))).mean(axis=0), 0.0
@@ -90,12 +90,12 @@ def weigh_names(
     return Verdicts({name: float(each) for name, each in zip(log_weight, mean, strict=True)}, chosen, carries)
 
 
-def _pool_forms(forms: Mapping[str, Mapping[int, Array]], cells: int) -> tuple[Array, list[str]]:
-    """Return the gain of a name in every cell and draw, forms weighed alike, and the best form in each cell."""
-    pooled = np.full((DRAWS, cells), -np.inf)
-    best = [""] * cells
-    for place in range(cells):
-        there = {form: by_cell[place] for form, by_cell in forms.items() if place in by_cell}
+def _pool_forms(forms: Mapping[str, Mapping[int, Array]], outputs: int) -> tuple[Array, list[str]]:
+    """Return the gain of a name in every output and draw, forms weighed alike, and the best form in each output."""
+    pooled = np.full((DRAWS, outputs), -np.inf)
+    best = [""] * outputs
+    for place in range(outputs):
+        there = {form: by_output[place] for form, by_output in forms.items() if place in by_output}
         if there:
             pooled[:, place] = np.logaddexp.reduce(list(there.values()), axis=0) - np.log(len(there))
             medians = {form: float(np.median(each)) for form, each in there.items()}

@@ -1,6 +1,6 @@
 """How well one form can write an effect that was simulated elsewhere, without noise.
 
-Two cells of the same session, with the effect and without, flow in; out flow the effect's size beyond the nominal
+Two outputs of the same session, with the effect and without, flow in; out flow the effect's size beyond the nominal
 constants and what the fitted form leaves of it.
 """
 
@@ -8,24 +8,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.science.discrepancy.cell import Cell, Form
-from stages.science.discrepancy.fitting import Fit, Model, begin, fit
-from stages.science.discrepancy.noise import Noise
 from stages.science.discrepancy.screening import screen
+from stages.science.output_channels.fitting import Fit, Model, begin, fit
+from stages.science.output_channels.noise import Noise
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 
 FINE = 1e-3
 """Standard deviation, over the range, to which a record without noise is fitted; priors then hardly pull."""
 STEPS = 40
 
 
-def explain_exactly(form: Form, with_it: Cell, without: Cell) -> tuple[float, float]:
+def explain_exactly(form: EffectForm, with_it: OutputChannel, without: OutputChannel) -> tuple[float, float]:
     """Return an effect's size and what a form leaves of it, root mean squares over the range.
 
     Parameters
     ----------
-    form : Form
-        Offered by the cell.
-    with_it, without : Cell
+    form : EffectForm
+        Offered by the output.
+    with_it, without : OutputChannel
         Of one session without noise, with the effect and without.
 
     Notes
@@ -33,7 +33,7 @@ def explain_exactly(form: Form, with_it: Cell, without: Cell) -> tuple[float, fl
     What the nominal model itself leaves without the effect, as of filters and geometry, is taken off both residuals.
     """
     noise = Noise(FINE * with_it.range, 1e-12, 0.03, 1e-12, 1.0)
-    nominal, plain = (fit(Model(cell), noise, begin(Model(cell)), STEPS) for cell in (with_it, without))
+    nominal, plain = (fit(Model(output), noise, begin(Model(output)), STEPS) for output in (with_it, without))
     effect = _differ(nominal, plain)
     promised = screen(nominal, noise, [form])
     if not promised:
@@ -44,6 +44,6 @@ def explain_exactly(form: Form, with_it: Cell, without: Cell) -> tuple[float, fl
 
 
 def _differ(first: Fit, second: Fit) -> float:
-    cell = first.model.cell
-    difference = (first.residual - second.residual)[cell.present]
-    return float(np.sqrt((difference**2).mean()) / cell.range)
+    output = first.model.output
+    difference = (first.residual - second.residual)[output.present]
+    return float(np.sqrt((difference**2).mean()) / output.range)

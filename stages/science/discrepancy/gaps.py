@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from stages.science.discrepancy.fitted_cell import CellState
+from stages.science.discrepancy.fitted_channel import FittedChannel
 from stages.science.discrepancy.regimes import find_regimes, split_bands
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, least_p
@@ -19,13 +19,13 @@ LARGEST = 0.99
 """Share of samples that deviate less than what is called the largest deviation; a spike is no gap."""
 
 
-def locate(states: Sequence[CellState], generator: np.random.Generator) -> list[dict[str, Any]]:
+def locate(states: Sequence[FittedChannel], generator: np.random.Generator) -> list[dict[str, Any]]:
     """Return a row for each channel, element and regime.
 
     Parameters
     ----------
-    states : sequence of CellState
-        Prepared cells.
+    states : sequence of FittedChannel
+        Prepared outputs.
     generator : numpy.random.Generator
         For tests with many trials.
 
@@ -47,38 +47,38 @@ def locate(states: Sequence[CellState], generator: np.random.Generator) -> list[
     return rows
 
 
-def _locate_in(state: CellState, generator: np.random.Generator) -> list[dict[str, Any]]:
-    cell, nominal = state.cell, state.nominal.fit.residual
-    least = np.where(cell.present, state.leftover.residual, 0.0)
+def _locate_in(state: FittedChannel, generator: np.random.Generator) -> list[dict[str, Any]]:
+    output, nominal = state.output, state.nominal.fit.residual
+    least = np.where(output.present, state.leftover.residual, 0.0)
     excess = nominal**2 - least**2
     whole = float(excess.sum())
-    regimes = {"everywhere": cell.present, **find_regimes(cell)}
+    regimes = {"everywhere": output.present, **find_regimes(output)}
     names, columns, rows = [], [], []
     for name, mask in regimes.items():
         inside = mask.sum(axis=0)
         columns.append(np.where(inside > 0, (excess * mask).sum(axis=0) / np.maximum(inside, 1), np.nan))
         rows.append(_describe(state, name, mask, nominal, least, excess, whole))
         names.append(name)
-    for name, part in split_bands(nominal, cell.step_s, cell.time_scale_s).items():
-        rest = split_bands(least, cell.step_s, cell.time_scale_s)[name]
-        band = np.where(cell.present, part**2 - rest**2, 0.0)
+    for name, part in split_bands(nominal, output.step_s, output.time_scale_s).items():
+        rest = split_bands(least, output.step_s, output.time_scale_s)[name]
+        band = np.where(output.present, part**2 - rest**2, 0.0)
         columns.append(band.mean(axis=0))
-        rows.append(_describe(state, name, cell.present, part, rest, band, whole))
+        rows.append(_describe(state, name, output.present, part, rest, band, whole))
     p = compare_signs(np.column_stack(columns), generator)
-    floor = least_p(cell.trials)
+    floor = least_p(output.trials)
     return [{**row, "p_value": float(each), "p_least": floor} for row, each in zip(rows, p, strict=True)]
 
 
 def _describe(
-    state: CellState, name: str, mask: Any, gap: Array, least: Array, excess: Array, whole: float
+    state: FittedChannel, name: str, mask: Any, gap: Array, least: Array, excess: Array, whole: float
 ) -> dict[str, Any]:
     count = int(mask.sum())
     return {
-        "channel": state.cell.channel,
-        "muscle": state.cell.element,
+        "channel": state.output.channel,
+        "muscle": state.output.element,
         "regime": name,
         "samples": count,
-        "share_of_time": count / max(int(state.cell.present.sum()), 1),
+        "share_of_time": count / max(int(state.output.present.sum()), 1),
         "gap": float(np.sqrt((gap**2 * mask).sum() / max(count, 1))),
         "noise_floor": float(np.sqrt((least**2 * mask).sum() / max(count, 1))),
         "largest": float(np.quantile(np.abs(gap[mask]), LARGEST)) if count else 0.0,
@@ -86,8 +86,8 @@ def _describe(
     }
 
 
-def upper_ratio(state: CellState, weights: Array, level: float) -> float:
-    """Return the one-sided upper limit of a cell's gap over the floor, over resampled trials (B, K)."""
+def upper_ratio(state: FittedChannel, weights: Array, level: float) -> float:
+    """Return the one-sided upper limit of an output's gap over the floor, over resampled trials (B, K)."""
     gap = weights @ state.current.raw
     floor = weights @ np.minimum(state.leftover.raw, state.current.raw)
     return float(np.quantile(np.sqrt(gap / np.maximum(floor, 1e-300)), level))

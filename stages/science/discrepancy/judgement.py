@@ -1,6 +1,6 @@
 """The whole search on one session at once, and what it would have reached had it been told the answer.
 
-Cells with all trials flow in, with those that are opened at the end; out flow the search, its status, and the gap on
+Outputs with all trials flow in, with those that are opened at the end; out flow the search, its status, and the gap on
 the opened trials before, after, at the noise floor, and with the true names told.
 """
 
@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.science.discrepancy.cell import Cell
-from stages.science.discrepancy.fitted_cell import CellState, prepare
-from stages.science.discrepancy.fitting import Fit, fit
-from stages.science.discrepancy.flexible import find_floor
+from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
 from stages.science.discrepancy.naming import Named, SearchSettings
 from stages.science.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
 from stages.science.discrepancy.search import Search, search
 from stages.science.discrepancy.verdict import Status, decide_status
+from stages.science.output_channels.fitting import Fit, fit
+from stages.science.output_channels.flexible import find_floor
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
 
@@ -28,11 +28,11 @@ class Judgement:
 
     Parameters
     ----------
-    cells : list of Cell
+    outputs : list of OutputChannel
         With all trials.
     opened : list of int
         Positions of the trials that nothing was fitted to.
-    prepared : list of CellState
+    prepared : list of FittedChannel
         After the nominal fit.
     found : Search
         Ended.
@@ -42,9 +42,9 @@ class Judgement:
         Probability at which something is said.
     """
 
-    cells: list[Cell]
+    outputs: list[OutputChannel]
     opened: list[int]
-    prepared: list[CellState]
+    prepared: list[FittedChannel]
     found: Search
     left: dict[str, Remainder]
     certain: float
@@ -75,31 +75,31 @@ class Judgement:
         return self.found.named if self.status == "named" else []
 
     def gap(self, fits: Sequence[Fit], channels: Collection[str]) -> float:
-        """Return the gap on the opened trials, RMSE over range, root mean square over cells of some channels."""
+        """Return the gap on the opened trials, RMSE over range, root mean square over outputs of some channels."""
         squares = []
-        for cell, each in zip(self.cells, fits, strict=True):
-            if cell.channel in channels:
-                simulated = replace(each.model, cell=cell).simulate(each.values)
-                squares.append(_mean_square(cell, cell.measured - simulated, self.opened))
+        for output, each in zip(self.outputs, fits, strict=True):
+            if output.channel in channels:
+                simulated = replace(each.model, output=output).simulate(each.values)
+                squares.append(_mean_square(output, output.measured - simulated, self.opened))
         return float(np.sqrt(np.mean(squares)))
 
     def floor(self, channels: Collection[str]) -> float:
         """Return what neither the last model nor a flexible one explains on the opened trials, in the same unit."""
-        learnt = np.ones(self.cells[0].trials, dtype=bool)
+        learnt = np.ones(self.outputs[0].trials, dtype=bool)
         learnt[self.opened] = False
         squares = []
-        for cell, state in zip(self.cells, self.found.cells, strict=True):
-            if cell.channel in channels:
+        for output, state in zip(self.outputs, self.found.outputs, strict=True):
+            if output.channel in channels:
                 last = state.current.fit
-                whole = fit(replace(last.model, cell=cell), state.noise, last.values, iterations=0)
+                whole = fit(replace(last.model, output=output), state.noise, last.values, iterations=0)
                 least = find_floor(whole, state.noise, learnt).residual
-                kept = (_mean_square(cell, each, self.opened) for each in (least, whole.residual))
+                kept = (_mean_square(output, each, self.opened) for each in (least, whole.residual))
                 squares.append(min(kept))
         return float(np.sqrt(np.mean(squares)))
 
 
 def judge(
-    cells: Sequence[Cell],
+    outputs: Sequence[OutputChannel],
     opened: Sequence[int],
     settings: SearchSettings,
     draw: Callable[[str], np.random.Generator],
@@ -108,7 +108,7 @@ def judge(
 
     Parameters
     ----------
-    cells : sequence of Cell
+    outputs : sequence of OutputChannel
         With all trials.
     opened : sequence of int
         Positions of the trials that are not fitted.
@@ -117,11 +117,11 @@ def judge(
     draw : callable
         Returns the generator of a purpose.
     """
-    fitted = [trial for trial in range(cells[0].trials) if trial not in set(opened)]
-    prepared = [prepare(cell.take(fitted)) for cell in cells]
+    fitted = [trial for trial in range(outputs[0].trials) if trial not in set(opened)]
+    prepared = [prepare(output.take(fitted)) for output in outputs]
     found = search(prepared, settings, draw("trials"))
     left = weigh_remainder(found, settings, draw("unexplained"))
-    return Judgement(list(cells), list(opened), prepared, found, left, settings.certain)
+    return Judgement(list(outputs), list(opened), prepared, found, left, settings.certain)
 
 
 def tell_truth(
@@ -150,23 +150,23 @@ def tell_truth(
         later_rest=0.0,
         none_prior=1e-9,
     )
-    states = [replace(state, cell=_restrict(state.cell, names)) for state in judged.prepared]
+    states = [replace(state, output=_restrict(state.output, names)) for state in judged.prepared]
     return search(states, replace(easy, most_effects=len(names)), generator)
 
 
-def _restrict(cell: Cell, names: Collection[str]) -> Cell:
-    """Return a cell that offers only the effects of these names."""
-    forms = tuple(form for form in cell.forms if form.name in names)
-    kind = type(cell.__class__.__name__, (cell.__class__,), {"forms": forms})
-    narrow: Cell = object.__new__(kind)
-    vars(narrow).update(vars(cell))
+def _restrict(output: OutputChannel, names: Collection[str]) -> OutputChannel:
+    """Return an output that offers only the effects of these names."""
+    forms = tuple(form for form in output.forms if form.name in names)
+    kind = type(output.__class__.__name__, (output.__class__,), {"forms": forms})
+    narrow: OutputChannel = object.__new__(kind)
+    vars(narrow).update(vars(output))
     return narrow
 
 
-def _mean_square(cell: Cell, residual: Array, trials: Sequence[int]) -> float:
+def _mean_square(output: OutputChannel, residual: Array, trials: Sequence[int]) -> float:
     """Return the mean square over trials with samples, over the range squared; each trial counts alike."""
-    present = cell.present[:, trials]
+    present = output.present[:, trials]
     count = present.sum(axis=0)
     squares = np.where(present, residual[:, trials], 0.0)
     each = (squares**2).sum(axis=0)[count > 0] / count[count > 0]
-    return float(each.mean() / cell.range**2) if each.size else 0.0
+    return float(each.mean() / output.range**2) if each.size else 0.0

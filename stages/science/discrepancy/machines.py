@@ -1,6 +1,6 @@
-"""What differs from machine to machine: the cells of a recording, and how the amended plant is written.
+"""What differs from machine to machine: the outputs of a recording, and how the amended plant is written.
 
-The tables of what was measured flow in, with the plant that was configured; cells flow out, and later, from fitted
+The tables of what was measured flow in, with the plant that was configured; outputs flow out, and later, from fitted
 values, the plant's new configuration.
 """
 
@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from stages.science.discrepancy.amendment import amend
-from stages.science.discrepancy.cell import Cell
-from stages.science.discrepancy.session import build_cells
+from stages.science.discrepancy.session import build_channels
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.whole_record_cell import WholeRecordCell, build_whole_records
+from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.output_channels.whole_record_channel import WholeRecordChannel, build_whole_records
 from stages.science.plant.machine import list_kinds
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
@@ -39,8 +39,10 @@ class Measurements(NamedTuple):
         return self._replace(trials=self.trials.assign(**told))
 
 
-def list_cells(plant: Plant | RecordPlant, measured: Measurements, settings: DiscrepancySettings) -> Sequence[Cell]:
-    """Return the cells of a recording, whatever the machine.
+def list_channels(
+    plant: Plant | RecordPlant, measured: Measurements, settings: DiscrepancySettings
+) -> Sequence[OutputChannel]:
+    """Return the outputs of a recording, whatever the machine.
 
     Raises
     ------
@@ -50,7 +52,7 @@ def list_cells(plant: Plant | RecordPlant, measured: Measurements, settings: Dis
     check_plant(plant, str(measured.session["kind"].iloc[0]), list(dict.fromkeys(measured.signals["signal"])))
     if isinstance(plant, RecordPlant):
         return [build_whole_records(measured.signals, measured.trials, plant)]
-    return build_cells(measured.samples, measured.trials, measured.muscles, measured.session, settings)
+    return build_channels(measured.samples, measured.trials, measured.muscles, measured.session, settings)
 
 
 def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> None:
@@ -106,9 +108,9 @@ def _list_settings(section: Any, name: str, key: str) -> Iterator[tuple[str, Any
         yield key, section
 
 
-def settle(plant: Plant | RecordPlant, cells: Sequence[Cell]) -> Plant | RecordPlant:
-    """Return the plant with what it left to the data to tell, as its cells have it."""
-    return cells[0].plant if isinstance(cells[0], WholeRecordCell) else plant
+def settle(plant: Plant | RecordPlant, outputs: Sequence[OutputChannel]) -> Plant | RecordPlant:
+    """Return the plant with what it left to the data to tell, as its outputs have it."""
+    return outputs[0].plant if isinstance(outputs[0], WholeRecordChannel) else plant
 
 
 def write_amended(

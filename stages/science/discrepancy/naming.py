@@ -1,6 +1,6 @@
 """One round of the search: how probable each name is, and which of them is worth adding.
 
-Cells at their present fits and what each effect promises there flow in; probabilities, gaps and a name flow out.
+Outputs at their present fits and what each effect promises there flow in; probabilities, gaps and a name flow out.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.science.discrepancy.evidence import NONE, Verdicts, weigh_names
-from stages.science.discrepancy.fitted_cell import CellState, Fitted, colour, fit_plain
-from stages.science.discrepancy.noise import Noise
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, colour, fit_plain
 from stages.science.discrepancy.screening import Screened
+from stages.science.output_channels.noise import Noise
 from stages.science.signals.trajectories import Array
 
 AS_MUCH, LIKE = 0.985, 0.95
 """Shares of what the best name closes: above the first, a simpler name is preferred; above the second, not excluded."""
 
 NOT_WORTH = 1.0
-"""Fall of a trial's score, in a cell, of a form that did not seem worth a full fit there."""
+"""Fall of a trial's score, in an output, of a form that did not seem worth a full fit there."""
 
 SURE = 0.99
 """Probability of what exact values show."""
@@ -32,10 +32,10 @@ BESIDE_BOUND = 0.5
 """Probability, at most, of a name beside an effect that stands at a bound: what that cannot reach may pass for it."""
 
 NEAR = 1.25
-"""Sum of squares, over that of the best form in a cell, up to which a form is fitted under its own noise too."""
+"""Sum of squares, over that of the best form in an output, up to which a form is fitted under its own noise too."""
 
 Choice = dict[tuple[str, str], Fitted]
-"""By name and form: the fit of one cell that carries it."""
+"""By name and form: the fit of one output that carries it."""
 
 
 @dataclass(frozen=True)
@@ -89,24 +89,24 @@ class Round:
     named: Named | None
 
 
-def list_candidates(cells: Sequence[CellState], settings: SearchSettings) -> list[list[Screened]]:
-    """Return, for each cell, what each form that it does not hold yet promises: nothing where no gap matters.
+def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) -> list[list[Screened]]:
+    """Return, for each output, what each form that it does not hold yet promises: nothing where no gap matters.
 
-    A cell is looked at even where no gap is seen: some gaps show only to the form that closes them, and what the
+    An output is looked at even where no gap is seen: some gaps show only to the form that closes them, and what the
     constants absorb is to be told in any case.
     """
     least = 0.5 * (settings.smallest_gap - 1.0)
     worth = {
-        state.cell.channel
-        for state in cells
-        if state.ratio(state.current.raw) > 1.0 + least or state.cell.reveals_saturation()
+        state.output.channel
+        for state in outputs
+        if state.ratio(state.current.raw) > 1.0 + least or state.output.reveals_saturation()
     }
     listed: list[list[Screened]] = []
-    for state in cells:
+    for state in outputs:
         listed.append([each for each in state.promises if each.form.name not in settings.left_out])
         if any(each.raw_gain > least for each in listed[-1]):
-            worth.add(state.cell.channel)
-    idle = [state.cell.channel not in worth for state in cells]
+            worth.add(state.output.channel)
+    idle = [state.output.channel not in worth for state in outputs]
     return [
         [replace(each, gain=0.0, raw_gain=0.0) for each in promised] if still else promised
         for promised, still in zip(listed, idle, strict=True)
@@ -114,26 +114,26 @@ def list_candidates(cells: Sequence[CellState], settings: SearchSettings) -> lis
 
 
 def rank(
-    cells: Sequence[CellState],
+    outputs: Sequence[FittedChannel],
     candidates: Sequence[Sequence[Screened]],
     settings: SearchSettings,
     generator: np.random.Generator,
 ) -> tuple[Round, list[Choice]]:
-    """Return the names' probabilities and, for each cell, the fits with every form that was looked at closely."""
-    close = _shortlist(cells, candidates, settings)
+    """Return the names' probabilities and, for each output, the fits with every form that was looked at closely."""
+    close = _shortlist(outputs, candidates, settings)
     choices = [
-        _extend(state, [each for each in listed if (state.cell.channel, each.form.name, each.form.form) in close])
-        for state, listed in zip(cells, candidates, strict=True)
+        _extend(state, [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close])
+        for state, listed in zip(outputs, candidates, strict=True)
     ]
     temper = settings.temper
-    noises = [_least_noise(state, fitted) for state, fitted in zip(cells, choices, strict=True)]
-    none = [state.current.density(noise) / temper for state, noise in zip(cells, noises, strict=True)]
+    noises = [_least_noise(state, fitted) for state, fitted in zip(outputs, choices, strict=True)]
+    none = [state.current.density(noise) / temper for state, noise in zip(outputs, noises, strict=True)]
     scores: dict[tuple[str, str], dict[int, Array]] = {}
     for place, listed in enumerate(candidates):
         for each in listed:
-            by_cell = scores.setdefault((each.form.name, each.form.form), {})
+            by_output = scores.setdefault((each.form.name, each.form.form), {})
             fitted = choices[place].get((each.form.name, each.form.form))
-            by_cell[place] = fitted.density(noises[place]) / temper if fitted else none[place] - NOT_WORTH
+            by_output[place] = fitted.density(noises[place]) / temper if fitted else none[place] - NOT_WORTH
     names = sorted({name for name, _ in scores})
     sizes = _count_parameters(candidates)
     halved = {name: 0.5 ** sizes[name] for name in names}
@@ -141,28 +141,28 @@ def rank(
     priors = {NONE: settings.none_prior, **{name: each / every for name, each in halved.items()}}
 
     def worth(name: str, forms: list[str], carries: Array) -> bool:
-        return bool(_carriers(cells, choices, name, forms, carries, settings))
+        return bool(_carriers(outputs, choices, name, forms, carries, settings))
 
     verdicts = _choose_forms(weigh_names(scores, none, priors, generator, worth), choices)
-    verdicts = _believe_exact(cells, choices, verdicts)
-    raws = {name: _raw_with(cells, choices, verdicts, name) for name in names}
-    raws[NONE] = [state.current.raw for state in cells]
-    gaps = {name: _pool(cells, each) for name, each in raws.items()}
-    heldout = {name: _pool_over_range(cells, each) for name, each in raws.items()}
+    verdicts = _believe_exact(outputs, choices, verdicts)
+    raws = {name: _raw_with(outputs, choices, verdicts, name) for name in names}
+    raws[NONE] = [state.current.raw for state in outputs]
+    gaps = {name: _pool(outputs, each) for name, each in raws.items()}
+    heldout = {name: _pool_over_range(outputs, each) for name, each in raws.items()}
     sites = {
         each.form.name: each.form.site
         for place, listed in enumerate(candidates)
         for each in listed
         if verdicts.forms[each.form.name][place] == each.form.form
     }
-    named = _decide(cells, choices, verdicts, gaps, sizes, settings)
+    named = _decide(outputs, choices, verdicts, gaps, sizes, settings)
     spoken = (named.name, *named.alternatives) if named else ()
     absorbed = {name: each for name, each in _absorb(candidates, verdicts).items() if name not in spoken}
     return Round(verdicts, absorbed, gaps, heldout, sites, named), choices
 
 
 def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
-    """Return the verdicts with the form of each name that predicts best in each cell, of those that were fitted.
+    """Return the verdicts with the form of each name that predicts best in each output, of those that were fitted.
 
     How probable a name is, its scores say; of its forms, the one is added that leaves least.
     """
@@ -176,11 +176,11 @@ def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
     return replace(verdicts, forms=forms)
 
 
-def _believe_exact(cells: Sequence[CellState], choices: Sequence[Choice], verdicts: Verdicts) -> Verdicts:
+def _believe_exact(outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts) -> Verdicts:
     """Return the verdicts with what exact values show taken as nearly sure, however little of the residual it takes."""
     for name, forms in verdicts.forms.items():
         carries = verdicts.carries[name].copy()
-        for place, state in enumerate(cells):
+        for place, state in enumerate(outputs):
             fitted = choices[place].get((name, forms[place]))
             if fitted is not None and _is_shown(state, fitted):
                 carries[place] = 1.0
@@ -191,16 +191,16 @@ def _believe_exact(cells: Sequence[CellState], choices: Sequence[Choice], verdic
     return verdicts
 
 
-def _is_shown(state: CellState, fitted: Fitted) -> bool:
+def _is_shown(state: FittedChannel, fitted: Fitted) -> bool:
     """Return whether the measured values themselves show a form's level, and the simulation would pass it."""
-    cell = state.cell
-    if not cell.is_exact(fitted.forms[-1]) or not cell.reveals_saturation():
+    output = state.output
+    if not output.is_exact(fitted.forms[-1]) or not output.reveals_saturation():
         return False
     return float((fitted.fit.residual**2).sum()) < SHOWN * float((state.current.fit.residual**2).sum())
 
 
-def _least_noise(state: CellState, choices: Choice) -> Noise:
-    """Return the noise under which all candidates of a cell are judged: what the one that predicts best leaves.
+def _least_noise(state: FittedChannel, choices: Choice) -> Noise:
+    """Return the noise under which all candidates of an output are judged: what the one that predicts best leaves.
 
     Under a noise of its own, a model that leaves a smooth gap would be preferred to one that leaves a small rough one.
     """
@@ -218,23 +218,23 @@ def _count_parameters(candidates: Sequence[Sequence[Screened]]) -> dict[str, int
 
 
 def _shortlist(
-    cells: Sequence[CellState], candidates: Sequence[Sequence[Screened]], settings: SearchSettings
+    outputs: Sequence[FittedChannel], candidates: Sequence[Sequence[Screened]], settings: SearchSettings
 ) -> set[tuple[str, str, str]]:
-    """Return channel, name and form of those that promise most, over all of a channel's cells."""
+    """Return channel, name and form of those that promise most, over all of a channel's outputs."""
     promised: dict[tuple[str, str, str], Array] = {}
-    for state, listed in zip(cells, candidates, strict=True):
+    for state, listed in zip(outputs, candidates, strict=True):
         for each in listed:
-            key = (state.cell.channel, each.form.name, each.form.form)
+            key = (state.output.channel, each.form.name, each.form.form)
             gains = np.maximum([each.gain, each.raw_gain], 0.0)
             promised[key] = promised.get(key, np.zeros(2)) + gains
     kept: set[tuple[str, str, str]] = set()
     for channel in {key[0] for key in promised}:
         for scale, most in ((0, settings.shortlist), (1, (settings.shortlist + 1) // 2)):
             kept |= _take_best({key: float(each[scale]) for key, each in promised.items() if key[0] == channel}, most)
-    for state, listed in zip(cells, candidates, strict=True):
-        if state.cell.reveals_saturation():
-            exact = [each.form for each in listed if state.cell.is_exact(each.form)]
-            kept |= {(state.cell.channel, form.name, form.form) for form in exact}
+    for state, listed in zip(outputs, candidates, strict=True):
+        if state.output.reveals_saturation():
+            exact = [each.form for each in listed if state.output.is_exact(each.form)]
+            kept |= {(state.output.channel, form.name, form.form) for form in exact}
     return kept
 
 
@@ -250,8 +250,8 @@ def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set
     return kept
 
 
-def _extend(state: CellState, chosen: Sequence[Screened]) -> Choice:
-    """Fit a cell with one more effect, each in turn, from where it stands; those that are near the best, twice."""
+def _extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
+    """Fit an output with one more effect, each in turn, from where it stands; those that are near the best, twice."""
     spread = float(np.sqrt(state.current.raw.sum() / max(state.samples.sum(), 1.0)))
     plain: Choice = {}
     for each in chosen:
@@ -263,7 +263,7 @@ def _extend(state: CellState, chosen: Sequence[Screened]) -> Choice:
 
 
 def _absorb(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
-    """Return for each name the least share that constants absorb, over cells and forms that would carry it."""
+    """Return for each name the least share that constants absorb, over outputs and forms that would carry it."""
     shares: dict[str, list[float]] = {}
     for place, listed in enumerate(candidates):
         for each in listed:
@@ -272,29 +272,31 @@ def _absorb(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dic
     return {name: min(found) for name, found in shares.items()}
 
 
-def _raw_with(cells: Sequence[CellState], choices: Sequence[Choice], verdicts: Verdicts, name: str) -> list[Array]:
-    """Return the raw sums of squares of all cells if those that would carry a name do."""
+def _raw_with(
+    outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts, name: str
+) -> list[Array]:
+    """Return the raw sums of squares of all outputs if those that would carry a name do."""
     raws = []
-    for place, state in enumerate(cells):
+    for place, state in enumerate(outputs):
         fitted = choices[place].get((name, verdicts.forms[name][place]))
         carried = fitted is not None and verdicts.carries[name][place] > 0.5
         raws.append(fitted.raw if fitted is not None and carried else state.current.raw)
     return raws
 
 
-def _pool(cells: Sequence[CellState], raws: Sequence[Array]) -> float:
-    """Return the gap over the floor, root mean square over cells."""
-    return float(np.sqrt(np.mean([state.ratio(raw) ** 2 for state, raw in zip(cells, raws, strict=True)])))
+def _pool(outputs: Sequence[FittedChannel], raws: Sequence[Array]) -> float:
+    """Return the gap over the floor, root mean square over outputs."""
+    return float(np.sqrt(np.mean([state.ratio(raw) ** 2 for state, raw in zip(outputs, raws, strict=True)])))
 
 
-def _pool_over_range(cells: Sequence[CellState], raws: Sequence[Array]) -> float:
-    """Return the gap over the channels' ranges, root mean square over cells."""
-    each = [raw.sum() / state.samples.sum() / state.cell.range**2 for state, raw in zip(cells, raws, strict=True)]
+def _pool_over_range(outputs: Sequence[FittedChannel], raws: Sequence[Array]) -> float:
+    """Return the gap over the channels' ranges, root mean square over outputs."""
+    each = [raw.sum() / state.samples.sum() / state.output.range**2 for state, raw in zip(outputs, raws, strict=True)]
     return float(np.sqrt(np.mean(each)))
 
 
 def _decide(
-    cells: Sequence[CellState],
+    outputs: Sequence[FittedChannel],
     choices: Sequence[Choice],
     verdicts: Verdicts,
     gaps: Mapping[str, float],
@@ -303,7 +305,7 @@ def _decide(
 ) -> Named | None:
     """Return the name to add, if one is probable and closes a gap that matters; of equals, the simpler."""
     carried = {
-        name: _carriers(cells, choices, name, forms, verdicts.carries[name], settings)
+        name: _carriers(outputs, choices, name, forms, verdicts.carries[name], settings)
         for name, forms in verdicts.forms.items()
     }
     possible = [name for name in carried if carried[name]]
@@ -319,23 +321,23 @@ def _decide(
     )
     carriers = carried[best]
     forms = tuple(verdicts.forms[best][place] for place in carriers)
-    first = next(form for form in cells[carriers[0]].cell.forms if (form.name, form.form) == (best, forms[0]))
+    first = next(form for form in outputs[carriers[0]].output.forms if (form.name, form.form) == (best, forms[0]))
     stuck = any(_is_stuck(choices[place][best, verdicts.forms[best][place]]) for place in carriers)
     return Named(
         best,
         forms,
         first.site,
-        cells[carriers[0]].cell.channel,
-        tuple(cells[place].cell.element for place in carriers),
+        outputs[carriers[0]].output.channel,
+        tuple(outputs[place].output.element for place in carriers),
         min(sum(verdicts.names[name] for name in equals), BESIDE_BOUND if stuck else 1.0),
         alternatives[:2],
-        any(_is_shown(cells[place], choices[place][best, verdicts.forms[best][place]]) for place in carriers),
+        any(_is_shown(outputs[place], choices[place][best, verdicts.forms[best][place]]) for place in carriers),
     )
 
 
 def _is_stuck(fitted: Fitted) -> bool:
     """Return whether the size of an effect other than the newest stands at a bound, and does something there."""
-    place = len(fitted.fit.model.cell.constants)
+    place = len(fitted.fit.model.output.constants)
     for form in fitted.forms[:-1]:
         if not fitted.fit.free[place] and fitted.fit.values[place] != 0.0:
             return True
@@ -344,16 +346,16 @@ def _is_stuck(fitted: Fitted) -> bool:
 
 
 def _carriers(
-    cells: Sequence[CellState],
+    outputs: Sequence[FittedChannel],
     choices: Sequence[Choice],
     name: str,
     forms: Sequence[str],
     carries: Array,
     settings: SearchSettings,
 ) -> list[int]:
-    """Return the cells that carry a name: probable, and with a gain that is worth it; none if all are too small."""
+    """Return the outputs that carry a name: probable, and with a gain that is worth it; none if all are too small."""
     gains = {}
-    for place, state in enumerate(cells):
+    for place, state in enumerate(outputs):
         fitted = choices[place].get((name, forms[place]))
         if fitted is None or carries[place] <= 0.5:
             continue
@@ -367,8 +369,8 @@ def _carriers(
             gains[place] = before
         elif _is_shown(state, fitted):
             gains[place] = max(before, np.nextafter(settings.smallest_gap, np.inf))
-    channel = {cells[place].cell.channel for place in gains}
+    channel = {outputs[place].output.channel for place in gains}
     if len(channel) > 1:  # one name at one place of the chain: where it gains most
         best = max(gains, key=lambda place: gains[place])
-        gains = {p: g for p, g in gains.items() if cells[p].cell.channel == cells[best].cell.channel}
+        gains = {p: g for p, g in gains.items() if outputs[p].output.channel == outputs[best].output.channel}
     return list(gains) if gains and max(gains.values()) > settings.smallest_gap else []

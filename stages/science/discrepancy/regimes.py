@@ -1,6 +1,6 @@
 """Where in the regimes of motion and time a gap lies.
 
-A cell flows in; out flow the samples of each regime, by name, and the residual's frequency bands.
+An output flows in; out flow the samples of each regime, by name, and the residual's frequency bands.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.cell import Cell
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
 Mask = NDArray[np.bool_]
@@ -19,28 +19,28 @@ BANDS = ((0.0, 1.0), (1.0, 5.0), (5.0, None))
 """Frequency bands, in usual movements' rates."""
 
 
-def find_regimes(cell: Cell) -> dict[str, Mask]:
+def find_regimes(output: OutputChannel) -> dict[str, Mask]:
     """Return for each regime the samples in it, (T, K) ndarrays of bool.
 
-    Regimes come from the cell's own drivers: the sign of each rate and the moments at which it turns, each signal's
+    Regimes come from the output's own drivers: the sign of each rate and the moments at which it turns, each signal's
     high and low half, time within the trial, and the trial's place in the session.
     """
-    present = cell.present
+    present = output.present
     regimes: dict[str, Mask] = {}
-    for driver in [each for each in cell.drivers() if each.own]:
+    for driver in [each for each in output.drivers() if each.own]:
         if driver.rate:
             usual = np.abs(driver.values[present & (driver.values != 0.0)])
             moving = 0.05 * float(np.quantile(usual, 0.95)) if usual.size else 0.0
             forth, back, reversal = _tell_motion(driver.name)
             regimes[forth] = driver.values > moving
             regimes[back] = driver.values < -moving
-            regimes[reversal] = _around_reversals(driver.values, moving, cell.step_s / cell.time_scale_s)
+            regimes[reversal] = _around_reversals(driver.values, moving, output.step_s / output.time_scale_s)
         else:
             name = _tell(driver.name)
             middle = float(np.median(driver.values[present])) if present.any() else 0.0
             regimes[f"high {name}"] = driver.values > middle
             regimes[f"low {name}"] = driver.values <= middle
-    samples, trials = cell.measured.shape
+    samples, trials = output.measured.shape
     early = np.arange(samples)[:, None] < 0.5 * samples
     regimes["early in the trial"] = np.repeat(early, trials, axis=1)
     regimes["late in the trial"] = ~regimes["early in the trial"]

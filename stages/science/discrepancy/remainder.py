@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stages.science.discrepancy.fitted_cell import CellState
+from stages.science.discrepancy.fitted_channel import FittedChannel
 from stages.science.discrepancy.naming import SearchSettings
 from stages.science.discrepancy.search import Search
 from stages.science.signals.trajectories import Array
@@ -56,8 +56,8 @@ class Remainder(NamedTuple):
 def weigh_remainder(found: Search, settings: SearchSettings, generator: np.random.Generator) -> dict[str, Remainder]:
     """Return by channel what is left, over a Bayesian bootstrap of trials."""
     remainders = {}
-    for channel in dict.fromkeys(state.cell.channel for state in found.cells):
-        states = [state for state in found.cells if state.cell.channel == channel]
+    for channel in dict.fromkeys(state.output.channel for state in found.outputs):
+        states = [state for state in found.outputs if state.output.channel == channel]
         weights = generator.dirichlet(np.ones(len(states[0].samples)), DRAWS)
         initial = _draw_gap(states, weights, lambda state: state.nominal.raw)
         now = _draw_gap(states, weights, lambda state: state.current.raw)
@@ -79,9 +79,9 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
     return remainders
 
 
-def _is_hidden(state: CellState) -> bool:
+def _is_hidden(state: FittedChannel) -> bool:
     """Return whether so much wanders, or is told by no measured signal, that neither a name nor its absence is sure."""
-    return hides(state.floor / state.cell.range, state.noise.white / state.cell.range)
+    return hides(state.floor / state.output.range, state.noise.white / state.output.range)
 
 
 def hides(floor: float, white: float) -> bool:
@@ -103,7 +103,7 @@ def sum_doubt(remainders: Mapping[str, Remainder]) -> float:
     return max((max(each.unknown, EVEN * each.imitated) for each in remainders.values()), default=0.0)
 
 
-def _draw_gap(states: Sequence[CellState], weights: Array, raw_of: Callable[[CellState], Array]) -> Array:
+def _draw_gap(states: Sequence[FittedChannel], weights: Array, raw_of: Callable[[FittedChannel], Array]) -> Array:
     ratios = []
     for state in states:
         own = weights[:, : len(state.samples)]

@@ -1,6 +1,6 @@
 """Residuals as figures show them: averaged over the state plane, and along loops by direction of motion.
 
-Cells and their residuals flow in; tidy rows of averages flow out. The unit of every standard error is the trial.
+Outputs and their residuals flow in; tidy rows of averages flow out. The unit of every standard error is the trial.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.cell import Cell
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
 LOOP_BINS, PLANE_BINS = 14, 28
@@ -23,9 +23,9 @@ LEAST_SHARE = 0.002
 
 @dataclass(frozen=True)
 class Seen:
-    """A cell with what a model leaves of it, (T, K), and the noise floor, both in the channel's unit."""
+    """An output with what a model leaves of it, (T, K), and the noise floor, both in the channel's unit."""
 
-    cell: Cell
+    output: OutputChannel
     residual: Array
     floor: float
 
@@ -42,10 +42,10 @@ def average_plane(seen: Sequence[Seen]) -> pd.DataFrame:
 
 
 def _average_plane(seen: Seen) -> pd.DataFrame:
-    own = [each for each in seen.cell.drivers() if each.own]
-    signals, rates = list_signals(seen.cell), {each.name for each in own if each.rate}
-    across, along = seen.cell.plane
-    present = seen.cell.present
+    own = [each for each in seen.output.drivers() if each.own]
+    signals, rates = list_signals(seen.output), {each.name for each in own if each.rate}
+    across, along = seen.output.plane
+    present = seen.output.present
     x, y = signals[across][present], signals[along][present]
     edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else equal_edges(y, PLANE_BINS)]
     counts = np.histogram2d(x, y, bins=edges)[0]
@@ -54,8 +54,8 @@ def _average_plane(seen: Seen) -> pd.DataFrame:
     centres = [0.5 * (each[1:] + each[:-1]) for each in edges]
     return pd.DataFrame(
         {
-            "channel": seen.cell.channel,
-            "muscle": seen.cell.element,
+            "channel": seen.output.channel,
+            "muscle": seen.output.element,
             "across": across,
             "along": along,
             "x": centres[0][column],
@@ -77,20 +77,25 @@ def average_loops(seen: Sequence[Seen]) -> pd.DataFrame:
 
 
 def _average_loop(seen: Seen) -> pd.DataFrame:
-    signals = list_signals(seen.cell)
-    variable, rate = seen.cell.loop
-    rows = average_by_direction(signals[variable], signals[rate], seen.residual, seen.cell)
-    told = {"channel": seen.cell.channel, "muscle": seen.cell.element, "unit": seen.cell.unit, "variable": variable}
+    signals = list_signals(seen.output)
+    variable, rate = seen.output.loop
+    rows = average_by_direction(signals[variable], signals[rate], seen.residual, seen.output)
+    told = {
+        "channel": seen.output.channel,
+        "muscle": seen.output.element,
+        "unit": seen.output.unit,
+        "variable": variable,
+    }
     return rows.assign(**told)
 
 
-def list_signals(cell: Cell) -> dict[str, Array]:
-    """Return a cell's own drivers by name."""
-    own = [driver for driver in cell.drivers() if driver.own]
+def list_signals(output: OutputChannel) -> dict[str, Array]:
+    """Return an output's own drivers by name."""
+    own = [driver for driver in output.drivers() if driver.own]
     return dict(zip((each.name for each in own), map(attrgetter("values"), own), strict=True))
 
 
-def average_by_direction(variable: Array, rate: Array | None, values: Array, cell: Cell) -> pd.DataFrame:
+def average_by_direction(variable: Array, rate: Array | None, values: Array, output: OutputChannel) -> pd.DataFrame:
     """Return the mean of `values` in bins of `variable`, apart for the two directions of motion.
 
     Parameters
@@ -99,7 +104,7 @@ def average_by_direction(variable: Array, rate: Array | None, values: Array, cel
         The signal that is cut into bins, and what is averaged.
     rate : (T, K) ndarray or None
         Its sign is the direction, which holds until the next movement; None takes all samples together.
-    cell : Cell
+    output : OutputChannel
         Says which samples count.
 
     Returns
@@ -107,7 +112,7 @@ def average_by_direction(variable: Array, rate: Array | None, values: Array, cel
     DataFrame
         Columns ``direction x mean error``; direction is ``rising``, ``falling`` or ``both``.
     """
-    present = cell.present
+    present = output.present
     edges = equal_edges(variable[present], LOOP_BINS)
     masks = {"both": present}
     if rate is not None:
@@ -144,9 +149,9 @@ def average_in_bins(
     bins = len(edges) - 1
     place = np.clip(np.searchsorted(edges, variable, side="right") - 1, 0, bins - 1)
     trials = values.shape[1]
-    cells = (place + bins * np.arange(trials)[None, :])[mask]
-    counts = np.bincount(cells, minlength=bins * trials).reshape(trials, bins)
-    sums = np.bincount(cells, weights=values[mask], minlength=bins * trials).reshape(trials, bins)
+    outputs = (place + bins * np.arange(trials)[None, :])[mask]
+    counts = np.bincount(outputs, minlength=bins * trials).reshape(trials, bins)
+    sums = np.bincount(outputs, weights=values[mask], minlength=bins * trials).reshape(trials, bins)
     count = counts.sum(axis=0)
     mean = sums.sum(axis=0) / np.maximum(count, 1)
     seen = np.maximum((counts > 0).sum(axis=0), 2)

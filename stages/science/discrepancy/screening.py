@@ -13,10 +13,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.cell import Form
-from stages.science.discrepancy.fitting import Fit, Grams, collect_grams
-from stages.science.discrepancy.fitting import fit as fit_values
-from stages.science.discrepancy.noise import Noise, make_plain, whiten
+from stages.science.output_channels.fitting import Fit, Grams, collect_grams
+from stages.science.output_channels.fitting import fit as fit_values
+from stages.science.output_channels.noise import Noise, make_plain, whiten
+from stages.science.output_channels.output_channel import EffectForm
 from stages.science.signals.trajectories import Array
 
 TRIED = 12
@@ -25,11 +25,11 @@ TRIED = 12
 
 @dataclass(frozen=True)
 class Screened:
-    """What one form promises in one cell.
+    """What one form promises in one output.
 
     Parameters
     ----------
-    form : Form
+    form : EffectForm
         Which.
     start : dict of str to float
         The best of its starts, its magnitude scaled to the residual.
@@ -43,7 +43,7 @@ class Screened:
         Values of the model without it from which it begins.
     """
 
-    form: Form
+    form: EffectForm
     start: dict[str, float]
     gain: float
     raw_gain: float
@@ -51,17 +51,17 @@ class Screened:
     known: Array
 
 
-def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
+def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened]:
     """Return what each form promises, from the best of its starts."""
-    cell = fit.model.cell
-    present = cell.present
+    output = fit.model.output
+    present = output.present
     constants, placed = fit.model.name_values(fit.values)
-    simulated = cell.simulate(constants, placed)
+    simulated = output.simulate(constants, placed)
     best = _try_starts(fit, [form for form in forms if form.tried or not form.scales])
     owners, starts, changes = [], [], []
     for form in [each for each in forms if each.scales and not each.tried]:
-        for start in cell.starts(form, constants):
-            change = cell.simulate(constants, [*placed, (form, start)]) - simulated
+        for start in output.starts(form, constants):
+            change = output.simulate(constants, [*placed, (form, start)]) - simulated
             if np.isfinite(change).all() and np.abs(change[present]).max(initial=0.0) > 0.0:
                 owners.append(form)
                 starts.append(start)
@@ -69,7 +69,7 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
     if not changes:
         return list(best.values())
     columns = np.concatenate([fit.slopes, np.stack(changes, axis=2), fit.residual[:, :, None]], axis=2)
-    white = whiten(columns, present, noise, cell.step_s)
+    white = whiten(columns, present, noise, output.step_s)
     grams, raw = (collect_grams(each[:, :, :-1], each[:, :, -1], present) for each in (white, columns))
     unit = raw.square.sum() / max(raw.samples.sum(), 1.0)
     plain = Grams(raw.slopes / unit, raw.cross / unit, raw.square / unit, raw.samples)
@@ -78,7 +78,7 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
         signed = form.parameters[0].low < 0.0
         gain, scale, absorbed = _regress(fit, grams, known + index, signed)
         raw_gain = _regress(fit, plain, known + index, signed)[0]
-        if cell.is_exact(form):
+        if output.is_exact(form):
             scale, gain, raw_gain = 1.0, _take(grams, known + index), _take(plain, known + index)
         raw_gain /= float(plain.square.sum())
         first = form.parameters[0]
@@ -90,25 +90,25 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[Form]) -> list[Screened]:
     return list(best.values())
 
 
-def _try_starts(found: Fit, forms: Sequence[Form]) -> dict[tuple[str, str], Screened]:
+def _try_starts(found: Fit, forms: Sequence[EffectForm]) -> dict[tuple[str, str], Screened]:
     """Return what forms promise by a few steps of a fit from each of their starts.
 
     Constants begin where they are and, for a form that sets in somewhere, at their priors' means: without the effect
     they may have gone far astray.
     """
-    cell, model = found.model.cell, found.model
-    before = np.sum(np.where(cell.present, found.leave_each_out(), 0.0) ** 2)
-    noise = make_plain(float(np.sqrt((found.residual**2).sum() / max(cell.present.sum(), 1))))
-    fixed = len(cell.constants)
+    output, model = found.model.output, found.model
+    before = np.sum(np.where(output.present, found.leave_each_out(), 0.0) ** 2)
+    noise = make_plain(float(np.sqrt((found.residual**2).sum() / max(output.present.sum(), 1))))
+    fixed = len(output.constants)
     bases = (found.values, np.concatenate([model.prior[0][:fixed], found.values[fixed:]]))
     best: dict[tuple[str, str], Screened] = {}
     for form in forms:
         constants, known = model.name_values(found.values)[0], len(found.values)
-        for base, start in product(bases[:1] if form.scales else bases, cell.starts(form, constants)):
+        for base, start in product(bases[:1] if form.scales else bases, output.starts(form, constants)):
             extended = replace(model, forms=(*model.forms, form))
             values = np.concatenate([base, [start[each.name] for each in form.parameters]])
             tried = fit_values(extended, noise, values, iterations=TRIED)
-            share = 1.0 - float(np.sum(np.where(cell.present, tried.leave_each_out(), 0.0) ** 2) / before)
+            share = 1.0 - float(np.sum(np.where(output.present, tried.leave_each_out(), 0.0) ** 2) / before)
             key = (form.name, form.form)
             gain = found.cost(noise) - tried.cost(noise)
             if key not in best or gain > best[key].gain:

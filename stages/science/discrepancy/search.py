@@ -1,6 +1,6 @@
 """The search for what is missing: locate, name, add, and repeat until what is left is noise or has no name.
 
-Cells with their trials flow in; out flow the rounds of the search, each with its ranking, and for every cell the
+Outputs with their trials flow in; out flow the rounds of the search, each with its ranking, and for every output the
 nominal fit, the fit with what was named, and what a flexible model would leave.
 """
 
@@ -12,11 +12,11 @@ from itertools import product
 
 import numpy as np
 
-from stages.science.discrepancy.cell import list_starts
-from stages.science.discrepancy.fitted_cell import CellState, Fitted, assess, go_on, prepare, refine
-from stages.science.discrepancy.fitting import Fit, fit
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, assess, go_on, prepare, refine
 from stages.science.discrepancy.naming import Choice, Named, Round, SearchSettings, list_candidates, rank
-from stages.science.discrepancy.noise import make_plain
+from stages.science.output_channels.fitting import Fit, fit
+from stages.science.output_channels.noise import make_plain
+from stages.science.output_channels.output_channel import list_starts
 
 FRESH_STARTS, LONG = 4, 30
 """Other starts from which a named effect is fitted once more, and steps of such a fit."""
@@ -30,31 +30,31 @@ BETTER = 0.9
 
 @dataclass
 class Search:
-    """How the search went: its cells now, what each round found, what was named, and all cells' fits at each step."""
+    """A search: its outputs now, what each round found, what was named, and the fits of all outputs at each step."""
 
-    cells: list[CellState]
+    outputs: list[FittedChannel]
     rounds: list[Round] = field(default_factory=list)
     named: list[Named] = field(default_factory=list)
     steps: list[list[Fit]] = field(default_factory=list)
 
 
-def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.random.Generator) -> Search:
+def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator: np.random.Generator) -> Search:
     """Name and add effects until none is worth it.
 
     Parameters
     ----------
-    cells : sequence of CellState
+    outputs : sequence of FittedChannel
         Prepared.
     settings : SearchSettings
         When a gap matters and a name is accepted.
     generator : numpy.random.Generator
         Draws weights of trials.
     """
-    found = Search(list(cells))
-    found.steps.append([state.nominal.fit for state in cells])
+    found = Search(list(outputs))
+    found.steps.append([state.nominal.fit for state in outputs])
     while len(found.named) < settings.most_effects:
-        candidates = list_candidates(found.cells, settings)
-        looked, choices = rank(found.cells, candidates, settings, generator)
+        candidates = list_candidates(found.outputs, settings)
+        looked, choices = rank(found.outputs, candidates, settings, generator)
         if _find_better_constants(found, choices):
             continue
         found.rounds.append(looked)
@@ -63,17 +63,17 @@ def search(cells: Sequence[CellState], settings: SearchSettings, generator: np.r
         _add(found, looked.named, choices, generator)
         found.named.append(looked.named)
         _take_out_redundant(found, settings)
-        found.steps.append([state.current.fit for state in found.cells])
+        found.steps.append([state.current.fit for state in found.outputs])
     return found
 
 
 def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
-    """Let a cell go on from the constants of a candidate, where these alone are better; return whether one does.
+    """Let an output go on from the constants of a candidate, where these alone are better; return whether one does.
 
     A form that sets in somewhere is tried from several constants, and may have found a better place for them by chance.
     """
     better = False
-    for place, state in enumerate(found.cells):
+    for place, state in enumerate(found.outputs):
         least = BETTER * float(state.current.raw.sum())
         for fitted in choices[place].values():
             if fitted.forms[-1].scales or fitted.raw.sum() >= least:
@@ -81,19 +81,19 @@ def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
             known = len(state.current.fit.values)
             again = refine(state.current.fit.model, fitted.fit.values[:known], fitted.spread)
             if again.raw.sum() < least:
-                found.cells[place] = go_on(state, again)
+                found.outputs[place] = go_on(state, again)
                 better, least = True, BETTER * float(again.raw.sum())
     if better:
-        found.steps[-1] = [state.current.fit for state in found.cells]
+        found.steps[-1] = [state.current.fit for state in found.outputs]
     return better
 
 
 def _add(found: Search, named: Named, choices: Sequence[Choice], generator: np.random.Generator) -> None:
     form_of = dict(zip(named.elements, named.forms, strict=True))
-    for place, state in enumerate(found.cells):
-        if state.cell.channel == named.channel and state.cell.element in form_of:
-            chosen = choices[place][named.name, form_of[state.cell.element]]
-            found.cells[place] = _update(state, _start_anew(chosen, generator.spawn(1)[0]))
+    for place, state in enumerate(found.outputs):
+        if state.output.channel == named.channel and state.output.element in form_of:
+            chosen = choices[place][named.name, form_of[state.output.element]]
+            found.outputs[place] = _update(state, _start_anew(chosen, generator.spawn(1)[0]))
             _correct_others(found, place)
 
 
@@ -101,12 +101,12 @@ def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
     """Return the best of fits that begin at other values of the newest effect, the chosen one among them."""
     model, noise = chosen.fit.model, chosen.estimate_noise()
     newest = model.forms[-1]
-    known, fixed = len(chosen.fit.values) - len(newest.parameters), len(model.cell.constants)
+    known, fixed = len(chosen.fit.values) - len(newest.parameters), len(model.output.constants)
     found = [chosen.fit]
     bases = [chosen.fit.values[:known]]
     if not newest.scales:  # what sets in somewhere may leave constants far astray
         bases.append(np.concatenate([model.prior[0][:fixed], chosen.fit.values[fixed:known]]))
-    for base, start in product(bases, list_starts(newest, 1 if model.cell.is_exact(newest) else FRESH_STARTS)):
+    for base, start in product(bases, list_starts(newest, 1 if model.output.is_exact(newest) else FRESH_STARTS)):
         values = np.concatenate([base, [start[each.name] for each in newest.parameters]])
         found.append(fit(model, noise, values, iterations=LONG))
     if not newest.scales:
@@ -118,19 +118,19 @@ def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
 
 
 def _correct_others(found: Search, place: int) -> None:
-    """Let what is known of a sensor count where its signal is an input: prepare cells anew that it feeds."""
-    source = found.cells[place].current.fit
-    for other, state in enumerate(found.cells):
-        if other != place and state.cell.element == source.model.cell.element and not state.current.forms:
+    """Let what is known of a sensor count where its signal is an input: prepare outputs anew that it feeds."""
+    source = found.outputs[place].current.fit
+    for other, state in enumerate(found.outputs):
+        if other != place and state.output.element == source.model.output.element and not state.current.forms:
             effects = source.model.name_values(source.values)[1]
-            corrected = state.cell.correct([(form.name, form.form, values) for form, values in effects])
-            if corrected is not state.cell:
-                found.cells[other] = prepare(corrected)
+            corrected = state.output.correct([(form.name, form.form, values) for form, values in effects])
+            if corrected is not state.output:
+                found.outputs[other] = prepare(corrected)
 
 
-def _update(state: CellState, found: Fit) -> CellState:
+def _update(state: FittedChannel, found: Fit) -> FittedChannel:
     """Go on from a fit: refine it, and estimate the noise anew from what a flexible model leaves of it."""
-    spread = float(np.sqrt((found.residual**2).sum() / max(state.cell.present.sum(), 1)))
+    spread = float(np.sqrt((found.residual**2).sum() / max(state.output.present.sum(), 1)))
     return go_on(state, refine(found.model, found.values, spread))
 
 
@@ -139,8 +139,8 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
     for named in found.named[:-1]:
         keep: list[tuple[int, Fitted]] = []
         worth = False
-        for place, state in enumerate(found.cells):
-            if state.cell.channel != named.channel or state.cell.element not in named.elements:
+        for place, state in enumerate(found.outputs):
+            if state.output.channel != named.channel or state.output.element not in named.elements:
                 continue
             without = _without(state, named.name)
             keep.append((place, without))
@@ -148,15 +148,15 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
             worth |= state.ratio(without.raw) - state.ratio(state.current.raw) > settings.least_gain
         if not worth:
             for place, without in keep:
-                found.cells[place] = replace(found.cells[place], current=without)
+                found.outputs[place] = replace(found.outputs[place], current=without)
             del found.steps[1 + found.named.index(named)]
             found.named.remove(named)
             return
 
 
-def _without(state: CellState, name: str) -> Fitted:
+def _without(state: FittedChannel, name: str) -> Fitted:
     model = state.current.fit.model
-    start = list(state.current.fit.values[: len(model.cell.constants)])
+    start = list(state.current.fit.values[: len(model.output.constants)])
     place = len(start)
     for form in model.forms:
         if form.name != name:
@@ -166,7 +166,7 @@ def _without(state: CellState, name: str) -> Fitted:
     return assess(fit(kept, state.noise, np.array(start)), state.noise)
 
 
-def _is_given(state: CellState, name: str) -> bool:
-    """Return whether exact values of a cell show what a named effect does."""
+def _is_given(state: FittedChannel, name: str) -> bool:
+    """Return whether exact values of an output show what a named effect does."""
     own = [form for form in state.current.forms if form.name == name]
-    return state.cell.reveals_saturation() and any(state.cell.is_exact(form) for form in own)
+    return state.output.reveals_saturation() and any(state.output.is_exact(form) for form in own)

@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.muscle_cells import Build, ForceCell, MuscleCell, PressureCell, Records
 from stages.science.discrepancy.settings import DiscrepancySettings, Tolerance
+from stages.science.output_channels.muscle_channels import Build, ForceChannel, MuscleChannel, PressureChannel, Records
 from stages.science.plant.effect import Parameter
 from stages.science.signals.trajectories import Array
 
@@ -104,14 +104,14 @@ def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int)
     return known, values
 
 
-def build_cells(
+def build_channels(
     measured: pd.DataFrame,
     trials: pd.DataFrame,
     muscles: pd.DataFrame,
     session: pd.DataFrame,
     settings: DiscrepancySettings,
-) -> list[MuscleCell]:
-    """Return the cells of a session: for every muscle its pressure and its force, where there are data.
+) -> list[MuscleChannel]:
+    """Return the outputs of a session: for every muscle its pressure and its force, where there are data.
 
     Parameters
     ----------
@@ -124,18 +124,18 @@ def build_cells(
     site = str(session["load_cell_site"].iloc[0])
     load_cell_site: Literal["muscle_tip", "joint_end"] = "muscle_tip" if site == "muscle_tip" else "joint_end"
     joints = dict(zip(muscles["muscle"], muscles["joint"], strict=True))
-    cells: list[MuscleCell] = []
+    outputs: list[MuscleChannel] = []
     for row in muscles.to_dict("records"):
         records = collect_records(measured, trials, row["muscle"], joints)
         build = _build(row, settings.max_pressure_kpa)
-        for kind in (PressureCell, ForceCell):
+        for kind in (PressureChannel, ForceChannel):
             declared = tolerances[kind.channel]
             largest = float(np.abs(records.force_n[records.known["force_n"]]).max(initial=1.0))
             constants = tuple(_constant(name, each, row, largest) for name, each in declared.items())
-            cell = kind(build, records, constants, load_cell_site)
-            if cell.present.sum() >= LEAST_SAMPLES and cell.range > 0.0 and cell.is_driven():
-                cells.append(cell)
-    return cells
+            output = kind(build, records, constants, load_cell_site)
+            if output.present.sum() >= LEAST_SAMPLES and output.range > 0.0 and output.is_driven():
+                outputs.append(output)
+    return outputs
 
 
 def _build(row: Mapping[Any, Any], max_pressure_kpa: Mapping[str, float]) -> Build:

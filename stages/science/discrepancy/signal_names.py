@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stages.science.discrepancy.features import DISTANCE
+from stages.science.output_channels.features import DISTANCE
 from stages.science.recording.units import ENDS, own_unit
 
 CALLED = {

@@ -1,6 +1,6 @@
 """What an added effect does, beside what was measured: the variable in which it shows is chosen by how much it tells.
 
-Cells with all trials and the last step's values flow in; averages along that variable flow out.
+Outputs with all trials and the last step's values flow in; averages along that variable flow out.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.cell import Cell
 from stages.science.discrepancy.residuals import (
     LOOP_BINS,
     average_by_direction,
@@ -21,15 +20,16 @@ from stages.science.discrepancy.residuals import (
     list_signals,
 )
 from stages.science.discrepancy.restoring import restore
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
 
-def trace_effects(cells: Sequence[Cell], steps: pd.DataFrame, trials: Sequence[int]) -> pd.DataFrame:
+def trace_effects(outputs: Sequence[OutputChannel], steps: pd.DataFrame, trials: Sequence[int]) -> pd.DataFrame:
     """Return each added effect's share of the signal and the residual without it, averaged in the same bins.
 
     Parameters
     ----------
-    cells : sequence of Cell
+    outputs : sequence of OutputChannel
         With all trials.
     steps : DataFrame
         Values after each addition; the last are taken.
@@ -47,17 +47,17 @@ def trace_effects(cells: Sequence[Cell], steps: pd.DataFrame, trials: Sequence[i
     frames = [pd.DataFrame(columns=[*columns, "added"])]
     effects = steps[(steps["step"] == last) & (steps["effect"] != "")]
     for (name, channel), rows in effects.groupby(["effect", "channel"], sort=False):
-        concerned = [each for each in cells if each.channel == channel and each.element in set(rows["muscle"])]
+        concerned = [each for each in outputs if each.channel == channel and each.element in set(rows["muscle"])]
         traced = [_trace(each.take(trials), steps, last, str(name)) for each in concerned]
         variable = _choose_variable(traced)
         for each in traced:
-            cell = each.cell
+            output = each.output
             told: dict[str, Any] = {
                 "effect": name,
                 "form": each.form,
                 "channel": channel,
-                "muscle": cell.element,
-                "unit": cell.unit,
+                "muscle": output.element,
+                "unit": output.unit,
             }
             frames.append(_average(each, variable).assign(variable=variable, **told))
     filled = [each for each in frames if len(each)]
@@ -66,9 +66,9 @@ def trace_effects(cells: Sequence[Cell], steps: pd.DataFrame, trials: Sequence[i
 
 @dataclass(frozen=True)
 class _Traced:
-    """One cell: the residual without an effect, what the effect adds, and signals in which it may show."""
+    """One output: the residual without an effect, what the effect adds, and signals in which it may show."""
 
-    cell: Cell
+    output: OutputChannel
     form: str
     without: Array
     added: Array
@@ -77,28 +77,28 @@ class _Traced:
     rate: Array
 
 
-def _trace(cell: Cell, steps: pd.DataFrame, last: int, name: str) -> _Traced:
-    model, values = restore(cell, steps, last)
-    cell = model.cell
+def _trace(output: OutputChannel, steps: pd.DataFrame, last: int, name: str) -> _Traced:
+    model, values = restore(output, steps, last)
+    output = model.output
     constants, effects = model.name_values(values)
-    whole = cell.simulate(constants, effects)
-    without = cell.simulate(constants, [each for each in effects if each[0].name != name])
+    whole = output.simulate(constants, effects)
+    without = output.simulate(constants, [each for each in effects if each[0].name != name])
     form = next(each.form for each, _ in effects if each.name == name)
-    own = [each for each in cell.drivers() if each.own]
-    variables = list_signals(cell) | _list_variables(cell, without)
+    own = [each for each in output.drivers() if each.own]
+    variables = list_signals(output) | _list_variables(output, without)
     levels = frozenset({"simulated", *(each.name for each in own if not each.rate)})
-    rate = variables[cell.loop[1]]
-    return _Traced(cell, form, cell.measured - without, whole - without, variables, levels, rate)
+    rate = variables[output.loop[1]]
+    return _Traced(output, form, output.measured - without, whole - without, variables, levels, rate)
 
 
-def _list_variables(cell: Cell, simulated: Array) -> dict[str, Array]:
-    """Return what a residual may depend on beside the cell's own drivers."""
-    samples, trials = cell.measured.shape
+def _list_variables(output: OutputChannel, simulated: Array) -> dict[str, Array]:
+    """Return what a residual may depend on beside the output's own drivers."""
+    samples, trials = output.measured.shape
     return {
         "simulated": simulated,
-        "simulated_rate": np.gradient(simulated, cell.step_s, axis=0),
-        "time_s": np.repeat(np.arange(samples)[:, None] * cell.step_s, trials, axis=1),
-        "start_s": np.repeat(cell.start_s[None, :], samples, axis=0),
+        "simulated_rate": np.gradient(simulated, output.step_s, axis=0),
+        "time_s": np.repeat(np.arange(samples)[:, None] * output.step_s, trials, axis=1),
+        "start_s": np.repeat(output.start_s[None, :], samples, axis=0),
     }
 
 
@@ -110,7 +110,7 @@ def _choose_variable(traced: Sequence[_Traced]) -> str:
 
 def _explain(traced: _Traced, variable: str) -> float:
     """Return the share of variance (correlation ratio) of what an effect adds between bins of equal count."""
-    present, values, added = traced.cell.present, traced.variables[variable], traced.added
+    present, values, added = traced.output.present, traced.variables[variable], traced.added
     edges = np.unique(np.quantile(values[present], np.linspace(0.0, 1.0, LOOP_BINS + 1)))
     if len(edges) < 3:
         return 0.0
@@ -127,6 +127,6 @@ def _explain(traced: _Traced, variable: str) -> float:
 
 def _average(traced: _Traced, variable: str) -> pd.DataFrame:
     values, rate = traced.variables[variable], traced.rate if variable in traced.levels else None
-    seen = average_by_direction(values, rate, traced.without, traced.cell).rename(columns={"mean": "measured"})
-    model = average_by_direction(values, rate, traced.added, traced.cell)
+    seen = average_by_direction(values, rate, traced.without, traced.output).rename(columns={"mean": "measured"})
+    model = average_by_direction(values, rate, traced.added, traced.output)
     return seen.assign(added=model["mean"].to_numpy())

@@ -15,10 +15,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.cell import Driver
-from stages.science.discrepancy.features import TURNING
-from stages.science.discrepancy.fitting import Fit
 from stages.science.discrepancy.signal_names import name_signal
+from stages.science.output_channels.features import TURNING
+from stages.science.output_channels.fitting import Fit
+from stages.science.output_channels.output_channel import Driver
 from stages.science.signals.trajectories import Array
 
 Regression = Literal["stepwise", "pysindy"]
@@ -82,16 +82,16 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], most_terms: int, regress
     with s a tenth of its standard deviation, and the direction times other inputs. Of formulas of growing length the
     shortest is taken whose error on trials left out is within one standard error of the least.
     """
-    cell = fit.model.cell
-    stride = int(np.ceil(max(cell.present.sum(), 1) / MOST_ROWS))
-    present = cell.present[::stride]
+    output = fit.model.output
+    stride = int(np.ceil(max(output.present.sum(), 1) / MOST_ROWS))
+    present = output.present[::stride]
     residual = np.where(present, fit.residual[::stride], 0.0)
     squares = (residual**2).sum(axis=0)
     nothing = Sketch((), squares, squares)
-    if not inputs or cell.trials < 3 or squares.sum() == 0.0:
+    if not inputs or output.trials < 3 or squares.sum() == 0.0:
         return nothing
-    names, library = build_library(inputs, cell.present)
-    answers = cell.respond(library)
+    names, library = build_library(inputs, output.present)
+    answers = output.respond(library)
     names += [f"answer to ({name})" for name in names][: answers.shape[2] - len(names)]
     terms = np.where(present[:, :, None], answers[::stride], 0.0)
     sizes = np.sqrt(np.maximum((terms**2).sum(axis=(0, 1)) / present.sum(), 1e-300))

@@ -1,6 +1,6 @@
 """The gap on trials that nothing was fitted to: before, after each addition, and what is left for noise.
 
-Cells with all trials and the values of each step flow in; predictions and gaps flow out.
+Outputs with all trials and the values of each step flow in; predictions and gaps flow out.
 """
 
 from __future__ import annotations
@@ -12,24 +12,24 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.cell import Cell
-from stages.science.discrepancy.fitting import Model, fit
-from stages.science.discrepancy.flexible import Mask, find_floor
-from stages.science.discrepancy.muscle_cells import ForceCell, MuscleCell
-from stages.science.discrepancy.noise import Noise
 from stages.science.discrepancy.remainder import hides
 from stages.science.discrepancy.restoring import restore
+from stages.science.output_channels.fitting import Model, fit
+from stages.science.output_channels.flexible import Mask, find_floor
+from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
+from stages.science.output_channels.noise import Noise
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs
 
 
 @dataclass(frozen=True)
 class Verified:
-    """One cell on all trials.
+    """One output on all trials.
 
     Parameters
     ----------
-    cell : Cell
+    output : OutputChannel
         With all trials.
     steps : list of (T, K) ndarray
         Simulated from measured upstream signals, after each number of additions.
@@ -39,7 +39,7 @@ class Verified:
         Sum of squares that neither the last model nor a flexible one explains, by trial.
     """
 
-    cell: Cell
+    output: OutputChannel
     steps: list[Array]
     free: list[Array]
     floor: Array
@@ -55,66 +55,68 @@ class Verified:
             Positions.
         """
         chosen = list(trials)
-        measured = self.cell.measured[:, chosen][self.cell.present[:, chosen]]
+        measured = self.output.measured[:, chosen][self.output.present[:, chosen]]
         if not measured.size or measured.std() == 0.0:
             return np.nan
-        return float(np.sqrt(squares[chosen].sum() / measured.size) * self.cell.range / measured.std())
+        return float(np.sqrt(squares[chosen].sum() / measured.size) * self.output.range / measured.std())
 
     def squares(self, simulated: Array) -> Array:
         """Return each trial's sum of squares over the range squared."""
-        residual = np.where(self.cell.present, self.cell.measured - simulated, 0.0)
-        found: Array = (residual**2).sum(axis=0) / self.cell.range**2
+        residual = np.where(self.output.present, self.output.measured - simulated, 0.0)
+        found: Array = (residual**2).sum(axis=0) / self.output.range**2
         return found
 
 
-def verify(cells: Sequence[Cell], steps: pd.DataFrame, channels: pd.DataFrame, learnt: Mask) -> list[Verified]:
-    """Simulate every cell after each addition.
+def verify(
+    outputs: Sequence[OutputChannel], steps: pd.DataFrame, channels: pd.DataFrame, learnt: Mask
+) -> list[Verified]:
+    """Simulate every output after each addition.
 
     Parameters
     ----------
-    cells : sequence of MuscleCell
+    outputs : sequence of MuscleChannel
         With all trials.
     steps : DataFrame
         Values after each addition.
     channels : DataFrame
-        Noise of each cell.
+        Noise of each output.
     learnt : (K,) ndarray of bool
         Trials to which the values were fitted.
     """
     last = int(steps["step"].max())
     pressures: dict[tuple[str, int], Array] = {}
     found = []
-    for cell in sorted(cells, key=lambda each: each.channel != "pressure_kpa"):
+    for output in sorted(outputs, key=lambda each: each.channel != "pressure_kpa"):
         simulated, free = [], []
         for step in range(last + 1):
-            model, values = restore(cell, steps, step)
+            model, values = restore(output, steps, step)
             simulated.append(model.simulate(values))
-            driven: Cell = model.cell
-            if isinstance(cell, ForceCell) and (cell.element, step) in pressures:
-                driven = cell.from_pressure(pressures[cell.element, step])
-            if isinstance(cell, MuscleCell):
+            driven: OutputChannel = model.output
+            if isinstance(output, ForceChannel) and (output.element, step) in pressures:
+                driven = output.from_pressure(pressures[output.element, step])
+            if isinstance(output, MuscleChannel):
                 free.append(driven.simulate(*model.name_values(values)))
-            if cell.channel == "pressure_kpa":
-                pressures[cell.element, step] = simulated[-1]
-        noise = channels[(channels["channel"] == cell.channel) & (channels["muscle"] == cell.element)].iloc[0]
+            if output.channel == "pressure_kpa":
+                pressures[output.element, step] = simulated[-1]
+        noise = channels[(channels["channel"] == output.channel) & (channels["muscle"] == output.element)].iloc[0]
         known = Noise(*(float(noise[name]) for name in Noise._fields))
-        found.append(Verified(cell, simulated, free, _find_floor(model, values, known, learnt) / cell.range**2))
+        found.append(Verified(output, simulated, free, _find_floor(model, values, known, learnt) / output.range**2))
     return found
 
 
 def _find_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
     """Return each trial's sum of squares that a flexible model, fitted to those learnt, leaves; zero without data."""
-    seen = np.flatnonzero(model.cell.present.any(axis=0))
-    still = fit(replace(model, cell=model.cell.take(seen.tolist())), noise, values, iterations=0)
-    floor = np.zeros(model.cell.trials)
+    seen = np.flatnonzero(model.output.present.any(axis=0))
+    still = fit(replace(model, output=model.output.take(seen.tolist())), noise, values, iterations=0)
+    floor = np.zeros(model.output.trials)
     least = find_floor(still, noise, learnt[seen])
     floor[seen] = np.minimum(least.raw, (still.residual**2).sum(axis=0))
     return floor
 
 
 def pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> Array:
-    """Return each trial's gap, RMSE over range, root mean square over cells with data in it, (K,) ndarray."""
-    counts = np.stack([each.cell.present.sum(axis=0) for each in found])[:, list(trials)]
+    """Return each trial's gap, RMSE over range, root mean square over outputs with data in it, (K,) ndarray."""
+    counts = np.stack([each.output.present.sum(axis=0) for each in found])[:, list(trials)]
     mean = np.stack(squares)[:, list(trials)] / np.maximum(counts, 1)
     gaps: Array = np.sqrt(np.where(counts > 0, mean, 0.0).sum(axis=0) / np.maximum((counts > 0).sum(axis=0), 1))
     return gaps
@@ -133,7 +135,7 @@ def compare_steps(
     Parameters
     ----------
     found : sequence of Verified
-        Cells that count.
+        Outputs that count.
     labels : sequence of str
         Of the steps.
     opened : sequence of int
@@ -173,7 +175,7 @@ def bound_ratio(
     Parameters
     ----------
     found : sequence of Verified
-        All cells.
+        All outputs.
     step : int
         Effects added.
     opened : sequence of int
@@ -184,10 +186,10 @@ def bound_ratio(
         Of each limit.
     """
     ratios = []
-    for channel in dict.fromkeys(each.cell.channel for each in found):
-        cells = [each for each in found if each.cell.channel == channel]
-        gap = pool(cells, [each.squares(each.steps[step]) for each in cells], opened) ** 2
-        floor = np.maximum(pool(cells, [each.floor for each in cells], opened) ** 2, 1e-300)
+    for channel in dict.fromkeys(each.output.channel for each in found):
+        outputs = [each for each in found if each.output.channel == channel]
+        gap = pool(outputs, [each.squares(each.steps[step]) for each in outputs], opened) ** 2
+        floor = np.maximum(pool(outputs, [each.floor for each in outputs], opened) ** 2, 1e-300)
         drawn = np.sqrt((weights @ gap) / (weights @ floor))
         low, high = np.quantile(drawn, [1.0 - level, level])
         ratios.append({"value": float(np.sqrt(gap.sum() / floor.sum())), "low": float(low), "high": float(high)})
@@ -200,7 +202,7 @@ def is_hidden(channels: pd.DataFrame) -> bool:
     Parameters
     ----------
     channels : DataFrame
-        Noise floor, white noise and range of each cell.
+        Noise floor, white noise and range of each output.
     """
     rows = channels[["noise_floor", "white", "range"]].to_numpy(dtype=float)
     return any(hides(floor / scale, white / scale) for floor, white, scale in rows)
@@ -212,9 +214,9 @@ def list_hidden(found: Sequence[Verified], channels: pd.DataFrame, opened: Seque
     Parameters
     ----------
     found : sequence of Verified
-        All cells.
+        All outputs.
     channels : DataFrame
-        Noise of each cell.
+        Noise of each output.
     opened : sequence of int
         Positions of the verification trials.
     """
@@ -222,8 +224,8 @@ def list_hidden(found: Sequence[Verified], channels: pd.DataFrame, opened: Seque
     hidden = []
     for each in found:
         floor = float(np.sqrt(np.mean(pool([each], [each.floor], opened) ** 2)))
-        if hides(floor, float(white[each.cell.channel, each.cell.element]) / each.cell.range):
-            hidden.append(each.cell.channel)
+        if hides(floor, float(white[each.output.channel, each.output.element]) / each.output.range):
+            hidden.append(each.output.channel)
     return list(dict.fromkeys(hidden))
 
 
@@ -268,7 +270,7 @@ def list_predictions(
     Parameters
     ----------
     found : sequence of Verified
-        Cells.
+        Outputs.
     trials : sequence of int
         Their numbers, in the order of the arrays.
     parts : mapping of int to str
@@ -278,18 +280,18 @@ def list_predictions(
     """
     frames = []
     for each in found:
-        cell = each.cell
+        output = each.output
         for place, trial in enumerate(trials):
-            rows = cell.present[:, place]
+            rows = output.present[:, place]
             frames.append(
                 pd.DataFrame(
                     {
                         "trial": trial,
                         "part": parts[trial],
-                        "time_s": np.flatnonzero(rows) * cell.step_s,
-                        "muscle": cell.element,
-                        "channel": cell.channel,
-                        "measured": cell.measured[rows, place],
+                        "time_s": np.flatnonzero(rows) * output.step_s,
+                        "muscle": output.element,
+                        "channel": output.channel,
+                        "measured": output.measured[rows, place],
                         "before": each.steps[0][rows, place],
                         "after": each.steps[last][rows, place],
                     }

@@ -230,7 +230,7 @@ class ElementEffect:
 Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect
 
 
-EFFECTS = "stages.science.plant.effects"
+EFFECTS = "stages.science.effects"
 
 
 @cache

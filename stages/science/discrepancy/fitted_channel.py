@@ -1,0 +1,199 @@
+"""One output along the search: its fits, each judged on trials left out, and what a flexible model would leave.
+
+Outputs with their trials flow in; outputs with a nominal and a present fit, their noise and their leftover flow out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from stages.science.discrepancy.screening import Screened, screen
+from stages.science.output_channels.features import build_features
+from stages.science.output_channels.fitting import Fit, Model, begin, fit
+from stages.science.output_channels.flexible import (
+    Leftover,
+    explain_by_features,
+    explain_by_memory,
+    explain_by_trees,
+    keep_least,
+)
+from stages.science.output_channels.noise import Noise, estimate_noise, log_density, make_plain
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel
+from stages.science.signals.trajectories import Array
+
+FAR, LARGE = 4.0, 0.1
+"""Sum of squares of a trial left out, over that when it is not, and over all trials', above which a fit is repeated."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit of one output, judged on its trials, each left out.
+
+    Parameters
+    ----------
+    fit : Fit
+        Values and what leaving trials out changes.
+    residual : (T, K) ndarray
+        Of trials left out.
+    raw : (K,) ndarray
+        Its sums of squares, in the channel's unit.
+    """
+
+    fit: Fit
+    residual: Array
+    raw: Array
+
+    @property
+    def forms(self) -> tuple[EffectForm, ...]:
+        """Effects in the model."""
+        return self.fit.model.forms
+
+    @property
+    def spread(self) -> float:
+        """Root mean square of the residual of all trials, none left out, in the channel's unit."""
+        return float(np.sqrt((self.fit.residual**2).sum() / max(self.fit.model.output.present.sum(), 1)))
+
+    def estimate_noise(self) -> Noise:
+        """Return the noise that the residual most likely is."""
+        output = self.fit.model.output
+        return estimate_noise(self.residual, output.present, output.step_s)
+
+    def density(self, noise: Noise) -> Array:
+        """Return the log density of each trial's residual under a noise, (K,) ndarray."""
+        output = self.fit.model.output
+        return log_density(self.residual, output.present, noise, output.step_s)
+
+
+@dataclass
+class FittedChannel:
+    """One output along the search."""
+
+    output: OutputChannel
+    noise: Noise
+    nominal: Fitted
+    current: Fitted
+    leftover: Leftover
+
+    @cached_property
+    def features(self) -> Array:
+        """Generic features of the output, for a flexible model."""
+        return build_features(self.output)
+
+    @cached_property
+    def promises(self) -> list[Screened]:
+        """What each form that it does not hold yet promises."""
+        held = {form.name for form in self.current.forms}
+        forms = [form for form in self.output.forms if form.name not in held]
+        return screen(self.current.fit, self.noise, forms)
+
+    @property
+    def samples(self) -> Array:
+        """Samples of each trial, (K,)."""
+        return self.output.present.sum(axis=0).astype(float)
+
+    @property
+    def floor(self) -> float:
+        """Root mean square that nothing reproducible explains, in the channel's unit."""
+        least = min(self.leftover.raw.sum(), self.current.raw.sum(), self.nominal.raw.sum())
+        return max(float(np.sqrt(least / self.samples.sum())), self.output.resolution)
+
+    def ratio(self, raw: Array, best: Array | None = None) -> float:
+        """Return a gap over the floor, or over what the best fit known leaves, if that is less."""
+        floor = self.floor if best is None else min(self.floor, float(np.sqrt(best.sum() / self.samples.sum())))
+        floor = max(floor, self.output.resolution)
+        return float(np.sqrt(raw.sum() / self.samples.sum())) / floor
+
+
+def prepare(output: OutputChannel) -> FittedChannel:
+    """Fit an output's nominal constants, and estimate its noise from what a flexible model leaves."""
+    model = Model(output)
+    rough = _fit_constants(model)
+    features, by_trees = build_features(output), explain_by_trees(output, rough.residual)
+    by_memory = explain_by_memory(output, rough.residual)
+    least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], output, by_memory=by_memory)
+    noise = estimate_noise(least.residual, output.present, output.step_s)
+    nominal = refine(model, rough.fit.values, rough.spread)
+    by_features = explain_by_features(nominal.fit, features, noise)
+    leftover = keep_least([by_trees, by_features], output, by_memory=by_memory)
+    return FittedChannel(output, noise, nominal, nominal, leftover)
+
+
+def _fit_constants(model: Model) -> Fitted:
+    """Fit constants as if their residual were white, from where they begin, and from wherever else an output says."""
+    output, names = model.output, [each.name for each in model.output.constants]
+    starts = [begin(model)]
+    for other in output.other_starts:
+        told = dict(zip(names, begin(model), strict=True)) | other
+        starts.append(np.array([told[name] for name in names]))
+    return min((fit_plain(model, each, 0.01 * output.range) for each in starts), key=lambda each: float(each.raw.sum()))
+
+
+def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, left: Leftover) -> FittedChannel:
+    """Return an output as `prepare` left it.
+
+    Parameters
+    ----------
+    output : OutputChannel
+        The same.
+    values : (P,) ndarray
+        Its fitted constants.
+    noise : Noise
+        Of the channel.
+    residual : (T, K) ndarray
+        Of each trial, left out of the fit.
+    left : Leftover
+        What a flexible model left of it.
+    """
+    found = fit(Model(output), noise, values, iterations=0)
+    nominal = Fitted(found, residual, (residual**2).sum(axis=0))
+    return FittedChannel(output, noise, nominal, nominal, left)
+
+
+def refine(model: Model, start: Array, spread: float) -> Fitted:
+    """Fit a model as if its residual were white, then under the noise that it leaves; return what predicts better."""
+    return colour(fit_plain(model, start, spread))
+
+
+def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
+    """Fit a model as if its residual were white, of a root mean square `spread`.
+
+    What another model left says little of this one's noise: a missing effect passes for wander, and under so much
+    wander only steps would count.
+    """
+    plain = make_plain(spread)
+    return assess(fit(model, plain, start), plain)
+
+
+def colour(plain: Fitted) -> Fitted:
+    """Fit a model once more, under the noise that it left; return what predicts better."""
+    noise = plain.estimate_noise()
+    coloured = assess(fit(plain.fit.model, noise, plain.fit.values, iterations=4), noise)
+    return min(plain, coloured, key=lambda each: float(each.raw.sum()))
+
+
+def assess(found: Fit, noise: Noise) -> Fitted:
+    """Judge a fit on its trials, each left out; where that changes much, by fitting once more without the trial."""
+    output = found.model.output
+    residual = np.where(output.present, found.leave_each_out(), 0.0)
+    squares, inside = (residual**2).sum(axis=0), (found.residual**2).sum(axis=0)
+    far = np.flatnonzero((squares > FAR * inside) & (squares > LARGE * squares.sum()))
+    for trial in far if output.trials > 2 else ():
+        others = [k for k in range(output.trials) if k != trial]
+        without = fit(replace(found.model, output=output.take(others)), noise, found.values)
+        alone = output.take([int(trial)])
+        left = alone.measured - replace(found.model, output=alone).simulate(without.values)
+        residual[:, trial] = np.where(alone.present, left, 0.0)[:, 0]
+    return Fitted(found, residual, (residual**2).sum(axis=0))
+
+
+def go_on(state: FittedChannel, current: Fitted) -> FittedChannel:
+    """Return an output that stands at a fit; without an effect, that is the nominal one."""
+    noise = current.estimate_noise()
+    by_features = explain_by_features(current.fit, state.features, noise)
+    by_trees, by_memory = (explain(state.output, current.residual) for explain in (explain_by_trees, explain_by_memory))
+    leftover = keep_least([by_trees, by_features], state.output, by_memory=by_memory)
+    nominal = state.nominal if current.forms else current
+    return replace(state, noise=noise, nominal=nominal, current=current, leftover=leftover)

@@ -1,0 +1,154 @@
+"""The operator at the terminal: what a desk asks flows out as lines, letters that are typed flow back as decisions."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+import threading
+from typing import Any, TextIO
+
+from stages.science.operator_ui.desk import Desk, Refused
+from stages.science.rig import clock
+
+LETTERS = {"a": "accept", "s": "skip", "k": "keep", "r": "repeat", "x": "reject", "q": "pause"}
+MEANT = {
+    "accept": "accept",
+    "skip": "skip, and see the next best",
+    "keep": "keep",
+    "repeat": "repeat",
+    "reject": "reject: kept aside, not learned from",
+    "pause": "stop for today",
+}
+POLL_S = 0.02
+
+
+class Terminal:
+    """Asks and hears in a terminal.
+
+    Parameters
+    ----------
+    desk : Desk
+        What is asked.
+    source, sink : TextIO or None
+        Where lines come from and go to; the process's own if not given.
+    """
+
+    def __init__(self, desk: Desk, source: TextIO | None = None, sink: TextIO | None = None):
+        self.desk = desk
+        self._source, self._sink = source or sys.stdin, sink or sys.stdout
+        self._closed = threading.Event()
+        self._told: tuple[Any, ...] = ()
+
+    def open(self) -> None:
+        """Begin to ask and to hear."""
+        for work in (self._watch, self._hear):
+            threading.Thread(target=work, name="terminal", daemon=True).start()
+
+    def close(self) -> None:
+        """Ask no more."""
+        self._closed.set()
+
+    def _watch(self) -> None:
+        seen = -1
+        while not self._closed.is_set():
+            if self.desk.number != seen:
+                scene = self.desk.see()
+                seen = scene["number"]
+                self._tell(scene)
+            clock.sleep(POLL_S)
+
+    def _tell(self, scene: dict[str, Any]) -> None:
+        """Print what is new, once."""
+        now = scene["phase"], scene["question"], scene["stop"], tuple(scene["choices"])
+        if now == self._told:
+            return
+        self._told = now
+        phase = scene["phase"]
+        if phase == "proposed" and scene["choices"]:
+            self._say(*describe_proposal(scene["trial"]), self._offer(scene))
+        elif phase == "countdown":
+            ahead_s = max((scene["starts_at_s"] or 0.0) - clock.now_s(), 0.0)
+            self._say(
+                f"begins in {math.ceil(ahead_s)} s; Enter stops it" if ahead_s > 0.0 else "begins; Enter stops it"
+            )
+        elif phase == "running" and not scene["stop"]:
+            self._say("running; Enter stops it")
+        elif phase == "judging" and scene["choices"]:
+            self._say(*describe_outcome(scene), self._offer(scene))
+
+    def _offer(self, scene: dict[str, Any]) -> str:
+        letters = [f"{letter} = {MEANT[word]}" for letter, word in LETTERS.items() if word in scene["choices"]]
+        if scene["phase"] == "proposed":
+            letters.append("g = let trials follow by themselves")
+        return f"  {', '.join(letters)}; a note may follow the letter: "
+
+    def _hear(self) -> None:
+        while not self._closed.is_set():
+            line = self._source.readline()
+            if not line:
+                self._lose()
+                return
+            self._take(line)
+
+    def _take(self, line: str) -> None:
+        scene = self.desk.see()
+        if scene["phase"] in ("countdown", "running") or scene["automatic"]:
+            self.desk.stop("the operator pressed Enter")
+            return
+        letter, _, note = line.strip().partition(" ")
+        letter = letter.lower()
+        if letter == "g" and scene["phase"] == "proposed":
+            self.desk.go_on(True)
+        elif not scene["choices"]:
+            self._say("nothing is asked now")
+        else:
+            try:
+                if letter not in LETTERS:
+                    raise Refused(f"expected one of the letters, got {letter!r}")
+                self.desk.decide(LETTERS[letter], note, scene["question"])
+            except Refused as error:
+                self._say(f"{error}", self._offer(scene))
+
+    def _lose(self) -> None:
+        """Nobody can type any more: stop what runs, and the study at the next question."""
+        self.desk.stop("the terminal's input has ended")
+        while not self._closed.is_set():
+            scene = self.desk.see()
+            if "pause" in scene["choices"] or "keep" in scene["choices"]:
+                word = "pause" if "pause" in scene["choices"] else "keep"
+                with contextlib.suppress(Refused):
+                    self.desk.decide(word, "the terminal's input had ended", scene["question"])
+            clock.sleep(POLL_S)
+
+    def _say(self, *lines: str) -> None:
+        self._sink.write("".join(f"{line}\n" for line in lines))
+        self._sink.flush()
+
+
+def describe_proposal(trial: dict[str, Any]) -> list[str]:
+    """Return lines that say which trial is proposed and why."""
+    which = f"{trial['position']} of {trial['total']}: " if trial["position"] is not None else ""
+    who = {"passive": "nobody moves", "free": f"{trial['participant']} moves freely"}
+    doing = who.get(trial["kind"], f"{trial['participant']} follows the reference")
+    lines = [f"{which}{trial['label']} ({doing}, {trial['duration_s']:g} s)"]
+    if trial["reason"]:
+        lines.append(f"  {trial['reason']}")
+    return lines
+
+
+def describe_outcome(scene: dict[str, Any]) -> list[str]:
+    """Return lines that say how a trial went."""
+    outcome = scene["outcome"]
+    if "stopped" in outcome:
+        return [f"  {outcome['stopped']}"]
+    lines = []
+    if outcome["not_ok"]:
+        lines.append(f"  {outcome['not_ok']} of {outcome['samples']} samples are not ok")
+    if "tracking_error_rad" in outcome:
+        names = [each["name"] for each in scene["machine"]["joints"]]
+        degrees = [
+            f"{name} {math.degrees(e):.1f}" for name, e in zip(names, outcome["tracking_error_rad"], strict=True)
+        ]
+        lines.append(f"  tracking error (RMS, degrees): {', '.join(degrees)}")
+    return lines

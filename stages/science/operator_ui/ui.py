@@ -1,0 +1,100 @@
+"""Where trials are attended: on pages in a browser, or in the terminal.
+
+The configuration's ``desk`` flows in; out flows the desk that rigs tell what they do, open until it is closed.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+
+from pydantic import Field, PrivateAttr
+
+from stages.science.operator_ui.desk import Desk, DeskSettings
+from stages.science.operator_ui.pages.server import PageServer
+from stages.science.operator_ui.terminal import Terminal
+
+
+class OperatorUi(DeskSettings):
+    """What the operator, and perhaps the participant, sits at."""
+
+    @property
+    @abstractmethod
+    def greeting(self) -> Sequence[str]:
+        """Lines that say where it is, once it is open."""
+
+    @abstractmethod
+    def open(self) -> Desk:
+        """Return the desk behind it."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let it go; harmless when it is not open."""
+
+
+class Pages(OperatorUi):
+    """Pages of the operator and of the participant, in browsers.
+
+    Parameters
+    ----------
+    host, port : str, int
+        Where they are served; 0 is any free port.
+    """
+
+    host: str = Field(min_length=1, description="address that pages are served on")
+    port: int = Field(ge=0, le=65535, description="TCP port; 0 = any that is free")
+    _server: PageServer | None = PrivateAttr(default=None)
+
+    @property
+    def greeting(self) -> Sequence[str]:
+        """The pages' addresses."""
+        if self._server is None:
+            return []
+        return [
+            f"operator's page: {self._server.operator_url}",
+            f"participant's page: {self._server.participant_url}",
+        ]
+
+    def open(self) -> Desk:
+        """Serve the pages.
+
+        Raises
+        ------
+        RigError
+            When the port is taken, or the library that serves pages is not there.
+        """
+        desk = Desk(self)
+        server = PageServer(desk, self.host, self.port)
+        server.open()
+        self._server = server
+        return desk
+
+    def close(self) -> None:
+        """Serve no more."""
+        if self._server is not None:
+            self._server.close()
+        self._server = None
+
+
+class TerminalUi(OperatorUi):
+    """Questions and keys in the terminal; nobody sees the trial drawn."""
+
+    _terminal: Terminal | None = PrivateAttr(default=None)
+
+    @property
+    def greeting(self) -> Sequence[str]:
+        """What to type."""
+        return ["trials are decided on here: type the letter, perhaps a note after it, and Enter"]
+
+    def open(self) -> Desk:
+        """Begin to ask."""
+        desk = Desk(self, drawn=False)
+        self._terminal = Terminal(desk)
+        self._terminal.open()
+        return desk
+
+    def close(self) -> None:
+        """Ask no more."""
+        if self._terminal is not None:
+            self._terminal.close()
+        self._terminal = None

@@ -1,0 +1,143 @@
+"""Generic features of an output's measured signals: what a flexible model may explain a residual by.
+
+An output flows in; out flow columns that follow no literature: powers, products, what was before, where a signal is and
+which way it goes, how much has been moved, what the neighbours do, time.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numba import njit
+
+from stages.science.output_channels.output_channel import Driver, OutputChannel
+from stages.science.signals.trajectories import Array
+
+LAGS = (0.02, 0.06, 0.2, 0.6, 2.0)
+"""Time constants of what is remembered, paces."""
+RISES = 4
+"""Of the lags, those after which a rise is told from a fall."""
+WIDTHS = (0.03, 0.1, 0.3, 1.0)
+"""Half-widths of stop operators, in standard deviations of the signal."""
+KINKS = (-1.0, 0.0, 1.0)
+BUMPS = 8
+"""Places, evenly over a signal's range, at which something may happen that does not happen beside them."""
+TURNING = 0.1
+"""Rate, in its standard deviations, at which a direction is half told."""
+CHANGE, DISTANCE, RECENT = "change of", "distance by", "recent"
+"""What histories of signals are called."""
+START = 0.5
+"""Time constant of what happens at a trial's start, paces."""
+
+
+def build_features(output: OutputChannel) -> Array:
+    """Return generic features of an output's drivers, as the output responds to them, (T, K, F); zero where missing."""
+    drivers, step = output.drivers(), output.step_s / output.time_scale_s
+    own = [(each, _standardise(each.values)) for each in drivers if each.own]
+    states = [signal for driver, signal in own if not driver.rate]
+    rates = [signal for driver, signal in own if driver.rate]
+    columns: list[Array] = []
+    for degree in (1, 2, 3):
+        for chosen in combinations_with_replacement([signal for _, signal in own], degree):
+            columns.append(np.prod(chosen, axis=0))
+    scales = [np.ones_like(own[0][1]), *states]
+    for driver, signal in own:
+        columns += [each * scale for each in _remember(driver, signal, step) for scale in scales]
+    for place, signal in enumerate(states):
+        beside = [each for other, each in enumerate(states) if other != place]
+        columns += _look_around(signal, beside, step)
+    for rate in rates:
+        moved = np.cumsum(np.abs(rate), axis=0) * step
+        columns += [moved * scale for scale in scales]
+    changes = [signal - _lag(signal, LAGS[1], step) for signal in states]
+    for each in [driver for driver in drivers if not driver.own]:
+        aside = _standardise(each.values)
+        columns += [*_look_aside(aside, step), *(aside * signal for _, signal in own)]
+        columns += [aside * change for change in changes]
+        columns += [np.abs(aside), np.abs(aside) * own[0][1]]
+    columns += _session(output, states)
+    features = np.stack([_standardise(column) for column in columns], axis=2)
+    return np.where(output.present[:, :, None], output.respond(features), 0.0)
+
+
+def list_histories(output: OutputChannel) -> list[Driver]:
+    """Return the past of an output's signals: where each was lately, the distance moved so far, how others change."""
+    found, step = [], output.step_s / output.time_scale_s
+    for each in output.drivers():
+        if not each.own:
+            change = each.values - _lag(each.values, LAGS[1], step)
+            found.append(Driver(f"{CHANGE} {each.name}", change, own=False))
+        elif each.rate:
+            found.append(
+                Driver(f"{DISTANCE} {each.name}", np.cumsum(np.abs(each.values), axis=0) * output.step_s, own=False)
+            )
+        else:
+            found.append(Driver(f"{RECENT} {each.name}", _lag(each.values, LAGS[2], step), own=False))
+    return found
+
+
+def _remember(driver: Driver, signal: Array, step: float) -> list[Array]:
+    """Return what one signal was: recent means, rises, stops that follow it up to a width; or its direction."""
+    if driver.rate:
+        directions = [np.tanh(signal / width) for width in (TURNING, 0.5)]
+        return [*directions, signal * np.abs(signal), _lag(signal, LAGS[0], step), _lag(signal, LAGS[1], step)]
+    lags = [_lag(signal, tau, step) for tau in LAGS]
+    rises = [np.maximum(signal - lag, 0.0) for lag in lags[:RISES]]
+    kinks = [np.maximum(signal - kink, 0.0) for kink in KINKS]
+    return [
+        *lags,
+        *rises,
+        *(_lag(rise, LAGS[1], step) for rise in rises),
+        *(_stop(signal, width) for width in WIDTHS),
+        *kinks,
+    ]
+
+
+def _look_around(signal: Array, beside: list[Array], step: float) -> list[Array]:
+    """Return where a signal is, alone, by its direction, and by another's size."""
+    low, high = np.quantile(signal, [0.02, 0.98])
+    width = max((high - low) / (BUMPS - 1), 1e-9)
+    rate = np.gradient(signal, step, axis=0)
+    direction = np.tanh(rate / max(TURNING * float(rate.std()), 1e-12))
+    bumps = [np.exp(-0.5 * ((signal - place) / (0.7 * width)) ** 2) for place in np.linspace(low, high, BUMPS)]
+    return [bump * each for bump in bumps for each in (np.ones_like(signal), direction, *beside)]
+
+
+def _look_aside(signal: Array, step: float) -> list[Array]:
+    """Return what a signal from elsewhere was, how it curves, and how it rises."""
+    soon, late = _lag(signal, LAGS[1], step), _lag(signal, LAGS[3], step)
+    change = signal - _lag(signal, LAGS[0], step)
+    return [signal, signal**2, soon, late, change, _lag(np.maximum(change, 0.0), LAGS[1], step)]
+
+
+def _session(output: OutputChannel, states: list[Array]) -> list[Array]:
+    samples, step = output.measured.shape[0], output.step_s / output.time_scale_s
+    within = np.repeat((np.arange(samples) * step)[:, None], output.trials, axis=1)
+    session = _standardise(within + output.start_s / output.time_scale_s)
+    order = _standardise(np.repeat(np.arange(output.trials)[None, :], samples, axis=0).astype(float))
+    time = _standardise(within)
+    trends = [each * signal for each in (session, time) for signal in states]
+    return [time, time**2, session, session**2, *trends, order, np.exp(-within / START)]
+
+
+def _standardise(signal: Array) -> Array:
+    spread = float(signal.std())
+    return (signal - signal.mean()) / spread if spread > 0.0 else np.zeros_like(signal)
+
+
+def _lag(signal: Array, tau: float, step: float) -> Array:
+    from scipy.signal import lfilter
+
+    decay = float(np.exp(-step / tau))
+    lagged: Array = lfilter([1.0 - decay], [1.0, -decay], signal, axis=0, zi=decay * signal[:1])[0]
+    return lagged
+
+
+@njit(cache=True, error_model="numpy")
+def _stop(signal: Array, width: float) -> Array:
+    stop = np.zeros_like(signal)
+    for t in range(1, signal.shape[0]):
+        for k in range(signal.shape[1]):
+            stop[t, k] = min(max(stop[t - 1, k] + signal[t, k] - signal[t - 1, k], -width), width)
+    return stop

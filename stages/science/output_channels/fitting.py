@@ -1,0 +1,294 @@
+"""Nominal constants and effects fitted together, by simulation, to one output.
+
+An output and a list of forms flow in; out flows a `Fit`: values within bounds at the largest posterior density, and for
+each trial what leaving it out would change. Steps are Gauss-Newton's with bounds; derivatives are differences of
+simulations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.output_channels.noise import Noise, whiten
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel
+from stages.science.plant.effect import Parameter
+from stages.science.signals.trajectories import Array
+
+STEP = 1e-4
+"""Step of a finite difference, in standard deviations of the prior."""
+ITERATIONS = 12
+DAMPINGS = (0.01, 0.1, 1.0, 10.0)
+"""Of the curvature's diagonal, where no share of the full step is a better place."""
+ROUNDING = 1e-13
+"""Of a curvature's trace, what keeps it regular."""
+ENOUGH = 1e-5
+"""Fall of the cost, over the cost, below which a fit has ended."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """An output's nominal model with a list of effects: what a vector of values means."""
+
+    output: OutputChannel
+    forms: tuple[EffectForm, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Constants, then the parameters of each effect."""
+        return (*self.output.constants, *(each for form in self.forms for each in form.parameters))
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds."""
+        return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
+
+    @property
+    def prior(self) -> tuple[Array, Array]:
+        """Means and standard deviations of the priors."""
+        return np.array([p.prior_mean for p in self.parameters]), np.array([p.prior_sd for p in self.parameters])
+
+    def name_values(self, values: Array) -> tuple[dict[str, float], list[tuple[EffectForm, dict[str, float]]]]:
+        """Return values by name: the constants', and each effect's."""
+        names = [each.name for each in self.output.constants]
+        constants = dict(zip(names, map(float, values), strict=False))
+        place, effects = len(names), []
+        for form in self.forms:
+            taken = values[place : place + len(form.parameters)]
+            effects.append((form, {p.name: float(v) for p, v in zip(form.parameters, taken, strict=True)}))
+            place += len(form.parameters)
+        return constants, effects
+
+    def simulate(self, values: Array) -> Array:
+        """Return the channel, (T, K)."""
+        return self.output.simulate(*self.name_values(values))
+
+    def differentiate(self, values: Array, simulated: Array) -> Array:
+        """Return the derivatives of the channel by each value, (T, K, P)."""
+        high, sd = self.bounds[1], self.prior[1]
+        steps = np.where(values + STEP * sd <= high, STEP * sd, -STEP * sd)
+        moved = self.output.simulate_each([self.name_values(each) for each in values + np.diag(steps)])
+        moved -= simulated[:, :, None]
+        moved /= steps
+        return moved
+
+
+@dataclass(frozen=True)
+class Grams:
+    """Sums over each trial's samples that a linearised model needs; K trials, P values."""
+
+    slopes: Array
+    cross: Array
+    square: Array
+    samples: Array
+
+    def left_out(self, changes: Array) -> Array:
+        """Return each trial's sum of squares after its own change of values, (K, P) ndarray."""
+        curved = np.einsum("kp,kpq,kq->k", changes, self.slopes, changes)
+        squares: Array = self.square - 2.0 * np.einsum("kp,kp->k", changes, self.cross) + curved
+        return np.maximum(squares, 0.0)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    Parameters
+    ----------
+    model : Model
+        What was fitted.
+    values : (P,) ndarray
+        At the largest posterior density.
+    residual : (T, K) ndarray
+        Measured less simulated, zero where not present.
+    slopes : (T, K, P) ndarray
+        Derivatives of the simulated by the values, zero where not present.
+    white : Grams
+        By trial, of whitened signals.
+    free : (P,) ndarray of bool
+        Which values are not held by a bound.
+    """
+
+    model: Model
+    values: Array
+    residual: Array
+    slopes: Array
+    white: Grams
+    free: NDArray[np.bool_]
+
+    @property
+    def precision(self) -> Array:
+        """The priors' precisions."""
+        return 1.0 / self.model.prior[1] ** 2
+
+    def change_without(self, weights: Array) -> Array:
+        """Return how the values change when trials have other weights than one.
+
+        Parameters
+        ----------
+        weights : (B, K) ndarray
+            Of each trial, in each of B cases.
+
+        Returns
+        -------
+        (B, P) ndarray
+            Changes, within bounds; a value at a bound stays.
+        """
+        mean, sd = self.model.prior
+        low, high = self.model.bounds
+        changes = np.zeros((len(weights), len(self.values)))
+        free = np.flatnonzero(self.free)
+        pull = (mean - self.values) / sd**2
+        slopes = self.white.slopes[:, free[:, None], free]
+        curvature = np.tensordot(weights, slopes, 1) + np.diag(self.precision[free])
+        gradient = weights @ self.white.cross[:, free] + pull[free]
+        room = (low - self.values)[free], (high - self.values)[free]
+        scaled = curvature * sd[free] * sd[free][:, None]
+        firm = ROUNDING * np.trace(scaled, axis1=1, axis2=2)  # values that the data tell as one, to the last digit
+        scaled = scaled + firm[:, None, None] * np.eye(len(free))
+        least = np.linalg.solve(scaled, (gradient * sd[free])[:, :, None])[:, :, 0] * sd[free]
+        for row in np.flatnonzero(((least < room[0]) | (least > room[1])).any(axis=1)):
+            least[row] = _find_least(curvature[row], gradient[row], sd[free], *room)
+        changes[:, free] = least
+        return changes
+
+    def cost(self, noise: Noise) -> float:
+        """Return the whitened sum of squares under a noise, and that of the values' distances from their priors."""
+        output = self.model.output
+        white = whiten(self.residual[:, :, None], output.present, noise, output.step_s)
+        mean, sd = self.model.prior
+        return float((white**2).sum() + (((self.values - mean) / sd) ** 2).sum())
+
+    def listed(self) -> list[float]:
+        """Return the values as plain numbers."""
+        return [float(each) for each in self.values]
+
+    def drawn_values(self, weights: Array) -> Array:
+        """Return the values, (B, P), when trials are drawn again with weights (B, K); with equal ones, these values.
+
+        Under another noise than its own a fit would end elsewhere; of that, only the spread counts.
+        """
+        equal = self.change_without(np.ones((1, weights.shape[1])))
+        drawn: Array = np.clip(self.values + self.change_without(weights) - equal, *self.model.bounds)
+        return drawn
+
+    def leave_each_out(self) -> Array:
+        """Return each trial's residual when it is left out of the fit, (T, K) ndarray."""
+        changes = self.change_without(1.0 - np.eye(len(self.white.square)))
+        moved = np.matmul(self.slopes.transpose(1, 0, 2), changes[:, :, None])[:, :, 0]
+        residual: Array = self.residual - moved.T
+        return residual
+
+
+def collect_grams(slopes: Array, residual: Array, present: NDArray[np.bool_]) -> Grams:
+    """Return the sums over samples of each trial."""
+    by_trial = np.ascontiguousarray(slopes.transpose(1, 0, 2))
+    columns = np.ascontiguousarray(residual.T)
+    return Grams(
+        by_trial.transpose(0, 2, 1) @ by_trial,
+        (columns[:, None, :] @ by_trial)[:, 0, :],
+        (columns**2).sum(axis=1),
+        present.sum(axis=0).astype(float),
+    )
+
+
+def begin(model: Model, start: Mapping[int, Mapping[str, float]] | None = None) -> Array:
+    """Return values to begin at: the priors' means, and an effect's own start by its place in the list."""
+    values = [each.prior_mean for each in model.output.constants]
+    for place, form in enumerate(model.forms):
+        chosen = (start or {}).get(place, {})
+        values += [chosen.get(each.name, each.starts[0]) for each in form.parameters]
+    return np.array(values, dtype=float)
+
+
+def fit(model: Model, noise: Noise, start: Array, iterations: int = ITERATIONS) -> Fit:
+    """Fit a model.
+
+    Parameters
+    ----------
+    model : Model
+        What to fit.
+    noise : Noise
+        Of the channel.
+    start : (P,) ndarray
+        Values to begin at.
+    iterations : int
+        Steps at most.
+    """
+    low, high = model.bounds
+    mean, sd = model.prior
+    present, step_s = model.output.present, model.output.step_s
+    values = np.clip(start, low, high)
+
+    def look(at: Array) -> tuple[Array, Array, float]:
+        simulated = model.simulate(at)
+        residual = np.where(present, model.output.measured - simulated, 0.0)
+        white = whiten(residual[:, :, None], present, noise, step_s)[:, :, 0]
+        return simulated, residual, float((white**2).sum() + (((at - mean) / sd) ** 2).sum())
+
+    simulated, residual, cost = look(values)
+    for _ in range(iterations):
+        slopes, white = _linearise(model, values, simulated, residual, noise)
+        pull, precision, room = (mean - values) / sd**2, 1.0 / sd**2, (low - values, high - values)
+        step = _bounded_step(white, pull, precision, *room)
+        shorter = [0.5**halving * step for halving in range(6)]
+        damped = (_bounded_step(white, pull, precision, *room, damping) for damping in DAMPINGS)
+        for change in chain(shorter, damped):
+            trial = np.clip(values + change, low, high)
+            found = look(trial)
+            if found[2] < cost:
+                break
+        else:
+            break
+        fallen = cost - found[2]
+        values, (simulated, residual, cost) = trial, found
+        if fallen < ENOUGH * cost:
+            break
+    slopes, white = _linearise(model, values, simulated, residual, noise)
+    margin = 1e-9 * (high - low)
+    free = (values > low + margin) & (values < high - margin)
+    return Fit(model, values, residual, slopes, white, free)
+
+
+def _linearise(model: Model, values: Array, simulated: Array, residual: Array, noise: Noise) -> tuple[Array, Grams]:
+    present = model.output.present
+    slopes = np.where(present[:, :, None], model.differentiate(values, simulated), 0.0)
+    white = whiten(np.concatenate([slopes, residual[:, :, None]], axis=2), present, noise, model.output.step_s)
+    return slopes, collect_grams(white[:, :, :-1], white[:, :, -1], present)
+
+
+def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high: Array, damping: float = 0.0) -> Array:
+    """Return the step to the least of the quadratic model within bounds, damped as Levenberg and Marquardt's."""
+    curvature = white.slopes.sum(axis=0) + np.diag(precision)
+    curvature = curvature + damping * np.diag(np.diag(curvature))
+    return _find_least(curvature, white.cross.sum(axis=0) + pull, 1.0 / np.sqrt(precision), low, high)
+
+
+def _factorise(curvature: Array) -> Array:
+    """Return the lower triangular factor; where rounding has lost a small direction, of what is a little firmer."""
+    try:
+        factor = np.linalg.cholesky(curvature)
+    except np.linalg.LinAlgError:
+        factor = np.linalg.cholesky(curvature + 1e-9 * float(np.trace(curvature)) * np.eye(len(curvature)))
+    return factor.astype(np.float64, copy=False)
+
+
+def _find_least(curvature: Array, gradient: Array, scale: Array, low: Array, high: Array) -> Array:
+    """Return where half x' curvature x - gradient' x is least within bounds; `scale` makes it well conditioned.
+
+    Values that are told apart badly by the data move together; cutting each at its own bound would part them.
+    """
+    from scipy.optimize import lsq_linear
+
+    factor = _factorise(curvature * scale * scale[:, None])
+    target = np.linalg.solve(factor, scale * gradient)
+    free: Array = np.linalg.solve(factor.T, target) * scale
+    if ((free >= low) & (free <= high)).all():
+        return free
+    tight = (np.minimum(low / scale, -1e-12), np.maximum(high / scale, 1e-12))
+    found: Array = lsq_linear(factor.T, target, bounds=tight, method="bvls").x * scale
+    return found

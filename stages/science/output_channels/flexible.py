@@ -1,0 +1,206 @@
+"""A flexible residual model: what could still be explained, by whatever function of the measured signals.
+
+A fitted model and its output flow in; out flows what each trial's residual would be if generic features with weights of
+their own, or boosted trees, neither of which has a name for anything, were fitted to the others. It names nothing: it
+tells the noise from what is reproducible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.output_channels.features import build_features
+from stages.science.output_channels.fitting import Fit, Grams
+from stages.science.output_channels.noise import Noise, whiten
+from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.output_channels.spectral_line import find_line, remove_line
+from stages.science.signals.trajectories import Array
+
+Mask = NDArray[np.bool_]
+PENALTIES = (1e4, 1e3, 1e2, 1e1, 1.0, 1e-1)
+FOLDS = 5
+REMEMBERED = 200
+"""Samples of the past that a linear memory holds, of all inputs together."""
+MOST_ROWS = 2000
+"""Samples that trees are fitted to, at most; neighbours in time tell the same."""
+TREES = {"max_iter": 25, "learning_rate": 0.3, "max_leaf_nodes": 12, "min_samples_leaf": 20, "max_bins": 64}
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What a flexible model leaves of a residual, trial by trial, each left out in turn.
+
+    Parameters
+    ----------
+    raw : (K,) ndarray
+        Sums of squares left, in the channel's unit squared.
+    residual : (T, K) ndarray
+        What it leaves of each trial that it was not fitted to.
+    line_hz : float or None
+        Frequency of an oscillation in all trials that nothing measured explains; it is no noise, and not in the above.
+    remembered : bool
+        Whether a linear memory of the inputs leaves the least.
+    """
+
+    raw: Array
+    residual: Array
+    line_hz: float | None
+    remembered: bool = False
+
+
+def keep_least(
+    left: Sequence[Array], output: OutputChannel, learnt: Mask | None = None, by_memory: Array | None = None
+) -> Leftover:
+    """Return the least of what several models leave, (T, K) each, without a spectral line, if it has one.
+
+    Parameters
+    ----------
+    left : sequence of (T, K) ndarray
+        Residuals of trials left out.
+    output : OutputChannel
+        Whose.
+    learnt : (K,) ndarray of bool, optional
+        Trials by which the least is told; all, unless told.
+    by_memory : (T, K) ndarray, optional
+        What a linear memory of the inputs leaves, from `explain_by_memory`.
+    """
+    known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
+    several = [*left, *([] if by_memory is None else [by_memory])]
+    residual = min(several, key=lambda each: float((each[:, known] ** 2).sum()))
+    remembered = residual is by_memory
+    line_hz = find_line(residual, output.present, output.step_s)
+    if line_hz is not None:
+        residual = remove_line(residual, output.present, output.step_s, line_hz)
+    return Leftover((residual**2).sum(axis=0), residual, line_hz, remembered)
+
+
+def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
+    """Return what flexible models leave that are fitted to some trials alone; noise, as far as one can tell."""
+    output = fit.model.output
+    by_features = explain_by_features(fit, build_features(output), noise, learnt)
+    by_trees, by_memory = (
+        explain_by_trees(output, fit.residual, learnt),
+        explain_by_memory(output, fit.residual, learnt),
+    )
+    return keep_least([by_features, by_trees], output, learnt, by_memory)
+
+
+def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Array:
+    """Return what is left of each trial's residual, (T, K), when the others' is fitted by generic features.
+
+    Parameters
+    ----------
+    fit : Fit
+        The model whose residual it is; its own values may change along with the features' weights.
+    features : (T, K, F) ndarray
+        Of its output, zero where not present.
+    noise : Noise or None
+        Of the channel; None takes the residual as white.
+    learnt : (K,) ndarray of bool, optional
+        Trials that it may be fitted to; all, unless told.
+    """
+    output = fit.model.output
+    present = output.present
+    together = np.concatenate([fit.slopes, features, fit.residual[:, :, None]], axis=2)
+    if noise is None:
+        spread = float(np.sqrt((fit.residual**2).sum() / max(present.sum(), 1))) or 1.0
+        white = together / spread
+    else:
+        white = whiten(together, present, noise, output.step_s)
+    known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
+    return _leave_each_out(white, together, fit.precision, known)
+
+
+def explain_by_trees(output: OutputChannel, residual: Array, learnt: Mask | None = None) -> Array:
+    """Return what is left of each trial's residual, (T, K), when boosted trees are fitted to that of others.
+
+    They see what happens at one place of several signals together, which sums of features miss, and nothing of the
+    past.
+
+    Parameters
+    ----------
+    output : OutputChannel
+        Whose drivers, time in trial and time in session are the inputs.
+    residual : (T, K) ndarray
+        Zero where not present.
+    learnt : (K,) ndarray of bool, optional
+        Trials that they may be fitted to; all, unless told.
+    """
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
+    known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
+    within = np.repeat((np.arange(len(residual)) * output.step_s)[:, None], output.trials, axis=1)
+    inputs = np.stack([*(each.values for each in output.drivers()), within, within + output.start_s], axis=2)
+    stride = int(np.ceil(output.present[:, known].sum() / MOST_ROWS))
+    left = residual.copy()
+    for fold in range(min(FOLDS, output.trials)):
+        out = np.arange(output.trials) % FOLDS == fold
+        rows = output.present[::stride] & (known & ~out)
+        if rows.sum() < 2 * TREES["min_samples_leaf"]:
+            continue
+        trees = HistGradientBoostingRegressor(**TREES, early_stopping=False, random_state=0)
+        trees.fit(inputs[::stride][rows], residual[::stride][rows])
+        told = output.present & out
+        if not told.any():
+            continue
+        left[told] -= trees.predict(inputs[told])
+    return left
+
+
+def explain_by_memory(output: OutputChannel, residual: Array, learnt: Mask | None = None) -> Array:
+    """Return what is left of each trial's residual, (T, K), when others' is fitted by a linear memory of the inputs.
+
+    It sees an oscillation that an input sets off, which features that forget evenly and trees without a past do not.
+
+    Parameters
+    ----------
+    output : OutputChannel
+        Whose inputs are remembered.
+    residual : (T, K) ndarray
+        Zero where not present.
+    learnt : (K,) ndarray of bool, optional
+        Trials that it may be fitted to; all, unless told.
+    """
+    past = output.recall(REMEMBERED)
+    if not past.shape[2]:
+        return residual
+    known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
+    together = np.where(output.present[:, :, None], np.concatenate([past, residual[:, :, None]], axis=2), 0.0)
+    spread = float(np.sqrt((residual**2).sum() / max(output.present.sum(), 1))) or 1.0
+    return _leave_each_out(together / spread, together, np.empty(0), known)
+
+
+def _leave_each_out(white: Array, raw: Array, precision: Array, learnt: Mask) -> Array:
+    first = len(precision)
+    scale = np.sqrt(np.maximum((white[:, :, :-1] ** 2).mean(axis=(0, 1)), 1e-300))
+    scale[:first] = 1.0
+    by_trial = np.ascontiguousarray(white.transpose(1, 0, 2))
+    by_trial[:, :, :-1] /= scale
+    grams = Grams(
+        by_trial[:, :, :-1].transpose(0, 2, 1) @ by_trial[:, :, :-1],
+        (by_trial[:, :, -1][:, None, :] @ by_trial[:, :, :-1])[:, 0, :],
+        (by_trial[:, :, -1] ** 2).sum(axis=1),
+        np.zeros(len(by_trial)),
+    )
+    total, cross = grams.slopes[learnt].sum(axis=0), grams.cross[learnt].sum(axis=0)
+    best: tuple[float, Array] | None = None
+    for penalty in PENALTIES:
+        ridge = np.concatenate([precision, np.full(total.shape[0] - first, penalty)])
+        weights = np.stack(
+            [
+                np.linalg.solve(total - known * grams.slopes[k] + np.diag(ridge), cross - known * grams.cross[k])
+                for k, known in enumerate(learnt.astype(float))
+            ]
+        )
+        left = grams.left_out(weights)
+        if best is not None and left[learnt].sum() >= best[0]:
+            break
+        best = (float(left[learnt].sum()), weights)
+    assert best is not None
+    explained = np.matmul(raw[:, :, :-1].transpose(1, 0, 2), (best[1] / scale)[:, :, None])[:, :, 0]
+    residual: Array = raw[:, :, -1] - explained.T
+    return residual

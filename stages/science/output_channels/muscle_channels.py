@@ -1,0 +1,308 @@
+"""The two channels of a muscle: pressure from the command, and force from the measured pressure and contraction.
+
+Each is fed with measured signals from upstream, so that a fault shows where it arises. Recorded trials of one muscle
+flow in; outputs flow out.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.output_channels.exact_values import find_levels
+from stages.science.output_channels.output_channel import Driver, EffectForm, OutputChannel, list_starts
+from stages.science.plant.actuator_path import ActuatorPath, Everywhere, predict_force, predict_pressure
+from stages.science.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
+from stages.science.plant.muscle import MuscleConstants, braid_coefficients
+from stages.science.signals.trajectories import Array
+
+EXACT = "saturation"
+"""The effect whose level exact values give away."""
+NOT_FITTED = "quantisation"
+"""Not to be fitted, as it has no slopes, nor to be mended: what lies between two counts is lost."""
+LEAST_DRIVE_KPA = 5.0
+"""Range of the command below which a pressure says nothing of valve and regulator."""
+PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
+
+
+@dataclass(frozen=True)
+class Build:
+    """What is known of a muscle before anything is fitted."""
+
+    name: str
+    area_n_per_kpa: float
+    max_pressure_kpa: float
+    contraction_at_angle_0: float
+    contraction_per_rad: float
+    torque_arm_m: float
+
+
+@dataclass(frozen=True)
+class Records:
+    """Trials of one muscle, gaps filled; (T, K) arrays, and (K,) for the trials' starts.
+
+    Parameters
+    ----------
+    step_s : float
+        Time between samples, s.
+    start_s : (K,) ndarray
+        Start of each trial in the session, s.
+    command_kpa, pressure_kpa, contraction, velocity_per_s, force_n : (T, K) ndarray
+        As measured; where a gap was, a bridge.
+    smooth_pressure_kpa : (T, K) ndarray
+        Pressure without most of its sensor's noise.
+    known : mapping of str to (T, K) ndarray of bool
+        By signal, where it was measured.
+    others : mapping of str to (T, K) ndarray
+        Signals of other muscles and joints.
+    """
+
+    step_s: float
+    start_s: Array
+    command_kpa: Array
+    pressure_kpa: Array
+    contraction: Array
+    velocity_per_s: Array
+    force_n: Array
+    smooth_pressure_kpa: Array
+    known: Mapping[str, NDArray[np.bool_]]
+    others: Mapping[str, Array]
+
+    def take(self, trials: Sequence[int]) -> Records:
+        """Return some of the trials."""
+        chosen = list(trials)
+        signals = ("command_kpa", "pressure_kpa", "smooth_pressure_kpa", "contraction", "velocity_per_s", "force_n")
+        taken: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, chosen]) for name in signals}
+        known = {name: values[:, chosen] for name, values in self.known.items()}
+        others = {name: values[:, chosen] for name, values in self.others.items()}
+        return replace(self, start_s=self.start_s[chosen], known=known, others=others, **taken)
+
+
+@dataclass(frozen=True)
+class MuscleChannel(OutputChannel):
+    """A channel of one muscle."""
+
+    build: Build
+    records: Records
+    tolerances: tuple[Parameter, ...]
+    load_cell_site: Literal["muscle_tip", "joint_end"]
+
+    @property
+    def element(self) -> str:  # type: ignore[override]
+        """The muscle's name."""
+        return self.build.name
+
+    @property
+    def step_s(self) -> float:  # type: ignore[override]
+        """Time between samples, s."""
+        return self.records.step_s
+
+    @property
+    def start_s(self) -> Array:  # type: ignore[override]
+        """Start of each trial in the session, s."""
+        return self.records.start_s
+
+    @property
+    def constants(self) -> tuple[Parameter, ...]:
+        """Nominal constants of this channel."""
+        return self.tolerances
+
+    def take(self, trials: Sequence[int]) -> Self:
+        """Return the output with some of its trials."""
+        return replace(self, records=self.records.take(trials))
+
+    def is_driven(self) -> bool:
+        """Return whether its input varies, so that there is something to judge."""
+        return True
+
+    @abstractmethod
+    def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
+        """Return the level at which this channel is clipped as the parameter of ``saturation``."""
+
+    def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
+        """Return where fits of a form begin; saturation at the level that the values show, or nowhere."""
+        if form.name != EXACT:
+            return list_starts(form)
+        level = self._level
+        return [] if level is None else [self.name_level(level, constants)]
+
+    def is_exact(self, form: EffectForm) -> bool:
+        """Return whether the values show a form's parameter."""
+        return form.name == EXACT
+
+    def reveals_saturation(self) -> bool:
+        """Return whether the largest value comes again and again, exactly."""
+        return self._level is not None
+
+    @property
+    def _level(self) -> float | None:
+        """Largest value, where that comes again and again; a muscle at rest shows the smallest as often."""
+        highest = find_levels(self.measured[self.present]).highest
+        return highest if highest is not None and highest > 0.0 else None
+
+    def _collect(self, constants: Mapping[str, float]) -> MuscleConstants:
+        build = self.build
+        a, b = braid_coefficients(constants.get("braid_angle_deg", 25.0))
+        area = build.area_n_per_kpa
+        given = {
+            "area_n_per_kpa": area,
+            "braid_a": a,
+            "braid_b": b,
+            "contraction_at_angle_0": build.contraction_at_angle_0,
+            "contraction_per_rad": build.contraction_per_rad,
+            "torque_arm_m": build.torque_arm_m,
+            "area_factor": 1.0,
+            "regulator_gain": 1.0,
+            "full_force_n": area * build.max_pressure_kpa * (a - b),
+            **constants,
+        }
+        columns = len(self.records.start_s)
+        return MuscleConstants(*(np.full(columns, given.get(name, 0.0)) for name in MuscleConstants._fields))
+
+
+class PressureChannel(MuscleChannel):
+    """Sensed pressure from the command."""
+
+    channel = "pressure_kpa"
+    unit = "kPa"
+
+    @property
+    def measured(self) -> Array:  # type: ignore[override]
+        """Sensed pressure, kPa."""
+        return self.records.pressure_kpa
+
+    @property
+    def present(self) -> NDArray[np.bool_]:  # type: ignore[override]
+        """Where command and pressure were measured."""
+        return self.records.known["command_kpa"] & self.records.known["pressure_kpa"]
+
+    def is_driven(self) -> bool:
+        """Return whether the command varies by more than a sensor's noise."""
+        return bool(np.ptp(self.records.command_kpa[self.present]) > LEAST_DRIVE_KPA)
+
+    @property
+    def forms(self) -> tuple[EffectForm, ...]:
+        """Effects between command and sensed pressure."""
+        return _offer(PRESSURE_SITES, "sensed_pressure_kpa")
+
+    def simulate(
+        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
+    ) -> Array:
+        """Return the sensed pressure, kPa."""
+        placed = [(cast(ChainEffect, form.effect), values) for form, values in effects]
+        records = self.records
+        return predict_pressure(records.command_kpa, self._collect(constants), placed, records.step_s, records.start_s)
+
+    def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
+        """Return the level of the pressure, inverted."""
+        return {"mpa_over_level": 1000.0 / level}
+
+    def drivers(self) -> list[Driver]:
+        """Return the command, how it changes, the muscle's motion, and the other muscles' commands."""
+        records = self.records
+        rate = np.gradient(records.command_kpa, records.step_s, axis=0)
+        own = [Driver("pressure_command_kpa", records.command_kpa), Driver("command_rate", rate, rate=True)]
+        aside = {name: values for name, values in records.others.items() if "command" in name}
+        aside |= {"contraction": records.contraction, "contraction_velocity_per_s": records.velocity_per_s}
+        return own + [Driver(name, values, own=False) for name, values in aside.items()]
+
+
+class ForceChannel(MuscleChannel):
+    """Sensed force from measured pressure and contraction."""
+
+    channel = "force_n"
+    unit = "N"
+    plane = ("contraction", "pressure_kpa")
+    loop = ("contraction", "contraction_velocity_per_s")
+
+    @property
+    def measured(self) -> Array:  # type: ignore[override]
+        """Sensed force, N."""
+        return self.records.force_n
+
+    @property
+    def present(self) -> NDArray[np.bool_]:  # type: ignore[override]
+        """Where force, pressure, contraction and its velocity were measured."""
+        known = self.records.known
+        return known["force_n"] & known["pressure_kpa"] & known["contraction"] & known["velocity_per_s"]
+
+    @property
+    def forms(self) -> tuple[EffectForm, ...]:
+        """Effects between pressure, contraction and sensed force; at the muscle's tip no cable's tension is felt."""
+        felt = _offer(FORCE_SITES, "sensed_force_n")
+        if self.load_cell_site == "joint_end":
+            return felt
+        return tuple(each for each in felt if cast(ChainEffect, each.effect).signal != "tension_n")
+
+    def simulate(
+        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
+    ) -> Array:
+        """Return the sensed force, N."""
+        placed = [(cast(ChainEffect, form.effect), values) for form, values in effects]
+        records = self.records
+        return predict_force(
+            records.smooth_pressure_kpa,
+            records.contraction,
+            records.velocity_per_s,
+            self._collect(constants),
+            placed,
+            records.step_s,
+            records.start_s,
+            self.load_cell_site,
+        )
+
+    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceChannel:
+        """Return the output with the pressure that was there, where the pressure's sensor has an effect."""
+        placed = [(find_effect(name, form), values) for name, form, values in effects]
+        sensor = [
+            Everywhere(effect, values)
+            for effect, values in placed
+            if isinstance(effect, ChainEffect) and effect.signal == "sensed_pressure_kpa"
+        ]
+        if not sensor:
+            return self
+        records = self.records
+        path = ActuatorPath(self._collect({}), sensor, records.step_s, records.start_s)
+        return self.from_pressure(path.unsense_pressure(records.smooth_pressure_kpa))
+
+    def from_pressure(self, pressure_kpa: Array) -> ForceChannel:
+        """Return the output with another pressure, (T, K), than the measured one."""
+        return replace(self, records=replace(self.records, smooth_pressure_kpa=np.ascontiguousarray(pressure_kpa)))
+
+    def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
+        """Return the largest force over the level."""
+        return {"full_force_over_level": float(self._collect(constants).full_force_n[0]) / level}
+
+    def drivers(self) -> list[Driver]:
+        """Return pressure, contraction, their rates, the command, other muscles' pressures and other joints' angles."""
+        records = self.records
+        rate = np.gradient(records.smooth_pressure_kpa, records.step_s, axis=0)
+        own = [
+            Driver("pressure_kpa", records.smooth_pressure_kpa),
+            Driver("contraction", records.contraction),
+            Driver("contraction_velocity_per_s", records.velocity_per_s, rate=True),
+            Driver("pressure_rate", rate, rate=True),
+        ]
+        aside = {name: values for name, values in records.others.items() if "command" not in name}
+        aside["pressure_command_kpa"] = records.command_kpa
+        aside["contraction_acceleration_per_s2"] = np.gradient(records.velocity_per_s, records.step_s, axis=0)
+        for name, values in records.others.items():
+            if name.endswith("contraction"):
+                aside[f"{name} rate"] = np.gradient(values, records.step_s, axis=0)
+        return own + [Driver(name, values, own=False) for name, values in aside.items()]
+
+
+def _offer(sites: Sequence[str], sensed: str) -> tuple[EffectForm, ...]:
+    found = []
+    for name in list_effects():
+        for effect in list_forms(name):
+            if not isinstance(effect, ChainEffect) or not effect.parameters or name == NOT_FITTED:
+                continue
+            if effect.site in sites or (effect.site == "sensor" and effect.signal == sensed):
+                found.append(EffectForm(name, effect.form, effect.site, effect.parameters, effect))
+    return tuple(found)

@@ -1,0 +1,231 @@
+"""What is fitted: one channel of one element, simulated from measured upstream signals, trial by trial.
+
+An output channel knows its measured signal, the constants of its nominal model and which effects can act in it; given
+values for all of these it simulates. Nothing else of the workflow knows what machine it looks at.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from multiprocessing import cpu_count
+from typing import Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.science.plant.effect import Parameter
+from stages.science.signals.trajectories import Array
+
+MOST_STARTS = 12
+LONG = 10000
+"""Samples from which simulations are worth threads."""
+
+
+@dataclass(frozen=True)
+class EffectForm:
+    """One literature form of a named effect, as an output offers it.
+
+    Parameters
+    ----------
+    name, form : str
+        Of the effect and of its form.
+    site : str
+        Where it acts.
+    parameters : tuple of Parameter
+        The first is the magnitude.
+    effect : object
+        What the output's `simulate` takes.
+    scales : bool
+        Whether what it does grows in proportion to its magnitude, to begin with.
+    tried : bool
+        Whether it is judged by some steps of a fit from each of its starts, and not by a slope.
+    """
+
+    name: str
+    form: str
+    site: str
+    parameters: tuple[Parameter, ...]
+    effect: object
+    scales: bool = True
+    tried: bool = False
+
+
+Case = tuple[Mapping[str, float], Sequence[tuple[EffectForm, Mapping[str, float]]]]
+"""Constants by name, and effects with their parameters."""
+Task = TypeVar("Task")
+Done = TypeVar("Done")
+
+
+def share_out(work: Callable[[Task], Done], tasks: Sequence[Task], samples: int) -> list[Done]:
+    """Return what work makes of each task; in threads where they take so many samples together."""
+    if samples < LONG or len(tasks) < 2:
+        return [work(each) for each in tasks]
+    with ThreadPoolExecutor(max_workers=min(cpu_count(), len(tasks))) as pool:
+        return list(pool.map(work, tasks))
+
+
+def list_starts(form: EffectForm, most: int = MOST_STARTS) -> list[dict[str, float]]:
+    """Return values to begin at: all combinations of the parameters' starts, thinned evenly if there are many."""
+    names = [each.name for each in form.parameters]
+    grid = [dict(zip(names, chosen, strict=True)) for chosen in product(*(each.starts for each in form.parameters))]
+    if len(grid) <= most:
+        return grid
+    return [grid[round(index)] for index in np.linspace(0, len(grid) - 1, most)]
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A measured signal that may explain a residual.
+
+    Parameters
+    ----------
+    name : str
+        With its unit.
+    values : (T, K) ndarray
+        Without gaps.
+    own : bool
+        Whether it belongs to this element; others' get fewer features.
+    rate : bool
+        Whether its sign is a direction of motion.
+    """
+
+    name: str
+    values: Array
+    own: bool = True
+    rate: bool = False
+
+
+class OutputChannel(ABC):
+    """One channel of one element over K trials of at most T samples.
+
+    Attributes
+    ----------
+    channel, element : str
+        Names as in the verdict, for example ``force_n`` and ``pam1``.
+    unit : str
+        Of the channel.
+    step_s : float
+        Time between samples, s.
+    measured : (T, K) ndarray
+        Without gaps; meaningless where not present.
+    present : (T, K) ndarray of bool
+        Where the channel and all that it is simulated from were measured.
+    start_s : (K,) ndarray
+        Start of each trial in the session, s.
+    """
+
+    channel: str
+    element: str
+    unit: str
+    step_s: float
+    measured: Array
+    present: NDArray[np.bool_]
+    start_s: Array
+
+    @property
+    @abstractmethod
+    def constants(self) -> tuple[Parameter, ...]:
+        """Nominal constants with bounds and priors; a fit begins at the priors' means."""
+
+    @property
+    @abstractmethod
+    def forms(self) -> tuple[EffectForm, ...]:
+        """Effects that can act in this channel."""
+
+    @abstractmethod
+    def simulate(
+        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
+    ) -> Array:
+        """Return the channel, (T, K), under constants and effects."""
+
+    def simulate_each(self, cases: Sequence[Case]) -> Array:
+        """Return the channel in several cases, (T, K, C), bit for bit as `simulate` does one after the other."""
+        found = share_out(lambda case: self.simulate(*case), cases, self.measured.size * len(cases))
+        return np.stack(found, axis=2)
+
+    @abstractmethod
+    def drivers(self) -> list[Driver]:
+        """Return the signals from which a flexible model may explain what is left."""
+
+    def respond(self, features: Array) -> Array:
+        """Return the features of a flexible model, (T, K, F), as this channel answers to them: here at once.
+
+        An output whose effects act inside a motion returns what that motion makes of each feature.
+        """
+        return features
+
+    def recall(self, most: int) -> Array:
+        """Return the inputs at so many instants of the past at most, (T, K, F), of which any linear memory is a sum.
+
+        None for an output whose upstream signals are measured close by.
+        """
+        return np.empty((*self.measured.shape, 0))
+
+    @abstractmethod
+    def take(self, trials: Sequence[int]) -> Self:
+        """Return the output with some of its trials, by position."""
+
+    @property
+    def plane(self) -> tuple[str, str]:
+        """Names of the two drivers over which residuals are drawn as a plane."""
+        first, second = [driver.name for driver in self.drivers() if driver.own][:2]
+        return first, second
+
+    @property
+    def loop(self) -> tuple[str, str]:
+        """Names of the driver that a loop of residuals runs over, and of the rate that gives its direction."""
+        own = [driver for driver in self.drivers() if driver.own]
+        state, rate = (next(driver.name for driver in own if driver.rate is rate) for rate in (False, True))
+        return state, rate
+
+    @property
+    def time_scale_s(self) -> float:
+        """Time of a usual movement, s; regimes of time and frequency are told by it."""
+        return 1.0
+
+    @property
+    def resolution(self) -> float:
+        """Least error of a simulation of any model, in the channel's unit: no gap is told below it."""
+        return 0.0
+
+    @property
+    def other_starts(self) -> list[dict[str, float]]:
+        """Values of some constants from which a nominal fit may begin as well; the best is taken."""
+        return []
+
+    def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
+        """Return the values of a form's parameters from which a fit may begin; none where the data speak against it."""
+        return list_starts(form)
+
+    def is_exact(self, form: EffectForm) -> bool:
+        """Return whether the starts of a form were read off exact values, and are to be taken as they are."""
+        return False
+
+    def reveals_saturation(self) -> bool:
+        """Return whether the measured values themselves show that a sensor has an effect."""
+        return False
+
+    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> OutputChannel:
+        """Return the output with its inputs freed from what sensors upstream do; itself where these effects do nothing.
+
+        Parameters
+        ----------
+        effects : sequence of (name, form, parameters)
+            Of another channel of this element.
+        """
+        return self
+
+    @property
+    def trials(self) -> int:
+        """Number of trials, K."""
+        return self.measured.shape[1]
+
+    @property
+    def range(self) -> float:
+        """Largest less smallest measured value; gaps are told over it."""
+        values = self.measured[self.present]
+        return float(np.ptp(values)) if values.size else 0.0

@@ -1,0 +1,127 @@
+"""Records of signals as arrays: what the outputs of machines other than muscles are built from.
+
+Tidy signals flow in; by record, arrays without gaps and where they were measured flow out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from stages.science.signals.trajectories import Array
+
+SHARPENED = 24.0
+"""Triangles blur a bent curve by this part of its second difference more than plain means do."""
+
+
+def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[str, pd.DataFrame], float]:
+    """Return each record's signals, a column each, by time; and the time between samples, s.
+
+    Parameters
+    ----------
+    signals : DataFrame
+        Columns ``record``, ``time_s``, ``signal`` and ``value``; times evenly spaced within a record.
+    names : sequence of str
+        Signals that are needed.
+
+    Raises
+    ------
+    ValueError
+        When one of them is missing or has no values.
+    """
+    wide = signals.pivot(index=["record", "time_s"], columns="signal", values="value")
+    for name in names:
+        if name not in wide or not wide[name].notna().any():
+            raise ValueError(f"signal {name}: expected values, got none; known are {', '.join(map(str, wide.columns))}")
+    records = {str(name): rows.droplevel("record") for name, rows in wide.groupby(level="record", sort=False)}
+    return records, float(np.median(np.diff(next(iter(records.values())).index)))
+
+
+def list_blocks(trials: pd.DataFrame) -> list[tuple[str, float, int, int, int]]:
+    """Return record, start (s), samples, and samples left out at the beginning and at the end of each block.
+
+    Parameters
+    ----------
+    trials : DataFrame
+        Columns ``record``, ``start_s`` and ``samples``, and, where blocks are kept apart, ``left_before`` and
+        ``left_after``.
+    """
+    apart = trials.assign(**{name: 0 for name in ("left_before", "left_after") if name not in trials})
+    columns = apart[["record", "start_s", "samples", "left_before", "left_after"]].itertuples(index=False)
+    return [(str(a), float(b), int(c), int(d), int(e)) for a, b, c, d, e in columns]
+
+
+def bridge(column: pd.Series) -> Array:
+    """Return values with gaps bridged by straight lines and ends held."""
+    values = column.to_numpy(dtype=float)
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return np.zeros(len(values))
+    return np.interp(np.arange(len(values)), known, values[known])
+
+
+def bridge_short(rows: pd.DataFrame, longest: int) -> pd.DataFrame:
+    """Return signals with straight lines across gaps of no more than so many samples; longer ones stay, whole.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        A record's signals, a column each, evenly in time.
+    longest : int
+        Samples.
+    """
+    missing = rows.isna().to_numpy()
+    if longest < 1 or not missing.any():
+        return rows
+    filled = rows.interpolate(limit_area="inside").to_numpy(copy=True)
+    for column in range(rows.shape[1]):
+        ends = np.diff(np.concatenate([[0], missing[:, column], [0]]).astype(int))
+        firsts, lasts = np.flatnonzero(ends == 1), np.flatnonzero(ends == -1)
+        for first, last in zip(firsts, lasts, strict=True):
+            if last - first > longest:
+                filled[first:last, column] = np.nan
+    return pd.DataFrame(filled, index=rows.index, columns=rows.columns)
+
+
+def thin_out(rows: pd.DataFrame, stride: int, pushing: Sequence[str] = ()) -> pd.DataFrame:
+    """Return means of each `stride` samples of a record, at the time of the first; missing where one is missing.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        A record's signals, a column each.
+    stride : int
+        Samples that become one.
+    pushing : sequence of str
+        Signals that push a motion. It adds their noise up twice, so that not only how much they push matters but when:
+        their means are weighted by triangles, which keep both.
+    """
+    if stride == 1:
+        return rows
+    whole = len(rows) // stride * stride
+    values = rows.to_numpy(dtype=float)[:whole]
+    means = values.reshape(-1, stride, rows.shape[1]).mean(axis=1)
+    for place in (rows.columns.get_loc(name) for name in pushing):
+        means[:, place] = _weigh_by_triangles(values[:, place], stride)
+    return pd.DataFrame(means, index=rows.index[:whole:stride], columns=rows.columns)
+
+
+def _weigh_by_triangles(values: Array, stride: int) -> Array:
+    """Return means at the middle of each `stride` values, weighted by triangles that reach to the next middles.
+
+    Put back on straight lines between the middles, they have the sum and the first moment of the values themselves.
+    """
+    middle = 0.5 * (stride - 1)
+    places = np.arange(int(np.ceil(middle)), len(values) - stride + int(middle) + 1)
+    left, share = np.divmod((places - middle) / stride, 1.0)
+    left = left.astype(int)
+    count = len(values) // stride
+    pushed, weight = np.zeros(count + 1), np.zeros(count + 1)
+    for at, part in ((left, 1.0 - share), (left + 1, share)):
+        pushed += np.bincount(at, part * values[places], count + 1)
+        weight += np.bincount(at, part, count + 1)
+    means = pushed[:count] / weight[:count]
+    means[1:-1] -= np.diff(means, 2) / SHARPENED
+    return means

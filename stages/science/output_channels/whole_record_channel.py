@@ -1,0 +1,414 @@
+"""The one channel of a machine that is simulated a whole record at a time, cut into blocks that serve as trials.
+
+Signals of records and the list of their blocks flow in; an output flows out. A record is always simulated from its
+beginning, however many of its blocks are looked at, so that memory is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from multiprocessing import cpu_count
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from stages.science.output_channels.exact_values import Levels, find_levels
+from stages.science.output_channels.fitting import Model, begin, fit
+from stages.science.output_channels.noise import make_plain
+from stages.science.output_channels.output_channel import (
+    LONG,
+    Case,
+    Driver,
+    EffectForm,
+    OutputChannel,
+    list_starts,
+    share_out,
+)
+from stages.science.output_channels.records import bridge, bridge_short, list_blocks, spread_records, thin_out
+from stages.science.plant.effect import Parameter, list_effects
+from stages.science.plant.effect_config import list_effects_at
+from stages.science.plant.record_plant import HEAD, InitialState, RecordPlant, read_initial_state
+from stages.science.recording.units import own_unit
+from stages.science.signals.trajectories import Array
+
+EXACT, FULL = "saturation", "full_tank"
+"""The effect whose levels exact values give away, and its form that is a level of the vessel, not of the sensor."""
+AVERAGED, ROUNDED = 3e-4, 1e-6
+"""Of the range of a motion, what averaging its samples may change, and what rounding and integration may."""
+FEWEST = 10
+"""Samples of a block in which a motion may show."""
+LEAST_BLOCKS = 3
+"""Blocks of which one can be kept aside while the others are left out in turn."""
+SAME, LARGEST = 1e-12, 1e100
+"""Range of an output over its size, up to which it never changes; and size beyond which no square is a number."""
+LEVEL_ERROR = 0.001
+"""Of a level that exact values show, in scales of the output."""
+
+
+class _Group(NamedTuple):
+    """Records that are simulated side by side: inputs (T, R) and first samples of the output, and how each begins."""
+
+    records: tuple[int, ...]
+    signals: Mapping[str, Array]
+    begun: InitialState
+
+
+@dataclass(frozen=True)
+class WholeRecordChannel(OutputChannel):
+    """Blocks of a machine's records.
+
+    Parameters
+    ----------
+    plant : RecordPlant
+        Settled; effects that it lists already act.
+    step_s : float
+        Time between samples, s.
+    records : tuple of mapping of str to (N_r,) ndarray
+        Inputs and output of each record, gaps bridged.
+    places : tuple of (int, int)
+        Record and first sample of each block.
+    measured : (T, K) ndarray
+        Answer, gaps bridged.
+    present : (T, K) ndarray of bool
+        Where the answer and all inputs were measured.
+    start_s : (K,) ndarray
+        Start of each block, s.
+    element : str
+        What the machine is called.
+    begun : tuple of InitialState
+        How each record begins.
+    head : int
+        Samples by which that may be refined.
+    averaged : int
+        Samples of the record in one of the output.
+    """
+
+    plant: RecordPlant
+    step_s: float
+    records: tuple[Mapping[str, Array], ...]
+    places: tuple[tuple[int, int], ...]
+    measured: Array
+    present: NDArray[np.bool_]
+    start_s: Array
+    element: str
+    begun: tuple[InitialState, ...]
+    head: int
+    averaged: int
+
+    @property
+    def channel(self) -> str:  # type: ignore[override]
+        """The answer's name, which ends in its unit."""
+        return self.plant.output
+
+    @property
+    def unit(self) -> str:  # type: ignore[override]
+        """The answer's unit."""
+        return own_unit(self.channel)
+
+    @property
+    def time_scale_s(self) -> float:
+        """Time of a usual movement, s."""
+        return self.plant.movement_s
+
+    @property
+    def constants(self) -> tuple[Parameter, ...]:
+        """Constants of the plant."""
+        return self.plant.parameters
+
+    @property
+    def resolution(self) -> float:
+        """What averaging samples may change in a motion, and rounding in any, as a share of its range."""
+        return (AVERAGED if self.averaged > 1 else ROUNDED) * self.range
+
+    @property
+    def other_starts(self) -> list[dict[str, float]]:
+        """The plant's."""
+        return self.plant.other_starts
+
+    @property
+    def forms(self) -> tuple[EffectForm, ...]:
+        """Effects at the plant's site that it does not list yet; a level that exact values show is theirs."""
+        taken = {entry.name for entry in self.plant.effects}
+        names = [name for name in list_effects() if name not in taken]
+        found = list_effects_at(self.plant.SITE, names)
+        forms = [
+            EffectForm(each.name, each.form, each.site, each.parameters, each, scales, tried=True)
+            for each in found
+            for scales in [getattr(each, "scales", True) and not self.plant.drifts]
+        ]
+        return tuple(self._read_level(form) for form in forms)
+
+    def _read_level(self, form: EffectForm) -> EffectForm:
+        """Return a form with the parameter at the level that exact values show, if they do."""
+        shown, error = self._show(form) if self.is_exact(form) else {}, LEVEL_ERROR
+        told = tuple(
+            replace(each, low=value - error, high=value + error, prior_mean=value, prior_sd=error, starts=(value,))
+            for each in form.parameters
+            if each.name in shown
+            for value in [shown[each.name]]
+        )
+        return replace(form, parameters=told) if told else form
+
+    def _show(self, form: EffectForm) -> dict[str, float]:
+        """Return what exact values show of a form's parameters: of its ends those that the sensor comes to, or none."""
+        scale = self.plant.output_scale
+        ends = {name: level for name, level in self._levels._asdict().items() if level is not None}
+        if scale is None or not ends:
+            return {}
+        if form.form == FULL:
+            return {form.parameters[0].name: scale / ends["highest"]} if ends.get("highest", 0.0) > 0.0 else {}
+        return {form.parameters[0].name: 1.0, **{name: level / scale for name, level in ends.items()}}
+
+    @cached_property
+    def _levels(self) -> Levels:
+        """Levels at which the output is clipped, as far as its exact values show them."""
+        return find_levels(self.measured[self.present])
+
+    def simulate(
+        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
+    ) -> Array:
+        """Return the answer of the blocks, (T, K)."""
+        return self.simulate_each([(constants, effects)])[:, :, 0]
+
+    def simulate_each(self, cases: Sequence[Case]) -> Array:
+        """Return the answer of the blocks in several cases, (T, K, C)."""
+        placed = [(constants, [(form.effect, values) for form, values in effects]) for constants, effects in cases]
+        samples = sum(group.signals[self.plant.output].size for group in self._groups) * len(placed)
+        share = -(-len(placed) // cpu_count()) if samples >= LONG else len(placed)
+        tasks = [
+            (group, placed[first : first + many])
+            for group in self._groups
+            for many in [max(min(self.plant.TOGETHER // len(group.records), share), 1)]
+            for first in range(0, len(placed), many)
+        ]
+
+        def work(task: tuple[_Group, list[Any]]) -> Array:
+            group, taken = task
+            return self.plant.simulate_each(group.signals, self.step_s, np.zeros(1), taken, group.begun)
+
+        found = share_out(work, tasks, samples)
+        whole: dict[int, list[Array]] = {}
+        for (group, _), simulated in zip(tasks, found, strict=True):
+            for place, record in enumerate(group.records):
+                whole.setdefault(record, []).append(simulated[:, place])
+        return self._cut({record: np.concatenate(each, axis=1) for record, each in whole.items()})
+
+    @cached_property
+    def _groups(self) -> list[_Group]:
+        """Records that have a block, those of one length together."""
+        lengths: dict[int, list[int]] = {}
+        for record in self._used:
+            lengths.setdefault(len(self.records[record][self.plant.output]), []).append(record)
+        return [self._gather(tuple(records), length) for length, records in lengths.items()]
+
+    @property
+    def _used(self) -> list[int]:
+        return sorted({record for record, _ in self.places})
+
+    def _gather(self, records: tuple[int, ...], length: int) -> _Group:
+        names = self.records[records[0]]
+        signals = {name: np.stack([self.records[record][name] for record in records], axis=1) for name in names}
+        output = signals[self.plant.output]
+        signals[self.plant.output] = np.where(np.arange(length)[:, None] < self.head, output, np.nan)
+        begun = InitialState(*np.concatenate([self.begun[record] for record in records], axis=1))
+        return _Group(records, self.plant.refine(signals, self.step_s), begun)
+
+    @cached_property
+    def _linear(self) -> dict[str, float]:
+        """Constants of the nominal model, fitted as if the residual were white."""
+        model = Model(self)
+        return model.name_values(fit(model, make_plain(max(0.01 * self.range, 1e-9)), begin(model)).values)[0]
+
+    def drivers(self) -> list[Driver]:
+        """Return what the plant watches, cut into blocks."""
+        watched = {
+            record: self.plant.watch(
+                {name: values[:, None] for name, values in self.records[record].items()}, self.step_s, self._linear
+            )
+            for record in self._used
+        }
+        self._check_watched([(name, rate) for name, _, rate in watched[self._used[0]]])
+        return [
+            Driver(name, self._cut({k: each[place].samples[:, 0] for k, each in watched.items()}), rate=rate)
+            for place, (name, _, rate) in enumerate(watched[self._used[0]])
+        ]
+
+    def _check_watched(self, watched: Sequence[tuple[str, bool]]) -> None:
+        if len({rate for _, rate in watched}) < 2:
+            told = ", ".join(f"{name} (rate={rate})" for name, rate in watched) or "none"
+            raise ValueError(
+                f"{type(self.plant).__name__}.watch: expected a state, Watched(name, samples, False), and a rate whose "
+                f"sign is a direction, Watched(name, samples, True); got {told}"
+            )
+
+    def respond(self, features: Array) -> Array:
+        """Return the features of a flexible model as the plant's output answers to them."""
+        return self.plant.respond(features, self.step_s)
+
+    def recall(self, most: int) -> Array:
+        """Return the inputs as they were now and at each sample before, as far as so many columns reach."""
+        lags = most // len(self.plant.inputs)
+        columns = []
+        for name in self.plant.inputs:
+            whole = {record: self.records[record][name] for record in self._used}
+            centred = {record: values - values.mean() for record, values in whole.items()}
+            for lag in range(lags):
+                late = {k: np.concatenate([np.zeros(lag), each])[: len(each)] for k, each in centred.items()}
+                columns.append(self._cut(late))
+        return np.stack(columns, axis=2)
+
+    def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
+        """Return where fits of a form begin; a clipped reading at the levels that the values show, or nowhere."""
+        if self.is_exact(form):
+            return [shown] if (shown := self._show(form)) else []
+        told = self.plant.list_starts(form.effect, [each.signals for each in self._groups], constants)
+        return list_starts(form) if told is None else told
+
+    def is_exact(self, form: EffectForm) -> bool:
+        """Return whether the values show a form's parameters: the levels at which a reading is clipped."""
+        ends = {each.name for each in form.parameters} & set(Levels._fields)
+        return form.name == EXACT and (form.form == FULL or bool(ends))
+
+    def reveals_saturation(self) -> bool:
+        """Return whether the largest or the smallest value comes again and again, exactly."""
+        return self._levels != Levels(None, None)
+
+    def take(self, trials: Sequence[int]) -> Self:
+        """Return the output with some of its blocks, by position."""
+        chosen = list(trials)
+        return replace(
+            self,
+            places=tuple(self.places[k] for k in chosen),
+            measured=np.ascontiguousarray(self.measured[:, chosen]),
+            present=np.ascontiguousarray(self.present[:, chosen]),
+            start_s=self.start_s[chosen],
+        )
+
+    def _cut(self, whole: Mapping[int, Array]) -> Array:
+        """Return the blocks of whole records; beyond a record's end its last value."""
+        samples = np.arange(len(self.measured))
+        return np.stack(
+            [whole[record][np.minimum(first + samples, len(whole[record]) - 1)] for record, first in self.places],
+            axis=1,
+        )
+
+
+def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: RecordPlant) -> WholeRecordChannel:
+    """Return the output of a machine's records.
+
+    Parameters
+    ----------
+    signals : DataFrame
+        Columns ``record``, ``time_s``, ``signal`` and ``value``; times evenly spaced within a record.
+    trials : DataFrame
+        Columns ``record``, ``start_s`` and ``samples``: the blocks, in the order of the arrays' last axis.
+    plant : RecordPlant
+        Names the signals.
+
+    Raises
+    ------
+    ValueError
+        When one of the signals is missing or has no values, when the output never changes, or when there are too few
+        samples.
+    """
+    names = (*plant.inputs, plant.output)
+    records, step_s = spread_records(signals, names)
+    _check_records(records, trials, plant)
+    settled = plant.settle([{name: bridge(rows[name]) for name in names} for rows in records.values()], step_s)
+    stride = max(int(settled.finest_s / step_s), 1)
+    order = {name: k for k, name in enumerate(records)}
+    thinned = [
+        thin_out(_bridge_short(rows[list(names)], plant.output, stride), stride, settled.pushing)
+        for rows in records.values()
+    ]
+    first_s, step_s = step_s, step_s * stride
+    filled = [{name: bridge(rows[name]) for name in names} for rows in thinned]
+    known = [_find_known(rows, plant, settled.memory_s / step_s) for rows in thinned]
+    samples = int(trials["samples"].max()) // stride
+    places, measured, present = [], [], []
+    for name, start, count, before, after in list_blocks(trials):
+        record, first = order[name], round(start / step_s)
+        at = first + np.arange(samples)
+        inside = (at >= first - (-before // stride)) & (at < first + (count - after) // stride)
+        inside &= at < len(known[record])
+        at = np.minimum(at, len(known[record]) - 1)
+        places.append((record, first))
+        measured.append(filled[record][plant.output][at])
+        present.append(inside & known[record][at])
+    _check_present(np.stack(present, axis=1), records, settled)
+    return WholeRecordChannel(
+        settled.thin_out(stride),
+        step_s,
+        tuple(filled),
+        tuple(places),
+        np.stack(measured, axis=1),
+        np.stack(present, axis=1),
+        trials["start_s"].to_numpy(dtype=float),
+        settled.element,
+        tuple(
+            read_initial_state([bridge(rows[plant.output])[:HEAD]], first_s, 0.5 * (step_s - first_s))
+            for rows in records.values()
+        ),
+        max(HEAD // stride, 3),
+        stride,
+    )
+
+
+def _is_still(values: Array) -> bool:
+    return bool(np.ptp(values) <= SAME * np.abs(values).max(initial=0.0))
+
+
+def _check_records(records: Mapping[str, pd.DataFrame], trials: pd.DataFrame, plant: RecordPlant) -> None:
+    output = plant.output
+    for name in plant.inputs:
+        if all((rows[name].fillna(0.0) == 0.0).all() for rows in records.values()):
+            raise ValueError(f"signal {name}: expected an input that acts, got 0 throughout")
+    pushed = {name: np.concatenate([rows[name].dropna() for rows in records.values()]) for name in plant.inputs}
+    if pushed and all(_is_still(each) for each in pushed.values()):
+        name, each = next(iter(pushed.items()))
+        raise ValueError(
+            f"signal {name}: expected an input that changes, got {each[0]:g} throughout; by that, nothing can be told "
+            "apart"
+        )
+    values = np.concatenate([rows[output].dropna().to_numpy(dtype=float) for rows in records.values()])
+    if _is_still(values):
+        raise ValueError(f"signal {output}: expected an output that changes, got {values[0]:g} throughout")
+    if np.abs(values).max() > LARGEST:
+        raise ValueError(f"signal {output}: expected values below {LARGEST:g}, got {np.abs(values).max():g}")
+    longest, samples = max(len(rows) for rows in records.values()), int(trials["samples"].max())
+    most = longest // FEWEST
+    if samples < FEWEST:
+        raise ValueError(
+            f"expected blocks of {FEWEST} samples or more, got {samples}: the longest record has {longest} samples; "
+            "record more" + (f", or set measurement.blocks={most} or fewer" if most >= LEAST_BLOCKS else "")
+        )
+
+
+def _bridge_short(rows: pd.DataFrame, output: str, stride: int) -> pd.DataFrame:
+    """Return signals without gaps that no longer matter than what thinning them out loses; an input's single sample."""
+    own = {name: bridge_short(rows[[name]], stride - (name == output)) for name in rows}
+    return pd.concat(own.values(), axis=1)
+
+
+def _check_present(present: NDArray[np.bool_], records: Mapping[str, pd.DataFrame], plant: RecordPlant) -> None:
+    if present.sum() >= FEWEST:
+        return
+    lost = [name for name in plant.inputs if any(rows[name].isna().any() for rows in records.values())]
+    after = f"; {', '.join(lost)} lack values, after which none counts for {plant.memory_s:.3g} s" if lost else ""
+    raise ValueError(
+        f"signal {plant.output}: expected {FEWEST} samples or more with all that they are simulated from, got "
+        f"{int(present.sum())}{after}"
+    )
+
+
+def _find_known(rows: pd.DataFrame, plant: RecordPlant, memory: float) -> NDArray[np.bool_]:
+    """Return where a record's output was measured, and for a memory before it (samples) all inputs."""
+    lost = rows[list(plant.inputs)].isna().any(axis=1).to_numpy()
+    places = np.arange(len(rows))
+    last = np.maximum.accumulate(np.where(lost, places, -1))
+    known: NDArray[np.bool_] = rows[plant.output].notna().to_numpy() & ((last < 0) | (places - last > memory))
+    return known
