@@ -46,6 +46,7 @@ from pipeline.config_files import read_choices
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.interruption import Interrupted, ignore_from_now_on
 from pipeline.places import CONFIG_FOLDER
+from pipeline.renames import find_key, find_option
 
 
 def main() -> int:
@@ -195,16 +196,20 @@ def explain(error: Exception) -> str:
     option = re.search(r"Could not find '([^']+)'[\s\S]*Available options in '[^']+':\s*([\s\S]*?)(?:\n\S|\Z)", text)
     if option:
         group, _, name = option.group(1).rpartition("/")
-        return f"unknown {group} '{name}': {suggest(name, option.group(2).split())}"
-    group_override = re.search(r"Could not override '?([\w/]+)'?\.?\s*No match", text)
-    if group_override:
-        return f"unknown group '{group_override.group(1)}': {suggest(group_override.group(1), _known_keys(''))}"
+        return f"unknown {group} '{name}': {suggest(name, option.group(2).split(), find_option(group, name))}"
+    unknown_group = re.search(r"Could not (?:override '?([\w/]+)'?\.?\s*No match|find '(\w+)/)", text)
+    if unknown_group:
+        group = unknown_group[1] or unknown_group[2]
+        return f"unknown group '{group}': {suggest(group, _known_keys(''), find_key(group))}"
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return "; ".join(lines[:2])
 
 
 def _explain_unknown(path: str, known: Mapping[str, object]) -> str:
     """Return what is wrong with a key: the section that is not there, the option without it, or its last word."""
+    today = find_key(path)
+    if today is not None:
+        return f"unknown key '{path}': {suggest(path, known, today)}"
     parts = path.split(".")
     for depth in range(1, len(parts)) if not known else ():
         beside = _known_keys(".".join(parts[:depth]))
