@@ -41,7 +41,7 @@ WORKFLOW = "defaults:\n  - identification\n  - /rivals: stated\n"
         ("rivals.experiments=3", "unknown key 'rivals.experiments': it is called 'baselines.experiments' today"),
         ("+rivals.experiments=3", "unknown key 'rivals', which no stage of workflow identification reads: {baselines}"),
         ("-m rivals.experiments=3,4", "unknown key 'rivals.experiments': it is called 'baselines.experiments' today"),
-        ("rivals=stated", "unknown group 'rivals': {baselines}"),
+        ("rivals=stated", "unknown key 'rivals': {baselines}"),
         ("rig=operator", "unknown rig 'operator': {manual}"),
         ("active_loop=designed", "unknown active_loop 'designed': {default}"),
         ("stages=[rivals]", "no stage 'rivals' in workflow identification; {baselines}"),
@@ -53,11 +53,11 @@ WORKFLOW = "defaults:\n  - identification\n  - /rivals: stated\n"
             "_target_ stages.rig.sim.SimulatedRig: {stages.science.rig.sim.SimulatedRig}",
         ),
         (
-            "workflow=discrepancy measured=nowhere plant=first_order +plant.pace_s=1",
+            "workflow=discrepancy measured={folder} plant=first_order +plant.pace_s=1",
             "unknown key 'plant.pace_s': {plant.time_scale_s}",
         ),
         (
-            "workflow=discrepancy measured=nowhere plant={folder}/machine.yaml",
+            "workflow=discrepancy measured={folder} plant={folder}/machine.yaml",
             "unknown key 'plant.pace_s': {plant.time_scale_s}",
         ),
         ("--config-dir={folder} workflow=mine", "unknown group 'rivals': {baselines}"),
