@@ -29,8 +29,8 @@ from pipeline.stage import Stage, load_stages, order_stages
 
 LONGEST_QUOTE = 80
 LONGEST_SWEEP = 100
-INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "desk")
-"""Keys that change no result."""
+INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "interface")
+"""Keys that change no result; nor does the section that ``interface`` names."""
 BEGINS_WITH_KEY = r"[\w.]+: "
 
 
@@ -141,7 +141,12 @@ class Settings(Section):
     sweep: Annotated[str | None, BeforeValidator(_check_name)]
     on_failure: Literal["continue", "stop"]
     on_finished: Literal["keep", "refresh"]
-    desk: Target | None
+    interface: Text
+
+    @property
+    def incidental(self) -> tuple[str, ...]:
+        """Names of the keys that change no result."""
+        return (*INCIDENTAL, self.interface)
 
 
 @dataclass(frozen=True)
@@ -161,8 +166,9 @@ class Study:
 
     @property
     def identity(self) -> str:
-        """Hash of everything that says what this study computes: all but `INCIDENTAL`."""
-        return hash_json({key: value for key, value in self.values.items() if key not in INCIDENTAL})
+        """Hash of everything that says what this study computes: all but what is incidental."""
+        incidental = self.settings.incidental
+        return hash_json({key: value for key, value in self.values.items() if key not in incidental})
 
     def slice(self, stage: Stage) -> dict[str, Any]:
         """Return the sections that a stage declares, as plain values."""
@@ -176,6 +182,11 @@ class Study:
         """Return the name of the section through which a stage asks for an outside object, or None."""
         names = [name for name, field in stage.config.model_fields.items() if field.annotation is Target]
         return names[0] if names else None
+
+    @property
+    def has_interface(self) -> bool:
+        """Whether people follow the devices of this study through an interface."""
+        return self.values.get(self.settings.interface) is not None
 
     def build(self, section: str) -> Any:
         """Return the object that a ``_target_`` section describes."""
@@ -248,7 +259,8 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
     ConfigError
         For the first key that is unknown, missing or wrong; the nearest known name is offered.
     """
-    declared = {*Settings.model_fields, *settings.workflow.quoted}
+    interface = settings.interface
+    declared = {*Settings.model_fields, interface, *settings.workflow.quoted}
     declared.update(name for each in stages for name in each.config.model_fields)
     for name in values:
         if name not in declared:
@@ -257,6 +269,8 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
                 f"{suggest(str(name), declared, find_key(str(name)))}"
             )
     study = Study(settings, values)
+    if study.has_interface:
+        _validate(Target, values[interface], (interface,))
     checked = set()
     for each in stages:
         missing = [name for name in each.config.model_fields if name not in values]

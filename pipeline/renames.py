@@ -45,16 +45,20 @@ def _update_record(record: Mapping[str, Any]) -> dict[str, Any]:
     return {**record, "config": config, "fingerprint": fingerprint, "parts": record["fingerprint"]}
 
 
-def rename(values: Any) -> Any:
-    """Return plain values whose ``_target_`` keys have today's names."""
+def rename(values: Any, path: str = "") -> Any:
+    """Return the plain values at a path (dotted) of a configuration, keys and classes under today's names."""
     if isinstance(values, list):
-        return [rename(each) for each in values]
+        return [rename(each, path) for each in values]
+    if isinstance(values, str) and path.rpartition(".")[2] == "_target_":
+        return find_target_name(values) or values
     if not isinstance(values, Mapping):
         return values
-    return {
-        name: (find_target_name(each) or each) if name == "_target_" and isinstance(each, str) else rename(each)
-        for name, each in values.items()
-    }
+    renamed = {}
+    for name, each in values.items():
+        key = f"{path}.{name}" if path else str(name)
+        today = find_key(key)
+        renamed[today.rpartition(".")[2] if today else name] = rename(each, key)
+    return renamed
 
 
 def find_target_name(target: str) -> str | None:
@@ -81,10 +85,8 @@ def find_name(name: str) -> str | None:
 def _find_path(kind: str, path: str) -> str | None:
     """Return a dotted name whose beginning was renamed; the longest old name decides."""
     names = _read_names()[kind]
-    for before in sorted(names, key=len, reverse=True):
-        if f"{path}.".startswith(f"{before}."):
-            return str(names[before]) + path.removeprefix(before)
-    return None
+    before = max((each for each in names if f"{path}.".startswith(f"{each}.")), key=len, default=None)
+    return None if before is None else str(names[before]) + path.removeprefix(before)
 
 
 @cache

@@ -121,8 +121,9 @@ def run_sweep(
     settings = read_settings({name: _plain(base[name]) for name in Settings.model_fields if name in base})
     if settings.sweep is None:
         raise ConfigError("sweep: expected a name, as in sweep=night, got null; leave it out for the time of day")
-    if settings.desk is not None:
-        raise ConfigError("desk: expected null in a sweep, whose jobs nobody can attend at once; leave desk= or -m out")
+    name = settings.interface
+    if base.get(name) is not None:
+        raise ConfigError(f"{name}: expected null in a sweep, whose jobs run at the same time; leave {name}= or -m out")
     folder = sweeps_folder(settings.outputs) / settings.sweep
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
     _refuse_twins(jobs)
