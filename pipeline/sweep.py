@@ -23,13 +23,12 @@ from types import FrameType
 from typing import Any
 
 import hydra
-from hydra._internal.callbacks import Callbacks
-from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, ValueType
 from hydra.core.plugins import Plugins
-from hydra.types import HydraContext, RunMode
+from hydra.experimental.callback import Callback
+from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.command import command_line
@@ -38,6 +37,7 @@ from pipeline.errors import ConfigError
 from pipeline.interruption import WORDS
 from pipeline.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
 from pipeline.ledger import Ledger
+from pipeline.options import read_options
 from pipeline.runs import is_running, live_status, sweeps_folder
 from pipeline.terminal import open_console
 
@@ -114,7 +114,7 @@ def run_sweep(
     def say(text: str) -> None:
         console.print(text, soft_wrap=True, highlight=False, markup=False)
 
-    overrides_typed = get_args_parser().parse_intermixed_args(list(typed)).overrides
+    overrides_typed = read_options(typed).overrides
     if search_path:
         overrides = [*overrides, f"hydra.searchpath=[file://{Path(search_path).resolve()}]"]
     base, lists = _expand(overrides, config_folder)
@@ -150,7 +150,7 @@ def run_sweep(
             "outputs=PATH"
         ) from None
     with _stopping(launch, say) as stopped:
-        _supervise(launch, lambda: _launch(launch, overrides, lists, config_folder), say, stopped)
+        _supervise(launch, lambda: _launch(launch, base, lists, config_folder), say, stopped)
     return _tell_end(launch, list(typed), say, stopped)
 
 
@@ -204,6 +204,8 @@ def _expand(overrides: Sequence[str], config_folder: Path) -> tuple[DictConfig, 
             hydra.compose("config", overrides=[*each, *others])
     if not str(base.hydra.sweeper["_target_"]).endswith("BasicSweeper"):
         raise ConfigError("hydra/sweeper: expected basic, as a sweep is planned before it runs; leave it out")
+    if base.hydra.callbacks:
+        raise ConfigError("hydra.callbacks: expected none in a sweep, which calls none; leave them out")
     return base, lists
 
 
@@ -264,23 +266,16 @@ def _supervise(launch: Launch, run: Callable[[], None], say: Callable[[str], Non
             launch.forget(job)
 
 
-def _launch(launch: Launch, overrides: Sequence[str], lists: Sequence[Sequence[str]], config_folder: Path) -> None:
-    """Hand the jobs to Hydra's launcher, as a sweeper of Hydra does."""
+def _launch(launch: Launch, base: DictConfig, lists: Sequence[Sequence[str]], config_folder: Path) -> None:
+    """Hand the jobs to the launcher that the configuration of the first one names, as a sweeper of Hydra does."""
     from pipeline.job import JobTask
 
     GlobalHydra.instance().clear()
     with hydra.initialize_config_dir(str(config_folder), version_base="1.3"):
-        main = GlobalHydra.instance().hydra
-        assert main is not None
-        config = main.compose_config("config", list(overrides), RunMode.MULTIRUN)
-        callbacks = Callbacks(config)
-        launcher = Plugins.instance().instantiate_launcher(
-            HydraContext(main.config_loader, callbacks), JobTask(launch), config
-        )
-        callbacks.on_multirun_start(config=config, config_name="config")
+        context = HydraContext(GlobalHydra.instance().config_loader(), Callback())  # type: ignore[arg-type]
+        launcher = Plugins.instance().instantiate_launcher(context, JobTask(launch), base)
         for result in launcher.launch(lists, initial_job_idx=0):
             _ = result.return_value  # raises what a job raised
-        callbacks.on_multirun_end(config=config, config_name="config")
 
 
 def _count_ended(launch: Launch) -> int:
