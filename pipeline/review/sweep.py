@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from rich.console import Console
 
 from pipeline.errors import PipelineError
-from pipeline.failures import list_commands, tell_reason
+from pipeline.failures import describe_reason, list_commands
 from pipeline.ledger import Ledger
 from pipeline.printing import print_frame
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
-from pipeline.review.sweep_page import FILE_NAME, tell_counts, write_page
+from pipeline.review.sweep_page import FILE_NAME, describe_counts, write_sweep_page
 from pipeline.review.sweep_view import Sweep, find_sweep
 from pipeline.sweep_table import write_frame
 
@@ -42,7 +42,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
         console.print(text, soft_wrap=True, highlight=False, markup=False)
 
     jobs = len(found.frame)
-    say(f"sweep {found.folder}: {jobs} {'job' if jobs == 1 else 'jobs'} ({tell_counts(found.counts)})")
+    say(f"sweep {found.folder}: {jobs} {'job' if jobs == 1 else 'jobs'} ({describe_counts(found.counts)})")
     if found.alike and not options.all:
         say(f"the same in all: {', '.join(f'{key}={value}' for key, value in found.alike.items())}")
     chosen = sort_rows(keep_rows(found.frame, [read_condition(each) for each in options.where]), options.sort)
@@ -54,7 +54,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
         say(line)
     try:
         say(f"table: {write_frame(found.folder, found.frame, found.units)}")
-        write_page(found)
+        write_sweep_page(found)
     except OSError as error:
         raise PipelineError(
             f"cannot write {error.filename2 or error.filename or found.folder}: {error.strerror}; jobs' own folders "
@@ -68,7 +68,7 @@ def _tell_failures(found: Sweep) -> Iterator[str]:
     unfinished = [job for job, status in statuses.items() if status != "done"]
     failed = [job for job in unfinished if statuses[job] not in NOT_TOLD]
     for job in failed[:MOST_FAILURES]:
-        yield f"  {job} {statuses[job]}: {tell_reason(Ledger.look(found.folder / job), statuses[job])}"
+        yield f"  {job} {statuses[job]}: {describe_reason(Ledger.look(found.folder / job), statuses[job])}"
     if len(failed) > MOST_FAILURES:
         yield f"  ... and {len(failed) - MOST_FAILURES} more"
     commands = list_commands(found.folder, unfinished)
