@@ -46,6 +46,7 @@ from pipeline.interruption import Interrupted, ignore_from_now_on
 from pipeline.options import put_options_first, read_options, shows_something
 from pipeline.places import CONFIG_FOLDER
 from pipeline.renames import find_key, find_option
+from pipeline.terminal import complain
 
 
 def main() -> int:
@@ -126,13 +127,6 @@ def name_file(error: ConfigError, given: Sequence[Mapping[str, str]]) -> ConfigE
     """Return the error with the file that gave the group whose key it is about."""
     told = [each["file"] for each in given if re.search(rf"(?<![\w.]){each['group']}\.", str(error))]
     return ConfigError(f"{error} (read from {told[0]})") if told else error
-
-
-def complain(line: str) -> None:
-    """Print one line to standard error."""
-    from pipeline.terminal import open_console
-
-    open_console(stderr=True).print(line, soft_wrap=True, highlight=False, markup=False)
 
 
 def explain(error: Exception) -> str:

@@ -168,10 +168,9 @@ def rerun(arguments: Sequence[str], config_folder: Path) -> int:
     except (PipelineError, OmegaConfBaseException) as error:
         raise ConfigError(f"rerun={origin.name}: {error}{_tell_origin(origin)}") from None
     given = origin.facts.get("given", ())
-    consoles = open_console(), open_console(stderr=True)
     again = name if Path(name).exists() else origin.name  # as latest is another run then
     retyped = [f"rerun={again}", *(each for each in arguments if each.partition("=")[0] in BESIDE)]
-    runner = Rerun(study, stages, retyped, *consoles, given, origin=origin)
+    runner = Rerun(study, stages, retyped, open_console(), given, origin=origin)
     runner.prepare()
     return runner.run() or runner.tell()
 

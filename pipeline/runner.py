@@ -38,7 +38,7 @@ from pipeline.report import PAGE_NAME, is_whole_page, print_headline, try_report
 from pipeline.runs import Claim, claim, list_ledgers, make_alone, sweeps_folder
 from pipeline.stage import Stage
 from pipeline.table import measure_file
-from pipeline.terminal import open_console
+from pipeline.terminal import complain, open_console, say
 from pipeline.workers import count_cores
 
 log = logging.getLogger("pamid")
@@ -59,8 +59,8 @@ class Runner:
         All of the workflow, in the order of the data.
     arguments : list of str
         Overrides as typed, for the command that resumes.
-    console, errors : Console
-        Standard output and standard error.
+    console : Console
+        Standard output.
     given : sequence of dict
         Files that gave options of config groups, as of `pipeline.config_files`, for the ledger.
     place : Path, optional
@@ -73,7 +73,6 @@ class Runner:
     stages: Sequence[Stage]
     arguments: list[str]
     console: Console
-    errors: Console
     given: Sequence[dict[str, str]] = ()
     place: Path | None = None
     workers: int | None = None
@@ -349,9 +348,7 @@ class Runner:
             if not is_whole_page(page):
                 write_report(ledger, self.study, self.stages)
         except OSError as error:
-            self._complain(
-                f"cannot write {page}: {error.strerror}; the tables are there; make it writable, then run again"
-            )
+            complain(f"cannot write {page}: {error.strerror}; the tables are there; make it writable, then run again")
         self._say(f"{word}: {ledger.folder}")
         self._say(f"report: {page}")
 
@@ -361,7 +358,7 @@ class Runner:
             record["status"] = status
         log.error("%s %s: %s", stage.name, status, message)
         ledger.end(status, {"stage": stage.name, "message": message})
-        self._complain(f"{stage.name} {status}: {message}; {when}, type: {command_line(self.arguments)}")
+        complain(f"{stage.name} {status}: {message}; {when}, type: {command_line(self.arguments)}")
         page = try_report(ledger, self.study, self.stages) if status != "interrupted" else None
         if page is not None:
             self._say(f"report: {page}")
@@ -370,7 +367,7 @@ class Runner:
     def _refuse(self, ledger: Ledger, error: OSError) -> int:
         where = _file_within(ledger.folder, error) or ledger.folder
         remedy = "make room" if error.errno in NO_ROOM else "make it writable or move it away"
-        self._complain(
+        complain(
             f"cannot write to {where}: {os.strerror(error.errno or errno.EIO)}; what was finished is kept; "
             f"{remedy}, then type: {command_line(self.arguments)}"
         )
@@ -395,10 +392,7 @@ class Runner:
         )
 
     def _say(self, text: str) -> None:
-        self.console.print(text, soft_wrap=True, highlight=False, markup=False)
-
-    def _complain(self, text: str) -> None:
-        self.errors.print(text, soft_wrap=True, highlight=False, markup=False)
+        say(text, self.console)
 
     @contextmanager
     def _status(self, text: str) -> Iterator[None]:
@@ -439,7 +433,7 @@ def run_study(
     study, stages = read_study(composed)
     sweep = study.settings.sweep
     place = sweeps_folder(study.settings.outputs) / sweep / name_job(overrides) if sweep else None
-    runner = Runner(study, stages, arguments, open_console(), open_console(stderr=True), given, place)
+    runner = Runner(study, stages, arguments, open_console(), given, place)
     if study.settings.plan:
         runner.show_plan()
         return 0

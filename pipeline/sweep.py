@@ -39,7 +39,7 @@ from pipeline.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
 from pipeline.ledger import Ledger
 from pipeline.options import read_options
 from pipeline.runs import is_running, live_status, sweeps_folder
-from pipeline.terminal import open_console
+from pipeline.terminal import complain, say
 
 MULTIRUN = ("-m", "--multirun")
 MOST_LISTED = 20
@@ -109,11 +109,6 @@ def run_sweep(
     ConfigError
         When no job could run.
     """
-    console = open_console()
-
-    def say(text: str) -> None:
-        console.print(text, soft_wrap=True, highlight=False, markup=False)
-
     overrides_typed = read_options(typed).overrides
     if search_path:
         overrides = [*overrides, f"hydra.searchpath=[file://{Path(search_path).resolve()}]"]
@@ -149,9 +144,9 @@ def run_sweep(
             f"cannot write to {folder} ({error.strerror}); free the folder, or choose another with sweep=NAME or "
             "outputs=PATH"
         ) from None
-    with _stopping(launch, say) as stopped:
-        _supervise(launch, lambda: _launch(launch, base, lists, config_folder), say, stopped)
-    return _tell_end(launch, list(typed), say, stopped)
+    with _stopping(launch) as stopped:
+        _supervise(launch, lambda: _launch(launch, base, lists, config_folder), stopped)
+    return _tell_end(launch, list(typed), stopped)
 
 
 def tell_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> Iterator[str]:
@@ -244,7 +239,7 @@ def _refuse_twins(jobs: Sequence[Planned]) -> None:
         )
 
 
-def _supervise(launch: Launch, run: Callable[[], None], say: Callable[[str], None], stopped: list[int]) -> None:
+def _supervise(launch: Launch, run: Callable[[], None], stopped: list[int]) -> None:
     """Have Hydra run the jobs, again where a worker's death took the others with it, or another process had some."""
     deaths = 0
     while True:
@@ -283,7 +278,7 @@ def _count_ended(launch: Launch) -> int:
 
 
 @contextmanager
-def _stopping(launch: Launch, say: Callable[[str], None]) -> Iterator[list[int]]:
+def _stopping(launch: Launch) -> Iterator[list[int]]:
     """Let a first signal ask the jobs to end, and a second one end this process at once, its workers with it."""
     stopped: list[int] = []
 
@@ -302,31 +297,30 @@ def _stopping(launch: Launch, say: Callable[[str], None]) -> Iterator[list[int]]
             signal.signal(number, handler)
 
 
-def _tell_end(launch: Launch, typed: list[str], say: Callable[[str], None], stopped: list[int]) -> int:
+def _tell_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
     from pipeline.sweep_table import write_sweep
 
     states = {job: _state(launch.sweep / job) for job in launch.jobs}
     counts = Counter(states.values())
-    complaints = open_console(stderr=True)
     try:
         path = write_sweep(launch.sweep)
         say(f"{', '.join(f'{count} {state}' for state, count in counts.items())}: {path}")
     except OSError as error:
         told = f"cannot write {error.filename or launch.sweep}: {error.strerror}; the jobs' own folders are as they are"
-        complaints.print(told, soft_wrap=True, highlight=False, markup=False)
+        complain(told)
     failures = [job for job, state in states.items() if state in ("failed", "killed", "paused")]
     for job in failures[:MOST_LISTED]:
         ledger = Ledger.look(launch.sweep / job)
         why = (ledger.facts["error"] if ledger else None) or {"stage": "-", "message": "no reason was noted"}
         line = f"  {job} {states[job]}: {why['stage']}: {why['message']}"
-        complaints.print(line, soft_wrap=True, highlight=False, markup=False)
+        complain(line)
     if len(failures) > MOST_LISTED:
-        complaints.print(f"  ... and {len(failures) - MOST_LISTED} more", highlight=False, markup=False)
+        complain(f"  ... and {len(failures) - MOST_LISTED} more")
     unfinished = sum(state != "done" for state in states.values())
     if unfinished:
         when = "to continue" if stopped else "when that is mended"
         line = f"{unfinished} of {len(states)} jobs are not done; {when}, type: {command_line(typed)}"
-        complaints.print(line, soft_wrap=True, highlight=False, markup=False)
+        complain(line)
     if stopped:
         return 128 + stopped[0]
     return 1 if unfinished else 0

@@ -18,6 +18,7 @@ from pipeline.page import Block, Section, make_grid, make_rows, write_page
 from pipeline.printing import print_frame
 from pipeline.review.comparison import Comparison, Difference, choose_runs
 from pipeline.review.curves import Curves, make_curves
+from pipeline.terminal import say
 
 COLUMNS_OF_A_TERMINAL = 6
 LONGEST_FILE_NAME = 80
@@ -46,17 +47,15 @@ def review(options: argparse.Namespace, console: Console) -> None:
     for each in replace(found, most=COLUMNS_OF_A_TERMINAL).differences():
         title = f"{each.name}: {each.told}" if each.told else each.name
         if each.frame.empty:
-            console.print(title, soft_wrap=True, highlight=False, markup=False)
+            say(title, console)
         else:
             print_frame(title, each.frame, console, options.rows, "--rows")
     for told in complaints:
-        console.print(told, soft_wrap=True, highlight=False, markup=False)
+        say(told, console)
     path = Path(options.html) if options.html else Path(options.outputs) / "reviews" / _name_file(names)
     if not path.name:
         raise PipelineError(f"cannot write {path}: Is a directory; name another file by --html PATH")
-    told = (
-        "Everything is listed." if options.all else "What is the same in all runs is left out (--all lists it)."
-    )
+    told = "Everything is listed." if options.all else "What is the same in all runs is left out (--all lists it)."
     shown = [Section("Curves", _show_curves(curves, complaints))]
     shown += [Section(_begin_upper(each.name), _show_difference(each)) for each in found.differences()]
     named = ", ".join(names)
@@ -72,7 +71,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
         )
     except OSError as error:
         raise PipelineError(f"cannot write {path}: {error.strerror}; name another file by --html PATH") from None
-    console.print(f"page: {path}", soft_wrap=True, highlight=False, markup=False)
+    say(f"page: {path}", console)
 
 
 def _name_file(names: Sequence[str]) -> str:
