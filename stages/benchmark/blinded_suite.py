@@ -21,8 +21,8 @@ from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.judgement import Judgement, judge, tell_truth
+from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.ranking import rank_first
-from stages.science.discrepancy.session import build_channels
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.science.recording.whole_sessions import tabulate_session
 
@@ -138,12 +138,12 @@ class Job:
     def search(self) -> dict[str, pd.DataFrame]:
         """Return the rows of this session."""
         recorded = self.ctx.rig.record(self.name)
-        frames = tabulate_session(recorded.samples, recorded.meta, self.name)
-        outputs = build_channels(*frames, self.settings)
-        opened = choose_verification(len(frames.trials), self.settings.verification_share)
+        tables = tabulate_session(recorded.samples, recorded.meta, self.name)
+        outputs = build_muscle_channels(tables, self.settings)
+        opened = choose_verification(len(tables.measured_trials), self.settings.verification_share)
         told = self.settings.search.settings
         judged = judge(outputs, opened, told, lambda purpose: self.ctx.generator(self.name, purpose))
-        row = {"session": self.name, "load_cell_site": str(frames.session["load_cell_site"].iloc[0])}
+        row = {"session": self.name, "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0])}
         rows = {
             BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
             BLIND_TRUTH.name: list_hidden(recorded.truth),

@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.verdict import decide_status
+from stages.science.discrepancy.verdict import read_status
 from stages.science.rig.sessions import seal_truth
 
 COMPARISON_WITH_TRUTH = Table(
@@ -60,7 +60,7 @@ def unblinding(
     if digest != seal["sha256"].iloc[0]:
         raise InputError("seal: the rig tells another truth than the one that was sealed; run blinded_session again")
     certain = cfg.discrepancy.search.certain
-    left = decide_status(list(named_effects["probability"]), unexplained["probability"].max(), certain) == "unexplained"
+    left = read_status(named_effects, unexplained, certain) == "unexplained"
     said = named_effects.iloc[:0] if left else named_effects
     hidden = recorded.truth["effects"]
     rows = compare(hidden, recorded.truth["gap_over_floor"], said, channels)

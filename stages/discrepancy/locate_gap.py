@@ -21,10 +21,11 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.discrepancy.dataset import build_dataset
 from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
 from stages.science.discrepancy.gaps import locate, upper_ratio
-from stages.science.discrepancy.machines import Measurements, check_plant, list_channels
-from stages.science.discrepancy.parts import PURPOSES, Parts, assign_parts, leave_gaps
+from stages.science.discrepancy.parts import PURPOSES, Parts, list_parts
+from stages.science.discrepancy.plant_check import check_plant
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.residuals import Seen, average_loops, average_plane
 from stages.science.discrepancy.restoring import list_residuals
@@ -34,6 +35,7 @@ from stages.science.figures.gap_map import draw_gap_map
 from stages.science.figures.residual_loops import draw_residual_loops
 from stages.science.figures.residual_plane import draw_residual_plane
 from stages.science.plant.machine import Machine
+from stages.science.recording.measured_tables import MeasuredTables
 
 TRIAL_PARTS = Table(
     "trial_parts",
@@ -160,41 +162,30 @@ class Config(Section):
 
 
 @stage(TRIAL_PARTS, NOMINAL_FIT, CHANNELS, RESIDUALS, GAP, stream="locate_gap")
-def locate_gap(
-    cfg: Config,
-    measured: pd.DataFrame,
-    measured_signals: pd.DataFrame,
-    measured_trials: pd.DataFrame,
-    measured_muscles: pd.DataFrame,
-    measured_session: pd.DataFrame,
-    ctx: Context,
-) -> dict[str, pd.DataFrame]:
+def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, pd.DataFrame]:
     """Fit the nominal constants, then tell where measured and simulated part."""
-    settings = cfg.discrepancy
-    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+    settings, trials = cfg.discrepancy, tables.measured_trials
+    source = tables.measured_session["source"].iloc[0]
     try:
-        given, records = list(measured_trials["part"]), list(measured_trials["record"])
-        purposes = assign_parts(given, cfg.parts, settings.verification_share, records)
-        gaps = leave_gaps(measured_trials, purposes, cfg.parts.gap_share)
-        outputs = list_channels(cfg.plant, told.keep_apart(gaps), settings)
+        parts = list_parts(trials, cfg.parts, settings.verification_share)
+        dataset = build_dataset(cfg.plant, tables, parts, settings)
     except ValueError as error:
-        raise InputError(f"{measured_session['source'].iloc[0]}: {error}") from None
-    if not outputs:
+        raise InputError(f"{source}: {error}") from None
+    if not dataset.outputs:
         raise InputError(
-            f"{measured_session['source'].iloc[0]}: expected pressure or force of a muscle that changes, with all that "
-            "it is simulated from, got none; see the table measured_notes"
+            f"{source}: expected pressure or force of a muscle that changes, with all that it is simulated from, got "
+            "none; see the table measured_notes"
         )
-    fitted = [k for k, purpose in enumerate(purposes) if purpose == "fitted"]
-    states = [prepare(output.take(fitted)) for output in outputs]
-    weights = resample(len(fitted), settings.bootstraps, ctx.generator("resample"))
+    states = [prepare(output) for output in dataset.fitted_outputs]
+    weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample"))
     gap = pd.DataFrame(locate(states, ctx.generator("signs")), columns=list(GAP.columns))
     channels = pd.DataFrame([tell_channel(each, weights, settings) for each in states])
     draw(states, channels, gap, settings.search.smallest_gap, ctx)
     return {
-        TRIAL_PARTS.name: pd.DataFrame({"trial": measured_trials["trial"].to_numpy(), "part": purposes}).join(gaps),
+        TRIAL_PARTS.name: parts,
         NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in tell_constants(each, weights, settings)]),
         CHANNELS.name: channels,
-        RESIDUALS.name: list_residuals(states, measured_trials["trial"].iloc[fitted].to_list()),
+        RESIDUALS.name: list_residuals(states, dataset.fitted_trials),
         GAP.name: gap,
     }
 

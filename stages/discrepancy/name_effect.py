@@ -16,10 +16,10 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.machines import Measurements, list_channels
+from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.ranking import rank_first
 from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
-from stages.science.discrepancy.restoring import restore_states
+from stages.science.discrepancy.restoring import NominalTables, restore_states
 from stages.science.discrepancy.search import Search, search
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.figures.candidate_ranking import draw_candidate_ranking
@@ -97,26 +97,11 @@ class Config(Section):
 
 
 @stage(RANKING, NAMED_EFFECTS, UNEXPLAINED, STEPS, stream="name_effect")
-def name_effect(
-    cfg: Config,
-    measured: pd.DataFrame,
-    measured_signals: pd.DataFrame,
-    measured_trials: pd.DataFrame,
-    measured_muscles: pd.DataFrame,
-    measured_session: pd.DataFrame,
-    trial_parts: pd.DataFrame,
-    nominal_fit: pd.DataFrame,
-    channels: pd.DataFrame,
-    residuals: pd.DataFrame,
-    ctx: Context,
-) -> dict[str, pd.DataFrame]:
+def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx: Context) -> dict[str, pd.DataFrame]:
     """Name what is missing, add it, and repeat until what is left is noise or has no name."""
     settings = cfg.discrepancy
-    fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
-    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
-    told = told.keep_apart(trial_parts)
-    outputs = [output.take(fitted) for output in list_channels(cfg.plant, told, settings)]
-    states = restore_states(outputs, trial_parts["trial"].iloc[fitted].to_list(), nominal_fit, channels, residuals)
+    dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
+    states = restore_states(dataset, nominal)
     found = search(states, settings.search.settings, ctx.generator("trials"))
     left = weigh_remainder(found, settings.search.settings, ctx.generator("unexplained"))
     doubt = sum_doubt(left)

@@ -18,7 +18,7 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.machines import Measurements, list_channels, settle
+from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.odd_trials import find_odd_trials
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.report_text import (
@@ -33,12 +33,12 @@ from stages.science.discrepancy.report_text import (
     tell_unconfirmed,
 )
 from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.signature import trace_effects
 from stages.science.discrepancy.verdict import (
     confirm_effects,
     confirm_status,
-    decide_status,
     describe_effects,
     list_absorbed,
     list_candidates,
@@ -120,49 +120,37 @@ class Config(Section):
 @stage(VERIFICATION, PREDICTIONS, FINDINGS, stream="verify_gap")
 def verify_gap(
     cfg: Config,
-    measured: pd.DataFrame,
-    measured_signals: pd.DataFrame,
-    measured_trials: pd.DataFrame,
-    measured_muscles: pd.DataFrame,
-    measured_session: pd.DataFrame,
-    trial_parts: pd.DataFrame,
-    channels: pd.DataFrame,
+    tables: DatasetTables,
+    found: SearchTables,
     gap: pd.DataFrame,
     ranking: pd.DataFrame,
-    named_effects: pd.DataFrame,
-    unexplained: pd.DataFrame,
-    steps: pd.DataFrame,
     amended_values: pd.DataFrame,
     remainder: pd.DataFrame,
     ctx: Context,
 ) -> dict[str, pd.DataFrame]:
     """Open the verification trials, once, and say what was found."""
-    settings = cfg.discrepancy
-    opened = np.flatnonzero(trial_parts["part"] == "verification").tolist()
-    learnt = (trial_parts["part"] == "fitted").to_numpy()
-    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
-    told = told.keep_apart(trial_parts)
-    outputs = list_channels(cfg.plant, told, settings)
-    found = verify(outputs, steps, channels, learnt)
-    added = named_effects.drop_duplicates("order")
+    settings, channels, named = cfg.discrepancy, found.channels, found.named_effects
+    dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
+    opened = dataset.test
+    verified = verify(dataset, found)
+    added = named.drop_duplicates("order")
     concerned = list(dict.fromkeys(added["channel"])) or list(dict.fromkeys(channels["channel"]))
-    labels = ["nominal", *(f"+ {name}" for name in added["name"])][: int(steps["step"].max()) + 1]
-    judged = [each for each in found if each.output.channel in concerned]
+    labels = ["nominal", *(f"+ {name}" for name in added["name"])][: found.last_step + 1]
+    judged = [each for each in verified if each.output.channel in concerned]
     rows = []
-    for part, chosen in list_reported(trial_parts, measured_trials, judged).items():
+    for part, chosen in list_reported(tables, judged).items():
         weights = resample(len(chosen), settings.bootstraps, ctx.generator("resample", part))
         compared = compare_steps(judged, labels, chosen, weights, settings.level, ctx.generator("signs", part))
         rows += [{"part": part, **row} for row in compared]
     verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
-    places = locate_most(gap, channels, named_effects, settings.search.smallest_gap)
-    named = list(named_effects["probability"])
-    status = decide_status(named, unexplained["probability"].max(), settings.search.certain)
+    places = locate_most(gap, channels, named, settings.search.smallest_gap)
+    status = found.read_status(settings.search.certain)
     last = len(labels) - 1 if status == "named" else 0
     weights = resample(len(opened), settings.bootstraps, ctx.generator("resample", "verification"))
     driven = select_judged(verification)
-    hidden = list_hidden(found, channels, opened)
-    confirmed = confirm_effects(named_effects, driven, 1.0 - settings.level, hidden)
-    over_floor = bound_ratio(found, last, opened, weights, settings.level)
+    hidden = list_hidden(verified, channels, opened)
+    confirmed = confirm_effects(named, driven, 1.0 - settings.level, hidden)
+    over_floor = bound_ratio(verified, last, opened, weights, settings.level)
     left_over_std = float(driven["gap_over_std"].iloc[last])
     blind = bool(hidden) or is_hidden(channels) or left_over_std > TELLS_NOTHING
     said = confirm_status(status, over_floor["value"], settings.search.smallest_gap, blind)
@@ -173,35 +161,34 @@ def verify_gap(
         "ranking": list_candidates(ranking),
         "absorbed": list_absorbed(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
-        **summarise_unexplained(unexplained, doubted=not set(hidden).isdisjoint(added["channel"])),
+        **summarise_unexplained(found.unexplained, doubted=not set(hidden).isdisjoint(added["channel"])),
         "remainder": list_remainder(remainder),
         "gap": {
             **tell_gap(driven, last, judged),
             "over_floor": {**over_floor, "smallest": settings.search.smallest_gap},
         },
-        "verification_trials": [int(trial) for trial in trial_parts["trial"].iloc[opened]],
+        "verification_trials": [dataset.trials[place] for place in opened],
     }
     ctx.verdict(verdict)
-    parts = dict(zip(trial_parts["trial"], trial_parts["part"], strict=True))
-    predictions = list_predictions(found, list(trial_parts["trial"]), parts, last)
+    predictions = list_predictions(verified, dataset, last)
     draw(verification, predictions, channels, concerned, ctx)
     if status == "named":
-        draw_signatures(trace_effects(outputs, steps, opened), ctx)
+        draw_signatures(trace_effects(dataset, found), ctx)
     comparable = predictions[predictions["part"] != "other"]
     odd = [{str(k): v for k, v in row.items()} for row in find_odd_trials(comparable).to_dict("records")]
     relevant = list_absorbed(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
         *tell_mapping(left_over_std),
-        *(tell_scales(settle(cfg.plant, outputs)) if status == "named" else []),
+        *(tell_scales(dataset.plant) if status == "named" else []),
         *(tell_unconfirmed(verdict["unexplained_share"]) if lost else []),
         *tell_remainder(remainder, status),
-        *tell_silent(judgeable, list(measured_muscles["muscle"])),
+        *tell_silent(judgeable, list(tables.measured_muscles["muscle"])),
         *tell_odd(odd),
         *tell_bounds(amended_values),
-        *tell_few(int(learnt.sum()), len(opened)),
+        *tell_few(len(dataset.fitted), len(opened)),
         *tell_floor(channels, verdict["gap"]["noise_floor"] if last else math.inf),
-        tell_command(measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
+        tell_command(tables.measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
     ]
     return {
         VERIFICATION.name: verification,
@@ -210,13 +197,11 @@ def verify_gap(
     }
 
 
-def list_reported(
-    trial_parts: pd.DataFrame, measured_trials: pd.DataFrame, judged: Sequence[Verified]
-) -> dict[str, list[int]]:
+def list_reported(tables: DatasetTables, judged: Sequence[Verified]) -> dict[str, list[int]]:
     """Return the positions of the trials that are judged together: those opened, then each part that was left aside."""
-    purposes, seen = trial_parts["part"].to_numpy(), sum(each.output.present.sum(axis=0) for each in judged)
+    purposes, seen = tables.trial_parts["part"].to_numpy(), sum(each.output.present.sum(axis=0) for each in judged)
     reported = {"verification": np.flatnonzero(purposes == "verification").tolist()}
-    aside = measured_trials["part"].where((purposes == "other") & (seen > 0))
+    aside = tables.measured_trials["part"].where((purposes == "other") & (seen > 0))
     return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
 
 

@@ -15,14 +15,14 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, field_validator
 
+from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.dependence import Dependence, find_dependence, find_range
 from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
-from stages.science.discrepancy.restoring import restore
+from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.symbolic_regression import Regression, Sketch, sketch_residual
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.flexible import find_floor
-from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.plant.declaration import Declared
 from stages.science.signals.trajectories import Array
@@ -117,51 +117,48 @@ class Description:
 
 
 def describe_above_floor(
-    outputs: Sequence[OutputChannel],
-    steps: pd.DataFrame,
+    dataset: Dataset,
+    found: SearchTables,
     step: int,
-    channels: pd.DataFrame,
     smallest_gap: float,
     settings: DescriptionSettings,
     weights: Array,
     level: float,
     generator: np.random.Generator,
 ) -> list[Description]:
-    """Return a description of each output in which more than noise is left after a number of additions.
+    """Return a description of each output channel in which more than noise is left after a number of additions.
 
     Where an effect was added, the floor is what flexible models leave with it, if that is less: they do better beside
     the right name than alone.
 
     Parameters
     ----------
-    outputs : sequence of OutputChannel
-        With the trials that may be looked at.
-    steps : DataFrame
-        Values after each addition.
+    dataset : Dataset
+        Its fitted trials are looked at.
+    found : SearchTables
+        Noise floors, and values after each addition.
     step : int
         Effects added.
-    channels : DataFrame
-        Noise, noise floor and gap over floor of each output after the nominal fit.
     smallest_gap : float
-        Over the floor; below it an output is passed over.
+        Over the floor; below it an output channel is passed over.
     settings, weights, level, generator
         As `describe` takes them.
     """
-    known = {(row["channel"], row["muscle"]): row for row in channels.to_dict("records")}
+    known = {(row["channel"], row["muscle"]): row for row in found.channels.to_dict("records")}
     described = []
-    for output in outputs:
+    for output in dataset.fitted_outputs:
         row = known[output.channel, output.element]
         if row["gap_over_floor"] <= smallest_gap:
             continue
-        model, values = restore(output, steps, step)
-        noise = Noise(*(float(row[name]) for name in Noise._fields))
-        found = fit(model, noise, values, iterations=0)
+        model, values = found.restore(output, step)
+        noise = found.read_noise(output)
+        fitted = fit(model, noise, values, iterations=0)
         floor = float(row["noise_floor"])
         if model.forms:
-            least = find_floor(found, noise, np.ones(model.output.trials, dtype=bool)).raw.sum()
+            least = find_floor(fitted, noise, np.ones(model.output.trials, dtype=bool)).raw.sum()
             floor = min(floor, float(np.sqrt(least / max(int(model.output.present.sum()), 1))))
-        if _measure(found.residual, found.model.output) > smallest_gap * floor:
-            described.append(describe(found, floor, settings, weights, level, generator))
+        if _measure(fitted.residual, fitted.model.output) > smallest_gap * floor:
+            described.append(describe(fitted, floor, settings, weights, level, generator))
     return described
 
 

@@ -44,6 +44,26 @@ class Parts(Declared):
         return self
 
 
+def list_parts(trials: pd.DataFrame, parts: Parts, share: float) -> pd.DataFrame:
+    """Return what each trial is for, and how many of its samples are left out.
+
+    Parameters
+    ----------
+    trials : DataFrame
+        Columns ``trial part record samples``, in the order of time within a record.
+    parts, share
+        As `assign_parts` takes them.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``trial part left_before left_after``.
+    """
+    purposes = assign_parts(list(trials["part"]), parts, share, list(trials["record"]))
+    told = pd.DataFrame({"trial": trials["trial"].to_numpy(), "part": purposes})
+    return told.join(leave_gaps(trials, purposes, parts.gap_share))
+
+
 def assign_parts(given: Sequence[str], parts: Parts, share: float, records: Sequence[str] = ()) -> list[str]:
     """Return what each trial is for: ``fitted``, ``verification`` or ``other``.
 

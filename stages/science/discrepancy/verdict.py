@@ -57,6 +57,11 @@ def decide_status(named: Sequence[float], unknown: float, certain: float) -> Sta
     return "named" if named else "no_discrepancy"
 
 
+def read_status(named: pd.DataFrame, unexplained: pd.DataFrame, certain: float) -> Status:
+    """Return the status by the tables `named_effects` and `unexplained`; see `decide_status`."""
+    return decide_status(list(named["probability"]), unexplained["probability"].max(), certain)
+
+
 def confirm_status(status: Status, over_floor: float, smallest_gap: float, blind: bool) -> Status:
     """Return the status after a look at the opened trials: where nothing was named, they tell whether there is a gap.
 

@@ -5,15 +5,16 @@ Outputs with all trials and the values of each step flow in; predictions and gap
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.remainder import hides
-from stages.science.discrepancy.restoring import restore
+from stages.science.discrepancy.restoring import SearchTables
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.flexible import Mask, find_floor
 from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
@@ -67,29 +68,23 @@ class Verified:
         return found
 
 
-def verify(
-    outputs: Sequence[OutputChannel], steps: pd.DataFrame, channels: pd.DataFrame, learnt: Mask
-) -> list[Verified]:
-    """Simulate every output after each addition.
+def verify(dataset: Dataset, found: SearchTables) -> list[Verified]:
+    """Simulate every output channel after each addition.
 
     Parameters
     ----------
-    outputs : sequence of MuscleChannel
+    dataset : Dataset
         With all trials.
-    steps : DataFrame
-        Values after each addition.
-    channels : DataFrame
-        Noise of each output.
-    learnt : (K,) ndarray of bool
-        Trials to which the values were fitted.
+    found : SearchTables
+        Noise, and values after each addition.
     """
-    last = int(steps["step"].max())
+    learnt = np.isin(np.arange(len(dataset.trials)), dataset.fitted)
     pressures: dict[tuple[str, int], Array] = {}
-    found = []
-    for output in sorted(outputs, key=lambda each: each.channel != "pressure_kpa"):
+    verified = []
+    for output in sorted(dataset.outputs, key=lambda each: each.channel != "pressure_kpa"):
         simulated, free = [], []
-        for step in range(last + 1):
-            model, values = restore(output, steps, step)
+        for step in range(found.last_step + 1):
+            model, values = found.restore(output, step)
             simulated.append(model.simulate(values))
             driven: OutputChannel = model.output
             if isinstance(output, ForceChannel) and (output.element, step) in pressures:
@@ -98,10 +93,9 @@ def verify(
                 free.append(driven.simulate(*model.name_values(values)))
             if output.channel == "pressure_kpa":
                 pressures[output.element, step] = simulated[-1]
-        noise = channels[(channels["channel"] == output.channel) & (channels["muscle"] == output.element)].iloc[0]
-        known = Noise(*(float(noise[name]) for name in Noise._fields))
-        found.append(Verified(output, simulated, free, _find_floor(model, values, known, learnt) / output.range**2))
-    return found
+        floor = _find_floor(model, values, found.read_noise(output), learnt) / output.range**2
+        verified.append(Verified(output, simulated, free, floor))
+    return verified
 
 
 def _find_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
@@ -262,32 +256,28 @@ def _row(
     }
 
 
-def list_predictions(
-    found: Sequence[Verified], trials: Sequence[int], parts: Mapping[int, str], last: int = -1
-) -> pd.DataFrame:
+def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int) -> pd.DataFrame:
     """Return every sample as measured and as simulated before and after, one row per trial, time, muscle, channel.
 
     Parameters
     ----------
     found : sequence of Verified
-        Outputs.
-    trials : sequence of int
-        Their numbers, in the order of the arrays.
-    parts : mapping of int to str
-        What each trial is for.
+        Output channels.
+    dataset : Dataset
+        Says which trials there are, and what for.
     last : int
-        Number of additions after which it is told; -1 for all.
+        Number of additions after which a sample is simulated.
     """
     frames = []
     for each in found:
         output = each.output
-        for place, trial in enumerate(trials):
+        for place, (trial, part) in enumerate(zip(dataset.trials, dataset.parts, strict=True)):
             rows = output.present[:, place]
             frames.append(
                 pd.DataFrame(
                     {
                         "trial": trial,
-                        "part": parts[trial],
+                        "part": part,
                         "time_s": np.flatnonzero(rows) * output.step_s,
                         "muscle": output.element,
                         "channel": output.channel,

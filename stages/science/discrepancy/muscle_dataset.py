@@ -1,6 +1,6 @@
-"""A measured session as records of each muscle: tidy rows become arrays of samples by trials.
+"""The output channels of measured muscles: tidy rows become arrays of samples by trials.
 
-Frames of samples, trials and muscles flow in; `Records` flow out, gaps bridged and remembered.
+`MeasuredTables` flow in; for each muscle the channels of its pressure and its force flow out, gaps bridged and marked.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import pandas as pd
 from stages.science.discrepancy.settings import DiscrepancySettings, Tolerance
 from stages.science.output_channels.muscle_channels import Build, ForceChannel, MuscleChannel, PressureChannel, Records
 from stages.science.plant.effect import Parameter
+from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.signals.trajectories import Array
 
 SIGNALS = {
@@ -104,29 +105,24 @@ def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int)
     return known, values
 
 
-def build_channels(
-    measured: pd.DataFrame,
-    trials: pd.DataFrame,
-    muscles: pd.DataFrame,
-    session: pd.DataFrame,
-    settings: DiscrepancySettings,
-) -> list[MuscleChannel]:
-    """Return the outputs of a session: for every muscle its pressure and its force, where there are data.
+def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings) -> list[MuscleChannel]:
+    """Return the output channels of a dataset: for every muscle its pressure and its force, where there are data.
 
     Parameters
     ----------
-    measured, trials, muscles, session : DataFrame
-        Tables of what was measured; `session` has one row.
+    tables : MeasuredTables
+        Of muscles.
     settings : DiscrepancySettings
         Tolerances of the constants.
     """
     tolerances = settings.tolerances
-    site = str(session["load_cell_site"].iloc[0])
+    site = str(tables.measured_session["load_cell_site"].iloc[0])
     load_cell_site: Literal["muscle_tip", "joint_end"] = "muscle_tip" if site == "muscle_tip" else "joint_end"
+    muscles = tables.measured_muscles
     joints = dict(zip(muscles["muscle"], muscles["joint"], strict=True))
     outputs: list[MuscleChannel] = []
     for row in muscles.to_dict("records"):
-        records = collect_records(measured, trials, row["muscle"], joints)
+        records = collect_records(tables.measured, tables.measured_trials, row["muscle"], joints)
         build = _build(row, settings.max_pressure_kpa)
         for kind in (PressureChannel, ForceChannel):
             declared = tolerances[kind.channel]
