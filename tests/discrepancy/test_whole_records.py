@@ -74,9 +74,9 @@ def test_a_value_that_stands_at_a_bound_says_so(high, told):
     constants["stiffness"] |= {"start": 250.0, "low": 200.0, "high": high, "sd": 50.0}
     signals = {"position_m": way, "force_n": 300.0 * way + 0.05 * np.random.default_rng(1).standard_normal(len(way))}
     state = prepare(build_whole_records(*tabulate(signals), read_plant(constants=constants)))
-    fitted, noise = state.current.fit, pd.Series(state.noise._asdict())
+    fitted = state.current.fit
     settings = DiscrepancySettings(**STATED)
-    rows = estimate_intervals(fitted.model, fitted.values, noise, settings, np.random.default_rng(0))
+    rows = estimate_intervals(fitted.model, fitted.values, state.noise, settings, np.random.default_rng(0))
     assert {row["parameter"]: row["at_bound"] for row in rows} == {"stiffness": told, "offset": ""}
 
 
