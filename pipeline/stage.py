@@ -89,12 +89,13 @@ def stage(
             raise WiringError(
                 f"stage {name}: expected parameters cfg (annotated with a pydantic model) and ctx, got {parameters}"
             )
-        bundles: dict[str, type] = {each: hints[each] for each in parameters if is_dataclass(hints.get(each))}
+        read = [each for each in parameters if each not in ("cfg", "ctx")]
+        bundles: dict[str, type] = {each: hints[each] for each in read if is_dataclass(hints.get(each))}
         defaults: list[tuple[str, Any]] = []
-        for each in parameters:
+        for each in read:
             if each in bundles:
                 defaults += [(field.name, field.default) for field in fields(bundles[each])]
-            elif each not in ("cfg", "ctx"):
+            else:
                 defaults.append((each, signature[each].default))
         reads = tuple(table for table, _ in defaults)
         twice = [table for table in reads if reads.count(table) > 1]

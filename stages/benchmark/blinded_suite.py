@@ -141,7 +141,7 @@ class Job:
         tables = tabulate_session(recorded.samples, recorded.meta, self.name)
         outputs = build_muscle_channels(tables, self.settings)
         opened = choose_verification(len(tables.measured_trials), self.settings.verification_share)
-        told = self.settings.search.settings
+        told = self.settings.search
         judged = judge(outputs, opened, told, lambda purpose: self.ctx.generator(self.name, purpose))
         row = {"session": self.name, "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0])}
         rows = {
@@ -179,7 +179,7 @@ class Job:
         known = {form.name for output in judged.outputs for form in output.forms}
         if not names or not names <= known:
             return math.nan
-        knowing = tell_truth(judged, names, self.settings.search.settings, self.ctx.generator(self.name, "told"))
+        knowing = tell_truth(judged, names, self.ctx.generator(self.name, "told"))
         return judged.gap([state.current.fit for state in knowing.outputs], channels)
 
 

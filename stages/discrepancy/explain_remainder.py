@@ -16,11 +16,11 @@ from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.description import (
     Description,
-    DescriptionSettings,
     average_dependence,
     describe_above_floor,
     tabulate,
 )
+from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings

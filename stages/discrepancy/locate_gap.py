@@ -178,9 +178,9 @@ def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, p
         )
     states = [prepare(output) for output in dataset.fitted_outputs]
     weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample"))
-    gap = pd.DataFrame(locate(states, ctx.generator("signs")), columns=list(GAP.columns))
+    gap = pd.DataFrame(locate(states, settings.regimes, ctx.generator("signs")), columns=list(GAP.columns))
     channels = pd.DataFrame([tell_channel(each, weights, settings) for each in states])
-    draw(states, channels, gap, settings.search.smallest_gap, ctx)
+    draw(states, channels, gap, settings, ctx)
     return {
         TRIAL_PARTS.name: parts,
         NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in tell_constants(each, weights, settings)]),
@@ -191,18 +191,22 @@ def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, p
 
 
 def draw(
-    states: Sequence[FittedChannel], channels: pd.DataFrame, gap: pd.DataFrame, smallest_gap: float, ctx: Context
+    states: Sequence[FittedChannel],
+    channels: pd.DataFrame,
+    gap: pd.DataFrame,
+    settings: DiscrepancySettings,
+    ctx: Context,
 ) -> None:
     """Draw how large the gap is, and where it lies."""
     seen = [Seen(each.output, each.nominal.fit.residual, each.floor) for each in states]
     ctx.figure(
         "gap_bars",
-        draw_gap_bars(channels, smallest_gap),
+        draw_gap_bars(channels, settings.search.smallest_gap),
         "Gap of every channel over its noise floor after the nominal constants were fitted, with its upper limit.",
     )
     ctx.figure(
         "gap_map",
-        draw_gap_map(gap, channels),
+        draw_gap_map(gap, channels, settings.significance),
         "Where the gap lies: share of the squared gap above the floor (%) by regime; regimes overlap. Full dot: trials "
         "confirm it after correction for all looks; ring: without correction.",
     )

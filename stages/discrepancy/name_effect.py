@@ -102,9 +102,9 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
     settings = cfg.discrepancy
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     states = restore_states(dataset, nominal)
-    found = search(states, settings.search.settings, ctx.generator("trials"))
-    left = weigh_remainder(found, settings.search.settings, ctx.generator("unexplained"))
-    doubt = sum_doubt(left)
+    found = search(states, settings.search, ctx.generator("trials"))
+    left = weigh_remainder(found, settings.search, ctx.generator("unexplained"))
+    doubt = sum_doubt(left, settings.search.remainder)
     ranking = pd.DataFrame(rank_first(found, doubt, settings.search.absorbed), columns=list(RANKING.columns))
     ctx.figure(
         "ranking",

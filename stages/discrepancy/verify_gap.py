@@ -101,8 +101,6 @@ POOLING = (
     "of each channel and muscle in each trial: mean squared error over the squared range of all its measured samples; "
     "the mean of these over channels and muscles with data, then over trials; its root"
 )
-TELLS_NOTHING = 0.9
-"""Error over the measured standard deviation, from which on a mean would have done nearly as well."""
 MOST_SHOWN = 4
 """Muscles whose trials are drawn."""
 FINDINGS = Table("findings", "What was found", {"finding": column(str, "a sentence")})
@@ -143,16 +141,17 @@ def verify_gap(
         compared = compare_steps(judged, labels, chosen, weights, settings.level, ctx.generator("signs", part))
         rows += [{"part": part, **row} for row in compared]
     verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
-    places = locate_most(gap, channels, named, settings.search.smallest_gap)
+    places = locate_most(gap, channels, named, settings)
     status = found.read_status(settings.search.certain)
     last = len(labels) - 1 if status == "named" else 0
     weights = resample(len(opened), settings.bootstraps, ctx.generator("resample", "verification"))
     driven = select_judged(verification)
-    hidden = list_hidden(verified, channels, opened)
-    confirmed = confirm_effects(named, driven, 1.0 - settings.level, hidden)
+    hidden = list_hidden(verified, channels, opened, settings.search.remainder)
+    confirmed = confirm_effects(named, driven, settings, hidden)
     over_floor = bound_ratio(verified, last, opened, weights, settings.level)
     left_over_std = float(driven["gap_over_std"].iloc[last])
-    blind = bool(hidden) or is_hidden(channels) or left_over_std > TELLS_NOTHING
+    uninformative = left_over_std > settings.confirmation.uninformative_error
+    blind = bool(hidden) or is_hidden(channels, settings.search.remainder) or uninformative
     said = confirm_status(status, over_floor["value"], settings.search.smallest_gap, blind)
     lost, status = status == "unexplained" and said == "no_discrepancy", said
     verdict = {
@@ -174,26 +173,27 @@ def verify_gap(
     draw(verification, predictions, channels, concerned, ctx)
     if status == "named":
         draw_signatures(trace_effects(dataset, found), ctx)
+    report = settings.report
     comparable = predictions[predictions["part"] != "other"]
-    odd = [{str(k): v for k, v in row.items()} for row in find_odd_trials(comparable).to_dict("records")]
+    odd = find_odd_trials(comparable, report.odd_trial)
     relevant = list_absorbed(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
-        *tell_mapping(left_over_std),
+        *(tell_mapping(left_over_std) if uninformative else []),
         *(tell_scales(dataset.plant) if status == "named" else []),
         *(tell_unconfirmed(verdict["unexplained_share"]) if lost else []),
-        *tell_remainder(remainder, status),
+        *tell_remainder(remainder, status, report),
         *tell_silent(judgeable, list(tables.measured_muscles["muscle"])),
-        *tell_odd(odd),
+        *tell_odd(odd.to_dict("records")),
         *tell_bounds(amended_values),
-        *tell_few(len(dataset.fitted), len(opened)),
-        *tell_floor(channels, verdict["gap"]["noise_floor"] if last else math.inf),
+        *tell_few(len(dataset.fitted), len(opened), report.few_trials),
+        *tell_floor(channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf),
         tell_command(tables.measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
     ]
     return {
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
-        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, relevant, remarks)}),
+        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, relevant, remarks, settings)}),
     }
 
 
@@ -229,9 +229,7 @@ def tell_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dic
 
 
 def tell_mapping(left_over_std: float) -> list[str]:
-    """Return that a simulation tells nothing of what was measured, if so."""
-    if not left_over_std > TELLS_NOTHING:
-        return []
+    """Return that a simulation tells nothing of what was measured."""
     return [
         f"The simulation tells nothing of what was measured: not fitted, it errs by {left_over_std:.2g} of its "
         "standard deviation. Before anything else, look whether columns, units and signs are right, and the plant."

@@ -6,7 +6,6 @@ are not part of this project.
 
 import functools
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -115,7 +114,7 @@ def fitted():
 @pytest.mark.slow
 @pytest.mark.parametrize(("left_out", "said"), [(["overflow"], ["saturation"]), (["saturation", "overflow"], [])])
 def test_without_its_effects_a_gap_of_the_tanks_has_no_other_name(left_out, said, fitted, generator):
-    found = search([fitted(TANKS)[1]], replace(SETTINGS, left_out=tuple(left_out)), generator)
+    found = search([fitted(TANKS)[1]], SETTINGS.model_copy(update={"left_out": left_out}), generator)
     assert [each.name for each in found.named] == said
     assert said or weigh_remainder(found, SETTINGS, generator)["level_v"].unknown > 0.5
     (state,) = found.outputs

@@ -7,10 +7,9 @@ from scipy.signal import lfilter
 
 from stages.science.discrepancy.amendment import estimate_intervals
 from stages.science.discrepancy.fitted_channel import prepare
-from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.records import thin_out
 from stages.science.output_channels.whole_record_channel import build_whole_records
-from tests.discrepancy.searches import STATED, look, read_values
+from tests.discrepancy.searches import DISCREPANCY, look, read_values
 from tests.discrepancy.simulated_records import move, slide, tabulate
 from tests.plant.machines import read_plant
 
@@ -75,8 +74,7 @@ def test_a_value_that_stands_at_a_bound_says_so(high, told):
     signals = {"position_m": way, "force_n": 300.0 * way + 0.05 * np.random.default_rng(1).standard_normal(len(way))}
     state = prepare(build_whole_records(*tabulate(signals), read_plant(constants=constants)))
     fitted = state.current.fit
-    settings = DiscrepancySettings(**STATED)
-    rows = estimate_intervals(fitted.model, fitted.values, state.noise, settings, np.random.default_rng(0))
+    rows = estimate_intervals(fitted.model, fitted.values, state.noise, DISCREPANCY, np.random.default_rng(0))
     assert {row["parameter"]: row["at_bound"] for row in rows} == {"stiffness": told, "offset": ""}
 
 

@@ -13,6 +13,7 @@ from stages.science.discrepancy.report_text import (
     tell_unconfirmed,
 )
 from stages.science.discrepancy.verdict import summarise_unexplained
+from tests.discrepancy.searches import DISCREPANCY
 from tests.plant.machines import configured, read_plant
 
 GAP = {
@@ -84,13 +85,13 @@ BLIND = "cannot be told: the gap is 1.02 times the noise floor, but so much coun
     ],
 )
 def test_a_verdict_says_what_its_numbers_say(verdict, said, unsaid):
-    text = " ".join(tell(verdict, [], [], []))
+    text = " ".join(tell(verdict, [], [], [], DISCREPANCY))
     assert [words for words in said if words not in text] == []
     assert [words for words in unsaid if words in text] == []
 
 
 def test_few_trials_and_a_gap_that_opened_ones_lack_are_told():
-    assert [len(tell_few(fitted, 1)) for fitted in (2, 5, 6)] == [1, 1, 0]
+    assert [len(tell_few(fitted, 1, 6)) for fitted in (2, 5, 6)] == [1, 1, 0]
     (sentence,) = tell_unconfirmed(0.37)
     assert "a flexible model would take away 37 %; those opened at the end show none" in sentence
 
@@ -106,10 +107,10 @@ def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
     channels = pd.DataFrame(
         {"channel": ["force_n", "force_n"], "muscle": ["pam1", "pam2"], "noise_floor": [9.0, 2.0], "white": [1.0, 1.0]}
     )
-    (sentence,) = tell_floor(channels)
+    (sentence,) = tell_floor(channels, 3.0)
     assert "force n of pam1" in sentence
     assert "pam2" not in sentence
-    assert tell_floor(channels.assign(noise_floor=2.0)) == []
+    assert tell_floor(channels.assign(noise_floor=2.0), 3.0) == []
 
 
 def test_the_line_is_that_of_the_channel_in_which_most_is_left():

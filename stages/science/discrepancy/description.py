@@ -7,41 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from math import nan
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, field_validator
 
 from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.dependence import Dependence, find_dependence, find_range
+from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.signal_names import name_signal
-from stages.science.discrepancy.symbolic_regression import Regression, Sketch, sketch_residual
+from stages.science.discrepancy.symbolic_regression import Sketch, sketch_residual
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.flexible import find_floor
 from stages.science.output_channels.output_channel import OutputChannel
-from stages.science.plant.declaration import Declared
 from stages.science.signals.trajectories import Array
-
-
-class DescriptionSettings(Declared):
-    """How what stays unexplained is described."""
-
-    most_inputs: int = Field(ge=1, le=5)
-    pseudo_inputs: int = Field(ge=2, le=200)
-    most_terms: int = Field(ge=1, le=10)
-    regression: Regression
-
-    @field_validator("regression")
-    @classmethod
-    def _is_installed(cls, chosen: Regression) -> Regression:
-        if chosen == "pysindy" and find_spec("pysindy") is None:
-            raise ValueError('pysindy is not installed: pip install -e ".[sketch]", or choose stepwise')
-        return chosen
 
 
 @dataclass(frozen=True)
@@ -90,6 +72,8 @@ class Description:
         A formula.
     sketched : Share
         What it takes away of trials left out.
+    range_part : float
+        Part of what the GP takes away that its range is to hold.
     """
 
     output: OutputChannel
@@ -99,6 +83,7 @@ class Description:
     share: Share
     sketch: Sketch
     sketched: Share
+    range_part: float
 
     @property
     def is_confirmed(self) -> bool:
@@ -188,12 +173,19 @@ def describe(
         Draws pseudo-inputs.
     """
     output, residual = fitted.model.output, fitted.residual
-    found = find_dependence(output, residual, settings.most_inputs, settings.pseudo_inputs, generator)
+    found = find_dependence(output, residual, settings, generator)
     left = ((residual - found.heldout) ** 2).sum(axis=0)
     share = measure_share((residual**2).sum(axis=0), left, weights, level)
-    sketch = sketch_residual(fitted, found.inputs, settings.most_terms, settings.regression)
+    sketch = sketch_residual(fitted, found.inputs, settings)
     return Description(
-        output, residual, floor, found, share, sketch, measure_share(sketch.before, sketch.after, weights, level)
+        output,
+        residual,
+        floor,
+        found,
+        share,
+        sketch,
+        measure_share(sketch.before, sketch.after, weights, level),
+        settings.range_part,
     )
 
 
@@ -223,7 +215,7 @@ def tabulate(described: Description) -> dict[str, Any]:
     if inputs:
         rest = described.residual - described.dependence.heldout
         taken = (described.residual**2 - rest**2)[output.present]
-        where = find_range(described.dependence.along[output.present], taken)
+        where = find_range(described.dependence.along[output.present], taken, described.range_part)
         row |= {"range_low": where.low, "range_high": where.high}
         row |= {"range_part": where.part, "range_time": where.time}
     sketched = described.sketched

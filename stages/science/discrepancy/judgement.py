@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
-from stages.science.discrepancy.naming import Named, SearchSettings
+from stages.science.discrepancy.naming import Named
 from stages.science.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
 from stages.science.discrepancy.search import Search, search
+from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.verdict import Status, decide_status
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.flexible import find_floor
@@ -38,8 +39,8 @@ class Judgement:
         Ended.
     left : dict of str to Remainder
         By channel, what was named leaves.
-    certain : float
-        Probability at which something is said.
+    settings : SearchSettings
+        Of the search.
     """
 
     outputs: list[OutputChannel]
@@ -47,7 +48,7 @@ class Judgement:
     prepared: list[FittedChannel]
     found: Search
     left: dict[str, Remainder]
-    certain: float
+    settings: SearchSettings
 
     @property
     def unexplained(self) -> str:
@@ -62,12 +63,12 @@ class Judgement:
     @property
     def doubt(self) -> float:
         """Probability of something without a name; it takes its part from every name's."""
-        return sum_doubt(self.left)
+        return sum_doubt(self.left, self.settings.remainder)
 
     @property
     def status(self) -> Status:
         """As in the verdict."""
-        return decide_status([each.doubt(self.doubt) for each in self.found.named], self.unknown, self.certain)
+        return decide_status([each.doubt(self.doubt) for each in self.found.named], self.unknown, self.settings.certain)
 
     @property
     def named(self) -> list[Named]:
@@ -121,12 +122,10 @@ def judge(
     prepared = [prepare(output.take(fitted)) for output in outputs]
     found = search(prepared, settings, draw("trials"))
     left = weigh_remainder(found, settings, draw("unexplained"))
-    return Judgement(list(outputs), list(opened), prepared, found, left, settings.certain)
+    return Judgement(list(outputs), list(opened), prepared, found, left, settings)
 
 
-def tell_truth(
-    judged: Judgement, names: Collection[str], settings: SearchSettings, generator: np.random.Generator
-) -> Search:
+def tell_truth(judged: Judgement, names: Collection[str], generator: np.random.Generator) -> Search:
     """Return the search that knows which effects there are, and adds them whatever they gain.
 
     Parameters
@@ -135,23 +134,13 @@ def tell_truth(
         Of the session.
     names : collection of str
         True names; the library is restricted to them.
-    settings : SearchSettings
-        Of the search that did not know.
     generator : numpy.random.Generator
         Draws weights of trials.
     """
-    easy = replace(
-        settings,
-        smallest_gap=1.0,
-        least_gain=0.0,
-        least_share=0.0,
-        later_share=0.0,
-        later_gain=0.0,
-        later_rest=0.0,
-        none_prior=1e-9,
-    )
+    every = ("least_gain", "least_share", "later_share", "later_gain", "later_rest")
+    easy = {"smallest_gap": 1.0, **dict.fromkeys(every, 0.0), "none_prior": 1e-9, "most_effects": len(names)}
     states = [replace(state, output=_restrict(state.output, names)) for state in judged.prepared]
-    return search(states, replace(easy, most_effects=len(names)), generator)
+    return search(states, judged.settings.model_copy(update=easy), generator)
 
 
 def _restrict(output: OutputChannel, names: Collection[str]) -> OutputChannel:

@@ -12,20 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from stages.science.discrepancy.fitted_channel import FittedChannel
-from stages.science.discrepancy.naming import SearchSettings
 from stages.science.discrepancy.search import Search
+from stages.science.discrepancy.settings import RemainderSettings, SearchSettings
 from stages.science.signals.trajectories import Array
 
 DRAWS = 1000
-HIDING, FAR_ABOVE = 0.04, 3.0
-"""Noise floor over a channel's range, and over its noise from sample to sample, above which it hides what there is."""
-HIDDEN = 0.6
-"""Probability of something without a name where the floor hides what there is and nothing was named."""
-EVEN = 0.5
-"""Probability of something without a name where a name's forms leave more than forms of one effect differ by."""
-
-MANY = 3
-"""Names in one channel from which on one effect without a name is as likely as so many with one."""
 
 
 class Remainder(NamedTuple):
@@ -68,9 +59,9 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
         named = any(state.current.forms for state in states)
         imitated = float((share > settings.imitation_share).mean()) if named else 0.0
         sure = float(unknown.mean())
-        if any(_is_hidden(state) for state in states):
-            imitated, sure = (1.0 if named else 0.0), max(sure, 0.0 if named else HIDDEN)
-        if sum(each.channel == channel and not each.shown for each in found.named) >= MANY:
+        if any(_is_hidden(state, settings.remainder) for state in states):
+            imitated, sure = (1.0 if named else 0.0), max(sure, 0.0 if named else settings.remainder.hidden_probability)
+        if sum(each.channel == channel and not each.shown for each in found.named) >= settings.remainder.many_names:
             imitated = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else None
@@ -79,28 +70,19 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
     return remainders
 
 
-def _is_hidden(state: FittedChannel) -> bool:
+def _is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
     """Return whether so much wanders, or is told by no measured signal, that neither a name nor its absence is sure."""
-    return hides(state.floor / state.output.range, state.noise.white / state.output.range)
+    return settings.hides(state.floor / state.output.range, state.noise.white / state.output.range)
 
 
-def hides(floor: float, white: float) -> bool:
-    """Return whether a noise floor hides what there is.
-
-    Parameters
-    ----------
-    floor, white : float
-        Noise floor, and noise from sample to sample, over the channel's range.
-    """
-    return floor > HIDING and floor > FAR_ABOVE * white
-
-
-def sum_doubt(remainders: Mapping[str, Remainder]) -> float:
+def sum_doubt(remainders: Mapping[str, Remainder], settings: RemainderSettings) -> float:
     """Return the probability that something without a name is there; it takes its part from every name's.
 
     Where a name leaves so much that it may be an imitation, both are as likely.
     """
-    return max((max(each.unknown, EVEN * each.imitated) for each in remainders.values()), default=0.0)
+    return max(
+        (max(each.unknown, settings.ambiguous_weight * each.imitated) for each in remainders.values()), default=0.0
+    )
 
 
 def _draw_gap(states: Sequence[FittedChannel], weights: Array, raw_of: Callable[[FittedChannel], Array]) -> Array:

@@ -13,7 +13,8 @@ from itertools import product
 import numpy as np
 
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, assess, go_on, prepare, refine
-from stages.science.discrepancy.naming import Choice, Named, Round, SearchSettings, list_candidates, rank
+from stages.science.discrepancy.naming import Choice, Named, Round, list_candidates, rank
+from stages.science.discrepancy.settings import SearchSettings
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import list_starts
@@ -23,9 +24,6 @@ FRESH_STARTS, LONG = 4, 30
 
 NEARBY_STARTS, NEARBY = 8, 0.1
 """Starts about a fit of what sets in somewhere, as its cost has small hollows; how far off, in deviations of priors."""
-
-BETTER = 0.9
-"""Sum of squares, over the present one, below which constants that a candidate has found are taken alone."""
 
 
 @dataclass
@@ -55,7 +53,7 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
     while len(found.named) < settings.most_effects:
         candidates = list_candidates(found.outputs, settings)
         looked, choices = rank(found.outputs, candidates, settings, generator)
-        if _find_better_constants(found, choices):
+        if _find_better_constants(found, choices, settings.better_constants):
             continue
         found.rounds.append(looked)
         if looked.named is None:
@@ -67,14 +65,14 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
     return found
 
 
-def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
+def _find_better_constants(found: Search, choices: Sequence[Choice], better_share: float) -> bool:
     """Let an output go on from the constants of a candidate, where these alone are better; return whether one does.
 
     A form that sets in somewhere is tried from several constants, and may have found a better place for them by chance.
     """
     better = False
     for place, state in enumerate(found.outputs):
-        least = BETTER * float(state.current.raw.sum())
+        least = better_share * float(state.current.raw.sum())
         for fitted in choices[place].values():
             if fitted.forms[-1].scales or fitted.raw.sum() >= least:
                 continue
@@ -82,7 +80,7 @@ def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
             again = refine(state.current.fit.model, fitted.fit.values[:known], fitted.spread)
             if again.raw.sum() < least:
                 found.outputs[place] = go_on(state, again)
-                better, least = True, BETTER * float(again.raw.sum())
+                better, least = True, better_share * float(again.raw.sum())
     if better:
         found.steps[-1] = [state.current.fit for state in found.outputs]
     return better

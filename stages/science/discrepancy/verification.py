@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
-from stages.science.discrepancy.remainder import hides
 from stages.science.discrepancy.restoring import SearchTables
+from stages.science.discrepancy.settings import RemainderSettings
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.flexible import Mask, find_floor
 from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
@@ -190,19 +190,23 @@ def bound_ratio(
     return max(ratios, key=lambda each: each["value"])
 
 
-def is_hidden(channels: pd.DataFrame) -> bool:
+def is_hidden(channels: pd.DataFrame, settings: RemainderSettings) -> bool:
     """Return whether a noise floor of the fitted trials hides what there is.
 
     Parameters
     ----------
     channels : DataFrame
         Noise floor, white noise and range of each output.
+    settings : RemainderSettings
+        When a floor hides.
     """
     rows = channels[["noise_floor", "white", "range"]].to_numpy(dtype=float)
-    return any(hides(floor / scale, white / scale) for floor, white, scale in rows)
+    return any(settings.hides(floor / scale, white / scale) for floor, white, scale in rows)
 
 
-def list_hidden(found: Sequence[Verified], channels: pd.DataFrame, opened: Sequence[int]) -> list[str]:
+def list_hidden(
+    found: Sequence[Verified], channels: pd.DataFrame, opened: Sequence[int], settings: RemainderSettings
+) -> list[str]:
     """Return the channels whose noise floor on the verification trials hides what there is, each once.
 
     Parameters
@@ -213,12 +217,14 @@ def list_hidden(found: Sequence[Verified], channels: pd.DataFrame, opened: Seque
         Noise of each output.
     opened : sequence of int
         Positions of the verification trials.
+    settings : RemainderSettings
+        When a floor hides.
     """
     white = channels.set_index(["channel", "muscle"])["white"]
     hidden = []
     for each in found:
         floor = float(np.sqrt(np.mean(pool([each], [each.floor], opened) ** 2)))
-        if hides(floor, float(white[each.output.channel, each.output.element]) / each.output.range):
+        if settings.hides(floor, float(white[each.output.channel, each.output.element]) / each.output.range):
             hidden.append(each.output.channel)
     return list(dict.fromkeys(hidden))
 

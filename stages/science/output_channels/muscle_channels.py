@@ -25,8 +25,6 @@ EXACT = "saturation"
 """The effect whose level exact values give away."""
 NOT_FITTED = "quantisation"
 """Not to be fitted, as it has no slopes, nor to be mended: what lies between two counts is lost."""
-LEAST_DRIVE_KPA = 5.0
-"""Range of the command below which a pressure says nothing of valve and regulator."""
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
 
 
@@ -116,8 +114,8 @@ class MuscleChannel(OutputChannel):
         """Return the output with some of its trials."""
         return replace(self, records=self.records.take(trials))
 
-    def is_driven(self) -> bool:
-        """Return whether its input varies, so that there is something to judge."""
+    def is_driven(self, least_kpa: float) -> bool:
+        """Return whether its input varies, a command by more than `least_kpa`, so that there is something to judge."""
         return True
 
     @abstractmethod
@@ -181,9 +179,9 @@ class PressureChannel(MuscleChannel):
         """Where command and pressure were measured."""
         return self.records.known["command_kpa"] & self.records.known["pressure_kpa"]
 
-    def is_driven(self) -> bool:
-        """Return whether the command varies by more than a sensor's noise."""
-        return bool(np.ptp(self.records.command_kpa[self.present]) > LEAST_DRIVE_KPA)
+    def is_driven(self, least_kpa: float) -> bool:
+        """Return whether the command varies by more than `least_kpa`, a sensor's noise."""
+        return bool(np.ptp(self.records.command_kpa[self.present]) > least_kpa)
 
     @property
     def forms(self) -> tuple[EffectForm, ...]:
