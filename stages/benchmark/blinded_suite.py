@@ -20,7 +20,7 @@ from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.judgement import Judgement, judge, tell_truth
+from stages.science.discrepancy.judgement import Judgement, judge, search_with_truth
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.ranking import rank_first
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
@@ -161,7 +161,7 @@ class Job:
         channels = {each["channel"] for each in hidden} or {output.channel for output in judged.outputs}
         where = judged.unexplained
         return {
-            "kind": tell_kind(truth, {output.element for output in judged.outputs}),
+            "kind": classify_session(truth, {output.element for output in judged.outputs}),
             "asked": truth["scenario"]["magnitude"] if hidden else "none",
             "status": judged.status,
             "unknown": min(judged.unknown, 1.0),
@@ -179,11 +179,11 @@ class Job:
         known = {form.name for output in judged.outputs for form in output.forms}
         if not names or not names <= known:
             return math.nan
-        knowing = tell_truth(judged, names, self.ctx.generator(self.name, "told"))
+        knowing = search_with_truth(judged, names, self.ctx.generator(self.name, "told"))
         return judged.gap([state.current.fit for state in knowing.outputs], channels)
 
 
-def tell_kind(truth: Mapping[str, Any], muscles: set[str]) -> str:
+def classify_session(truth: Mapping[str, Any], muscles: set[str]) -> str:
     """Return which of `KINDS` a session is."""
     hidden = truth["effects"]
     if len(hidden) != 1:

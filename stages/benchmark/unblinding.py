@@ -67,8 +67,8 @@ def unblinding(
     driven = verification[verification["simulation"] == "measured upstream"]
     after = driven["gap"].iloc[0 if left else -2]
     told = [
-        tell_hidden(hidden, str(recorded.truth["scenario"]["magnitude"]), digest),
-        tell_named(said, hidden, left=left),
+        describe_hidden(hidden, str(recorded.truth["scenario"]["magnitude"]), digest),
+        describe_named(said, hidden, left=left),
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
         f"{100 * after:.2g} %; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
         "Identification on the amended simulator: python -m pipeline plant=FOLDER/documents/amended.yaml, with this "
@@ -106,13 +106,13 @@ def compare(
     return rows
 
 
-def tell_hidden(hidden: Sequence[Mapping[str, Any]], magnitude: str, digest: str) -> str:
+def describe_hidden(hidden: Sequence[Mapping[str, Any]], magnitude: str, digest: str) -> str:
     """Return what was hidden, in a sentence."""
     told = " and ".join(f"{in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
     return f"The seal holds ({digest[:12]}). Hidden was {f'{told} ({magnitude})' if hidden else 'nothing'}."
 
 
-def tell_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, left: bool) -> str:
+def describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, left: bool) -> str:
     """Return what was said, and whether it is right, in a sentence."""
     if left:
         return "Nothing was named: something that has no name in the library was found to be left."

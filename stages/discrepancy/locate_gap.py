@@ -179,11 +179,11 @@ def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, p
     states = [prepare(output) for output in dataset.fitted_outputs]
     weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample"))
     gap = pd.DataFrame(locate(states, settings.regimes, ctx.generator("signs")), columns=list(GAP.columns))
-    channels = pd.DataFrame([tell_channel(each, weights, settings) for each in states])
+    channels = pd.DataFrame([summarise_channel(each, weights, settings) for each in states])
     draw(states, channels, gap, settings, ctx)
     return {
         TRIAL_PARTS.name: parts,
-        NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in tell_constants(each, weights, settings)]),
+        NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in list_constants(each, weights, settings)]),
         CHANNELS.name: channels,
         RESIDUALS.name: list_residuals(states, dataset.fitted_trials),
         GAP.name: gap,
@@ -224,7 +224,7 @@ def draw(
         )
 
 
-def tell_constants(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:
+def list_constants(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:
     """Return the rows of an output's constants."""
     found = state.nominal.fit
     tail = 0.5 * (1.0 - settings.level)
@@ -245,7 +245,7 @@ def tell_constants(state: FittedChannel, weights: Any, settings: DiscrepancySett
     ]
 
 
-def tell_channel(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> dict[str, Any]:
+def summarise_channel(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> dict[str, Any]:
     """Return the row of an output."""
     samples = float(state.samples.sum())
     return {
@@ -261,5 +261,5 @@ def tell_channel(state: FittedChannel, weights: Any, settings: DiscrepancySettin
         "upper": upper_ratio(state, weights, settings.level),
         **state.noise._asdict(),
         "line_hz": math.nan if state.leftover.line_hz is None else state.leftover.line_hz,
-        "remembered": state.leftover.remembered,
+        "remembered": state.leftover.linear_memory,
     }

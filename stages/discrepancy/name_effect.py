@@ -136,19 +136,19 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
                     "channel": channel,
                     "share": each.share,
                     "probability": each.unknown,
-                    "imitated": each.imitated,
+                    "imitated": each.ambiguous,
                     "line_hz": np.nan if each.line_hz is None else each.line_hz,
-                    "remembered": each.remembered,
+                    "remembered": each.linear_memory,
                 }
                 for channel, each in left.items()
             ],
             columns=list(UNEXPLAINED.columns),
         ),
-        STEPS.name: pd.DataFrame(tell_steps(found), columns=list(STEPS.columns)),
+        STEPS.name: pd.DataFrame(list_steps(found), columns=list(STEPS.columns)),
     }
 
 
-def tell_steps(found: Search) -> list[dict[str, Any]]:
+def list_steps(found: Search) -> list[dict[str, Any]]:
     """Return every value of every output after each addition."""
     rows = []
     for step, fits in enumerate(found.steps):

@@ -22,15 +22,15 @@ from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.odd_trials import find_odd_trials
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.report_text import (
-    tell,
-    tell_bounds,
-    tell_few,
-    tell_floor,
-    tell_odd,
-    tell_remainder,
-    tell_scales,
-    tell_silent,
-    tell_unconfirmed,
+    describe_bounds,
+    describe_few_trials,
+    describe_high_floor,
+    describe_odd_trials,
+    describe_remainder,
+    describe_scales,
+    describe_silent_channels,
+    describe_unconfirmed,
+    describe_verdict,
 )
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.restoring import SearchTables
@@ -40,8 +40,8 @@ from stages.science.discrepancy.verdict import (
     confirm_effects,
     confirm_status,
     describe_effects,
-    list_absorbed,
     list_candidates,
+    list_confounded,
     list_remainder,
     locate_most,
     summarise_unexplained,
@@ -158,12 +158,12 @@ def verify_gap(
         "status": status,
         "effects": describe_effects(confirmed, amended_values) if status == "named" else [],
         "ranking": list_candidates(ranking),
-        "absorbed": list_absorbed(ranking),
+        "absorbed": list_confounded(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
         **summarise_unexplained(found.unexplained, doubted=not set(hidden).isdisjoint(added["channel"])),
         "remainder": list_remainder(remainder),
         "gap": {
-            **tell_gap(driven, last, judged),
+            **summarise_gap(driven, last, judged),
             "over_floor": {**over_floor, "smallest": settings.search.smallest_gap},
         },
         "verification_trials": [dataset.trials[place] for place in opened],
@@ -176,24 +176,24 @@ def verify_gap(
     report = settings.report
     comparable = predictions[predictions["part"] != "other"]
     odd = find_odd_trials(comparable, report.odd_trial)
-    relevant = list_absorbed(ranking, {row["channel"] for row in places})
+    relevant = list_confounded(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
-        *(tell_mapping(left_over_std) if uninformative else []),
-        *(tell_scales(dataset.plant) if status == "named" else []),
-        *(tell_unconfirmed(verdict["unexplained_share"]) if lost else []),
-        *tell_remainder(remainder, status, report),
-        *tell_silent(judgeable, list(tables.measured_muscles["muscle"])),
-        *tell_odd(odd.to_dict("records")),
-        *tell_bounds(amended_values),
-        *tell_few(len(dataset.fitted), len(opened), report.few_trials),
-        *tell_floor(channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf),
-        tell_command(tables.measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
+        *(describe_uninformative(left_over_std) if uninformative else []),
+        *(describe_scales(dataset.plant) if status == "named" else []),
+        *(describe_unconfirmed(verdict["unexplained_share"]) if lost else []),
+        *describe_remainder(remainder, status, report),
+        *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
+        *describe_odd_trials(odd.to_dict("records")),
+        *describe_bounds(amended_values),
+        *describe_few_trials(len(dataset.fitted), len(opened), report.few_trials),
+        *describe_high_floor(channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf),
+        describe_command(tables.measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
     ]
     return {
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
-        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, relevant, remarks, settings)}),
+        FINDINGS.name: pd.DataFrame({"finding": describe_verdict(verdict, places, relevant, remarks, settings)}),
     }
 
 
@@ -211,7 +211,7 @@ def select_judged(verification: pd.DataFrame) -> pd.DataFrame:
     return verification[driven].reset_index(drop=True)
 
 
-def tell_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dict[str, Any]:
+def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dict[str, Any]:
     """Return the verdict's gap: before, after the additions that were accepted, and the floor."""
     before, after, floor = driven.iloc[0], driven.iloc[last], driven.iloc[-1]
     return {
@@ -228,7 +228,7 @@ def tell_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dic
     }
 
 
-def tell_mapping(left_over_std: float) -> list[str]:
+def describe_uninformative(left_over_std: float) -> list[str]:
     """Return that a simulation tells nothing of what was measured."""
     return [
         f"The simulation tells nothing of what was measured: not fitted, it errs by {left_over_std:.2g} of its "
@@ -236,7 +236,7 @@ def tell_mapping(left_over_std: float) -> list[str]:
     ]
 
 
-def tell_command(session: dict[Hashable, Any], simulated_at: str) -> str:
+def describe_command(session: dict[Hashable, Any], simulated_at: str) -> str:
     """Return how to simulate with the amended plant."""
     told = "The amended plant is documents/amended.yaml in the run's folder; simulate with it: python -m pipeline "
     if session["kind"] == "records":

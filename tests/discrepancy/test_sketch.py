@@ -9,7 +9,7 @@ import pytest
 
 from stages.science.discrepancy.description import average_dependence, describe, tabulate
 from stages.science.discrepancy.description_settings import DescriptionSettings
-from stages.science.discrepancy.report_text import tell_remainder
+from stages.science.discrepancy.report_text import describe_remainder
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.symbolic_regression import sketch_residual
 from stages.science.output_channels.fitting import Model, begin, fit
@@ -91,7 +91,7 @@ def test_a_planted_drag_is_described_drawn_and_told():
     assert row["hint"].endswith("*[x rate]*|x rate|")
     averages = average_dependence([found])
     assert np.abs(averages["said"] - averages["mean"]).max() < 0.1
-    said = " ".join(tell_remainder(pd.DataFrame([row]), "unexplained", DISCREPANCY.report))
+    said = " ".join(describe_remainder(pd.DataFrame([row]), "unexplained", DISCREPANCY.report))
     for words in (
         "What stays unexplained in y of toy depends on x rate",
         "A hint, no finding: on toy it is about 0.05",
@@ -104,12 +104,12 @@ def test_of_noise_nothing_is_told_but_that():
     assert (row["inputs"], row["hint"]) == ("", "")
     assert row["above_floor"] < 0.1
     table = pd.DataFrame([row])
-    said = tell_remainder(table, "named", DISCREPANCY.report)
+    said = describe_remainder(table, "named", DISCREPANCY.report)
     assert len(said) == 1
     assert "depends on no measured signal" in said[0]
-    assert not tell_remainder(table, "no_discrepancy", DISCREPANCY.report)
-    assert not tell_remainder(table[:0], "named", DISCREPANCY.report)
-    assert "hardly above the noise floor" in tell_remainder(table[:0], "unexplained", DISCREPANCY.report)[0]
+    assert not describe_remainder(table, "no_discrepancy", DISCREPANCY.report)
+    assert not describe_remainder(table[:0], "named", DISCREPANCY.report)
+    assert "hardly above the noise floor" in describe_remainder(table[:0], "unexplained", DISCREPANCY.report)[0]
 
 
 def test_pysindy_is_asked_for_only_where_it_is():

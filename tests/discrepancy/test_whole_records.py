@@ -178,7 +178,7 @@ def test_a_resonance_that_the_input_sets_off_is_no_noise(generator, pulled):
     force = 300.0 * way + ring(way, pulled) + 0.05 * generator.standard_normal(4800)
     state = prepare(build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=2.0)))
     gap = np.sqrt(state.nominal.raw.sum() / state.samples.sum())
-    assert state.leftover.remembered == (pulled > 0.0)
+    assert state.leftover.linear_memory == (pulled > 0.0)
     if pulled:
         assert gap > 3.0 * 0.05
         assert state.floor < 0.6 * gap

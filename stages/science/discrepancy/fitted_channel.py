@@ -154,7 +154,7 @@ def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, 
 
 def refine(model: Model, start: Array, spread: float) -> Fitted:
     """Fit a model as if its residual were white, then under the noise that it leaves; return what predicts better."""
-    return colour(fit_plain(model, start, spread))
+    return refit_coloured(fit_plain(model, start, spread))
 
 
 def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
@@ -167,7 +167,7 @@ def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
     return assess(fit(model, plain, start), plain)
 
 
-def colour(plain: Fitted) -> Fitted:
+def refit_coloured(plain: Fitted) -> Fitted:
     """Fit a model once more, under the noise that it left; return what predicts better."""
     noise = plain.estimate_noise()
     coloured = assess(fit(plain.fit.model, noise, plain.fit.values, iterations=4), noise)
@@ -189,7 +189,7 @@ def assess(found: Fit, noise: Noise) -> Fitted:
     return Fitted(found, residual, (residual**2).sum(axis=0))
 
 
-def go_on(state: FittedChannel, current: Fitted) -> FittedChannel:
+def continue_from(state: FittedChannel, current: Fitted) -> FittedChannel:
     """Return an output that stands at a fit; without an effect, that is the nominal one."""
     noise = current.estimate_noise()
     by_features = explain_by_features(current.fit, state.features, noise)

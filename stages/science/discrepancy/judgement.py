@@ -125,7 +125,7 @@ def judge(
     return Judgement(list(outputs), list(opened), prepared, found, left, settings)
 
 
-def tell_truth(judged: Judgement, names: Collection[str], generator: np.random.Generator) -> Search:
+def search_with_truth(judged: Judgement, names: Collection[str], generator: np.random.Generator) -> Search:
     """Return the search that knows which effects there are, and adds them whatever they gain.
 
     Parameters

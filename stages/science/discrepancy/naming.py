@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.science.discrepancy.evidence import NONE, Verdicts, weigh_names
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, colour, fit_plain
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_plain, refit_coloured
 from stages.science.discrepancy.screening import Screened
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.output_channels.noise import Noise
@@ -44,7 +44,7 @@ class Round:
     """One round of the search: every candidate's probability and what it would leave, and what was done."""
 
     verdicts: Verdicts
-    absorbed: Mapping[str, float]
+    confounded_with_constants: Mapping[str, float]
     gaps: Mapping[str, float]
     heldout: Mapping[str, float]
     sites: Mapping[str, str]
@@ -120,8 +120,8 @@ def rank(
     }
     named = _decide(outputs, choices, verdicts, gaps, sizes, settings)
     spoken = (named.name, *named.alternatives) if named else ()
-    absorbed = {name: each for name, each in _absorb(candidates, verdicts).items() if name not in spoken}
-    return Round(verdicts, absorbed, gaps, heldout, sites, named), choices
+    confounded = {name: each for name, each in _find_confounded(candidates, verdicts).items() if name not in spoken}
+    return Round(verdicts, confounded, gaps, heldout, sites, named), choices
 
 
 def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
@@ -226,16 +226,16 @@ def _extend(state: FittedChannel, chosen: Sequence[Screened], near_best: float) 
         start = np.concatenate([each.known, [each.start[own.name] for own in each.form.parameters]])
         plain[each.form.name, each.form.form] = fit_plain(model, start, spread)
     near = near_best * min((float(fitted.raw.sum()) for fitted in plain.values()), default=0.0)
-    return {key: colour(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
+    return {key: refit_coloured(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
 
 
-def _absorb(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
+def _find_confounded(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
     """Return for each name the least share that constants absorb, over outputs and forms that would carry it."""
     shares: dict[str, list[float]] = {}
     for place, listed in enumerate(candidates):
         for each in listed:
             if verdicts.forms[each.form.name][place] == each.form.form:
-                shares.setdefault(each.form.name, []).append(each.absorbed)
+                shares.setdefault(each.form.name, []).append(each.confounded_with_constants)
     return {name: min(found) for name, found in shares.items()}
 
 

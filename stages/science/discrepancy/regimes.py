@@ -35,14 +35,14 @@ def find_regimes(output: OutputChannel, around_reversal: float) -> dict[str, Mas
         if driver.rate:
             usual = np.abs(driver.values[present & (driver.values != 0.0)])
             moving = 0.05 * float(np.quantile(usual, 0.95)) if usual.size else 0.0
-            forth, back, reversal = _tell_motion(driver.name)
+            forth, back, reversal = _format_motion(driver.name)
             regimes[forth] = driver.values > moving
             regimes[back] = driver.values < -moving
             regimes[reversal] = _around_reversals(
                 driver.values, moving, max(round(around_reversal / (output.step_s / output.time_scale_s)), 1)
             )
         else:
-            name = _tell(driver.name)
+            name = _format_name(driver.name)
             middle = float(np.median(driver.values[present])) if present.any() else 0.0
             regimes[f"high {name}"] = driver.values > middle
             regimes[f"low {name}"] = driver.values <= middle
@@ -79,17 +79,17 @@ def split_bands(residual: Array, edges: Sequence[float], step_s: float, time_sca
     return parts
 
 
-def _tell(name: str) -> str:
+def _format_name(name: str) -> str:
     """Return a level's name in words, without its unit."""
     words = {"pressure_command_kpa": "command", "pressure_kpa": "pressure"}
     return words.get(name, name.replace("_", " "))
 
 
-def _tell_motion(name: str) -> tuple[str, str, str]:
+def _format_motion(name: str) -> tuple[str, str, str]:
     """Return the words for a rate above zero, below zero, and turning."""
     if name == "contraction_velocity_per_s":
         return "shortening", "lengthening", "velocity reversal"
-    what = _tell(name.removesuffix("_rate")) if name.endswith("_rate") else _tell(name)
+    what = _format_name(name.removesuffix("_rate")) if name.endswith("_rate") else _format_name(name)
     if name.endswith("_rate"):
         return f"{what} rising", f"{what} falling", f"{what} reversal"
     return f"{what} positive", f"{what} negative", f"{what} reversal"

@@ -28,20 +28,20 @@ class Remainder(NamedTuple):
         Of the initial gap above the floor, what a flexible model would still remove; median over resampled trials.
     unknown : float
         Probability that it is more than the limit while the gap left is one that matters.
-    imitated : float
+    ambiguous : float
         Probability that what was named here leaves more than forms of the same effect differ by, or takes too many
         names.
     line_hz : float or None
         Frequency of an oscillation in all trials of one of its elements, Hz.
-    remembered : bool
+    linear_memory : bool
         Whether in one of them a linear memory of the inputs removes most.
     """
 
     share: float
     unknown: float
-    imitated: float
+    ambiguous: float
     line_hz: float | None
-    remembered: bool
+    linear_memory: bool
 
 
 def weigh_remainder(found: Search, settings: SearchSettings, generator: np.random.Generator) -> dict[str, Remainder]:
@@ -57,16 +57,17 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
         share = np.where(seen, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
         unknown = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
         named = any(state.current.forms for state in states)
-        imitated = float((share > settings.imitation_share).mean()) if named else 0.0
+        ambiguous = float((share > settings.imitation_share).mean()) if named else 0.0
         sure = float(unknown.mean())
         if any(_is_hidden(state, settings.remainder) for state in states):
-            imitated, sure = (1.0 if named else 0.0), max(sure, 0.0 if named else settings.remainder.hidden_probability)
+            ambiguous = 1.0 if named else 0.0
+            sure = sure if named else max(sure, settings.remainder.hidden_probability)
         if sum(each.channel == channel and not each.shown for each in found.named) >= settings.remainder.many_names:
-            imitated = 1.0
+            ambiguous = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else None
-        remembered = any(state.leftover.remembered for state in states)
-        remainders[channel] = Remainder(float(np.median(share)), sure, imitated, line_hz, remembered)
+        linear_memory = any(state.leftover.linear_memory for state in states)
+        remainders[channel] = Remainder(float(np.median(share)), sure, ambiguous, line_hz, linear_memory)
     return remainders
 
 
@@ -81,7 +82,7 @@ def sum_doubt(remainders: Mapping[str, Remainder], settings: RemainderSettings) 
     Where a name leaves so much that it may be an imitation, both are as likely.
     """
     return max(
-        (max(each.unknown, settings.ambiguous_weight * each.imitated) for each in remainders.values()), default=0.0
+        (max(each.unknown, settings.ambiguous_weight * each.ambiguous) for each in remainders.values()), default=0.0
     )
 
 

@@ -19,7 +19,7 @@ NOT_EFFECTS = ("none", "unknown")
 MOST_LISTED = 4
 
 
-def tell(
+def describe_verdict(
     verdict: Mapping[str, Any],
     places: Sequence[Mapping[str, Any]],
     absorbed: Sequence[str],
@@ -41,8 +41,12 @@ def tell(
     settings : DiscrepancySettings
         From where on something is mentioned.
     """
-    middle = {"no_discrepancy": _tell_nothing, "named": _tell_named, "unexplained": _tell_unexplained}
-    where = _tell_places(places, verdict["status"], settings.report.concentrated)
+    middle = {
+        "no_discrepancy": _describe_no_discrepancy,
+        "named": _describe_named,
+        "unexplained": _describe_unexplained,
+    }
+    where = _describe_places(places, verdict["status"], settings.report.concentrated)
     sentences = [*where, *middle[verdict["status"]](verdict, settings)]
     if absorbed:
         names = _shorten([_spell(each) for each in absorbed])
@@ -50,7 +54,7 @@ def tell(
     return [*sentences, *remarks]
 
 
-def _tell_nothing(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
+def _describe_no_discrepancy(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap = verdict["gap"]
     return [
         f"Nothing that matters is missing: on {_count(verdict)} not fitted the gap is "
@@ -60,9 +64,9 @@ def _tell_nothing(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> 
     ]
 
 
-def _tell_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
+def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, effects = verdict["gap"], verdict["effects"]
-    told = [_tell_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
+    told = [_describe_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
     channels = [each["channel"] for each in effects]
     if max(channels.count(each) for each in channels) >= settings.search.remainder.many_names:
         doubt = "So many names in one channel may stand in for one effect that the library does not hold."
@@ -85,7 +89,7 @@ def _tell_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> li
     ]
 
 
-def _tell_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
+def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, over_floor = verdict["gap"], verdict["gap"]["over_floor"]
     on_opened = (
         f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
@@ -104,11 +108,11 @@ def _tell_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySettings)
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
     near = f" The nearest is {_spell(nearest['name'])}, which is not enough." if nearest else ""
-    line_hz = verdict["line_hz"]
+    line_hz, model = verdict["line_hz"], _name_flexible_model(verdict["remembered"])
     reproducible = (
         "it is far above the sensor's noise, and no measured signal tells what it depends on"
         if line_hz is None and share < settings.report.least_share
-        else f"{_tell_taker(verdict['remembered'])} would still take away {_percent(share)} of what is above the noise"
+        else f"{model} would still take away {_percent(share)} of what is above the noise"
         if line_hz is None
         else f"an oscillation at {line_hz:.3g} Hz runs through all trials, which the simulation lacks"
     )
@@ -119,20 +123,20 @@ def _tell_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySettings)
     ]
 
 
-def _tell_taker(remembered: bool) -> str:
-    if not remembered:
+def _name_flexible_model(linear_memory: bool) -> str:
+    if not linear_memory:
         return "a flexible model"
     return "a linear memory of the inputs (such as a resonance, a lag or a delay has that the plant lacks)"
 
 
-def _tell_places(places: Sequence[Mapping[str, Any]], status: str, concentrated: float) -> list[str]:
+def _describe_places(places: Sequence[Mapping[str, Any]], status: str, concentrated: float) -> list[str]:
     if status == "no_discrepancy":
         return []
     channels = dict.fromkeys(each["channel"] for each in places)
-    return [_tell_channel([each for each in places if each["channel"] == name], concentrated) for name in channels]
+    return [_describe_channel([each for each in places if each["channel"] == name], concentrated) for name in channels]
 
 
-def _tell_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) -> str:
+def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) -> str:
     first, muscles = rows[0], sorted(each["muscle"] for each in rows)
     channel = _spell(first["channel"].removesuffix(f"_{first['unit'].lower()}"))
     worst = max(rows, key=lambda each: each["largest"])
@@ -156,7 +160,7 @@ def _place(regime: str) -> str:
     return f"{'while' if motion else 'at'} {regime}"
 
 
-def tell_silent(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
+def describe_silent_channels(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
     """Return which channels could not be judged, as their data are missing or never change.
 
     Parameters
@@ -176,7 +180,7 @@ def tell_silent(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> 
     return [f"Not judged, as data are missing, too few, or never change: {'; '.join(told)}."]
 
 
-def tell_odd(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
+def describe_odd_trials(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
     """Return which trials do not fit to the others.
 
     Parameters
@@ -195,7 +199,7 @@ def tell_odd(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
     ]
 
 
-def tell_bounds(values: pd.DataFrame) -> list[str]:
+def describe_bounds(values: pd.DataFrame) -> list[str]:
     """Return which values stand at a bound, so that what lies beyond was not tried, if any do.
 
     Parameters
@@ -214,7 +218,7 @@ def tell_bounds(values: pd.DataFrame) -> list[str]:
     return [f"At a bound, beyond which nothing was tried, {'stands' if len(named) == 1 else 'stand'} {_join(named)}."]
 
 
-def tell_scales(plant: Plant | RecordPlant) -> list[str]:
+def describe_scales(plant: Plant | RecordPlant) -> list[str]:
     """Return what the scales and the pace are in which effects on a machine of records tell their sizes.
 
     Parameters
@@ -237,7 +241,7 @@ def tell_scales(plant: Plant | RecordPlant) -> list[str]:
     return [f"Where sizes are told in them, {_join([*told, *pace])}."] if told or pace else []
 
 
-def tell_few(fitted: int, opened: int, least: int) -> list[str]:
+def describe_few_trials(fitted: int, opened: int, least: int) -> list[str]:
     """Return that fewer than the least number of fitted trials say little, if they are."""
     if fitted >= least:
         return []
@@ -247,7 +251,7 @@ def tell_few(fitted: int, opened: int, least: int) -> list[str]:
     ]
 
 
-def tell_floor(channels: pd.DataFrame, high: float, final: float = math.inf) -> list[str]:
+def describe_high_floor(channels: pd.DataFrame, high: float, final: float = math.inf) -> list[str]:
     """Return where what is called noise is far above the sensor's own, from sample to sample.
 
     Parameters
@@ -273,7 +277,7 @@ def tell_floor(channels: pd.DataFrame, high: float, final: float = math.inf) -> 
     ]
 
 
-def tell_unconfirmed(share: float) -> list[str]:
+def describe_unconfirmed(share: float) -> list[str]:
     """Return that the gap of fitted trials is not there on those opened at the end.
 
     Parameters
@@ -287,7 +291,7 @@ def tell_unconfirmed(share: float) -> list[str]:
     ]
 
 
-def tell_remainder(remainder: pd.DataFrame, status: str, settings: ReportSettings) -> list[str]:
+def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSettings) -> list[str]:
     """Return on what depends that which stays unexplained, channel by channel; a hint, marked as one.
 
     Parameters
@@ -308,8 +312,8 @@ def tell_remainder(remainder: pd.DataFrame, status: str, settings: ReportSetting
         name = name_signal(str(channel))[0]
         known = rows[rows["inputs"] != ""].sort_values("share", ascending=False).to_dict("records")
         if known:
-            sentences.append(_tell_dependence(name, known, settings.concentrated))
-        sentences += [_tell_hint(name, row) for row in known if row["hint"]][:1]
+            sentences.append(_describe_dependence(name, known, settings.concentrated))
+        sentences += [_describe_formula(name, row) for row in known if row["hint"]][:1]
         silent = rows.loc[rows["inputs"] == "", "muscle"].to_list()
         if silent:
             sentences.append(
@@ -319,7 +323,7 @@ def tell_remainder(remainder: pd.DataFrame, status: str, settings: ReportSetting
     return sentences
 
 
-def _tell_dependence(name: str, rows: Sequence[Mapping[Any, Any]], concentrated: float) -> str:
+def _describe_dependence(name: str, rows: Sequence[Mapping[Any, Any]], concentrated: float) -> str:
     first, inputs = rows[0], _name_inputs(rows[0])
     unit = name_signal(str(first["inputs"]).split(", ")[0])[1]
     above = first["above_floor"]
@@ -337,7 +341,7 @@ def _tell_dependence(name: str, rows: Sequence[Mapping[Any, Any]], concentrated:
     return f"{text}. Likewise {_shorten(others)}." if others else f"{text}."
 
 
-def _tell_hint(name: str, row: Mapping[Any, Any]) -> str:
+def _describe_formula(name: str, row: Mapping[Any, Any]) -> str:
     named = [(name, str(row["unit"])), *map(name_signal, str(row["inputs"]).split(", "))]
     by_unit = {unit: [words for words, own in named if own == unit] for _, unit in named if unit}
     units = ", ".join(f"{_join(words)} in {unit}" for unit, words in by_unit.items())
@@ -351,7 +355,7 @@ def _name_inputs(row: Mapping[Any, Any]) -> list[str]:
     return [name_signal(each)[0] for each in str(row["inputs"]).split(", ")]
 
 
-def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
+def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
     known = find_effect(effect["name"], effect["form"])
     alike_names = (effect["name"], *effect["indistinguishable_from"])
     others = [each for each in ranking if _is_candidate(each) and each["name"] not in alike_names]
@@ -360,7 +364,8 @@ def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]
     alike = " with those like it" if len(alike_names) > 1 else ""
     text = (
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
-        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. {_tell_size(effect, known)}"
+        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. "
+        f"{_describe_sizes(effect, known)}"
     )
     if not effect["confirmed"]:
         step = effect["step"]
@@ -374,14 +379,13 @@ def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]
     return text
 
 
-def _tell_size(effect: Mapping[str, Any], known: Effect) -> str:
+def _describe_sizes(effect: Mapping[str, Any], known: Effect) -> str:
     """Return the sizes of the parameters that were optional, else of the first."""
-    return " ".join(filter(None, (_tell_one(effect, each) for each in known.parameters if each.optional))) or _tell_one(
-        effect, known.parameters[0]
-    )
+    optional = [_describe_size(effect, each) for each in known.parameters if each.optional]
+    return " ".join(filter(None, optional)) or _describe_size(effect, known.parameters[0])
 
 
-def _tell_one(effect: Mapping[str, Any], size: Parameter) -> str:
+def _describe_size(effect: Mapping[str, Any], size: Parameter) -> str:
     """Return the size of a parameter: with its interval on one muscle, from muscle to muscle on several."""
     unit = "" if size.unit == "1" else f" {size.unit}"
     own = [each[size.name] for each in effect["by_muscle"].values() if size.name in each]

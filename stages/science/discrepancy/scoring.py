@@ -110,7 +110,7 @@ def judge_one(
         "named": "+".join(said),
         "named_muscles": ";".join("+".join(muscles) for muscles in said.values()),
         "probability": float(probable),
-        "top": tell_top(ranking),
+        "top": format_top_candidates(ranking),
         "listed_absorbed": bool(ranking.loc[ranking["absorbed"], "name"].isin(list(hidden)).any()),
         "right_name": first in hidden,
         "right_class": any(rules.alike(first, true) for true in hidden),
@@ -135,7 +135,7 @@ def close(row: Mapping[str, Any], least: float) -> float:
     return float((row["before"] - row["after"]) / closable)
 
 
-def tell_top(ranking: pd.DataFrame) -> str:
+def format_top_candidates(ranking: pd.DataFrame) -> str:
     """Return the most probable candidates in words."""
     best = ranking.sort_values("place").head(SHOWN)
     return ", ".join(f"{name} {p:.2f}" for name, p in zip(best["name"], best["probability"], strict=True))

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, assess, go_on, prepare, refine
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, assess, continue_from, prepare, refine
 from stages.science.discrepancy.naming import Choice, Named, Round, list_candidates, rank
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.output_channels.fitting import Fit, fit
@@ -79,7 +79,7 @@ def _find_better_constants(found: Search, choices: Sequence[Choice], better_shar
             known = len(state.current.fit.values)
             again = refine(state.current.fit.model, fitted.fit.values[:known], fitted.spread)
             if again.raw.sum() < least:
-                found.outputs[place] = go_on(state, again)
+                found.outputs[place] = continue_from(state, again)
                 better, least = True, better_share * float(again.raw.sum())
     if better:
         found.steps[-1] = [state.current.fit for state in found.outputs]
@@ -129,7 +129,7 @@ def _correct_others(found: Search, place: int) -> None:
 def _update(state: FittedChannel, found: Fit) -> FittedChannel:
     """Go on from a fit: refine it, and estimate the noise anew from what a flexible model leaves of it."""
     spread = float(np.sqrt((found.residual**2).sum() / max(state.output.present.sum(), 1)))
-    return go_on(state, refine(found.model, found.values, spread))
+    return continue_from(state, refine(found.model, found.values, spread))
 
 
 def _take_out_redundant(found: Search, settings: SearchSettings) -> None:

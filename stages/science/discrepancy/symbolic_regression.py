@@ -188,9 +188,9 @@ class _Sums:
         among = sums[:held, :held] + np.eye(held)
         rest = sums[held:, held:] - beside.T @ np.linalg.solve(among, beside)
         own = np.maximum(np.diag(sums)[held:], 1e-300)
-        absorbed = np.diag(rest) < least_own * own
-        absorbed[-1] = False
-        return np.where(absorbed | absorbed[:, None], 0.0, rest)
+        confounded = np.diag(rest) < least_own * own
+        confounded[-1] = False
+        return np.where(confounded | confounded[:, None], 0.0, rest)
 
 
 def _add_stepwise(sums: Array, most: int, least_own: float) -> list[list[int]]:

@@ -18,7 +18,7 @@ UPSTREAM = ("command", "valve")
 """Sites that show in pressure alone."""
 
 
-def list_absorbed(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list[str]:
+def list_confounded(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list[str]:
     """Return the candidates that the constants absorb in every round and that could act in one of the channels.
 
     Parameters

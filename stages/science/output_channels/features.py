@@ -43,7 +43,7 @@ def build_features(output: OutputChannel) -> Array:
             columns.append(np.prod(chosen, axis=0))
     scales = [np.ones_like(own[0][1]), *states]
     for driver, signal in own:
-        columns += [each * scale for each in _remember(driver, signal, step) for scale in scales]
+        columns += [each * scale for each in _list_past(driver, signal, step) for scale in scales]
     for place, signal in enumerate(states):
         beside = [each for other, each in enumerate(states) if other != place]
         columns += _look_around(signal, beside, step)
@@ -77,7 +77,7 @@ def list_histories(output: OutputChannel) -> list[Driver]:
     return found
 
 
-def _remember(driver: Driver, signal: Array, step: float) -> list[Array]:
+def _list_past(driver: Driver, signal: Array, step: float) -> list[Array]:
     """Return what one signal was: recent means, rises, stops that follow it up to a width; or its direction."""
     if driver.rate:
         directions = [np.tanh(signal / width) for width in (TURNING, 0.5)]

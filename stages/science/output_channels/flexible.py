@@ -23,7 +23,7 @@ from stages.science.signals.trajectories import Array
 Mask = NDArray[np.bool_]
 PENALTIES = (1e4, 1e3, 1e2, 1e1, 1.0, 1e-1)
 FOLDS = 5
-REMEMBERED = 200
+MEMORY_SAMPLES = 200
 """Samples of the past that a linear memory holds, of all inputs together."""
 MOST_ROWS = 2000
 """Samples that trees are fitted to, at most; neighbours in time tell the same."""
@@ -42,14 +42,14 @@ class Leftover:
         What it leaves of each trial that it was not fitted to.
     line_hz : float or None
         Frequency of an oscillation in all trials that nothing measured explains; it is no noise, and not in the above.
-    remembered : bool
+    linear_memory : bool
         Whether a linear memory of the inputs leaves the least.
     """
 
     raw: Array
     residual: Array
     line_hz: float | None
-    remembered: bool = False
+    linear_memory: bool = False
 
 
 def keep_least(
@@ -71,11 +71,11 @@ def keep_least(
     known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
     several = [*left, *([] if by_memory is None else [by_memory])]
     residual = min(several, key=lambda each: float((each[:, known] ** 2).sum()))
-    remembered = residual is by_memory
+    linear_memory = residual is by_memory
     line_hz = find_line(residual, output.present, output.step_s)
     if line_hz is not None:
         residual = remove_line(residual, output.present, output.step_s, line_hz)
-    return Leftover((residual**2).sum(axis=0), residual, line_hz, remembered)
+    return Leftover((residual**2).sum(axis=0), residual, line_hz, linear_memory)
 
 
 def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
@@ -165,7 +165,7 @@ def explain_by_memory(output: OutputChannel, residual: Array, learnt: Mask | Non
     learnt : (K,) ndarray of bool, optional
         Trials that it may be fitted to; all, unless told.
     """
-    past = output.recall(REMEMBERED)
+    past = output.recall(MEMORY_SAMPLES)
     if not past.shape[2]:
         return residual
     known = np.ones(output.trials, dtype=bool) if learnt is None else learnt

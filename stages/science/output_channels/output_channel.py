@@ -60,7 +60,7 @@ Task = TypeVar("Task")
 Done = TypeVar("Done")
 
 
-def share_out(work: Callable[[Task], Done], tasks: Sequence[Task], samples: int) -> list[Done]:
+def map_in_threads(work: Callable[[Task], Done], tasks: Sequence[Task], samples: int) -> list[Done]:
     """Return what work makes of each task; in threads where they take so many samples together."""
     if samples < LONG or len(tasks) < 2:
         return [work(each) for each in tasks]
@@ -144,7 +144,7 @@ class OutputChannel(ABC):
 
     def simulate_each(self, cases: Sequence[Case]) -> Array:
         """Return the channel in several cases, (T, K, C), bit for bit as `simulate` does one after the other."""
-        found = share_out(lambda case: self.simulate(*case), cases, self.measured.size * len(cases))
+        found = map_in_threads(lambda case: self.simulate(*case), cases, self.measured.size * len(cases))
         return np.stack(found, axis=2)
 
     @abstractmethod

@@ -26,7 +26,7 @@ from stages.science.output_channels.output_channel import (
     EffectForm,
     OutputChannel,
     list_starts,
-    share_out,
+    map_in_threads,
 )
 from stages.science.output_channels.records import bridge, bridge_short, list_blocks, spread_records, thin_out
 from stages.science.plant.effect import Parameter, list_effects
@@ -190,7 +190,7 @@ class WholeRecordChannel(OutputChannel):
             group, taken = task
             return self.plant.simulate_each(group.signals, self.step_s, np.zeros(1), taken, group.begun)
 
-        found = share_out(work, tasks, samples)
+        found = map_in_threads(work, tasks, samples)
         whole: dict[int, list[Array]] = {}
         for (group, _), simulated in zip(tasks, found, strict=True):
             for place, record in enumerate(group.records):
