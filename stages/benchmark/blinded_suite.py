@@ -1,4 +1,4 @@
-"""The search on sessions whose truth is known to the rig alone: simulated, searched, and only then told.
+"""The search on sessions whose truth the rig alone knows until each is searched.
 
 In: a rig of whole sessions. Out, in parts, one a session: `blind_sessions` (what was said of each, and the gap that is
 left beside what is left when the truth is told), `blind_truth` (what was hidden), `blind_named` (what was named) and

@@ -132,5 +132,5 @@ def describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, l
 
 
 def in_words(name: object) -> str:
-    """Return a name as it is spoken."""
+    """Return a name with spaces."""
     return str(name).replace("_", " ")

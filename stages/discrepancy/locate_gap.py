@@ -163,7 +163,7 @@ class Config(Section):
 
 @stage(TRIAL_PARTS, NOMINAL_FIT, CHANNELS, RESIDUALS, GAP, stream="locate_gap")
 def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, pd.DataFrame]:
-    """Fit the nominal constants, then tell where measured and simulated part."""
+    """Fit the nominal constants, then locate where measurement and simulation disagree."""
     settings, trials = cfg.discrepancy, tables.measured_trials
     source = tables.measured_session["source"].iloc[0]
     try:

@@ -126,7 +126,7 @@ def verify_gap(
     remainder: pd.DataFrame,
     ctx: Context,
 ) -> dict[str, pd.DataFrame]:
-    """Open the verification trials, once, and say what was found."""
+    """Open the test trials, once, and report what was found."""
     settings, channels, named = cfg.discrepancy, found.channels, found.named_effects
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     opened = dataset.test
@@ -198,7 +198,7 @@ def verify_gap(
 
 
 def list_reported(tables: DatasetTables, judged: Sequence[Verified]) -> dict[str, list[int]]:
-    """Return the positions of the trials that are judged together: those opened, then each part that was left aside."""
+    """Return the positions of trials that are evaluated together: test trials, and each part that is only reported."""
     purposes, seen = tables.trial_parts["part"].to_numpy(), sum(each.output.present.sum(axis=0) for each in judged)
     reported = {"verification": np.flatnonzero(purposes == "verification").tolist()}
     aside = tables.measured_trials["part"].where((purposes == "other") & (seen > 0))
@@ -206,7 +206,7 @@ def list_reported(tables: DatasetTables, judged: Sequence[Verified]) -> dict[str
 
 
 def select_judged(verification: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows by which the verdict goes, a row per step and the floor: opened trials, measured upstream."""
+    """Return the rows that decide the verdict: test trials, simulated from measured upstream signals."""
     driven = (verification["simulation"] == DRIVEN) & (verification["part"] == "verification")
     return verification[driven].reset_index(drop=True)
 
@@ -253,7 +253,7 @@ def draw(
     concerned: Sequence[str],
     ctx: Context,
 ) -> None:
-    """Draw the gap step by step, and some verification trials of the channel whose gap is largest."""
+    """Draw the gap step by step, and some test trials of the channel whose gap is largest."""
     ctx.figure(
         "gap_waterfall",
         draw_gap_waterfall(verification[verification["part"] == "verification"]),

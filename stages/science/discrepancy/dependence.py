@@ -23,15 +23,15 @@ from stages.science.signals.trajectories import Array
 
 FOLDS = 10
 MOST_ROWS = 2000
-"""Samples that a GP is fitted to, at most; neighbours in time tell the same."""
+"""Largest number of samples that a GP is fitted to; neighbouring samples are redundant."""
 LENGTHS = (0.35, 1.0)
-"""Of the kernels by which inputs are chosen, in standard deviations of an input, for one input; more are longer."""
+"""Length scales of the kernels by which inputs are chosen, in standard deviations; longer for several inputs."""
 RIDGES = (1.0, 10.0)
-"""Noise over signal variance, by which inputs are chosen; noise that wanders counts as more than it is."""
+"""Ratios of noise to signal variance by which inputs are chosen; large, as the noise is correlated."""
 SPREAD = 1.0
 """Standard deviation of the logarithms of a GP's hyperparameters about those that it starts from."""
 LEAST_VARIANCE = 1e-6
-"""Of a row given those chosen, over that of one alone, below which no more pseudo-inputs are needed."""
+"""Conditional over prior variance of a row, below which no more pseudo-inputs are needed."""
 ITERATIONS = 30
 BINS = 20
 
@@ -192,7 +192,7 @@ def fit_gaussian_process(
 
 @dataclass
 class _Forward:
-    """Inputs chosen one by one: sums over each trial's rows are kept, so that leaving trials out costs little."""
+    """Forward selection of inputs; sums over the rows of each trial are kept to leave trials out quickly."""
 
     rows: Array
     target: Array
@@ -203,7 +203,7 @@ class _Forward:
     known: dict[tuple[int, ...], list[tuple[Array, Array]]] = field(default_factory=dict)
 
     def choose(self, learnt: NDArray[np.bool_]) -> list[int]:
-        """Return the columns that help, told by some trials alone, the most telling first."""
+        """Return the columns that reduce the error of the trials in `learnt`, the best first."""
         most = self.settings.most_inputs
         squares = np.bincount(self.trial, self.target**2, self.trials).astype(float)
         chosen: list[int] = []
@@ -221,7 +221,7 @@ class _Forward:
         return chosen or (self._choose_pair(squares, learnt) if most > 1 else [])
 
     def _choose_pair(self, squares: Array, learnt: NDArray[np.bool_]) -> list[int]:
-        """Return two of the element's own columns that help together, though neither does alone."""
+        """Return two columns of the element that reduce the error together, though neither does alone."""
         pairs = list(combinations([k for k, own in enumerate(self.own) if own], 2))
         found = {pair: self._leave_out(pair, squares, learnt) for pair in pairs}
         best = min(pairs, key=lambda pair: float(found[pair].sum()), default=None)
@@ -233,7 +233,7 @@ class _Forward:
         return bool(gain.sum() > max(self.settings.least_errors * error, least))
 
     def _prefer(self, found: Mapping[int, Array]) -> int:
-        """Return the column that leaves least; of the element's own, unless another's is surely better."""
+        """Return the best column; one of the element's own, unless another's is significantly better."""
         best = min(found, key=lambda k: float(found[k].sum()))
         nearest = min((k for k in found if self.own[k]), key=lambda k: float(found[k].sum()), default=best)
         loss = found[nearest] - found[best]
@@ -269,7 +269,7 @@ class _Forward:
 
 
 def _decompose(scaled: Array, count: int) -> tuple[list[int], Array]:
-    """Return rows that tell most of the others, and the covariance's root through them, (M, N).
+    """Return the pivot rows of a pivoted Cholesky factor of the covariance, and the factor, (M, N).
 
     Each row is that of the largest variance given those before: Cholesky with pivots, of (N, D) rows in units of the
     lengths (Fine and Scheinberg, JMLR 2, 2001; as pseudo-inputs, Burt, Rasmussen and van der Wilk, JMLR 21, 2020).
@@ -297,7 +297,7 @@ def _standardise(values: Array, present: NDArray[np.bool_]) -> Array:
 
 @dataclass(frozen=True)
 class Range:
-    """Where, along an input, most is taken away: from, to, the part of it that lies there, and the part of the time."""
+    """Range of an input in which most is taken away, the part of it that lies there, and the share of time."""
 
     low: float
     high: float

@@ -1,4 +1,4 @@
-"""What a channel's residual depends on, for the table, the figure and the words: a hint where to look, never a name.
+"""What a channel's residual depends on, for the table, the figure and the report; it names no effect.
 
 A fitted model, the noise floor and trials drawn again flow in; a row and averages along the first input flow out.
 """

@@ -25,7 +25,8 @@ from stages.science.output_channels.output_channel import EffectForm, OutputChan
 from stages.science.signals.trajectories import Array
 
 FAR, LARGE = 4.0, 0.1
-"""Sum of squares of a trial left out, over that when it is not, and over all trials', above which a fit is repeated."""
+"""Sum of squares of a left-out trial over its own when fitted, and over that of all trials, above both of which the
+model is fitted again without the trial."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class FittedChannel:
 
     @cached_property
     def promises(self) -> list[Screened]:
-        """What each form that it does not hold yet promises."""
+        """Screening results of the forms that are not in the model yet."""
         held = {form.name for form in self.current.forms}
         forms = [form for form in self.output.forms if form.name not in held]
         return screen(self.current.fit, self.noise, forms)
@@ -160,8 +161,8 @@ def refine(model: Model, start: Array, spread: float) -> Fitted:
 def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
     """Fit a model as if its residual were white, of a root mean square `spread`.
 
-    What another model left says little of this one's noise: a missing effect passes for wander, and under so much
-    wander only steps would count.
+    The noise estimated from another model's residual does not serve: it takes a missing effect for slow noise, under
+    which only steps would count.
     """
     plain = make_plain(spread)
     return assess(fit(model, plain, start), plain)
@@ -175,7 +176,7 @@ def refit_coloured(plain: Fitted) -> Fitted:
 
 
 def assess(found: Fit, noise: Noise) -> Fitted:
-    """Judge a fit on its trials, each left out; where that changes much, by fitting once more without the trial."""
+    """Evaluate a fit on each trial left out; where that changes much, by a new fit without the trial."""
     output = found.model.output
     residual = np.where(output.present, found.leave_each_out(), 0.0)
     squares, inside = (residual**2).sum(axis=0), (found.residual**2).sum(axis=0)
@@ -190,7 +191,7 @@ def assess(found: Fit, noise: Noise) -> Fitted:
 
 
 def continue_from(state: FittedChannel, current: Fitted) -> FittedChannel:
-    """Return an output that stands at a fit; without an effect, that is the nominal one."""
+    """Return an output channel with another present fit; one without effects is its nominal fit too."""
     noise = current.estimate_noise()
     by_features = explain_by_features(current.fit, state.features, noise)
     by_trees, by_memory = (explain(state.output, current.residual) for explain in (explain_by_trees, explain_by_memory))

@@ -1,7 +1,7 @@
-"""The whole search on one session at once, and what it would have reached had it been told the answer.
+"""The whole search on one dataset, and the search that knows the true names as its upper bound.
 
-Outputs with all trials flow in, with those that are opened at the end; out flow the search, its status, and the gap on
-the opened trials before, after, at the noise floor, and with the true names told.
+Outputs with all trials flow in, with the positions of the test trials; out flow the search, its status, and the gap on
+the test trials before, after, at the noise floor, and with the true names known.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from stages.science.signals.trajectories import Array
 
 @dataclass(frozen=True)
 class Judgement:
-    """What was found in a session.
+    """What was found in a dataset.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Judgement:
 
     @property
     def doubt(self) -> float:
-        """Probability of something without a name; it takes its part from every name's."""
+        """Probability of an effect without a name; the probability of every name is reduced by it."""
         return sum_doubt(self.left, self.settings.remainder)
 
     @property
@@ -72,11 +72,11 @@ class Judgement:
 
     @property
     def named(self) -> list[Named]:
-        """Effects that are said; none while something is left unexplained."""
+        """Effects that the verdict names; none where something is left unexplained."""
         return self.found.named if self.status == "named" else []
 
     def gap(self, fits: Sequence[Fit], channels: Collection[str]) -> float:
-        """Return the gap on the opened trials, RMSE over range, root mean square over outputs of some channels."""
+        """Return the gap on the test trials, RMSE over range, root mean square over outputs of some channels."""
         squares = []
         for output, each in zip(self.outputs, fits, strict=True):
             if output.channel in channels:
@@ -85,7 +85,7 @@ class Judgement:
         return float(np.sqrt(np.mean(squares)))
 
     def floor(self, channels: Collection[str]) -> float:
-        """Return what neither the last model nor a flexible one explains on the opened trials, in the same unit."""
+        """Return what neither the last model nor a flexible one explains on the test trials, in the same unit."""
         learnt = np.ones(self.outputs[0].trials, dtype=bool)
         learnt[self.opened] = False
         squares = []
@@ -105,7 +105,7 @@ def judge(
     settings: SearchSettings,
     draw: Callable[[str], np.random.Generator],
 ) -> Judgement:
-    """Return what the search finds in a session.
+    """Return what the search finds in a dataset.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def judge(
 
 
 def search_with_truth(judged: Judgement, names: Collection[str], generator: np.random.Generator) -> Search:
-    """Return the search that knows which effects there are, and adds them whatever they gain.
+    """Return the search that knows the true names and adds them however little they gain.
 
     Parameters
     ----------

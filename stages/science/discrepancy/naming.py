@@ -35,7 +35,7 @@ class Named:
     shown: bool = False
 
     def doubt(self, doubt: float) -> float:
-        """Return its probability, less that of something without a name; what exact values show stays sure."""
+        """Return its probability, reduced by that of an effect without a name unless exact values show it."""
         return min(self.probability * (1.0 if self.shown else 1.0 - doubt), 1.0)
 
 
@@ -52,10 +52,10 @@ class Round:
 
 
 def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) -> list[list[Screened]]:
-    """Return, for each output, what each form that it does not hold yet promises: nothing where no gap matters.
+    """Return the screening results of each output channel; gains are zero where no gap matters.
 
-    An output is looked at even where no gap is seen: some gaps show only to the form that closes them, and what the
-    constants absorb is to be told in any case.
+    Channels without a gap are screened too: some gaps show only with the form that closes them, and confounding with
+    the constants is reported in any case.
     """
     least = 0.5 * (settings.smallest_gap - 1.0)
     worth = {
@@ -81,7 +81,7 @@ def rank(
     settings: SearchSettings,
     generator: np.random.Generator,
 ) -> tuple[Round, list[Choice]]:
-    """Return the names' probabilities and, for each output, the fits with every form that was looked at closely."""
+    """Return the probabilities of the names and, for each output channel, the fits of the shortlisted forms."""
     close = _shortlist(outputs, candidates, settings)
     choices = []
     for state, listed in zip(outputs, candidates, strict=True):
@@ -127,7 +127,7 @@ def rank(
 def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
     """Return the verdicts with the form of each name that predicts best in each output, of those that were fitted.
 
-    How probable a name is, its scores say; of its forms, the one is added that leaves least.
+    The scores decide on the probability of a name; of its forms, the one with the smallest residual is added.
     """
     forms = {}
     for name, chosen in verdicts.forms.items():
@@ -142,7 +142,7 @@ def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
 def _believe_exact(
     outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts, settings: SearchSettings
 ) -> Verdicts:
-    """Return the verdicts with what exact values show taken as nearly sure, however little of the residual it takes."""
+    """Return the verdicts with effects that exactly repeated values show as nearly certain, whatever their gain."""
     sure = settings.exact_probability
     for name, forms in verdicts.forms.items():
         carries = verdicts.carries[name].copy()
@@ -158,7 +158,7 @@ def _believe_exact(
 
 
 def _is_shown(state: FittedChannel, fitted: Fitted, settings: SearchSettings) -> bool:
-    """Return whether the measured values themselves show a form's level, and the simulation would pass it."""
+    """Return whether exactly repeated values show a form's level, and the simulation would exceed it."""
     output = state.output
     if not output.is_exact(fitted.forms[-1]) or not output.reveals_saturation():
         return False
@@ -167,9 +167,9 @@ def _is_shown(state: FittedChannel, fitted: Fitted, settings: SearchSettings) ->
 
 
 def _least_noise(state: FittedChannel, choices: Choice) -> Noise:
-    """Return the noise under which all candidates of an output are judged: what the one that predicts best leaves.
+    """Return the noise under which all candidates of an output channel are scored: that of the best prediction.
 
-    Under a noise of its own, a model that leaves a smooth gap would be preferred to one that leaves a small rough one.
+    With a noise model of each candidate, a smooth large residual would be preferred to a rough small one.
     """
     best = min([state.current, *choices.values()], key=lambda each: float(each.raw.sum()))
     return best.estimate_noise()
@@ -187,7 +187,7 @@ def _count_parameters(candidates: Sequence[Sequence[Screened]]) -> dict[str, int
 def _shortlist(
     outputs: Sequence[FittedChannel], candidates: Sequence[Sequence[Screened]], settings: SearchSettings
 ) -> set[tuple[str, str, str]]:
-    """Return channel, name and form of those that promise most, over all of a channel's outputs."""
+    """Return channel, name and form of the best screening results, summed over the muscles of a channel."""
     promised: dict[tuple[str, str, str], Array] = {}
     for state, listed in zip(outputs, candidates, strict=True):
         for each in listed:
@@ -206,7 +206,7 @@ def _shortlist(
 
 
 def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set[tuple[str, str, str]]:
-    """Return the best two forms of the names that promise most."""
+    """Return the best two forms of the best `most` names."""
     names: dict[str, int] = {}
     kept = set()
     for key in sorted((key for key in promised if promised[key] > 0.0), key=lambda key: (-promised[key], key)):
@@ -218,7 +218,7 @@ def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set
 
 
 def _extend(state: FittedChannel, chosen: Sequence[Screened], near_best: float) -> Choice:
-    """Fit an output with one more effect, each in turn, from where it stands; those that are near the best, twice."""
+    """Fit an output channel with each form added in turn; those near the best also under their own noise."""
     spread = float(np.sqrt(state.current.raw.sum() / max(state.samples.sum(), 1.0)))
     plain: Choice = {}
     for each in chosen:
@@ -230,7 +230,7 @@ def _extend(state: FittedChannel, chosen: Sequence[Screened], near_best: float) 
 
 
 def _find_confounded(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
-    """Return for each name the least share that constants absorb, over outputs and forms that would carry it."""
+    """Return for each name its least confounding with the constants, over the channels and forms that carry it."""
     shares: dict[str, list[float]] = {}
     for place, listed in enumerate(candidates):
         for each in listed:
@@ -270,7 +270,7 @@ def _decide(
     sizes: Mapping[str, int],
     settings: SearchSettings,
 ) -> Named | None:
-    """Return the name to add, if one is probable and closes a gap that matters; of equals, the simpler."""
+    """Return the effect to add, if one is probable and closes a gap that matters; of equals, the simpler one."""
     carried = {
         name: _carriers(outputs, choices, name, forms, verdicts.carries[name], settings)
         for name, forms in verdicts.forms.items()
@@ -306,7 +306,7 @@ def _decide(
 
 
 def _is_stuck(fitted: Fitted) -> bool:
-    """Return whether the size of an effect other than the newest stands at a bound, and does something there."""
+    """Return whether the magnitude of an effect other than the newest is at a bound other than zero."""
     place = len(fitted.fit.model.output.constants)
     for form in fitted.forms[:-1]:
         if not fitted.fit.free[place] and fitted.fit.values[place] != 0.0:

@@ -1,4 +1,4 @@
-"""Trials that do not fit to the others, as where a cable was loose: they blur everything and should be looked at.
+"""Trials with a far larger error than the others, as after a loose cable.
 
 Predictions flow in; trials flow out, with how far they are off.
 """

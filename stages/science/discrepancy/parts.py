@@ -1,4 +1,4 @@
-"""Which trials are fitted, which are opened once at the end, and which are only reported.
+"""Which trials are fitted, which are test trials (opened once, at the end), and which are only reported.
 
 The parts and records that a recording tells of its trials flow in; what each trial is for flows out, and how many
 samples keep neighbouring ones apart.
@@ -123,8 +123,8 @@ def _round(share: float, count: int) -> float:
 def leave_gaps(trials: pd.DataFrame, purposes: Sequence[str], share: float) -> pd.DataFrame:
     """Return how many samples of each trial are left out at its beginning and its end.
 
-    What disturbs one sample disturbs its neighbours too. A fitted block that meets one that is opened would know some
-    of the noise in it, so the fitted one ends earlier, or begins later; the opened one stays whole.
+    Noise is correlated in time, so a fitted block next to a test block would know some of its noise. The fitted block
+    therefore ends earlier, or begins later; the test block stays whole.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is left after all that was named: whether it matters, and whether a name only stands in for something else.
+"""What named effects leave: whether it matters, and whether the names are ambiguous.
 
 A search that has ended flows in; out flow, by channel, the share of the gap that a flexible model would still remove,
 and two probabilities.
@@ -29,8 +29,7 @@ class Remainder(NamedTuple):
     unknown : float
         Probability that it is more than the limit while the gap left is one that matters.
     ambiguous : float
-        Probability that what was named here leaves more than forms of the same effect differ by, or takes too many
-        names.
+        Probability that the named effects leave more than forms of one effect differ by, or that they are too many.
     line_hz : float or None
         Frequency of an oscillation in all trials of one of its elements, Hz.
     linear_memory : bool
@@ -72,14 +71,14 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
 
 
 def _is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
-    """Return whether so much wanders, or is told by no measured signal, that neither a name nor its absence is sure."""
+    """Return whether the noise floor is so high that neither a name nor its absence is certain."""
     return settings.hides(state.floor / state.output.range, state.noise.white / state.output.range)
 
 
 def sum_doubt(remainders: Mapping[str, Remainder], settings: RemainderSettings) -> float:
-    """Return the probability that something without a name is there; it takes its part from every name's.
+    """Return the probability of an effect without a name; the probability of every name is reduced by it.
 
-    Where a name leaves so much that it may be an imitation, both are as likely.
+    Where a named effect leaves so much that it is ambiguous, `ambiguous_weight` shares the probability.
     """
     return max(
         (max(each.unknown, settings.ambiguous_weight * each.ambiguous) for each in remainders.values()), default=0.0

@@ -1,4 +1,4 @@
-"""A cheap look at every form: how much of what is left it could take away, and what the constants absorb.
+"""Screening of all forms: how much of the residual each could take away, and its confounding with the constants.
 
 A fitted model flows in. Each form is simulated once from each of its starts; the change that it makes, less what the
 free constants could imitate, is regressed on the residual, trials left out in turn.
@@ -20,12 +20,12 @@ from stages.science.output_channels.output_channel import EffectForm
 from stages.science.signals.trajectories import Array
 
 TRIED = 12
-"""Steps of a fit by which a form that sets in somewhere is judged."""
+"""Iterations of the fit by which a form with a threshold is screened."""
 
 
 @dataclass(frozen=True)
 class Screened:
-    """What one form promises in one output.
+    """Screening result of one form in one output channel.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Screened:
 
 
 def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened]:
-    """Return what each form promises, from the best of its starts."""
+    """Return the screening result of each form, from the best of its starts."""
     output = fit.model.output
     present = output.present
     constants, placed = fit.model.name_values(fit.values)
@@ -91,10 +91,10 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened
 
 
 def _try_starts(found: Fit, forms: Sequence[EffectForm]) -> dict[tuple[str, str], Screened]:
-    """Return what forms promise by a few steps of a fit from each of their starts.
+    """Return the screening results of forms by a few iterations of a fit from each of their starts.
 
-    Constants begin where they are and, for a form that sets in somewhere, at their priors' means: without the effect
-    they may have gone far astray.
+    Constants start at their present values and, for a form with a threshold, at their prior means too: without the
+    effect they may be far off.
     """
     output, model = found.model.output, found.model
     before = np.sum(np.where(output.present, found.leave_each_out(), 0.0) ** 2)

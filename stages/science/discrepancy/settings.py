@@ -1,4 +1,4 @@
-"""What the discrepancy workflow is told: the section of the configuration that its stages share."""
+"""The section of the configuration that the stages of the discrepancy workflow share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an added effect does, beside what was measured: the variable in which it shows is chosen by how much it tells.
+"""What an added effect does, beside what was measured, along the variable that explains most of it.
 
 Outputs with all trials and the last step's values flow in; averages along that variable flow out.
 """

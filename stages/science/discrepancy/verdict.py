@@ -1,4 +1,4 @@
-"""Rows of tables as the verdict tells them: where the gap is largest, and which effects with which parameters."""
+"""Tables as entries of the verdict: where the gap is largest, and the effects with their parameters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UPSTREAM = ("command", "valve")
 
 
 def list_confounded(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list[str]:
-    """Return the candidates that the constants absorb in every round and that could act in one of the channels.
+    """Return the effects confounded with the constants in every round that could act in one of the channels.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def list_confounded(ranking: pd.DataFrame, channels: Collection[str] = ()) -> li
 
 
 def decide_status(named: Sequence[float], unknown: float, certain: float) -> Status:
-    """Return the status: what was named does not count where most of the gap stays without a name, unless it is sure.
+    """Return the status by the fitted trials: named if an effect is certain, else unexplained if a remainder is.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def read_status(named: pd.DataFrame, unexplained: pd.DataFrame, certain: float) 
 
 
 def confirm_status(status: Status, over_floor: float, smallest_gap: float, blind: bool) -> Status:
-    """Return the status after a look at the opened trials: where nothing was named, they tell whether there is a gap.
+    """Return the status by the test trials: where nothing was named, they decide whether there is a gap.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def summarise_unexplained(unexplained: pd.DataFrame, doubted: bool = False) -> d
 
 
 def list_remainder(remainder: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return on what depends that which stays unexplained, as the verdict lists it; a hint, no name.
+    """Return on which signals the unexplained residual depends, as the verdict lists it.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def list_candidates(ranking: pd.DataFrame) -> list[dict[str, Any]]:
 def locate_most(
     gap: pd.DataFrame, channels: pd.DataFrame, named: pd.DataFrame, settings: DiscrepancySettings
 ) -> list[dict[str, Any]]:
-    """Return the rows of `gap` that say most, for each muscle's channel whose gap matters: one regime each.
+    """Return for each channel with a gap that matters the regime in which the gap is most concentrated.
 
     Parameters
     ----------
@@ -170,10 +170,10 @@ def locate_most(
 def confirm_effects(
     named: pd.DataFrame, driven: pd.DataFrame, settings: DiscrepancySettings, hidden: Collection[str] = ()
 ) -> pd.DataFrame:
-    """Return the added effects with the gap before and after each on the opened trials, and whether that confirms it.
+    """Return the added effects with the gap before and after each on the test trials, and whether these confirm it.
 
-    What takes nothing away from trials that nothing was fitted to is as likely something else, and so is what is seen
-    beside a floor that hides what there is; what exact values show is there all the same.
+    An effect that does not reduce the gap of the test trials loses probability, and so does one in a channel whose
+    noise floor hides what there is; an effect that exact values show keeps its probability.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The gap on trials that nothing was fitted to: before, after each addition, and what is left for noise.
+"""The gap on the test trials: before, after each addition, and the noise floor.
 
 Outputs with all trials and the values of each step flow in; predictions and gaps flow out.
 """
@@ -99,7 +99,7 @@ def verify(dataset: Dataset, found: SearchTables) -> list[Verified]:
 
 
 def _find_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
-    """Return each trial's sum of squares that a flexible model, fitted to those learnt, leaves; zero without data."""
+    """Return each trial's sum of squares left by a flexible model fitted to the `learnt` trials; zero without data."""
     seen = np.flatnonzero(model.output.present.any(axis=0))
     still = fit(replace(model, output=model.output.take(seen.tolist())), noise, values, iterations=0)
     floor = np.zeros(model.output.trials)
@@ -124,7 +124,7 @@ def compare_steps(
     level: float,
     generator: np.random.Generator,
 ) -> list[dict[str, Any]]:
-    """Return the gap on the verification trials before and after each addition, and the noise floor.
+    """Return the gap on the test trials before and after each addition, and the noise floor.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def compare_steps(
     labels : sequence of str
         Of the steps.
     opened : sequence of int
-        Positions of the verification trials.
+        Positions of the test trials.
     weights : (B, len(opened)) ndarray
         Resampled trials.
     level : float
@@ -173,7 +173,7 @@ def bound_ratio(
     step : int
         Effects added.
     opened : sequence of int
-        Positions of the verification trials.
+        Positions of the test trials.
     weights : (B, len(opened)) ndarray
         Resampled trials.
     level : float
@@ -207,7 +207,7 @@ def is_hidden(channels: pd.DataFrame, settings: RemainderSettings) -> bool:
 def list_hidden(
     found: Sequence[Verified], channels: pd.DataFrame, opened: Sequence[int], settings: RemainderSettings
 ) -> list[str]:
-    """Return the channels whose noise floor on the verification trials hides what there is, each once.
+    """Return the channels whose noise floor on the test trials hides what there is, each once.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def list_hidden(
     channels : DataFrame
         Noise of each output.
     opened : sequence of int
-        Positions of the verification trials.
+        Positions of the test trials.
     settings : RemainderSettings
         When a floor hides.
     """

@@ -1,4 +1,4 @@
-"""Values that a sensor shows again and again, exactly: the levels at which it ends, and the count it goes by."""
+"""Values that a sensor repeats exactly: the levels at which it saturates, and its quantisation step."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from stages.science.signals.trajectories import Array
 
 LEAST_SHARE, LEAST_COUNT = 0.005, 20
-"""Share and number of samples at exactly the largest or smallest value from which it is taken for a level."""
+"""Least share and number of samples at exactly the largest or smallest value for it to be a saturation level."""
 OFTEN = 4.0
-"""How much more often a level comes than any value between the ends."""
+"""Least ratio of the samples at a saturation level to those at any value in between."""
 SAME = 1e-9
-"""Difference, over the largest value, of values that are one."""
+"""Difference, over the largest value, up to which two values are equal."""
 MOST_DISTINCT = 0.1
-"""Distinct values over samples, up to which a sensor may go by counts."""
+"""Number of distinct values over samples, up to which a signal may be quantised."""
 REGULAR = 0.02
-"""How far, in counts, distinct values may be from whole numbers of them."""
+"""Largest deviation of distinct values from whole multiples of the quantisation step, in steps."""
 
 
 class Levels(NamedTuple):
-    """Ends of what a sensor shows, in the signal's unit; None where the values show none."""
+    """Saturation levels in the signal's unit; None where the values show none."""
 
     lowest: float | None
     highest: float | None
@@ -30,9 +30,9 @@ class Levels(NamedTuple):
 def find_levels(values: Array) -> Levels:
     """Return the levels at which a signal is clipped.
 
-    Noise makes every value of a sensor differ from the next; where the largest or the smallest comes again and again it
-    is the end of the scale. A sensor that goes by counts repeats every value, and one that rests between its ends too
-    repeats that: neither shows a level.
+    Noise makes every value of a sensor differ from the next, so a largest or smallest value that recurs exactly is the
+    end of the scale. A quantised signal repeats every value, and a signal at rest between the ends repeats that value:
+    neither shows a level.
     """
     if values.size == 0 or np.ptp(values) == 0.0 or find_count(values) is not None:
         return Levels(None, None)
@@ -47,7 +47,7 @@ def find_levels(values: Array) -> Levels:
 
 
 def find_count(values: Array) -> float | None:
-    """Return the count of which all values are whole multiples, in the signal's unit, or None."""
+    """Return the quantisation step of which all values are whole multiples, in the signal's unit, or None."""
     distinct = np.unique(values)
     if not 2 < distinct.size < MOST_DISTINCT * values.size:
         return None

@@ -1,4 +1,4 @@
-"""A flexible residual model: what could still be explained, by whatever function of the measured signals.
+"""A flexible residual model: what any function of the measured signals could still explain.
 
 A fitted model and its output flow in; out flows what each trial's residual would be if generic features with weights of
 their own, or boosted trees, neither of which has a name for anything, were fitted to the others. It names nothing: it
@@ -24,7 +24,7 @@ Mask = NDArray[np.bool_]
 PENALTIES = (1e4, 1e3, 1e2, 1e1, 1.0, 1e-1)
 FOLDS = 5
 MEMORY_SAMPLES = 200
-"""Samples of the past that a linear memory holds, of all inputs together."""
+"""Largest number of delayed samples of all inputs in a linear memory."""
 MOST_ROWS = 2000
 """Samples that trees are fitted to, at most; neighbours in time tell the same."""
 TREES = {"max_iter": 25, "learning_rate": 0.3, "max_leaf_nodes": 12, "min_samples_leaf": 20, "max_bins": 64}

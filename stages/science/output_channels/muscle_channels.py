@@ -22,9 +22,9 @@ from stages.science.plant.muscle import MuscleConstants, braid_coefficients
 from stages.science.signals.trajectories import Array
 
 EXACT = "saturation"
-"""The effect whose level exact values give away."""
+"""Effect whose level exactly repeated values show."""
 NOT_FITTED = "quantisation"
-"""Not to be fitted, as it has no slopes, nor to be mended: what lies between two counts is lost."""
+"""Effect that is not fitted: it has no derivatives, and what lies between two counts is lost."""
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
 
 
@@ -123,7 +123,7 @@ class MuscleChannel(OutputChannel):
         """Return the level at which this channel is clipped as the parameter of ``saturation``."""
 
     def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
-        """Return where fits of a form begin; saturation at the level that the values show, or nowhere."""
+        """Return starting values of a form; of saturation the level that repeated values show, or none."""
         if form.name != EXACT:
             return list_starts(form)
         level = self._level
@@ -134,12 +134,12 @@ class MuscleChannel(OutputChannel):
         return form.name == EXACT
 
     def reveals_saturation(self) -> bool:
-        """Return whether the largest value comes again and again, exactly."""
+        """Return whether the largest value recurs exactly."""
         return self._level is not None
 
     @property
     def _level(self) -> float | None:
-        """Largest value, where that comes again and again; a muscle at rest shows the smallest as often."""
+        """Largest value, where it recurs exactly; the smallest value recurs in a muscle at rest too."""
         highest = find_levels(self.measured[self.present]).highest
         return highest if highest is not None and highest > 0.0 else None
 
@@ -255,7 +255,7 @@ class ForceChannel(MuscleChannel):
         )
 
     def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceChannel:
-        """Return the output with the pressure that was there, where the pressure's sensor has an effect."""
+        """Return the output with the true pressure, where the pressure's sensor has an effect."""
         placed = [(find_effect(name, form), values) for name, form, values in effects]
         sensor = [
             Everywhere(effect, values)

@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from stages.science.signals.trajectories import Array
 
 QUICK_S, SLOW_S = 0.03, 1.5
-"""Time constants about which the two components are sought, s; a factor of three is one standard deviation."""
+"""Prior medians of the time constants of the two components, s; one standard deviation is a factor of three."""
 FOLD = math.log(3.0)
 LEAST_WHITE = 0.5
-"""White noise over that which would explain all of a residual's roughness, at least.
+"""Lower bound of white noise, over the white noise that would explain all second differences of a residual.
 
-Sensors have white noise. A model of noise without any would judge a residual by its steps alone, and a simulation whose
-steps come a sample too early or late would be judged worse than one without steps.
+Without white noise a residual would be judged by its steps alone, and a simulation whose steps come one sample early or
+late would be worse than one without steps.
 """
 LEAST_SHARE = 0.1
-"""White noise over all of a residual, at least: no model is right to less than that from sample to sample."""
+"""Lower bound of white noise over the root mean square of the residual."""
 
 
 class Noise(NamedTuple):

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from stages.science.signals.trajectories import Array
 
 LEAST_HZ = 6.0
-"""Below it people and pressures move, and a line cannot be told from what they bring about."""
+"""Lowest frequency of a line, Hz; below it motion and pressure have power of their own."""
 HIGHEST = 0.95
-"""Over half the sampling rate; at its edge a spectrum is no longer spread as elsewhere."""
+"""Highest frequency of a line, over half the sampling rate; power is distributed differently at the edge."""
 PADDING = 2
 NEIGHBOURS = 80
-"""Bins of the padded spectrum on either side that tell how much noise there is around a frequency."""
+"""Bins of the padded spectrum on either side of a frequency, from which its noise level is estimated."""
 WIDEST = 2.0
-"""Neighbours on either side, over the least frequency, that may be needed."""
+"""Largest width of the neighbours on either side, over the lowest frequency of a line."""
 CHANCE = 1e-3
-"""Probability that noise alone shows a line."""
+"""Probability that noise alone has a line."""
 
 
 def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> float | None:
@@ -49,7 +49,7 @@ def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> flo
     samples = len(residual)
     if not len(whole) or samples < 4 * NEIGHBOURS:
         return None
-    if NEIGHBOURS / (PADDING * samples * step_s) > WIDEST * LEAST_HZ:  # a spectrum's slope would pass for a line
+    if NEIGHBOURS / (PADDING * samples * step_s) > WIDEST * LEAST_HZ:  # the spectrum's slope would look like a line
         return None
     kept = np.where(present, residual, 0.0)[:, whole]
     windowed = (kept - kept.mean(axis=0)) * np.hanning(samples)[:, None]
