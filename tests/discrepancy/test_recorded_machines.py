@@ -16,11 +16,10 @@ from omegaconf import OmegaConf
 from stages.science.discrepancy.fitted_channel import prepare
 from stages.science.discrepancy.remainder import weigh_remainder
 from stages.science.discrepancy.search import search
-from stages.science.output_channels.whole_record_channel import build_whole_records
 from stages.science.plant.machine import read_machine
 from tests.composing import compose_values
 from tests.discrepancy.searches import SETTINGS, look
-from tests.discrepancy.simulated_records import tabulate
+from tests.discrepancy.simulated_records import build_records, tabulate
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 TANKS = DATA / "cascaded_tanks" / "cascaded_tanks.parquet"
@@ -106,7 +105,7 @@ def fitted():
         signals = {name: frame[column].to_numpy(float) for name, column in told.columns.items() if column is not None}
         step_s = float(np.median(np.diff(frame["t"])))
         plant = read_machine(OmegaConf.to_container(told.plant))
-        return plant, prepare(build_whole_records(*tabulate(signals, step_s=step_s), plant))
+        return plant, prepare(build_records(*tabulate(signals, step_s=step_s), plant))
 
     return fit
 
@@ -133,5 +132,5 @@ def test_nothing_is_named_in_what_the_fitted_textbook_simulates(path, fitted):
     for seed in range(2):
         noise = 0.01 * clean.std() * np.random.default_rng(seed).standard_normal(len(clean))
         copied = {**output.records[0], output.plant.output: clean + noise}
-        again = build_whole_records(*tabulate(copied, step_s=output.step_s), plant)
+        again = build_records(*tabulate(copied, step_s=output.step_s), plant)
         assert look(again, seed)[1] == []

@@ -85,7 +85,7 @@ def build_dataset(
     trial_parts : DataFrame
         Columns ``trial part left_before left_after``, a row for each trial.
     settings : DiscrepancySettings
-        Tolerances of the constants of muscles.
+        Tolerances of the constants of muscles, and limits of detection.
 
     Raises
     ------
@@ -98,5 +98,6 @@ def build_dataset(
     if not isinstance(plant, RecordPlant):
         return Dataset(plant, build_muscle_channels(tables, settings), trials, parts)
     gaps = {name: trial_parts[name].to_numpy() for name in ("left_before", "left_after")}
-    output = build_whole_records(tables.measured_signals, tables.measured_trials.assign(**gaps), plant)
+    blocks = tables.measured_trials.assign(**gaps)
+    output = build_whole_records(tables.measured_signals, blocks, plant, settings.detection)
     return Dataset(output.plant, [output], trials, parts)

@@ -60,7 +60,7 @@ class Fitted:
     def estimate_noise(self) -> Noise:
         """Return the noise that the residual most likely is."""
         output = self.fit.model.output
-        return estimate_noise(self.residual, output.present, output.step_s)
+        return estimate_noise(self.residual, output.present, output.step_s, output.limits)
 
     def density(self, noise: Noise) -> Array:
         """Return the log density of each trial's residual under a noise, (K,) ndarray."""
@@ -115,7 +115,7 @@ def prepare(output: OutputChannel) -> FittedChannel:
     features, by_trees = build_features(output), explain_by_trees(output, rough.residual)
     by_memory = explain_by_memory(output, rough.residual)
     least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], output, by_memory=by_memory)
-    noise = estimate_noise(least.residual, output.present, output.step_s)
+    noise = estimate_noise(least.residual, output.present, output.step_s, output.limits)
     nominal = refine(model, rough.fit.values, rough.spread)
     by_features = explain_by_features(nominal.fit, features, noise)
     leftover = keep_least([by_trees, by_features], output, by_memory=by_memory)

@@ -125,7 +125,7 @@ def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings)
             declared = tolerances[kind.channel]
             largest = float(np.abs(records.force_n[records.known["force_n"]]).max(initial=1.0))
             constants = tuple(_constant(name, each, row, largest) for name, each in declared.items())
-            output = kind(build, records, constants, load_cell_site)
+            output = kind(build, records, constants, load_cell_site, settings.detection)
             enough = output.present.sum() >= limits.least_samples and output.range > 0.0
             if enough and output.is_driven(limits.least_drive_kpa):
                 outputs.append(output)

@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.effect import list_effects, name_module
 
@@ -129,6 +130,7 @@ class DiscrepancySettings(Declared):
     search: SearchSettings
     confirmation: ConfirmationSettings
     regimes: RegimeSettings
+    detection: DetectionSettings
     muscle_channels: MuscleChannelSettings
     report: ReportSettings
     max_pressure_kpa: dict[str, float]

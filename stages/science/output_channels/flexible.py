@@ -72,7 +72,7 @@ def keep_least(
     several = [*left, *([] if by_memory is None else [by_memory])]
     residual = min(several, key=lambda each: float((each[:, known] ** 2).sum()))
     linear_memory = residual is by_memory
-    line_hz = find_line(residual, output.present, output.step_s)
+    line_hz = find_line(residual, output.present, output.step_s, output.limits)
     if line_hz is not None:
         residual = remove_line(residual, output.present, output.step_s, line_hz)
     return Leftover((residual**2).sum(axis=0), residual, line_hz, linear_memory)

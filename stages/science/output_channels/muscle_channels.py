@@ -14,6 +14,7 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.output_channels.exact_values import find_levels
 from stages.science.output_channels.output_channel import Driver, EffectForm, OutputChannel, list_starts
 from stages.science.plant.actuator_path import ActuatorPath, Everywhere, predict_force, predict_pressure
@@ -89,6 +90,7 @@ class MuscleChannel(OutputChannel):
     records: Records
     tolerances: tuple[Parameter, ...]
     load_cell_site: Literal["muscle_tip", "joint_end"]
+    limits: DetectionSettings
 
     @property
     def element(self) -> str:  # type: ignore[override]
@@ -140,7 +142,7 @@ class MuscleChannel(OutputChannel):
     @property
     def _level(self) -> float | None:
         """Largest value, where it recurs exactly; the smallest value recurs in a muscle at rest too."""
-        highest = find_levels(self.measured[self.present]).highest
+        highest = find_levels(self.measured[self.present], self.limits).highest
         return highest if highest is not None and highest > 0.0 else None
 
     def _collect(self, constants: Mapping[str, float]) -> MuscleConstants:

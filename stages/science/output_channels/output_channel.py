@@ -17,6 +17,7 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.plant.effect import Parameter
 from stages.science.signals.trajectories import Array
 
@@ -116,6 +117,8 @@ class OutputChannel(ABC):
         Where the channel and all that it is simulated from were measured.
     start_s : (K,) ndarray
         Start of each trial in the session, s.
+    limits : DetectionSettings
+        From where on the values show saturation, a spectral line, or noise.
     """
 
     channel: str
@@ -125,6 +128,7 @@ class OutputChannel(ABC):
     measured: Array
     present: NDArray[np.bool_]
     start_s: Array
+    limits: DetectionSettings
 
     @property
     @abstractmethod

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.output_channels.exact_values import Levels, find_levels
 from stages.science.output_channels.fitting import Model, begin, fit
 from stages.science.output_channels.noise import make_plain
@@ -85,6 +86,8 @@ class WholeRecordChannel(OutputChannel):
         Samples by which that may be refined.
     averaged : int
         Samples of the record in one of the output.
+    limits : DetectionSettings
+        From where on the values show saturation, a spectral line, or noise.
     """
 
     plant: RecordPlant
@@ -98,6 +101,7 @@ class WholeRecordChannel(OutputChannel):
     begun: tuple[InitialState, ...]
     head: int
     averaged: int
+    limits: DetectionSettings
 
     @property
     def channel(self) -> str:  # type: ignore[override]
@@ -166,7 +170,7 @@ class WholeRecordChannel(OutputChannel):
     @cached_property
     def _levels(self) -> Levels:
         """Levels at which the output is clipped, as far as its exact values show them."""
-        return find_levels(self.measured[self.present])
+        return find_levels(self.measured[self.present], self.limits)
 
     def simulate(
         self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
@@ -297,7 +301,9 @@ class WholeRecordChannel(OutputChannel):
         )
 
 
-def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: RecordPlant) -> WholeRecordChannel:
+def build_whole_records(
+    signals: pd.DataFrame, trials: pd.DataFrame, plant: RecordPlant, limits: DetectionSettings
+) -> WholeRecordChannel:
     """Return the output of a machine's records.
 
     Parameters
@@ -308,6 +314,8 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
         Columns ``record``, ``start_s`` and ``samples``: the blocks, in the order of the arrays' last axis.
     plant : RecordPlant
         Names the signals.
+    limits : DetectionSettings
+        Of the output channel.
 
     Raises
     ------
@@ -355,6 +363,7 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
         ),
         max(HEAD // stride, 3),
         stride,
+        limits,
     )
 
 
