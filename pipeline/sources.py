@@ -13,6 +13,7 @@ import platform
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -135,26 +136,36 @@ def _folder(package: str) -> Path:
 
 
 def _relative(path: Path, root: Path) -> str:
-    return path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
+    top = root if path.is_relative_to(root) else path.parents[len(_list_packages(path))]
+    return path.relative_to(top).as_posix()
+
+
+@cache
+def _list_packages(path: Path) -> tuple[str, ...]:
+    """Return the names of the packages that a file lies in, the outermost first."""
+    inside = list(takewhile(lambda folder: (folder / "__init__.py").is_file(), path.parents))
+    return tuple(each.name for each in reversed(inside))
 
 
 @cache
 def _imports(path: Path) -> tuple[str, ...]:
-    return tuple(_walk_imports(ast.parse(path.read_bytes())))
+    return tuple(_walk_imports(ast.parse(path.read_bytes()), _list_packages(path)))
 
 
-def _walk_imports(node: ast.AST) -> Iterator[str]:
+def _walk_imports(node: ast.AST, packages: tuple[str, ...]) -> Iterator[str]:
     if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
         return
     if isinstance(node, ast.Import):
         yield from (each.name for each in node.names)
-    elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-        yield node.module
-        yield from (f"{node.module}.{each.name}" for each in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        around = packages[: len(packages) - node.level + 1] if node.level else ()
+        module = ".".join([*around, *([node.module] if node.module else [])])
+        yield module
+        yield from (f"{module}.{each.name}" for each in node.names)
     for field in ("body", "orelse", "handlers", "finalbody", "cases"):  # an import is a statement, and within these
         held = getattr(node, field, ())
         for each in held if isinstance(held, list) else ():
-            yield from _walk_imports(each)
+            yield from _walk_imports(each, packages)
 
 
 @cache

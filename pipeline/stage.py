@@ -159,13 +159,22 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
 
 
 def _find_modules(package: str) -> dict[str, str]:
-    """Return the dotted name of each file in a package and in its folders, by the file's own name."""
+    """Return the dotted name of each file in a package and in its folders, by the file's own name.
+
+    Raises
+    ------
+    WiringError
+        When two files have the same name.
+    """
     folders = [package]
-    modules = {}
+    modules: dict[str, str] = {}
     for folder in folders:
         for each in pkgutil.iter_modules(importlib.import_module(folder).__path__):
             if not each.ispkg:
-                modules[each.name] = f"{folder}.{each.name}"
+                path = f"{folder}.{each.name}"
+                if modules.setdefault(each.name, path) != path:
+                    files = " and ".join(f"{name.replace('.', '/')}.py" for name in (modules[each.name], path))
+                    raise WiringError(f"{files}: expected one file of a name, as a stage is found by it; rename one")
             elif folder == package:
                 folders.append(f"{folder}.{each.name}")
     return modules

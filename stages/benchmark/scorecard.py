@@ -1,7 +1,7 @@
 """How often the search is right: rates with intervals against targets, by kind and magnitude, and what is confused.
 
 In: what was hidden and what was said of each session, and which names count as one class. Out: `scorecard` (rates),
-`scorecard_cells` (each effect and magnitude, with what it was confused), `calibration` (probabilities that were said
+`scorecard_cells` (each effect and magnitude, with what it was confused), `reliability` (probabilities that were said
 against how often they were right) and `scorecard_sessions` (each session judged).
 """
 
@@ -19,7 +19,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.scoring import Rules, score
-from stages.science.figures.scores import draw_confusion, draw_rates, draw_said_against_right
+from stages.science.figures.scores import draw_confusion, draw_rates, draw_reliability_of_names
 from stages.science.statistics.intervals import bound_median, bound_rate
 
 ALL = "all"
@@ -92,8 +92,8 @@ SCORECARD_CELLS = Table(
     key=("kind", "hidden", "magnitude"),
     brief=("hidden", "magnitude", "n", "right_name", "right_class", "right_muscles", "closed_share", "said_instead"),
 )
-CALIBRATION = Table(
-    "calibration",
+RELIABILITY = Table(
+    "reliability",
     "Said probabilities of a first name between two bounds",
     {
         "from_probability": column(float, "lower bound", low=0, high=1),
@@ -141,14 +141,14 @@ class Scorecard(Section):
     least_closable: Annotated[float, Field(ge=0.0, lt=1.0)]
     confident: Share
     level: Annotated[float, Field(gt=0.5, lt=1.0)]
-    calibration_edges: Annotated[list[Share], Field(min_length=2)]
+    reliability_edges: Annotated[list[Share], Field(min_length=2)]
     classes: list[NameClass]
     targets: Targets
 
     @model_validator(mode="after")
     def _order(self) -> Self:
         for name, values in (
-            ("calibration_edges", self.calibration_edges),
+            ("reliability_edges", self.reliability_edges),
             ("magnitudes", list(self.magnitudes.values())),
         ):
             if any(later <= earlier for earlier, later in pairwise(values)):
@@ -175,7 +175,7 @@ class Config(Section):
     scorecard: Scorecard
 
 
-@stage(SCORECARD, SCORECARD_CELLS, CALIBRATION, SCORECARD_SESSIONS)
+@stage(SCORECARD, SCORECARD_CELLS, RELIABILITY, SCORECARD_SESSIONS)
 def scorecard(
     cfg: Config,
     blind_sessions: pd.DataFrame,
@@ -189,7 +189,7 @@ def scorecard(
     scored = score(blind_sessions, blind_truth, blind_named, blind_ranking, section.rules)
     sessions = pd.DataFrame(scored, columns=list(SCORECARD_SESSIONS.columns))
     rates = pd.DataFrame(list_rates(sessions, section), columns=list(SCORECARD.columns))
-    calibration = pd.DataFrame(calibrate(sessions, section), columns=list(CALIBRATION.columns))
+    reliability = pd.DataFrame(tabulate_reliability(sessions, section), columns=list(RELIABILITY.columns))
     ctx.figure(
         "scorecard",
         draw_rates(rates),
@@ -197,14 +197,14 @@ def scorecard(
     )
     ctx.figure("confusion", draw_confusion(sessions), "What was named first, by what was hidden; shares of sessions.")
     ctx.figure(
-        "calibration",
-        draw_said_against_right(calibration),
+        "reliability",
+        draw_reliability_of_names(reliability),
         f"Share of right first names against the probability that was said, with {section.level:.0%} intervals.",
     )
     return {
         SCORECARD.name: rates,
         SCORECARD_CELLS.name: pd.DataFrame(list_cells(sessions), columns=list(SCORECARD_CELLS.columns)),
-        CALIBRATION.name: calibration,
+        RELIABILITY.name: reliability,
         SCORECARD_SESSIONS.name: sessions,
     }
 
@@ -301,12 +301,12 @@ def list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:
     return rows
 
 
-def calibrate(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
+def tabulate_reliability(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
     """Return how often first names were right, by the probability that was said."""
     named = sessions[sessions["status"] == "named"]
     rows = []
-    for low, high in pairwise(section.calibration_edges):
-        last = high == section.calibration_edges[-1]
+    for low, high in pairwise(section.reliability_edges):
+        last = high == section.reliability_edges[-1]
         inside = (named["probability"] >= low) & ((named["probability"] < high) | last)
         its = named[inside]
         value, least, most = bound_rate(its["right_class"].to_numpy(dtype=bool), section.level)

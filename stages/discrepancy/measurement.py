@@ -33,7 +33,7 @@ from stages.science.recording.assembly import Notes, choose_muscles, complete, r
 from stages.science.recording.blocks import WHOLE, arrange_records, list_blocks, split_records
 from stages.science.recording.clock import count_time, find_rate, regularise
 from stages.science.recording.column_map import ColumnMap
-from stages.science.recording.columns import RecordingError, check_rows, tell_rows
+from stages.science.recording.columns import RecordingError, check_rows, name_rows
 from stages.science.recording.description import describe, list_arguments, quote
 from stages.science.recording.endings import join_parts
 from stages.science.recording.files.bags import is_bag
@@ -375,7 +375,7 @@ def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
         check_rows(samples, MUSCLE_KEY)
         wrong = (samples["trial"] % 1.0 != 0.0) | (samples["trial"] < 0.0)
         if wrong.any():
-            raise RecordingError(f"column trial: expected whole numbers from 0, got others in {tell_rows(wrong)}")
+            raise RecordingError(f"column trial: expected whole numbers from 0, got others in {name_rows(wrong)}")
         for name in READINGS:
             if name in samples:
                 check_plausible(samples[name], name, *bounds_of(name), cfg.units.get(name))

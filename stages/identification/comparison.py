@@ -172,7 +172,7 @@ def comparison(
         name = "learning_curve" if tested_on == "bank" else f"learning_curve_{tested_on}"
         ctx.figure(name, draw_learning_curves(its, arms, [ALL_MUSCLES, *muscles]), caption)
     compared = pair_arms(common, arms, cfg.comparison.experiments)
-    final = tell_final_errors(summary, list(tests), arms, muscles)
+    final = describe_final_errors(summary, list(tests), arms, muscles)
     return curve, summary, final, compared, recommend(compared, arms[0])
 
 
@@ -242,7 +242,7 @@ def summarise(curve: pd.DataFrame, tests: Sequence[str], arms: Sequence[str], mu
     return ordered
 
 
-def tell_final_errors(
+def describe_final_errors(
     summary: pd.DataFrame, tests: Sequence[str], arms: Sequence[str], muscles: Sequence[str]
 ) -> pd.DataFrame:
     """Return the rows of `final_errors`."""

@@ -205,9 +205,9 @@ def claims(
     ]
     rows = [describe(each) for weigh, frame in sources if frame is not None for each in weigh(frame)]
     if executed_by is not None:
-        rows.append(tell_reality(bool(executed_by["real"].all()), rows))
+        rows.append(describe_reality(bool(executed_by["real"].all()), rows))
         rows += [
-            leave_untested(claim, UNTESTED, ABSENT) for claim in PAPER if claim not in {row["claim"] for row in rows}
+            mark_untested(claim, UNTESTED, ABSENT) for claim in PAPER if claim not in {row["claim"] for row in rows}
         ]
     return pd.DataFrame(rows, columns=list(CLAIMS.columns))
 
@@ -232,17 +232,17 @@ def describe(case: Case) -> dict[str, Any]:
     }
 
 
-def tell_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
+def describe_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the row of the claim about a real robot: that of `error_falls` if a real rig executed the trials."""
     row = next((each for each in rows if each["claim"] == "error_falls"), None)
     if real and row is not None:
         return {**row, "claim": "works_on_real_robot", "paper": PAPER["works_on_real_robot"]}
     if real:
-        return leave_untested("works_on_real_robot", UNTESTED, ABSENT)
-    return leave_untested("works_on_real_robot", UNTESTABLE, "all trials were simulated")
+        return mark_untested("works_on_real_robot", UNTESTED, ABSENT)
+    return mark_untested("works_on_real_robot", UNTESTABLE, "all trials were simulated")
 
 
-def leave_untested(claim: str, verdict: str, finding: str) -> dict[str, Any]:
+def mark_untested(claim: str, verdict: str, finding: str) -> dict[str, Any]:
     """Return the row of a claim about which nothing was measured."""
     return {
         **dict.fromkeys(("estimate", "low", "high", "effect", "p"), np.nan),
@@ -293,7 +293,7 @@ def weigh_time_shift(compared: pd.DataFrame) -> Iterator[Case]:
         else:
             # the table tells the shift less none; the claim is about none
             found = Evidence("paired t of the curve, d_z", row["n"], *numbers(row, "d_z", "p_holm"))
-            yield Case("best_without_shift", setting, row["tested_on"], turn(found), judge_better)
+            yield Case("best_without_shift", setting, row["tested_on"], swap(found), judge_better)
 
 
 def weigh_choices_against_random(compared: pd.DataFrame) -> Iterator[Case]:
@@ -312,7 +312,7 @@ def numbers(row: Any, effect: str, p_different: str, p_equivalent: str | None = 
     return tuple(float(row[name]) for name in names)
 
 
-def turn(evidence: Evidence) -> Evidence:
+def swap(evidence: Evidence) -> Evidence:
     """Return the same evidence for the second less the first."""
     return replace(
         evidence, estimate=-evidence.estimate, low=-evidence.high, high=-evidence.low, effect=-evidence.effect

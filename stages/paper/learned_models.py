@@ -2,7 +2,7 @@
 
 In: `trials`, `initial_trials`, `references`, `models`, `points`, `hyperprior`, `scaling`, `bank` and, where it exists,
 `unseen_bank`. Out: `chosen_often` and `choice_concentration` for every arm, `force_surfaces` of the design's last
-models, and `coverage` and `calibration`: how often the 95 % intervals of the marginal GP and of the plain one hold the
+models, and `coverage` and `reliability`: how often the 95 % intervals of the marginal GP and of the plain one hold the
 measured force. This stage only reads: it chooses and measures nothing.
 """
 
@@ -26,7 +26,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.force_surfaces import draw_force_surfaces
 from stages.science.figures.frequent_references import draw_frequent_references
-from stages.science.figures.reliability import draw_calibration
+from stages.science.figures.reliability import draw_reliability
 from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES
 from stages.science.muscle_models.recorded_models import RecordedModels
@@ -119,8 +119,8 @@ COVERAGE = Table(
     },
     key=("participant", "experiment", "arm", "trial", "tested_on", "muscle", "model"),
 )
-CALIBRATION = Table(
-    "calibration",
+RELIABILITY = Table(
+    "reliability",
     "Whether the marginal GP's 95 % intervals hold the measured force in nearer to 95 % of the cases than the plain's",
     {
         "arm": ARM,
@@ -161,7 +161,7 @@ class Surfaces(Section):
     near: Annotated[float, Field(gt=0, le=10)]
 
 
-class CalibrationSettings(Section):
+class ReliabilitySettings(Section):
     """Coverage of intervals."""
 
     experiments: PositiveInt
@@ -174,7 +174,7 @@ class LearnedModels(Section):
     draws: Annotated[int, Field(ge=100, le=1_000_000)]
     shown: Annotated[int, Field(ge=1, le=6)]
     surfaces: Surfaces
-    calibration: CalibrationSettings
+    reliability: ReliabilitySettings
 
 
 class SamplesLeft(View):
@@ -185,10 +185,10 @@ class SamplesLeft(View):
 
     @model_validator(mode="after")
     def _keep_two_samples(self) -> Self:
-        every, samples = self.learned_models.calibration.every, self.exoskeleton.samples
+        every, samples = self.learned_models.reliability.every, self.exoskeleton.samples
         if every >= samples:
             raise ValueError(
-                f"learned_models.calibration.every: expected less than the {samples} samples of a movement, "
+                f"learned_models.reliability.every: expected less than the {samples} samples of a movement, "
                 f"got {every}; lower it"
             )
         return self
@@ -211,7 +211,7 @@ class Config(Section):
         return self
 
 
-@stage(CHOSEN_OFTEN, CHOICE_CONCENTRATION, FORCE_SURFACES, COVERAGE, CALIBRATION, stream="learned_models")
+@stage(CHOSEN_OFTEN, CHOICE_CONCENTRATION, FORCE_SURFACES, COVERAGE, RELIABILITY, stream="learned_models")
 def learned_models(
     cfg: Config,
     trials: pd.DataFrame,
@@ -242,20 +242,20 @@ def learned_models(
     show_forces(cfg, forces, last, points, ctx)
 
     tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
-    jobs = list(gather(recorded, tests, models, points, section.calibration))
+    jobs = list(gather(recorded, tests, models, points, section.reliability))
     rows: list[tuple[Any, ...]] = []
     with ctx.progress("experiments", len(jobs)) as advance:
         for job, found in zip(jobs, ctx.spread(measure_coverage, jobs), strict=True):
             rows += found
             advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
     coverage = pd.DataFrame(rows, columns=list(COVERAGE.columns))
-    told = calibrate(coverage, muscles)
+    told = tabulate_reliability(coverage, muscles)
     its = told[told["arm"] == design]
     caption = (
         f"Share of the measured forces within the 95 % intervals of the plain and of the marginal GP, by {design}: "
         f"mean and its 95 % interval over {its['n'].max()} experiments. 95 % would be right."
     )
-    ctx.figure("calibration", draw_calibration(its, [ALL_MUSCLES, *muscles]), caption)
+    ctx.figure("reliability", draw_reliability(its, [ALL_MUSCLES, *muscles]), caption)
     return often, concentration, forces, coverage, told
 
 
@@ -453,7 +453,7 @@ def gather(
     tests: Mapping[str, pd.DataFrame],
     models: pd.DataFrame,
     points: pd.DataFrame,
-    section: CalibrationSettings,
+    section: ReliabilitySettings,
 ) -> Iterator[Job]:
     """Yield the job of every muscle in the first experiments, after trials 0, the middle and the last."""
     last = int(models["trial"].max())
@@ -523,8 +523,8 @@ def predict_intervals(gp: MarginalGP, scaling: Scaling, inputs: Array) -> tuple[
     return scaling.restore_force(mean), half_widths_n
 
 
-def calibrate(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
-    """Return the rows of `calibration`: both models on the same experiments.
+def tabulate_reliability(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
+    """Return the rows of `reliability`: both models on the same experiments.
 
     The average over muscles is that of their shares and that of their distances from 95 %, so that one that holds too
     many does not make up for one that holds too few.
@@ -547,7 +547,7 @@ def calibrate(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
             family = rows[(rows["arm"] == arm) & (rows["tested_on"] == tested_on)]
             compared = compare_models(family, [ALL_MUSCLES, *muscles])
             families.append(compared.assign(arm=arm, tested_on=tested_on))
-    return pd.concat(families, ignore_index=True)[list(CALIBRATION.columns)]
+    return pd.concat(families, ignore_index=True)[list(RELIABILITY.columns)]
 
 
 def compare_models(family: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:

@@ -34,12 +34,12 @@ from stages.science.rig.festo.known_points import (
     CalibrationSettings,
     PointRequested,
     Turn,
+    describe_destination,
+    describe_task,
     find_reading,
     label,
     list_turns,
     make_request,
-    say_what_to_do,
-    say_where_to_write,
     split_name,
 )
 
@@ -257,14 +257,14 @@ class Loop:
         if found is None:
             following = self.turns[turn.point] if turn.point < len(self.turns) else None
             then = f"; then {self.ask(following)}" if following else ""
-            where = say_where_to_write(turn, attempt, str(self.gauge))
+            where = describe_destination(turn, attempt, str(self.gauge))
             raise PointRequested(make_request(following, 1, f"{self.news}{where}{then}"))
         row = pd.DataFrame({"point": [turn.point], "attempt": [attempt], "gauge_kpa": [found]})
         return fill_part({CALIBRATION_READINGS.name: row})
 
     def ask(self, turn: Turn) -> str:
         """Return what a person is asked to do."""
-        return f"point {turn.point} of {len(self.turns)}, {turn.title}: {say_what_to_do(turn, self.settings)}"
+        return f"point {turn.point} of {len(self.turns)}, {turn.title}: {describe_task(turn, self.settings)}"
 
     def was_asked(self, turn: Turn, attempt: int) -> bool:
         """Return whether the last thing that this run asked for is this attempt at this point."""
@@ -359,7 +359,7 @@ def fit_lines(
             find_followers(channel, its["asked"].to_numpy(), mean, spread, settings),
         )
         rows.append({"channel": channel, "unit": UNITS[split_name(channel)[1]], **line.as_row()})
-        changes.append(tell_change(channel, line, place))
+        changes.append(describe_change(channel, line, place))
         if line.status == "calibrated":
             residual[its.index] = line.sign * line.per_count * (its["count"] - line.zero_count) - its["known"]
     return {
@@ -409,7 +409,7 @@ def average_inputs(samples: pd.DataFrame, channels: ChannelMap) -> pd.DataFrame:
     return pd.concat(wide, axis=1)
 
 
-def tell_change(channel: str, line: Line, place: AnyPlace) -> dict[str, Any]:
+def describe_change(channel: str, line: Line, place: AnyPlace) -> dict[str, Any]:
     """Return a row of `calibration_changes`."""
     return {
         "channel": channel,

@@ -7,7 +7,7 @@ import yaml
 from stages.science.plant.chain import Chain
 from stages.science.plant.effect import find_effect
 from stages.science.plant.machine import read_machine
-from tests.plant.machines import CONF, configured
+from tests.science.plant.machines import CONF, configured
 
 SAMPLES, TRIALS, MUSCLES = 1000, 20, 4
 

@@ -20,7 +20,7 @@ from stages.science.rig.festo.festo_cpx import FestoCpx
 from stages.science.rig.trial import Trial
 from tests.cpx_e.emulator import ask
 from tests.cpx_e.turned import TurnedEmulator
-from tests.plant.machines import configured
+from tests.science.plant.machines import configured
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
 

@@ -1,122 +1,187 @@
-"""Records of an oscillator through the whole workflow: foreign names and units, and recordings of others."""
-
-import json
-from pathlib import Path
+"""Records of any machine as they come: units, parts by name, no clock, unequal lengths and rates; against formulas."""
 
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
-from scipy.integrate import solve_ivp
+from scipy.io import savemat
 
-RECORDED = Path("/work/shared/data/silverbox/silverbox.parquet")
-HERTZ, DAMPING, STIFFNESS_N_PER_M, RATE_HZ = 2.0, 0.1, 200.0, 50.0
-NOISE_M, SCALE_M = 0.0003, 0.04
-PLANT = (
-    "plant=second_order",
-    "plant.input=force_n",
-    "plant.output=position_m",
-    "plant.between_samples=band_limited",
-    f"plant.output_scale={SCALE_M}",
-    "plant.time_scale_s=0.08",
+from pipeline.errors import ConfigError
+from tests.measured_data import read_measured, refuse_measured
+
+MAP = ("measurement=records", "columns.time_s=t", "+columns.force_n=F", "+columns.position_m=x")
+
+
+def make_record(samples=200, rate_hz=100.0, phase=0.0, **told):
+    """Return a record that follows from formulas, 0.7 Hz in force, 1.1 Hz in position, and what is told of it."""
+    time = np.arange(samples) / rate_hz
+    force, position = 3.0 * np.sin(2 * np.pi * 0.7 * time + phase), 0.01 * np.cos(2 * np.pi * 1.1 * time + phase)
+    return pd.DataFrame({"t": time, "F": force, "x": position, **told})
+
+
+def spread(tables, signal, record=None):
+    rows = tables["measured_signals"]
+    rows = rows[(rows["signal"] == signal) & (rows["record"].eq(record) if record else True)]
+    return rows["time_s"].to_numpy(), rows["value"].to_numpy()
+
+
+def read_runs(tmp_path, *records):
+    """Return the tables of records that a column ``run`` tells apart."""
+    pd.concat(records).to_parquet(tmp_path / "runs.parquet")
+    return read_measured(tmp_path, tmp_path / "runs.parquet", *MAP, "columns.record=run")
+
+
+def test_several_files_are_refused_with_how_to_bring_several_records(tmp_path):
+    (tmp_path / "runs").mkdir()
+    for name in ("a", "b"):
+        make_record().to_csv(tmp_path / "runs" / f"{name}.csv", index=False)
+    told = refuse_measured(tmp_path, tmp_path / "runs", *MAP)
+    assert "runs: expected samples.parquet in this folder, got a.csv, b.csv; name one file, as measured=" in told
+    assert told.endswith("several records go into one file, told apart by a column: columns.record=NAME")
+    with pytest.raises(ConfigError, match="measured: expected one path, got 2; several records go into one file"):
+        read_measured(tmp_path, f"[{tmp_path}/runs/a.csv,{tmp_path}/runs/b.csv]", *MAP)
+
+
+@pytest.mark.parametrize(
+    ("heading", "name", "unit", "told"),
+    [
+        ("z", "force_n", "mm", "units.force_n: no unit 'mm'; choose from: N, mN, kN, lbf, kgf"),
+        ("z", "pos", "mm", "units.pos: no unit 'mm' for a name that ends in no unit; name the signal pos_m"),
+        ("Force (kN)", "force_n", "", "states kN, and force_n is in N; set +units.force_n=kN, or +units.force_n=N if"),
+        ("x_mm", "force_n", "", "states mm, and force_n is in N; name the signal by its length, as NAME_mm, or"),
+        ("x [mm]", "pos", "", "name the signal by its length, as NAME_mm"),
+    ],
 )
+def test_a_unit_is_one_of_the_signal_s_and_the_one_that_the_file_states(tmp_path, heading, name, unit, told):
+    path = tmp_path / "run.parquet"
+    pd.DataFrame({"t": [0.0, 1.0, 2.0], heading: [1.0, 2.0, 3.0]}).to_parquet(path)
+    given = ["measurement=records", "columns.time_s=t", f'+columns.{name}="{heading}"']
+    assert told in refuse_measured(tmp_path, path, *given, *([f"+units.{name}={unit}"] if unit else []))
 
 
-def write_record(path, share, seconds=96.0):
-    """Write a record of a mass on a spring, whose cube pulls by `share` of the linear part at the usual motion."""
-    generator = np.random.default_rng(7)
-    lines = np.arange(0.25, 5.0, 0.05)
-    phase, omega = generator.uniform(0, 2 * np.pi, len(lines)), 2 * np.pi * HERTZ
-
-    def force(now):
-        return 1.6 * np.sqrt(2 / len(lines)) * np.sin(2 * np.pi * lines * now + phase).sum()
-
-    def rates(now, state):
-        x, v = state
-        spring = x * (1.0 + share * (x / SCALE_M) ** 2)
-        return v, omega**2 * (force(now) / STIFFNESS_N_PER_M - spring - 2.0 * DAMPING * v / omega)
-
-    instants = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
-    motion = solve_ivp(rates, (0.0, instants[-1]), (0.0, 0.0), t_eval=instants, rtol=1e-7, atol=1e-9, max_step=0.05).y[
-        0
-    ]
-    position = motion + NOISE_M * generator.standard_normal(len(instants))
-    columns = {"t_ms": 1e3 * instants, "F": [force(now) for now in instants], "pos": 1e3 * position}
-    pd.DataFrame(columns).to_csv(path, sep=";", index=False)
-    return position
+def test_a_unit_that_is_given_is_believed_against_the_heading(tmp_path):
+    path = tmp_path / "run.parquet"
+    pd.DataFrame({"t": [0.0, 1.0, 2.0], "F (kN)": [1.0, 2.0, 3.0], "u_a": [1.0, 2.0, 3.0]}).to_parquet(path)
+    given = ("measurement=records", "columns.time_s=t", '+columns.force_n="F (kN)"', "+columns.armature_v=u_a")
+    tables = read_measured(tmp_path, path, *given, "+units.force_n=N")
+    assert spread(tables, "force_n")[1].tolist() == spread(tables, "armature_v")[1].tolist() == [1.0, 2.0, 3.0]
 
 
-def run(pamid, path, *overrides):
-    """Run the workflow on a record of foreign columns; return its folder and its verdict."""
-    columns = ["columns.time_s=t_ms", "units.time_s=ms", "+columns.force_n=F", "+columns.position_m=pos"]
-    line = ["workflow=discrepancy", "measurement=records", f"measured={path}", *columns, "+units.position_m=mm"]
-    result = pamid(*line, "figures=[]", *overrides)
-    assert result.returncode == 0, result.stderr
-    return pamid.runs[-1], json.loads((pamid.runs[-1] / "verdict.json").read_text())
+def test_a_row_of_units_is_not_overlooked_and_each_signal_is_converted(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t,F,T\nms,kN,degF\n0,1,212\n10,2,32\n20,3,32\n")
+    given = ("measurement=records", "columns.time_s=t", "+columns.force_n=F", "+columns.water_k=T")
+    assert "column t: the file states ms, and time_s is in s; set units.time_s=ms" in refuse_measured(
+        tmp_path, path, *given
+    )
+    tables = read_measured(tmp_path, path, *given, "units.time_s=ms", "+units.force_n=kN", "+units.water_k=degF")
+    assert spread(tables, "force_n")[1].tolist() == [1000.0, 2000.0, 3000.0]
+    assert spread(tables, "water_k")[1] == pytest.approx([373.15, 273.15, 273.15])
+    assert tables["measured_session"]["sampling_rate_hz"].iloc[0] == pytest.approx(100.0)
 
 
-@pytest.mark.slow
-def test_a_hidden_cubic_spring_is_named_and_the_amended_plant_lacks_nothing(pamid, tmp_path):
-    position = write_record(tmp_path / "run.csv", share=0.3)
-    folder, verdict = run(pamid, tmp_path / "run.csv", *PLANT)
-    assert verdict["status"] == "named"
-    (effect,) = verdict["effects"]
-    assert (effect["name"], effect["site"], effect["muscles"]) == ("cubic_stiffness", "motion", ["oscillator"])
-    share = effect["parameters"]["share"]
-    assert share["low"] <= share["value"] <= share["high"]
-    assert share["value"] == pytest.approx(0.3, rel=0.03)
-    assert verdict["gap"]["after"] == pytest.approx(NOISE_M / np.ptp(position), rel=0.1)
-    assert verdict["gap"]["before"] > 3.0 * verdict["gap"]["after"]
-    amended = folder / "documents" / "amended.yaml"
-    constants = yaml.safe_load(amended.read_text())["constants"]
-    assert constants["static_gain"]["start"] == pytest.approx(1.0 / STIFFNESS_N_PER_M, rel=0.01)
-    assert constants["natural_frequency_hz"]["start"] == pytest.approx(HERTZ, rel=0.01)
-    _, again = run(pamid, tmp_path / "run.csv", f"plant={amended}")
-    assert (again["status"], again["effects"]) == ("no_discrepancy", [])
-    assert sum(each["probability"] for each in again["ranking"]) == pytest.approx(1.0)
-    rows = pd.read_parquet(pamid.runs[-1] / "tables" / "verification.parquet")
-    assert set(rows["simulation"]) == {"measured upstream"}
-    assert again["gap"]["before"] == pytest.approx(verdict["gap"]["after"], rel=0.05)
+def test_without_a_column_of_time_samples_are_counted(tmp_path):
+    path = tmp_path / "run.mat"
+    frame = make_record()
+    savemat(path, {"F": frame["F"].to_numpy(), "x": frame["x"].to_numpy()})
+    given = ("measurement=records", "+columns.force_n=F", "+columns.position_m=x")
+    told = refuse_measured(tmp_path, path, *given)
+    assert "no column time_s; there are: F, x; say which with columns.time_s=NAME, or set measurement.rate_hz" in told
+    tables = read_measured(tmp_path, path, *given, "measurement.rate_hz=100")
+    np.testing.assert_allclose(spread(tables, "force_n")[0], frame["t"])
+    assert tables["measured_notes"]["note"].tolist() == ["counted at 100 Hz (measurement.rate_hz)"]
 
 
-def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, tmp_path):
-    write_record(tmp_path / "run.csv", share=0.0, seconds=20.0)
-    line = ["workflow=discrepancy", "measurement=records", f"measured={tmp_path}/run.csv", "columns.time_s=t_ms"]
-    line += ["units.time_s=ms", "+columns.force_n=F"]
-    for plant, told in (
-        ("nominal", "or second_order or"),
-        ("second_order", "signal drive_v, named by plant.input: expected it to be measured; known are force_n"),
-        ("second_order", "; type plant.input=NAME, or add +columns.drive_v=COLUMN"),
-        ("static_map", "signal position_m, named by plant.constants.stiffness.of and plant.along: expected"),
-        ("static_map +columns.way_m=F", "known are force_n, way_m; type plant.along=way_m, or add"),
-    ):
-        result = pamid(*line, *f"plant={plant}".split(), "plan=true")
-        assert result.returncode == 2
-        assert not pamid.runs
-        (message,) = result.stderr.strip().splitlines()
-        assert told in message
+def test_a_stated_rate_that_the_times_contradict_is_refused(tmp_path):
+    path = tmp_path / "run.csv"
+    make_record().to_csv(path, index=False)
+    told = refuse_measured(tmp_path, path, *MAP, "measurement.rate_hz=50")
+    assert "expected steps of 0.02 s (50 Hz are stated), got 0.01 s" in told
+    assert read_measured(tmp_path, path, *MAP, "measurement.rate_hz=100")["measured_notes"].empty
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not RECORDED.exists(), reason=f"needs the recorded oscillator, {RECORDED}")
-def test_the_spring_of_a_recorded_oscillator_is_named_by_one_command(pamid, tmp_path):
-    """Of a third of the random motion, and told of where the arrow is widest, beyond what was fitted."""
-    frame = pd.read_parquet(RECORDED)
-    motion, arrow = (frame[frame["part"] == part] for part in ("multisine", "arrow_test"))
-    pd.concat([motion[:30000], arrow[-15000:]]).to_parquet(tmp_path / "record.parquet")
-    line = ("workflow=discrepancy", "measurement=silverbox", f"measured={tmp_path}/record.parquet", "figures=[]")
-    result = pamid(*line)
-    assert result.returncode == 0, result.stderr
-    (folder,) = pamid.runs
-    verdict = json.loads((folder / "verdict.json").read_text())
-    assert [each["name"] for each in verdict["effects"]] == ["cubic_stiffness"]
-    rows = pd.read_parquet(folder / "tables" / "verification.parquet").set_index(["part", "step"])["gap_over_std"]
-    assert rows["verification", 0] > 0.1
-    assert rows["verification", 1] < 0.020
-    assert rows["arrow_test", 1] < 0.020
-    samples = pd.read_parquet(folder / "tables" / "predictions.parquet")
-    opened = samples[samples["part"] == "verification"]
-    error = np.sqrt(np.mean((opened["measured"] - opened["after"]) ** 2)) / opened["measured"].std(ddof=0)
-    assert error == pytest.approx(rows["verification", 1], rel=1e-9)
-    kept = pd.read_parquet(folder / "tables" / "trial_parts.parquet")["part"].value_counts()
-    assert kept.to_dict() == {"other": 16, "fitted": 10, "verification": 6}
+def test_dates_and_times_of_day_are_times(tmp_path):
+    frame = make_record(100)
+    dates = pd.Timestamp("2024-05-01T12:00:00") + pd.to_timedelta(frame["t"], unit="s")
+    frame.assign(t=dates).to_parquet(tmp_path / "dates.parquet")
+    frame.assign(t=[f"23:59:{58 + time:09.6f}" for time in frame["t"]]).to_csv(tmp_path / "times.csv", index=False)
+    for name in ("dates.parquet", "times.csv"):
+        tables = read_measured(tmp_path, tmp_path / name, *MAP)
+        np.testing.assert_allclose(spread(tables, "force_n")[0], frame["t"], atol=1e-9)
+
+
+def test_parts_that_stand_side_by_side_are_told_by_the_ends_of_names(tmp_path):
+    long, short = make_record(300), make_record(120, phase=1.0)
+    path = tmp_path / "set.mat"
+    columns = {"uEst": long["F"], "yEst": long["x"], "uVal": short["F"], "yVal": short["x"]}
+    savemat(path, {name: values.to_numpy()[:, None] for name, values in columns.items()} | {"Ts": 0.01})
+    given = ("measurement=records", "+columns.force_n=u", "+columns.position_m=y", "measurement.rate_hz=100")
+    tables = read_measured(tmp_path, path, *given, "measurement.part_endings=[Est,Val]")
+    for part, frame in (("Est", long), ("Val", short)):
+        time, force = spread(tables, "force_n", part)
+        np.testing.assert_allclose(time, frame["t"])
+        np.testing.assert_array_equal(force, frame["F"])
+    assert tables["measured_trials"].groupby("part")["samples"].sum().to_dict() == {"Est": 300, "Val": 120}
+    pd.DataFrame(columns).to_csv(tmp_path / "set.csv", index=False)
+    same = read_measured(tmp_path, tmp_path / "set.csv", *given, "measurement.part_endings=[Est,Val]")
+    pd.testing.assert_frame_equal(same["measured_signals"], tables["measured_signals"])
+    told = refuse_measured(tmp_path, path, *given, "measurement.part_endings=[Est,Test]")
+    assert "got none that is mapped and ends in Test; there are: uEst" in told
+    told = refuse_measured(tmp_path, path, *given[:1], "+columns.force_n=uEst", "+columns.position_m=yVal", given[-1])
+    assert "expected columns of one length, got uEst (300) and yVal (120); if the ends of their names" in told
+
+
+def test_records_of_unequal_length_share_the_blocks_by_their_length(tmp_path):
+    tables = read_runs(tmp_path, *(make_record(n, phase=k, run=k) for k, n in enumerate([800, 400, 400])))
+    assert tables["measured_trials"].groupby("record").size().to_dict() == {"0": 8, "1": 4, "2": 4}
+    assert set(tables["measured_trials"]["samples"]) == {100}
+    told = refuse_measured(tmp_path, tmp_path / "runs.parquet", *MAP)
+    assert "tell what begins anew there apart: set columns.record=NAME" in told
+
+
+def test_each_of_many_records_is_a_trial_of_its_own(tmp_path):
+    trials = read_runs(tmp_path, *(make_record(100 + k, run=f"r{k}") for k in range(20)))["measured_trials"]
+    assert trials["record"].tolist() == [f"r{k}" for k in range(20)]
+    assert trials["samples"].tolist() == [100 + k for k in range(20)]
+
+
+def test_runs_that_are_counted_anew_in_each_part_are_kept_apart(tmp_path):
+    runs = [make_record(50, part=part, run=run) for part in ("est", "val") for run in (1, 2)]
+    trials = read_runs(tmp_path, *runs)["measured_trials"]
+    assert trials["record"].unique().tolist() == ["est 1", "est 2", "val 1", "val 2"]
+
+
+@pytest.mark.parametrize("rate_hz", [300.0, 250.0, 1000.0 / 3.0])
+def test_records_of_unequal_rate_are_resampled_to_the_lowest_and_that_is_said(tmp_path, rate_hz):
+    slow, fast = make_record(600, 100.0, run="slow"), make_record(round(6 * rate_hz), rate_hz, run="fast")
+    hum = 0.5 * np.sin(2 * np.pi * 98.0 * fast["t"])
+    tables = read_runs(tmp_path, slow, fast.assign(F=fast["F"] + hum))
+    assert tables["measured_session"]["sampling_rate_hz"].iloc[0] == pytest.approx(100.0)
+    np.testing.assert_array_equal(spread(tables, "force_n", "slow")[1], slow["F"])
+    time, force = spread(tables, "force_n", "fast")
+    assert len(time) == pytest.approx(600, abs=1)
+    np.testing.assert_allclose(np.diff(time), 0.01, rtol=1e-6)
+    true = 3.0 * np.sin(2 * np.pi * 0.7 * time)
+    assert np.abs(force - true)[25:-25].max() < 0.003  # the hum would stand at 2 Hz with its 0.5 N
+    assert np.abs(spread(tables, "position_m", "fast")[1] - 0.01 * np.cos(2 * np.pi * 1.1 * time)).max() < 2e-5
+    (note,) = tables["measured_notes"].to_numpy().tolist()
+    said = "to 100 Hz, the lowest rate of all records, behind a filter against aliases"
+    assert note == ["record fast", f"resampled from {rate_hz:.6g} Hz {said}"]
+
+
+def test_what_was_not_measured_stays_so_when_it_is_resampled(tmp_path):
+    slow, fast = make_record(100, 100.0, run="slow"), make_record(300, 300.0, run="fast")
+    fast.loc[150:180, "F"] = np.nan
+    tables = read_runs(tmp_path, slow, fast)
+    time, force = spread(tables, "force_n", "fast")
+    assert np.flatnonzero(np.isnan(force)).tolist() == list(range(49, 62))
+    assert np.isfinite(spread(tables, "position_m", "fast")[1]).all()
+    assert time[60] == pytest.approx(0.6)
+
+
+def test_a_key_that_lacks_its_plus_is_told_how_to_be_added(pamid, tmp_path):
+    make_record().to_csv(tmp_path / "run.csv", index=False)
+    line = ("workflow=discrepancy", "measurement=records", f"measured={tmp_path}/run.csv")
+    result = pamid(*line, "columns.force_n=F", "plan=true")
+    assert result.returncode == 2
+    told = "unknown key 'columns.force_n': choose from: part, record, time_s; to add it, type +columns.force_n=..."
+    assert told in result.stderr.replace("\n", " ")

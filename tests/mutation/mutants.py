@@ -17,11 +17,11 @@ from itertools import pairwise
 from pathlib import Path
 
 AREAS = {
-    "runner": "pipeline",
-    "gp": "stages/science/gp",
-    "discrepancy": "stages/science/discrepancy",
-    "recording": "stages/science/recording",
-    "rig": "stages/science/rig",
+    "runner": ("pipeline",),
+    "gp": ("stages/science/gp",),
+    "discrepancy": ("stages/science/discrepancy", "stages/science/output_channels"),
+    "recording": ("stages/science/recording",),
+    "rig": ("stages/science/rig", "stages/science/operator_ui"),
 }
 OPERATORS = {
     ast.Add: ("+", "-"),
@@ -82,7 +82,7 @@ class Fault:
 def draw(root: Path, seed: int, area: str) -> Iterator[Fault]:
     """Yield faults of an area: first a module is drawn, then a kind of fault, then the place; none comes twice."""
     generator = random.Random(f"{seed} {area}")
-    modules = sorted((root / AREAS[area]).rglob("*.py"))
+    modules = sorted(path for folder in AREAS[area] for path in (root / folder).rglob("*.py"))
     seen = set()
     while True:
         path = generator.choice(modules)

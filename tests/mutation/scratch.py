@@ -11,12 +11,10 @@ import tempfile
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-import grimp
-
-from tests.mutation.mutants import AREAS, Fault
+from tests.mutation.mutants import Fault
+from tests.near import list_tests, rank_tests
 
 
 @dataclass(frozen=True)
@@ -38,14 +36,9 @@ STEPS = (
 )
 """As in README.md and .ci/run; of the README's line, the files nearest to a fault come before the others."""
 NEAREST = 10
-FAR = 6
-"""Steps of imports from which on they tell nothing."""
-TYPED = 2
-"""As many steps is the runner away from a test that types the command of the toy workflow."""
 UNHARMED = "unharmed"
 LONGEST_S = 3600.0
 """For a step without a fault; with one, as much as it took without, twice and a minute more."""
-LATER = re.compile(r"^pytestmark = .*(slow|realtime)", re.MULTILINE)
 FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
 PASSED, NO_TESTS = 0, 5
 
@@ -123,7 +116,9 @@ class Bench:
 
     def check(self, steps: Sequence[Step], faults: Iterable[Fault]) -> None:
         """Refuse to plant anything where a step fails without a fault; of the first step, as far as it serves them."""
-        nearest = sorted({file for each in faults for file in rank_tests(self.clean.root, each)[:NEAREST]})
+        nearest = sorted(
+            {file for each in faults for file in rank_tests(self.clean.root, each.file, each.within)[:NEAREST]}
+        )
         for step in steps[1:] or steps:
             if step is STEPS[0] or (UNHARMED, step.name) not in self.found:
                 begun = time.monotonic()
@@ -139,7 +134,8 @@ class Bench:
         known = [self.found.get((name, step.name)) for step in steps]
         if all(known) or any(each and each["test"] for each in known):
             return
-        ranked = sorted(rank_tests(self.clean.root, fault), key=lambda file: (name, file) not in self.noticed)
+        ranked = rank_tests(self.clean.root, fault.file, fault.within)
+        ranked.sort(key=lambda file: (name, file) not in self.noticed)
         scratch = Scratch(Path(tempfile.mkdtemp(dir=self.folder)), self.root, self.commit, fault)
         try:
             for step in [step for step, each in zip(steps, known, strict=True) if each is None]:
@@ -174,53 +170,6 @@ class Bench:
         with self.results.open("a") as lines:
             lines.write(json.dumps(found) + "\n")
         print(f"{fault}: {step}, {seconds} s: {test or 'all pass'}", flush=True)
-
-
-def list_tests(root: Path) -> list[str]:
-    """Return all test files, from the project's folder."""
-    found = (each.relative_to(root).as_posix() for each in (root / "tests").rglob("test_*.py"))
-    return sorted(each for each in found if not each.startswith("tests/benchmarks/"))
-
-
-def rank_tests(root: Path, fault: Fault) -> list[str]:
-    """Return all test files, those nearest to a fault first; those last that hold nothing of the README's line.
-
-    A test is as near as what it imports, or as what it is named for, by steps of imports.
-    """
-    module = _name_module(fault.file).removesuffix(".__init__")
-    folder = f"tests/{Path(AREAS[fault.area]).name}/"
-    words = _words(fault.file.removeprefix(AREAS[fault.area]))
-    within = {each for each in fault.within.split(".") if len(each) > 3}
-
-    def near(file: str) -> tuple[bool, int, int]:
-        text, stem = (root / file).read_text(), Path(file).stem.removeprefix("test_")
-        named_for = [each for each in _imports().modules if each.endswith(f".{stem}") and each != module]
-        score = min([_count_steps(_name_module(file), module), *(_count_steps(each, module) for each in named_for)])
-        score = min(score, TYPED) if fault.area == "runner" and "toy" in text else score
-        score -= file.startswith(folder) + 2 * bool(words & _words(stem)) + any(each in text for each in within)
-        return bool(LATER.search(text)), score, len(text)
-
-    return sorted(list_tests(root), key=near)
-
-
-def _name_module(file: str) -> str:
-    return file.removesuffix(".py").replace("/", ".")
-
-
-@cache
-def _count_steps(importer: str, imported: str) -> int:
-    chain = _imports().find_shortest_chain(importer, imported)
-    return min(len(chain) - 1, FAR) if chain else FAR
-
-
-def _words(name: str) -> set[str]:
-    """Return how the words of a path begin, by which ``runner`` and ``test_runs`` are akin."""
-    return {each[:3] for each in re.findall("[a-z]+", name)} - {"py", "ini", "sta"}
-
-
-@cache
-def _imports() -> grimp.ImportGraph:
-    return grimp.build_graph("tests", "pipeline", "stages", cache_dir=None)
 
 
 def _git(folder: Path, *arguments: str) -> str:

@@ -9,9 +9,10 @@ from pipeline import sources
 from pipeline.config import read_study
 from pipeline.files import hash_file
 from pipeline.plan import gather
+from pipeline.sources import hash_sources
 from tests.composing import compose_values
 from tests.conftest import ROOT
-from tests.discrepancy.sessions import record_session, write_session
+from tests.science.discrepancy.sessions import record_session, write_session
 from tests.studies import run_stage
 
 MAIN = ()
@@ -82,3 +83,26 @@ def test_no_stage_runs_code_that_does_not_count(tmp_path, overrides):
         counted = {str(ROOT / each) for each in gather(study, stage, {}).code}
         assert f"{ROOT}/{stage.module.replace('.', '/')}.py" in found
         assert found <= counted
+
+
+def test_relative_imports_count_and_files_of_one_name_are_kept_apart(tmp_path, monkeypatch):
+    texts = {
+        "bench/__init__.py": "",
+        "bench/weighing.py": "from .scale import tare\nfrom . import notes\nfrom ..loads import heavy\n",
+        "bench/scale.py": "tare = 0",
+        "bench/notes.py": "",
+        "loads/__init__.py": "",
+        "loads/heavy.py": "from .more.heavy import load",
+        "loads/more/__init__.py": "",
+        "loads/more/heavy.py": "load = 1",
+    }
+    for name, text in texts.items():
+        path = tmp_path / "workshop" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    (tmp_path / "workshop" / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    used = {f"workshop/{name}" for name, text in texts.items() if not name.endswith("__init__.py")}
+    assert set(hash_sources("workshop", ["workshop.bench.weighing"])) == used
+    heavy = {"workshop/loads/heavy.py", "workshop/loads/more/heavy.py"}
+    assert set(hash_sources("pipeline", ["workshop.loads.heavy", "workshop.loads.more.heavy"])) == heavy

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from pipeline.context import Context
 from pipeline.errors import WiringError
-from pipeline.stage import order_stages, stage
+from pipeline.stage import load_stages, order_stages, stage
 from pipeline.table import Table, column
 
 
@@ -104,6 +104,17 @@ def test_refuses_a_function_without_configuration():
         @stage(table("d"))
         def bare(ctx):
             """Lack cfg."""
+
+
+def test_refuses_two_files_of_one_name(tmp_path, monkeypatch):
+    for folder in ("", "early", "late"):
+        (tmp_path / "lab" / folder).mkdir(exist_ok=True)
+        (tmp_path / "lab" / folder / "__init__.py").touch()
+        if folder:
+            (tmp_path / "lab" / folder / "weighing.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(WiringError, match=r"early/weighing.py and lab/late/weighing.py: expected one file"):
+        load_stages("lab", ["weighing"])
 
 
 def test_random_numbers_depend_on_the_stream_not_on_the_name(tmp_path):

@@ -30,13 +30,13 @@ def digest_calls(function: FunctionType) -> str:
         SHA-256, hexadecimal.
     """
     digest = hashlib.sha256()
-    for part in _tell_function(function, set()):
+    for part in _describe_function(function, set()):
         digest.update(part.encode())
         digest.update(b"\0")
     return digest.hexdigest()
 
 
-def _tell_function(function: FunctionType, told: set[int]) -> Iterator[str]:
+def _describe_function(function: FunctionType, told: set[int]) -> Iterator[str]:
     if id(function) in told:
         yield f"again {function.__qualname__}"
         return
@@ -44,27 +44,27 @@ def _tell_function(function: FunctionType, told: set[int]) -> Iterator[str]:
     yield f"{function.__module__}.{function.__qualname__}"
     dispatcher = function.__globals__.get(function.__name__)
     if getattr(dispatcher, "py_func", None) is function:
-        yield _tell_options(dispatcher)
-    yield from _tell_code(function.__code__)
-    yield from _tell_value(function.__defaults__, set(), told)
+        yield _describe_options(dispatcher)
+    yield from _describe_code(function.__code__)
+    yield from _describe_value(function.__defaults__, set(), told)
     for cell in function.__closure__ or ():
-        yield from _tell_value(cell.cell_contents, set(), told)
+        yield from _describe_value(cell.cell_contents, set(), told)
     names = set(_list_names(function.__code__))
     for name in sorted(names & function.__globals__.keys()):
         yield name
-        yield from _tell_value(function.__globals__[name], names, told)
+        yield from _describe_value(function.__globals__[name], names, told)
 
 
-def _tell_options(dispatcher: Any) -> str:
+def _describe_options(dispatcher: Any) -> str:
     return repr(sorted((name, repr(value)) for name, value in dispatcher.targetoptions.items()))
 
 
-def _tell_code(code: CodeType) -> Iterator[str]:
+def _describe_code(code: CodeType) -> Iterator[str]:
     yield code.co_code.hex()
     yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars))
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _tell_code(constant)
+            yield from _describe_code(constant)
         else:
             yield repr(constant)
 
@@ -76,25 +76,25 @@ def _list_names(code: CodeType) -> Iterator[str]:
             yield from _list_names(constant)
 
 
-def _tell_value(value: object, names: set[str], told: set[int]) -> Iterator[str]:
+def _describe_value(value: object, names: set[str], told: set[int]) -> Iterator[str]:
     """Tell what a name stands for; of a module, only what `names` may ask of it."""
     function = getattr(value, "py_func", value)
     if isinstance(function, FunctionType):
         if function is not value:
-            yield _tell_options(value)
-        yield from _tell_function(function, told)
+            yield _describe_options(value)
+        yield from _describe_function(function, told)
     elif isinstance(value, ModuleType):
         yield f"{value.__name__} {getattr(value, '__version__', '')}"
         for name in sorted(names & vars(value).keys()):
             if not isinstance(vars(value)[name], ModuleType):
                 yield name
-                yield from _tell_value(vars(value)[name], names, told)
+                yield from _describe_value(vars(value)[name], names, told)
     elif isinstance(value, np.ndarray):
         yield f"{value.dtype} {value.shape} {value.tobytes().hex()}"
     elif isinstance(value, tuple | list):
         yield f"{type(value).__qualname__} {len(value)}"
         for each in value:
-            yield from _tell_value(each, names, told)
+            yield from _describe_value(each, names, told)
     elif isinstance(value, type):
         yield f"{value.__module__}.{value.__qualname__} {getattr(value, '_fields', '')}"
     elif value is None or isinstance(value, bool | int | float | complex | str | bytes | np.generic):

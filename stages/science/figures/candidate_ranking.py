@@ -30,7 +30,7 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
     place = range(len(rows))
     left.barh(place, rows["probability"], color=[BEFORE if each == 0 else AFTER for each in place], height=0.66)
     for each, row in zip(place, rows.to_dict("records"), strict=True):
-        told = "absorbed" if row["absorbed"] else tell_probability(float(row["probability"]))
+        told = "absorbed" if row["absorbed"] else format_probability(float(row["probability"]))
         left.annotate(
             told,
             (float(row["probability"]), each),
@@ -65,6 +65,6 @@ def choose_rows(ranking: pd.DataFrame) -> pd.DataFrame:
     return ranking[always | tells].sort_values(order, ascending=[True, False, True]).reset_index(drop=True)
 
 
-def tell_probability(value: float) -> str:
+def format_probability(value: float) -> str:
     """Return a probability with two digits; none is certain."""
     return "> 0.99" if value > 0.995 else "< 0.01" if value < 0.005 else f"{value:.2f}"

@@ -18,12 +18,12 @@ TESTS = {"bank": ("-", "the bank"), "unseen_bank": ("--", "an unseen bank")}
 NOMINAL_PERCENT = 95
 
 
-def draw_calibration(calibration: pd.DataFrame, panels: Sequence[str]) -> Figure:
+def draw_reliability(reliability: pd.DataFrame, panels: Sequence[str]) -> Figure:
     """Draw the share of forces within the intervals, with its own interval over experiments.
 
     Parameters
     ----------
-    calibration : DataFrame
+    reliability : DataFrame
         Columns tested_on, muscle, trial and, of each model, plain_share, plain_low, plain_high and so on.
     panels : sequence of str
         Values of the muscle column, one panel each.
@@ -34,14 +34,14 @@ def draw_calibration(calibration: pd.DataFrame, panels: Sequence[str]) -> Figure
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(3.53 * columns, 2.9 * rows + 0.4), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    tests = list(calibration["tested_on"].unique())
+    tests = list(reliability["tested_on"].unique())
     lines = [(test, *model) for test in tests for model in MODELS]
-    trials = np.sort(calibration["trial"].unique())
+    trials = np.sort(reliability["trial"].unique())
     step = 0.02 * max(1, np.ptp(trials))
     for axis, muscle in zip(axes, panels, strict=False):
         axis.axhline(NOMINAL_PERCENT, color="#2b2b2b", linewidth=1.0, linestyle=":", label=f"{NOMINAL_PERCENT} %")
         for position, (test, model, colour, marker) in enumerate(lines):
-            its = calibration[(calibration["tested_on"] == test) & (calibration["muscle"] == muscle)]
+            its = reliability[(reliability["tested_on"] == test) & (reliability["muscle"] == muscle)]
             its = its.sort_values("trial")
             share = its[f"{model}_share"]
             ends = [(share - its[f"{model}_low"]).fillna(0.0), (its[f"{model}_high"] - share).fillna(0.0)]

@@ -81,17 +81,17 @@ def draw_confusion(sessions: pd.DataFrame) -> Figure:
     return figure
 
 
-def draw_said_against_right(calibration: pd.DataFrame) -> Figure:
+def draw_reliability_of_names(reliability: pd.DataFrame) -> Figure:
     """Draw the share of right first names against the mean probability that was said.
 
     Parameters
     ----------
-    calibration : DataFrame
+    reliability : DataFrame
         Columns said, right, low, high and n; bins without sessions are left out.
     """
     from matplotlib.figure import Figure
 
-    shown = calibration[calibration["n"] > 0]
+    shown = reliability[reliability["n"] > 0]
     figure = Figure(figsize=(5.2, 4.4), layout="constrained")
     axis = figure.subplots()
     axis.plot([0, 100], [0, 100], color=DARK, linestyle=":", linewidth=1.0, label="said as often as right")

@@ -140,7 +140,7 @@ def check_parameters(effect: Effect, values: Mapping[str, Any]) -> dict[str, flo
         if name not in values and not parameter.optional:
             raise ValueError(
                 f"effect {effect.name}: missing parameter '{name}' "
-                f"({parameter.description}{_tell_unit(parameter, ', ')})"
+                f"({parameter.description}{_format_unit(parameter, ', ')})"
             )
     return {
         name: _check_bounds(effect.name, parameter, values[name])
@@ -154,12 +154,12 @@ def _check_bounds(effect: str, parameter: Parameter, value: Any) -> float:
     if not number or not parameter.low <= value <= parameter.high:
         raise ValueError(
             f"effect {effect}, {parameter.name}: expected a number from {parameter.low} to {parameter.high}"
-            f"{_tell_unit(parameter, ' ')}, got {value!r}; change it in the list plant.effects"
+            f"{_format_unit(parameter, ' ')}, got {value!r}; change it in the list plant.effects"
         )
     return float(value)
 
 
-def _tell_unit(parameter: Parameter, before: str) -> str:
+def _format_unit(parameter: Parameter, before: str) -> str:
     return "" if parameter.unit == "1" else f"{before}{parameter.unit}"
 
 

@@ -12,7 +12,7 @@ from difflib import get_close_matches
 import numpy as np
 import pandas as pd
 
-from stages.science.recording.columns import RecordingError, tell_rows
+from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.recording.completion import derive_contraction, derive_velocity
 
 Notes = list[tuple[str, str]]
@@ -49,9 +49,9 @@ def choose_muscles(
         name = str(samples.loc[strange, "muscle"].iloc[0])
         near = get_close_matches(name, known, n=1) or known
         raise RecordingError(
-            f"column muscle: {told_in} has no muscle '{name}' of {tell_rows(strange)}; it has {', '.join(near)}"
+            f"column muscle: {told_in} has no muscle '{name}' of {name_rows(strange)}; it has {', '.join(near)}"
         )
-    missing = {name: _tell_missing(samples[samples["muscle"] == name]) for name in known}
+    missing = {name: _describe_missing(samples[samples["muscle"] == name]) for name in known}
     notes.extend((name, f"left out: {reason}") for name, reason in missing.items() if reason)
     used = [name for name in known if not missing[name]]
     if not used:
@@ -77,7 +77,7 @@ def read_parts(samples: pd.DataFrame, without: str) -> pd.Series:
     parts = samples.groupby("trial")["part"]
     mixed = parts.transform("nunique") > 1
     if mixed.any():
-        raise RecordingError(f"column part: expected one for each trial, got more for that of {tell_rows(mixed)}")
+        raise RecordingError(f"column part: expected one for each trial, got more for that of {name_rows(mixed)}")
     return parts.first()
 
 
@@ -127,7 +127,7 @@ def complete(
     return samples.assign(**{name: np.nan for name in readings if name not in samples})
 
 
-def _tell_missing(rows: pd.DataFrame) -> str:
+def _describe_missing(rows: pd.DataFrame) -> str:
     if rows.empty:
         return "no rows"
     empty = [name for name in INDISPENSABLE if rows[name].isna().all()]

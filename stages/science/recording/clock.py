@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from stages.science.recording.columns import RecordingError, tell_rows
+from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.recording.units import known_units
 
 LONGEST_GAP_SHARE = 1.0
@@ -99,7 +99,7 @@ def regularise(
         worst = float((steps - whole).abs().max())
         raise RecordingError(
             f"column time_s: expected steps of {1.0 / rate_hz:.6g} s within {largest_jitter:g} of it, got a deviation "
-            f"of {worst:.2g} in {tell_rows(jittery)}; resample it, or raise measurement.largest_jitter"
+            f"of {worst:.2g} in {name_rows(jittery)}; resample it, or raise measurement.largest_jitter"
         )
     sample = whole.groupby([frame[name] for name in stream], sort=False).cumsum().astype(np.int64)
     _check_gaps(sample, whole, frame, stream)
@@ -111,7 +111,7 @@ def _check_gaps(sample: pd.Series, whole: pd.Series, frame: pd.DataFrame, stream
     long = whole > LONGEST_GAP_SHARE * sizes + 1.0
     if long.any():
         raise RecordingError(
-            f"column time_s: nothing for {whole[long].iloc[0]:.0f} samples before {tell_rows(long)}, longer than what "
+            f"column time_s: nothing for {whole[long].iloc[0]:.0f} samples before {name_rows(long)}, longer than what "
             f"was recorded; tell what begins there apart by {stream[0]}"
         )
 

@@ -73,7 +73,7 @@ class ColumnMap:
         needed = [name for name in self.needed if name not in spared]
         wanted = [name for name in self.columns if self.columns[name] or name in given or name in needed]
         absent = [name for name in self.columns if name not in wanted]
-        lines = [f"{name:<26} <- {self._tell_origin(name, given)}" for name in wanted]
+        lines = [f"{name:<26} <- {self._describe_origin(name, given)}" for name in wanted]
         if self.endings:
             lines.append(f"{'part':<26} <- ends of names: {', '.join(self.endings)}")
         if self.counts_samples(names):
@@ -87,7 +87,7 @@ class ColumnMap:
         unused = [name for name in names if name not in taken]
         return [*lines, f"left alone: {', '.join(unused)}"] if unused else lines
 
-    def _tell_origin(self, name: str, given: Sequence[str]) -> str:
+    def _describe_origin(self, name: str, given: Sequence[str]) -> str:
         source = self.sources[name]
         absent = [each for each in list_sources([source], self.muscles) if each not in given]
         if absent and (not is_pattern(source) or set(absent) == set(list_sources([source], self.muscles))):

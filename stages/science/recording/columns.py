@@ -24,7 +24,7 @@ class RecordingError(ValueError):
     """A recording does not hold what it should; the message fits on one line and names column and rows."""
 
 
-def tell_rows(wrong: pd.Series) -> str:
+def name_rows(wrong: pd.Series) -> str:
     """Return the first rows at which a mask is true, and how many more there are."""
     rows = list(dict.fromkeys(str(index) for index in wrong.index[wrong.to_numpy(dtype=bool)]))
     more = f" and {len(rows) - SHOWN_ROWS} more" if len(rows) > SHOWN_ROWS else ""
@@ -75,7 +75,7 @@ def adopt(
     for name in names:
         source = columns.get(name) or name
         if name in found and frame[source].isna().any():
-            raise RecordingError(f"column {source}: expected text, got nothing in {tell_rows(frame[source].isna())}")
+            raise RecordingError(f"column {source}: expected text, got nothing in {name_rows(frame[source].isna())}")
     return pd.DataFrame(found)
 
 
@@ -100,20 +100,20 @@ def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
             raise RecordingError(f"column {name}: expected a value in every row, got none in {_rows(frame[name])}")
     repeated = frame.duplicated(list(key))
     if repeated.any():
-        told = _tell_first(frame, repeated, key)
+        told = _describe_first(frame, repeated, key)
         raise RecordingError(
-            f"column {time}: {tell_rows(repeated)} repeat an earlier one ({told}); remove them" + _begin_anew(stream)
+            f"column {time}: {name_rows(repeated)} repeat an earlier one ({told}); remove them" + _begin_anew(stream)
         )
     steps = frame.groupby(stream, sort=False)[time].diff() if stream else frame[time].diff()
     if (steps < 0.0).any():
         back = steps < 0.0
-        where = f" ({_tell_first(frame, back, stream)})" if stream else ""
+        where = f" ({_describe_first(frame, back, stream)})" if stream else ""
         raise RecordingError(
-            f"column {time}: time goes back in {tell_rows(back)}{where}; sort the rows" + _begin_anew(stream)
+            f"column {time}: time goes back in {name_rows(back)}{where}; sort the rows" + _begin_anew(stream)
         )
 
 
-def _tell_first(frame: pd.DataFrame, wrong: pd.Series, names: Sequence[str]) -> str:
+def _describe_first(frame: pd.DataFrame, wrong: pd.Series, names: Sequence[str]) -> str:
     first = frame[wrong].iloc[0]
     return ", ".join(
         f"{name} {first[name] if isinstance(first[name], str) else f'{first[name]:.9g}'}" for name in names
@@ -138,11 +138,11 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
     if wrong.any():
         first = values[wrong].iloc[0]
         expected = "numbers or dates, as 2026-06-05 10:00:00," if name == TIME else "numbers,"
-        raise RecordingError(f"column {values.name}: expected {expected} got {str(first)[:40]!r} in {tell_rows(wrong)}")
+        raise RecordingError(f"column {values.name}: expected {expected} got {str(first)[:40]!r} in {name_rows(wrong)}")
     numbers = numbers.astype(float)
     infinite = numbers.abs() == np.inf
     if infinite.any():
-        raise RecordingError(f"column {values.name}: expected finite numbers, got inf in {tell_rows(infinite)}")
+        raise RecordingError(f"column {values.name}: expected finite numbers, got inf in {name_rows(infinite)}")
     return convert(numbers, name, unit)
 
 
@@ -154,7 +154,7 @@ def _read_dates(values: pd.Series) -> pd.Series | None:
 
 
 def _rows(values: pd.Series) -> str:
-    return tell_rows(values.isna())
+    return name_rows(values.isna())
 
 
 def _offer(name: str, known: Sequence[str]) -> str:

@@ -67,7 +67,7 @@ def describe(
     lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in remarks)]
     lines += [f"  {name} = {value:g}, a single number" for name, value in single.items()]
     lines += ["", *describe_columns(columns, units, guess), "", *describe_clock(columns, guess, largest_jitter)]
-    unknown = tell_unknown(guess, machines)
+    unknown = describe_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
 
 
@@ -78,8 +78,8 @@ def describe_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str],
     for name, values in columns.items():
         unit = read_heading(name, units.get(name, "")).unit or ""
         stem = next((name.removesuffix(end) for end in guess.endings if name.endswith(end)), name)
-        low, high = _tell_range(values)
-        row = (name, _tell_type(values), low, high, str(int(values.isna().sum())), unit)
+        low, high = _describe_range(values)
+        row = (name, _describe_type(values), low, high, str(int(values.isna().sum())), unit)
         rows.append((*row, taken.get(name) or taken.get(stem, "-")))
     widths = [max(len(row[k]) for row in rows) for k in range(len(TABLE))]
     right = (2, 3, 4)
@@ -102,13 +102,13 @@ def guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], si
     texts = [name for name in columns if name not in numbers]
     guess = guess_map(numbers, texts, units, single, sorted(dates, key=lambda each: -columns[each].nunique()))
     if not guess.muscles and not guess.endings:
-        _tell_records_apart(guess, columns)
+        _separate_records(guess, columns)
     if "part" in guess.columns:
         guess.parts = pair_parts([str(each) for each in columns[guess.columns["part"]].dropna().unique()])
     return guess
 
 
-def _tell_records_apart(guess: Guess, columns: Mapping[str, pd.Series]) -> None:
+def _separate_records(guess: Guess, columns: Mapping[str, pd.Series]) -> None:
     """Take for the record what labels records by its values; a column of that name which does not is none."""
     named, part, time = (guess.columns.get(each) for each in ("record", "part", TIME))
     labels = [each for each in list_labels(columns, time) if each == named or each not in guess.columns.values()]
@@ -137,9 +137,9 @@ def describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitte
     except RecordingError as error:
         return [str(error)]
     stream = [name for name in names if name != "part"] or (["part"] if "part" in names else [])
-    lines = [_tell_groups(found, "trial" if guess.muscles else "record"), _tell_groups(found, "part")]
+    lines = [_describe_groups(found, "trial" if guess.muscles else "record"), _describe_groups(found, "part")]
     if TIME in found:
-        lines.insert(0, f"time: {_tell_steps(found, stream, largest_jitter, guess.muscles)}")
+        lines.insert(0, f"time: {_describe_steps(found, stream, largest_jitter, guess.muscles)}")
     return [each for each in lines if each]
 
 
@@ -180,7 +180,7 @@ def quote(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def tell_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -> list[str]:
+def describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Return what the headings leave open, each with what to type."""
     lines = []
     if TIME not in guess.columns and guess.rate_hz is None:
@@ -205,7 +205,7 @@ def tell_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -> lis
     for does, key, signal in roles:
         if signal is None and guess.signals:
             lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}")
-    others = [_tell_machine(guess, kind, keys) for kind, keys in machines.items() if kind != SIMPLEST]
+    others = [_describe_machine(guess, kind, keys) for kind, keys in machines.items() if kind != SIMPLEST]
     return [
         *lines,
         f"which machine it is: plant={SIMPLEST} is put here; in place of it and its signals may stand",
@@ -213,7 +213,7 @@ def tell_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -> lis
     ]
 
 
-def _tell_machine(guess: Guess, kind: str, keys: Mapping[str, int]) -> str:
+def _describe_machine(guess: Guess, kind: str, keys: Mapping[str, int]) -> str:
     """Return the arguments that choose a machine, with its signals as far as they are plain."""
     rest = [each for each in guess.signals if each != guess.output]
     told = guess.output is not None and len(rest) == sum(keys.values()) - 1
@@ -231,7 +231,7 @@ def _is_number(values: pd.Series) -> bool:
     return values.dtype.kind in "fiub"
 
 
-def _tell_type(values: pd.Series) -> str:
+def _describe_type(values: pd.Series) -> str:
     if not _is_number(values) and is_dates(values):
         return "dates" if values.dtype.kind != "m" else "durations"
     if values.dtype.kind == "b":
@@ -241,7 +241,7 @@ def _tell_type(values: pd.Series) -> str:
     return "whole numbers" if values.dtype.kind in "iu" else "numbers"
 
 
-def _tell_range(values: pd.Series) -> tuple[str, str]:
+def _describe_range(values: pd.Series) -> tuple[str, str]:
     known = values.dropna()
     if known.empty:
         return "", ""
@@ -253,7 +253,7 @@ def _tell_range(values: pd.Series) -> tuple[str, str]:
     return str(distinct[0])[:20], str(distinct[-1])[:20]
 
 
-def _tell_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float, muscles: bool) -> str:
+def _describe_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float, muscles: bool) -> str:
     time = told[TIME]
     steps = time.groupby([told[name] for name in stream], sort=False).diff() if stream else time.diff()
     steps = steps.dropna()
@@ -301,7 +301,7 @@ def _digits(rate: float) -> str:
     return f"{rate:.6g}"
 
 
-def _tell_groups(told: pd.DataFrame, name: str) -> str:
+def _describe_groups(told: pd.DataFrame, name: str) -> str:
     if name not in told:
         return ""
     sizes = told[name].value_counts(sort=False)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from stages.science.recording.columns import RecordingError, tell_rows
+from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.recording.units import known_units, own_unit
 
 LARGE_ENOUGH = {"pressure_command_kpa": 15.0, "pressure_kpa": 15.0, "force_n": 2.0}
@@ -44,7 +44,7 @@ def check_plausible(values: pd.Series, name: str, low: float, high: float, unit:
     if outside.any():
         largest = values[outside].iloc[0]
         raise RecordingError(
-            f"column {name}: expected {low:g} to {high:g} {own_unit(name)}, got {largest:g} in {tell_rows(outside)}; "
+            f"column {name}: expected {low:g} to {high:g} {own_unit(name)}, got {largest:g} in {name_rows(outside)}; "
             f"{_offer(values, name, low, high, unit)}"
         )
     top = float(np.nanmax(np.abs(values))) if values.notna().any() else 0.0

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stages.science.recording.clock import find_rate, regularise
-from stages.science.recording.columns import RecordingError, tell_rows
+from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.rig.contract import MEASUREMENT_COLUMNS
 from stages.science.rig.rows import PUNCTUAL
 from stages.science.signals.trajectories import Array
@@ -54,13 +54,13 @@ def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float
     if (steps > A_GAP).any():
         lost = int((steps[steps > A_GAP].round() - 1).max())
         raise RecordingError(
-            f"column time_s: nothing for {lost} samples before {tell_rows(steps > A_GAP)}; record it anew, or set "
+            f"column time_s: nothing for {lost} samples before {name_rows(steps > A_GAP)}; record it anew, or set "
             "rig.resample=true, which marks what is missing"
         )
     for name in [each for each in READINGS if each in rows]:
         if rows[name].isna().any():
             raise RecordingError(
-                f"column {name}: expected a value in every row, got none in {tell_rows(rows[name].isna())}; set "
+                f"column {name}: expected a value in every row, got none in {name_rows(rows[name].isna())}; set "
                 "rig.resample=true, which marks what is missing"
             )
     placed, _ = regularise(rows, "trial", ["muscle"], rate_hz, largest_jitter)

@@ -133,7 +133,7 @@ def _read(path: Path, state: object) -> Bag:
     tables = {topic: pd.DataFrame(told) for topic, told in sorted(rows.items())}
     tables = {topic: table for topic, table in tables.items() if not table.empty}
     if not tables:
-        raise ValueError("; ".join(["expected messages with numbers, got none", *_tell_left(left)]))
+        raise ValueError("; ".join(["expected messages with numbers, got none", *_describe_left(left)]))
     stamped = {topic: all(stamps[topic]) for topic in tables}
     foreign = [topic for topic in tables if stamped[topic] and not _agree(stamps[topic], logged[topic])]
     if foreign and not all(stamped.values()):
@@ -143,7 +143,7 @@ def _read(path: Path, state: object) -> Bag:
         why = ""
     times = {topic: np.array((stamps if stamped[topic] else logged)[topic], dtype=np.int64) for topic in tables}
     topics = {topic: Topic(times[topic], table, stamped[topic]) for topic, table in tables.items()}
-    return Bag(topics, (*_tell_times(topics, why), *_tell_left(left)))
+    return Bag(topics, (*_describe_times(topics, why), *_describe_left(left)))
 
 
 def _list_bag(path: Path) -> Iterator[Message]:
@@ -306,7 +306,7 @@ def _hold(topic: Topic, names: Sequence[str], clock: Nanoseconds) -> dict[str, p
     return {name: held[name].where(at >= 0) for name in names}
 
 
-def _tell_times(topics: Mapping[str, Topic], why: str) -> Iterator[str]:
+def _describe_times(topics: Mapping[str, Topic], why: str) -> Iterator[str]:
     stamped = {each for each, topic in topics.items() if topic.stamped}
     other = [each for each in topics if each not in stamped]
     if stamped:
@@ -321,7 +321,7 @@ def _tell_times(topics: Mapping[str, Topic], why: str) -> Iterator[str]:
         )
 
 
-def _tell_left(left: Mapping[str, str]) -> Iterator[str]:
+def _describe_left(left: Mapping[str, str]) -> Iterator[str]:
     return (f"{name} is left alone: {why}" for name, why in left.items())
 
 

@@ -145,7 +145,7 @@ def list_turns(points: Mapping[str, list[float]]) -> list[Turn]:
     return turns
 
 
-def say_what_to_do(turn: Turn, settings: CalibrationSettings) -> str:
+def describe_task(turn: Turn, settings: CalibrationSettings) -> str:
     """Return what a person does before a point is recorded."""
     owner, kind = split_name(turn.channels[0])
     if turn.held:
@@ -162,7 +162,7 @@ def say_what_to_do(turn: Turn, settings: CalibrationSettings) -> str:
     return f"bring joint {owner} to {turn.value:g} rad and hold it there"
 
 
-def say_where_to_write(turn: Turn, attempt: int, path: str) -> str:
+def describe_destination(turn: Turn, attempt: int, path: str) -> str:
     """Return how a person tells what the gauge showed while a point was recorded."""
     return f"tell what the gauge showed, with its kPa in place of KPA: echo {label(turn.point, attempt)},KPA >> {path}"
 

@@ -1,0 +1,198 @@
+"""The discrepancy workflow as a person types it: what it leaves, and that bad data never bring a confident name."""
+
+import functools
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from tests.science.discrepancy import sessions
+from tests.science.discrepancy.sessions import record_session, write_session
+
+STATUSES = ("no_discrepancy", "named", "unexplained")
+SITES = ("command", "valve", "pressure", "muscle", "transmission", "joint", "sensor", "oscillator", "drive", "tank")
+CONFIDENT = 0.8
+
+
+def check_number(value, low=0.0, high=np.inf):
+    assert isinstance(value, float)
+    assert low <= value <= high
+
+
+def check_effect(effect, muscles):
+    assert effect["site"] in SITES
+    assert set(effect["muscles"]) <= set(muscles)
+    check_number(effect["probability"], high=1.0)
+    assert all(isinstance(each, str) for each in effect["indistinguishable_from"])
+    assert effect["parameters"]
+    for interval in effect["parameters"].values():
+        assert interval["low"] <= interval["value"] <= interval["high"]
+
+
+def check_verdict(verdict, muscles):
+    """Each key of the verdict, its type and its range."""
+    assert verdict["status"] in STATUSES
+    assert bool(verdict["effects"]) == (verdict["status"] == "named")
+    for effect in verdict["effects"]:
+        check_effect(effect, muscles)
+    names = [row["name"] for row in verdict["ranking"]]
+    assert {"none", "unknown"} < set(names)
+    assert len(names) == len(set(names))
+    assert sum(row["probability"] for row in verdict["ranking"]) == pytest.approx(1.0, abs=1e-6)
+    for row in verdict["ranking"]:
+        check_number(row["probability"], high=1.0)
+        check_number(row["heldout_gap"])
+        assert isinstance(row["absorbed"], bool)
+    for place in verdict["where"]:
+        assert place["channel"] in ("pressure_kpa", "force_n")
+        assert place["muscle"] in muscles
+        assert place["regime"]
+        check_number(place["p_value"], low=1e-4, high=1.0)
+        check_number(place["share_of_gap"], low=-np.inf)
+    gap = verdict["gap"]
+    for key in ("before", "after", "noise_floor", "low", "high"):
+        check_number(gap[key])
+    assert gap["low"] <= gap["after"] <= gap["high"]
+    assert gap["unit"] == "RMSE / range, verification trials"
+    trials = verdict["verification_trials"]
+    assert trials
+    assert all(isinstance(each, int) for each in trials)
+    check_number(gap["p_value"], low=min(2.0 * 0.5 ** len(trials), 1.0), high=1.0)
+
+
+def pool_gap(predictions, channels, signal):
+    """The gap as anyone would compute it from the samples that are kept."""
+    rows = predictions[predictions["channel"].isin(channels)]
+    cells = rows.groupby(["channel", "muscle"])["measured"]
+    wide = cells.transform("max") - cells.transform("min")
+    relative = ((rows["measured"] - rows[signal]) / wide) ** 2
+    opened = rows["part"] == "verification"
+    cell_means = relative[opened].groupby([rows[name][opened] for name in ("trial", "channel", "muscle")]).mean()
+    return float(np.sqrt(cell_means.groupby("trial").mean().mean()))
+
+
+def judge(pamid, folder, samples, meta, *more):
+    """Run the workflow on a session; return the process, and the verdict if there is one."""
+    numbers = list(dict.fromkeys(samples["trial"]))
+    meta = {**meta, "trials": len(numbers), "trial_start_s": meta["trial_start_s"][: len(numbers)]}
+    write_session(folder, samples, meta)
+    result = pamid("workflow=discrepancy", f"measured={folder}", "workers=1", *more)
+    kept = [run / "verdict.json" for run in pamid.runs if (run / "verdict.json").exists()]
+    return result, json.loads(kept[0].read_text()) if kept else None
+
+
+@pytest.fixture(scope="module")
+def sound():
+    """Return ``sound(*muscles)``, by which those muscles without any hidden effect are recorded in six short trials."""
+    return functools.cache(lambda *muscles: record_session(muscles=muscles))
+
+
+def test_a_hidden_effect_is_named_explained_drawn_and_simulated(pamid, tmp_path):
+    samples, meta = record_session(["hysteresis"], trials=8, seconds=1.6, muscles=("pam1",))
+    result, verdict = judge(pamid, tmp_path / "rig", samples, meta, "figures=[png]")
+    assert result.returncode == 0, result.stderr
+    check_verdict(verdict, meta["muscles"])
+    assert [effect["name"] for effect in verdict["effects"]] == ["hysteresis"]
+    assert verdict["gap"]["channels"] == ["force_n"]
+    run = pamid.runs[0]
+    predictions = pd.read_parquet(run / "tables" / "predictions.parquet")
+    for signal in ("before", "after"):
+        assert pool_gap(predictions, ["force_n"], signal) == pytest.approx(verdict["gap"][signal], rel=1e-9)
+    for words in ("pam1: force is off by up to", "This is hysteresis on pam1", "the noise floor is"):
+        assert words in " ".join(result.stdout.split())
+    drawn = {path.stem for path in (run / "figures").iterdir()}
+    assert {"gap_bars", "gap_map", "residual_plane", "residual_loops", "ranking"} <= drawn
+    assert {"gap_waterfall", "verified_trials", "signature_hysteresis"} <= drawn
+    step = verdict["effects"][0]["step"]
+    assert f">before: {step['before']:.4g}\nafter: {step['after']:.4g}\n" in (run / "report.html").read_text()
+    check_amended(pamid, run)
+
+
+def check_amended(pamid, run):
+    """What was fitted stands in the amended plant, and the simulator takes it as it is."""
+    path = run / "documents" / "amended.yaml"
+    plant = yaml.safe_load(path.read_text())
+    values = pd.read_parquet(run / "tables" / "amended_values.parquet")
+    for row in values.to_dict("records"):
+        entry = plant["muscles"][row["muscle"]]
+        if row["effect"]:
+            entry = next(
+                each for each in plant["effects"] if (each["name"], each["muscles"]) == (row["effect"], [row["muscle"]])
+            )
+        assert entry[row["parameter"]] == row["value"]
+    assert (values["parameter"] == "passive_linear_n").any()
+    result = pamid(f"plant={path}", "budget=tiny", "stages=[bank]", "exoskeleton.load_cell_site=joint_end")
+    assert result.returncode == 0, result.stderr
+    assert len(pd.read_parquet(pamid.runs[-1] / "tables" / "bank.parquet"))
+
+
+@pytest.mark.slow
+def test_what_has_no_name_is_described_as_a_hint(pamid, tmp_path):
+    samples, meta = record_session(["neighbour_pressure"], trials=6, seconds=2.0)
+    result, verdict = judge(pamid, tmp_path / "rig", samples, meta, "figures=[png]")
+    assert result.returncode == 0, result.stderr
+    check_verdict(verdict, meta["muscles"])
+    assert verdict["status"] == "unexplained"
+    rows = {row["muscle"]: row for row in verdict["remainder"] if row["channel"] == "force_n"}
+    assert rows["pam1"]["inputs"][0] == "pam2 pressure_kpa"
+    assert 0.0 < rows["pam1"]["low"] < rows["pam1"]["share"] < rows["pam1"]["high"] < 1.0
+    said = " ".join(result.stdout.split())
+    assert "What stays unexplained in force of pam" in said
+    assert "A hint, no finding: on pam" in said
+    assert "unexplained.png" in {path.name for path in (pamid.runs[0] / "figures").iterdir()}
+
+
+SPOILT = {
+    "unequal trials and stretches without values": lambda samples: sessions.lose_stretches(
+        samples[samples["time_s"] < 0.6 + 0.1 * samples["trial"]]
+    ),
+    "three trials": lambda samples: samples[samples["trial"] < 3],
+    "no force": lambda samples: samples.assign(force_n=0.0),
+    "constant pressure": sessions.hold_pressure,
+    "a silent muscle": sessions.silence_muscle,
+    "no command": lambda samples: samples.drop(columns="pressure_command_kpa"),
+    "a wild trial": sessions.spoil_trial,
+    "half a second": lambda samples: samples[samples["time_s"] < 0.5],
+    "100 Hz": lambda samples: sessions.resample(samples, 100.0),
+    "1000 Hz": lambda samples: sessions.resample(samples, 1000.0),
+}
+OF_TWO = ("a silent muscle", "constant pressure", "a wild trial")
+CASES = [pytest.param(name, marks=[] if name == "no force" else [pytest.mark.slow]) for name in SPOILT]
+
+
+@pytest.mark.parametrize("how", CASES)
+def test_bad_data_and_other_rates_bring_no_confident_name(how, sound, pamid, tmp_path):
+    samples, meta = sound("pam1", "pam2") if how in OF_TWO else sound("pam1")
+    meta = {**meta, "sampling_rate_hz": float(how.split()[0]) if how.endswith("Hz") else meta["sampling_rate_hz"]}
+    result, verdict = judge(pamid, tmp_path / "rig", SPOILT[how](samples), meta, "figures=[]")
+    assert result.returncode == 0, result.stderr
+    check_verdict(verdict, meta["muscles"])
+    assert not [each for each in verdict["effects"] if each["probability"] > CONFIDENT]
+    said = " ".join(result.stdout.split())
+    told = {
+        "no force": "never change: force of pam1",
+        "a silent muscle": "pam2 left out",
+        "no command": "never change: pressure of pam1",
+        "a wild trial": "Look at trial 1",
+    }
+    assert told.get(how, "What was found") in said
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda samples: samples[samples["trial"] < 2], "expected at least 3 trials"),
+        (lambda samples: samples.drop(columns="pressure_command_kpa").assign(force_n=0.0), "that changes"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused_in_a_line(spoil, message, sound, pamid, tmp_path):
+    samples, meta = sound("pam1", "pam2")
+    result, verdict = judge(pamid, tmp_path / "rig", spoil(samples), meta)
+    assert result.returncode == 1
+    assert verdict is None
+    last = result.stderr.strip().splitlines()
+    assert len(last) == 1
+    assert message in last[0]
+    assert "Traceback" not in result.stderr + result.stdout

@@ -1,0 +1,27 @@
+"""Searches as the workflow makes them, with the stated settings, in outputs of whole records."""
+
+import numpy as np
+import yaml
+
+from stages.science.discrepancy.description_settings import DescriptionSettings
+from stages.science.discrepancy.fitted_channel import prepare
+from stages.science.discrepancy.search import search
+from stages.science.discrepancy.settings import DiscrepancySettings
+from tests.science.plant.machines import CONF
+
+STATED = yaml.safe_load((CONF / "discrepancy" / "default.yaml").read_text())
+DISCREPANCY = DiscrepancySettings(**STATED)
+SETTINGS = DISCREPANCY.search
+DESCRIPTION = DescriptionSettings(**yaml.safe_load((CONF / "explain_remainder" / "default.yaml").read_text()))
+
+
+def look(output, seed=0):
+    """Return what the search finds in an output, and the names."""
+    found = search([prepare(output)], SETTINGS, np.random.default_rng(seed))
+    return found, [each.name for each in found.named]
+
+
+def read_values(state):
+    """Return the fitted constants, and the parameters of each effect by its name."""
+    constants, effects = state.current.fit.model.name_values(state.current.fit.values)
+    return constants, {form.name: values for form, values in effects}

@@ -1,0 +1,118 @@
+"""Records of machines by small steps of a rule of their own, which the project's integrators had no part in."""
+
+import numpy as np
+import pandas as pd
+
+from stages.science.output_channels.whole_record_channel import build_whole_records
+from tests.science.discrepancy.searches import DISCREPANCY
+
+FINE = 20
+"""Steps within a sample."""
+
+
+def build_records(signals, trials, plant):
+    """Return the output channel of records, with the stated limits of detection."""
+    return build_whole_records(signals, trials, plant, DISCREPANCY.detection)
+
+
+def wander(generator, samples, width):
+    """A smooth random signal of unit deviation."""
+    window = np.hanning(width)
+    return np.convolve(generator.standard_normal(samples + width - 1), window / np.linalg.norm(window), mode="valid")
+
+
+def rub(velocity, slow):
+    return velocity / np.sqrt(velocity**2 + slow**2)
+
+
+def drive(seed, coulomb=0.0, viscous=0.0, held=False, noise=2e-5, samples=3000, step_s=0.005, jitter=0.2):
+    """A mass of 50 kg that a controller moves along a random way; friction in N and N s/m, jitter of the force in N."""
+    generator = np.random.default_rng(seed)
+    way = 0.15 * wander(generator, samples, 600)
+    speed = np.gradient(way, step_s)
+    force, position = np.empty(samples), np.empty(samples)
+    x, v, aimed = way[0], speed[0], 0.0
+    for k in range(samples):
+        position[k], force[k] = x, aimed
+        aimed = 4000.0 * (way[k] - x) + 600.0 * (speed[k] - v) + jitter * generator.standard_normal()
+        for i in range(FINE):
+            pushed = force[k] + 3.0 + (0.0 if held else (i + 0.5) / FINE * (aimed - force[k]))
+            v += step_s / FINE * (pushed - coulomb * rub(v, 1e-3) - viscous * v) / 50.0
+            x += step_s / FINE * v
+    return {"force_n": force, "position_m": position + noise * generator.standard_normal(samples)}, step_s
+
+
+def lag(seed, asymmetry=0.0, fastest=np.inf, noise=0.3, samples=3000, step_s=0.02):
+    """A chamber of 100 kPa per V and 20 kPa at rest that fills in 0.35 s; `fastest` in V/s."""
+    generator = np.random.default_rng(seed)
+    steps = np.repeat(generator.uniform(1.0, 5.0, samples // 80 + 1), 80)[:samples]
+    command = 0.5 * steps + 0.5 * (3.0 + wander(generator, samples, 60))
+    level, x = np.empty(samples), command[0]
+    for k in range(samples):
+        level[k] = x
+        for i in range(FINE):
+            wanted = command[k] + i / FINE * (command[min(k + 1, samples - 1)] - command[k])
+            rate = (wanted - x) / 0.35
+            rate *= 1.0 + asymmetry if rate > 0.0 else 1.0 / (1.0 + asymmetry)
+            x += step_s / FINE * min(max(rate, -fastest), fastest)
+    pressure = 100.0 * level + 20.0 + noise * generator.standard_normal(samples)
+    return {"command_v": command, "pressure_kpa": pressure}, step_s
+
+
+def joint(seed, coulomb=0.0, noise=5e-4, samples=3000, step_s=0.01):
+    """A joint between two muscles, all over its inertia; dry friction in rad/s2."""
+    generator = np.random.default_rng(seed)
+    differ, both = 60.0 * wander(generator, samples, 120), 30.0 * wander(generator, samples, 400)
+    raising, lowering = 200.0 + differ + both, 200.0 - differ + both
+    angle, x, v = np.empty(samples), 0.0, 0.0
+    for k in range(samples):
+        angle[k] = x
+        after = min(k + 1, samples - 1)
+        for i in range(FINE):
+            up = raising[k] + i / FINE * (raising[after] - raising[k])
+            down = lowering[k] + i / FINE * (lowering[after] - lowering[k])
+            turned = 0.5 * (up - down) + 1.0 - (20.0 + 0.1 * (up + down)) * x - 4.0 * v - coulomb * rub(v, 1e-2)
+            v += step_s / FINE * turned
+            x += step_s / FINE * v
+    angle += noise * generator.standard_normal(samples)
+    return {"pressure_1_kpa": raising, "pressure_2_kpa": lowering, "angle_rad": angle}, step_s
+
+
+def pendulum(seed, noise=2e-3, samples=1600, step_s=0.02):
+    """A pendulum of 5 rad/s that is pushed up to some 70 degrees, all over its inertia."""
+    generator = np.random.default_rng(seed)
+    pushed = 5.0 * wander(generator, samples, 40)
+    angle, x, v = np.empty(samples), 0.0, 0.0
+    for k in range(samples):
+        angle[k] = x
+        after = min(k + 1, samples - 1)
+        for i in range(FINE):
+            push = pushed[k] + i / FINE * (pushed[after] - pushed[k])
+            v += step_s / FINE * (push - 25.0 * np.sin(x) - 0.8 * v)
+            x += step_s / FINE * v
+    return {"drive_v": pushed, "response_v": angle + noise * generator.standard_normal(samples)}, step_s
+
+
+def move(seed, samples=4800, step_s=0.02):
+    """The way of an element on a test bench, m: three waves."""
+    generator = np.random.default_rng(seed)
+    time = np.arange(samples) * step_s
+    waves = [(0.02, 0.11), (0.01, 0.27), (0.005, 0.61)]
+    return sum(a * np.sin(2.0 * np.pi * f * time + generator.uniform(0.0, 6.0)) for a, f in waves)
+
+
+def slide(way, width):
+    """Dahl's friction, which turns smoothly, as a differential equation of its own."""
+    state = np.zeros(len(way))
+    for k, step in enumerate(np.diff(way), start=1):
+        state[k] = state[k - 1] + step / width * (1.0 - state[k - 1] * np.sign(step))
+    return state
+
+
+def tabulate(signals, step_s=0.02, record="a", blocks=16):
+    """Return signals and blocks as the workflow reads them."""
+    time = np.arange(len(next(iter(signals.values())))) * step_s
+    rows = [pd.DataFrame({"record": record, "time_s": time, "signal": n, "value": v}) for n, v in signals.items()]
+    size = len(time) // blocks
+    starts = np.arange(blocks) * size * step_s
+    return pd.concat(rows, ignore_index=True), pd.DataFrame({"record": record, "start_s": starts, "samples": size})

@@ -1,0 +1,132 @@
+"""Which trials are fitted, opened and only reported."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from pydantic import ValidationError
+
+from stages.science.discrepancy.parts import Parts, assign_parts, leave_gaps
+from stages.science.discrepancy.settings import choose_verification
+from tests.science.discrepancy.simulated_records import build_records
+from tests.science.plant.machines import read_plant
+
+GIVEN = ["estimation"] * 8 + ["validation"] * 3 + ["arrow"] * 2
+
+
+def choose(fitted=None, verification=None, last_share=None):
+    return Parts(fitted=fitted, verification=verification, last_share=last_share, gap_share=0.05)
+
+
+@pytest.mark.parametrize(
+    ("names", "estimation", "validation", "arrow"),
+    [
+        ({"fitted": ["estimation"]}, "ffvffvfv", "ooo", "oo"),
+        ({"fitted": ["estimation"], "verification": ["validation"]}, "ffffffff", "vvv", "oo"),
+        ({"fitted": ["estimation"], "last_share": 0.4}, "fffffvvv", "ooo", "oo"),
+        ({"verification": ["arrow"]}, "ffffffff", "fff", "vv"),
+    ],
+    ids=["a share of the fitted part", "a named part", "the last of the fitted part", "all but a named part"],
+)
+def test_trials_are_opened_within_the_fitted_part_or_in_a_named_one(names, estimation, validation, arrow):
+    found = "".join(purpose[0] for purpose in assign_parts(GIVEN, choose(**names), 0.375))
+    assert (found[:8], found[8:11], found[11:]) == (estimation, validation, arrow)
+
+
+def test_without_names_a_share_of_all_trials_is_opened_and_at_least_one():
+    purposes = assign_parts(GIVEN, choose(), 0.375)
+    assert purposes.count("verification") == 4
+    assert purposes.count("fitted") == 9
+    assert assign_parts(GIVEN, choose(last_share=0.01), 0.375).count("verification") == 1
+
+
+@pytest.mark.parametrize(
+    ("fitted", "verification", "told"),
+    [
+        (["estimatoin"], None, "no part 'estimatoin' was recorded; did you mean 'estimation'"),
+        (["arrow"], None, "at least 3 trials"),
+        (None, ["estimation", "validation", "arrow"], "at least 2 trials to fit, got 0"),
+    ],
+)
+def test_impossible_parts_are_refused(fitted, verification, told):
+    with pytest.raises(ValueError, match=told):
+        assign_parts(GIVEN, choose(fitted=fitted, verification=verification), 0.375)
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        ({"fitted": ["arrow"], "verification": ["arrow", "validation"]}, "got arrow in both"),
+        ({"verification": ["arrow"], "last_share": 0.4}, "verification or last_share, got both"),
+    ],
+)
+def test_a_part_serves_for_one_purpose(names, told):
+    with pytest.raises(ValidationError, match=told):
+        choose(**names)
+
+
+def opened(parts, records, **names):
+    purposes = assign_parts(parts, choose(**names), 0.375, records)
+    return [k for k, purpose in enumerate(purposes) if purpose == "verification"]
+
+
+def test_whole_records_are_opened_where_a_part_has_enough_of_them():
+    records = [name for name in "abcdef" for _ in range(3)]
+    assert {records[k] for k in opened(["given"] * 18, records)} == {"c", "f"}
+
+
+@pytest.mark.parametrize(("count", "kept"), [(3, 1), (4, 2), (5, 2), (8, 3), (16, 6)])
+def test_the_nearest_number_of_records_to_the_share_is_opened(count, kept):
+    records = [f"r{k}" for k in range(count) for _ in range(2)]
+    found = opened(["given"] * len(records), records)
+    assert len({records[k] for k in found}) == kept
+    assert len(found) == 2 * kept
+
+
+def test_two_records_are_too_few_and_their_blocks_are_opened():
+    records = ["a"] * 8 + ["b"] * 8
+    found = opened(["given"] * 16, records)
+    assert len(found) == 6
+    assert {records[k] for k in found} == {"a", "b"}
+
+
+@pytest.mark.parametrize("parts", [["noise"] * 8 + ["steps"] * 8 + ["sweep"] * 8, ["given"] * 24])
+def test_records_of_different_parts_are_no_repetitions_and_blocks_of_their_own_are_records(parts):
+    records = parts if parts[0] == "noise" else [f"r{k}" for k in range(24)]
+    assert opened(parts, records) == opened(parts, [])
+
+
+def make_blocks(count=4, samples=50, record="a"):
+    return pd.DataFrame({"record": record, "start_s": np.arange(count) * samples * 0.1, "samples": samples})
+
+
+def test_a_gap_stands_between_a_fitted_block_and_the_opened_one_beside_it():
+    trials = pd.concat([make_blocks(), make_blocks(record="b"), make_blocks(2, record="")], ignore_index=True)
+    f, v, o = "fitted", "verification", "other"
+    gaps = leave_gaps(trials, [f, v, f, f, v, v, o, f, f, v], 0.05)
+    assert gaps["left_after"].tolist() == [3, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    assert gaps["left_before"].tolist() == [0, 0, 3, 0, 0, 0, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("machine", ["second_order", "static_map"])
+def test_a_gap_is_not_judged_and_nothing_else_is_lost(machine):
+    swing = machine == "second_order"
+    plant = read_plant(machine, **({} if swing else {"time_scale_s": 1.0}))
+    names = ("drive_v", "response_v") if swing else ("position_m", "force_n")
+    time = np.arange(200) * 0.1
+    told = {name: np.sin(time + k) for k, name in enumerate(names)}
+    rows = [pd.DataFrame({"record": "a", "time_s": time, "signal": n, "value": v}) for n, v in told.items()]
+    trials = make_blocks()
+    gaps = leave_gaps(trials, ["fitted", "verification", "fitted", "fitted"], 0.1)
+    whole, cut = (build_records(pd.concat(rows), each, plant) for each in (trials, trials.join(gaps)))
+    assert (whole.present & ~cut.present).sum(axis=0).tolist() == [5, 0, 5, 0]
+    assert not cut.present[45:, 0].any()
+    assert not cut.present[:5, 2].any()
+    assert cut.present[5:, 2].all()
+    np.testing.assert_array_equal(cut.measured, whole.measured)
+
+
+@pytest.mark.parametrize(
+    ("trials", "share", "chosen"), [(10, 0.2, [4, 9]), (12, 0.25, [3, 7, 11]), (4, 0.7, [1, 2]), (3, 0.01, [2])]
+)
+def test_verification_trials_are_spread_evenly_at_least_the_last_and_two_are_left_to_fit(trials, share, chosen):
+    assert choose_verification(trials, share) == chosen

@@ -1,0 +1,136 @@
+"""Records of machines that others measured, by a column map alone: what is named, and what it leaves where not fitted.
+
+Tanks of Schoukens and Noel, a joint of Wang and Realmuto, a drive of Janot, Gautier and Brunot: data of theirs, which
+are not part of this project.
+"""
+
+import functools
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from omegaconf import OmegaConf
+
+from stages.science.discrepancy.fitted_channel import prepare
+from stages.science.discrepancy.remainder import weigh_remainder
+from stages.science.discrepancy.search import search
+from stages.science.plant.machine import read_machine
+from tests.composing import compose_values
+from tests.science.discrepancy.searches import SETTINGS, look
+from tests.science.discrepancy.simulated_records import build_records, tabulate
+
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+TANKS = DATA / "cascaded_tanks" / "cascaded_tanks.parquet"
+JOINT = DATA / "pam_antagonistic_ucr" / "pam_antagonistic_ucr.parquet"
+DRIVE = DATA / "emps" / "emps.parquet"
+MAPS = {
+    TANKS: ["+columns.pump_v=u", "+columns.level_v=y", "plant=cascaded_tanks"],
+    JOINT: [
+        "+columns.force_n=force_N",
+        "+columns.position_m=x_m",
+        "plant=static_map",
+        "plant.along=force_n",
+        "plant.output=position_m",
+        "plant.constants.stiffness.of=[force_n]",
+        "parts.last_share=0.4",
+        "measurement.blocks=20",
+    ],
+    DRIVE: ["+columns.force_n=force", "+columns.position_m=qm", "plant=servo_drive"],
+}
+PARTS = ["parts.fitted=[est]", "parts.verification=[val]"]
+
+pytestmark = pytest.mark.skipif(not DATA.exists(), reason=f"recorded data of others are needed at {DATA}")
+
+
+def run(pamid, tmp_path, path, *more):
+    """Run the workflow; return names with probabilities, status, and RMSE/std before and after where not fitted."""
+    result = pamid(
+        "workflow=discrepancy",
+        "measurement=records",
+        f"measured={path}",
+        "columns.time_s=t",
+        "figures=[]",
+        *MAPS[path],
+        *more,
+    )
+    assert result.returncode == 0, result.stderr
+    verdict = json.loads(next(tmp_path.glob("outputs/runs/*/verdict.json")).read_text())
+    table = pd.read_parquet(next(tmp_path.glob("outputs/runs/*/tables/verification.parquet")))
+    opened = table[(table["part"] == "verification") & (table["label"] != "noise floor")]["gap_over_std"]
+    return {each["name"]: each["probability"] for each in verdict["effects"]}, verdict["status"], opened.tolist()
+
+
+@pytest.mark.slow
+def test_tanks_are_full_and_run_over(pamid, tmp_path):
+    names, status, left = run(pamid, tmp_path, TANKS, *PARTS)
+    assert status == "named"
+    assert set(names) == {"saturation", "overflow"}
+    assert left[0] > 0.3
+    assert left[-1] < 0.175
+
+
+@pytest.mark.slow
+def test_a_joint_sticks_where_the_force_turns(pamid, tmp_path):
+    names, _, left = run(pamid, tmp_path, JOINT)
+    assert set(names) == {"hysteresis"}
+    assert left[0] > 0.3
+    assert left[-1] < 0.099
+
+
+@pytest.mark.slow
+def test_a_drive_rubs(pamid, tmp_path):
+    names, _, left = run(pamid, tmp_path, DRIVE, *PARTS)
+    assert set(names) == {"coulomb_friction", "viscous_friction"}
+    assert left[0] > 1.0
+    assert left[-1] < 0.08
+
+
+@pytest.mark.slow
+def test_without_hysteresis_no_other_name_is_sure(pamid, tmp_path):
+    names, _, _ = run(pamid, tmp_path, JOINT, "discrepancy.search.left_out=[hysteresis,coulomb_friction]")
+    assert max(names.values(), default=0.0) < 0.8
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Return ``fitted(path)``, a recording's machine, and its textbook as it is fitted once to what there is for it."""
+
+    @functools.cache
+    def fit(path):
+        told = compose_values("workflow=discrepancy", "measurement=records", *MAPS[path])
+        frame = pd.read_parquet(path)
+        frame = frame[frame["part"] == "est"] if "part" in frame else frame
+        signals = {name: frame[column].to_numpy(float) for name, column in told.columns.items() if column is not None}
+        step_s = float(np.median(np.diff(frame["t"])))
+        plant = read_machine(OmegaConf.to_container(told.plant))
+        return plant, prepare(build_records(*tabulate(signals, step_s=step_s), plant))
+
+    return fit
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("left_out", "said"), [(["overflow"], ["saturation"]), (["saturation", "overflow"], [])])
+def test_without_its_effects_a_gap_of_the_tanks_has_no_other_name(left_out, said, fitted, generator):
+    found = search([fitted(TANKS)[1]], SETTINGS.model_copy(update={"left_out": left_out}), generator)
+    assert [each.name for each in found.named] == said
+    assert said or weigh_remainder(found, SETTINGS, generator)["level_v"].unknown > 0.5
+    (state,) = found.outputs
+    left = np.sqrt(state.current.raw.sum() / state.samples.sum())
+    assert left > 0.25 * state.output.measured[state.output.present].std()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", MAPS, ids=["tanks", "joint", "drive"])
+def test_nothing_is_named_in_what_the_fitted_textbook_simulates(path, fitted):
+    plant, state = fitted(path)
+    output, nominal = state.output, state.nominal.fit
+    refined = output.plant.refine({name: values[:, None] for name, values in output.records[0].items()}, output.step_s)
+    constants = nominal.model.name_values(nominal.values)[0]
+    clean = output.plant.simulate(refined, output.step_s, np.zeros(1), constants, (), output.begun[0])[:, 0]
+    for seed in range(2):
+        noise = 0.01 * clean.std() * np.random.default_rng(seed).standard_normal(len(clean))
+        copied = {**output.records[0], output.plant.output: clean + noise}
+        again = build_records(*tabulate(copied, step_s=output.step_s), plant)
+        assert look(again, seed)[1] == []

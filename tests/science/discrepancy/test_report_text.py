@@ -1,0 +1,135 @@
+"""The verdict's sentences say what its numbers say, and no more."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.science.discrepancy.report_text import (
+    describe_bounds,
+    describe_few_trials,
+    describe_high_floor,
+    describe_scales,
+    describe_unconfirmed,
+    describe_verdict,
+)
+from stages.science.discrepancy.verdict import summarise_unexplained
+from tests.science.discrepancy.searches import DISCREPANCY
+from tests.science.plant.machines import configured, read_plant
+
+GAP = {
+    "before": 0.081,
+    "after": 0.021,
+    "noise_floor": 0.02,
+    "low": 0.019,
+    "high": 0.023,
+    "p_value": 0.031,
+    "over_floor": {"value": 1.02, "low": 1.0, "high": 1.05, "smallest": 1.15},
+}
+LARGE = {**GAP, "over_floor": {**GAP["over_floor"], "value": 4.0}}
+EFFECT = {
+    "name": "hysteresis",
+    "form": "maxwell_slip",
+    "channel": "force",
+    "muscles": ["pam1", "pam3"],
+    "probability": 0.93,
+    "confirmed": True,
+    "step": {"before": 0.081, "after": 0.021, "p_value": 0.016},
+    "indistinguishable_from": [],
+    "by_muscle": {},
+}
+RANKING = [
+    {"name": "hysteresis", "probability": 0.93, "heldout_gap": 0.021, "absorbed": False},
+    {"name": "coulomb_friction", "probability": 0.05, "heldout_gap": 0.05, "absorbed": False},
+    {"name": "none", "probability": 0.02, "heldout_gap": 0.081, "absorbed": False},
+]
+
+
+UNCONFIRMED = {**EFFECT, "confirmed": False, "step": {"before": 0.034, "after": 0.033, "p_value": 0.43}}
+ELSEWHERE = {**EFFECT, "channel": "pressure"}
+NAMED = {
+    "status": "named",
+    "effects": [EFFECT],
+    "ranking": RANKING,
+    "gap": GAP,
+    "unexplained_share": 0.4,
+    "imitated": 0.0,
+    "line_hz": None,
+    "remembered": False,
+    "verification_trials": [2, 5, 8],
+}
+UNEXPLAINED = {**NAMED, "status": "unexplained", "effects": [], "gap": LARGE}
+CLEAN = {**NAMED, "status": "no_discrepancy", "effects": []}
+CLOSED = "hysteresis on pam1 and pam3 (probability 0.93; next is coulomb friction, 0.05)"
+STAYS = "Trials not fitted do not confirm it: with it the gap there goes from 3.4 % to 3.3 % of range (p = 0.43)"
+IMITATION = "8.0 % of the gap above the noise) is more than forms of one effect"
+MANY = "So many names in one channel may stand in for one effect"
+LEFT = "a flexible model would still take away 40 % of what is above the noise"
+BLIND = "cannot be told: the gap is 1.02 times the noise floor, but so much counts as noise"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "said", "unsaid"),
+    [
+        (NAMED, [CLOSED, "falls from 8.1 % to 2.1 %", "p = 0.031", "noise floor is 2.0 %"], ["stand in", "confirm"]),
+        ({**NAMED, "effects": [EFFECT, UNCONFIRMED]}, [STAYS], []),
+        ({**NAMED, "imitated": 0.4, "unexplained_share": 0.08}, [], [IMITATION]),
+        ({**NAMED, "imitated": 0.6, "unexplained_share": 0.08}, [IMITATION], []),
+        ({**NAMED, "imitated": 1.0, "effects": [EFFECT] * 3}, [MANY], []),
+        ({**NAMED, "imitated": 1.0, "effects": [EFFECT] * 2}, [], [MANY]),
+        ({**NAMED, "imitated": 1.0, "effects": [EFFECT, EFFECT, ELSEWHERE]}, [], [MANY]),
+        (UNEXPLAINED, [LEFT, "The nearest is hysteresis, which is not enough"], []),
+        ({**UNEXPLAINED, "gap": GAP}, [BLIND], ["real", "take away"]),
+        ({**UNEXPLAINED, "remembered": True}, ["a linear memory of the inputs (such as a resonance"], []),
+        ({**UNEXPLAINED, "line_hz": 49.94}, ["an oscillation at 49.9 Hz runs through all trials"], ["flexible model"]),
+        (CLEAN, ["in its worst channel it is at most 1.05 times the floor"], []),
+    ],
+)
+def test_a_verdict_says_what_its_numbers_say(verdict, said, unsaid):
+    text = " ".join(describe_verdict(verdict, [], [], [], DISCREPANCY))
+    assert [words for words in said if words not in text] == []
+    assert [words for words in unsaid if words in text] == []
+
+
+def test_few_trials_and_a_gap_that_opened_ones_lack_are_told():
+    assert [len(describe_few_trials(fitted, 1, 6)) for fitted in (2, 5, 6)] == [1, 1, 0]
+    (sentence,) = describe_unconfirmed(0.37)
+    assert "a flexible model would take away 37 %; those opened at the end show none" in sentence
+
+
+def test_scales_are_told_in_units():
+    (told,) = describe_scales(read_plant(along_scale=0.02, output_scale=150.0, time_scale_s=0.5))
+    assert told.endswith("a scale of force is 150 N, a scale of position is 0.02 m and a pace is 0.5 s.")
+    assert describe_scales(read_plant()) == []
+    assert describe_scales(configured().plant) == []
+
+
+def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
+    channels = pd.DataFrame(
+        {"channel": ["force_n", "force_n"], "muscle": ["pam1", "pam2"], "noise_floor": [9.0, 2.0], "white": [1.0, 1.0]}
+    )
+    (sentence,) = describe_high_floor(channels, 3.0)
+    assert "force n of pam1" in sentence
+    assert "pam2" not in sentence
+    assert describe_high_floor(channels.assign(noise_floor=2.0), 3.0) == []
+
+
+def test_the_line_is_that_of_the_channel_in_which_most_is_left():
+    table = pd.DataFrame({"share": [-0.2, 0.9], "probability": [0.1, 1.0], "imitated": [0.3, 0.0]})
+    table["remembered"] = [False, True]
+    heard = summarise_unexplained(table.assign(line_hz=[13.0, 50.0]))
+    assert heard == {"unexplained_share": 0.9, "imitated": 0.3, "line_hz": 50.0, "remembered": True}
+    assert summarise_unexplained(table.assign(line_hz=[13.0, np.nan]))["line_hz"] is None
+
+
+def test_values_at_a_bound_are_told_once_for_all_muscles():
+    values = pd.DataFrame(
+        {
+            "effect": ["", "coulomb_friction", "coulomb_friction"],
+            "parameter": ["mass_kg", "level", "level"],
+            "value": [5.0, 0.0, 0.0],
+            "at_bound": ["high", "low", "low"],
+        }
+    )
+    (sentence,) = describe_bounds(values)
+    assert sentence.endswith("stand mass_kg (5, high) and level of coulomb friction (0, low).")
+    assert describe_bounds(values.assign(at_bound="")) == []

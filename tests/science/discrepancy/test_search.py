@@ -1,0 +1,131 @@
+"""The search on toys with planted effects, which turn out both ways."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stages.science.discrepancy.fitted_channel import prepare, refine, resume
+from stages.science.discrepancy.ranking import rank_first
+from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
+from stages.science.discrepancy.screening import screen
+from stages.science.discrepancy.search import search
+from stages.science.output_channels.fitting import Model
+from stages.science.output_channels.flexible import Leftover
+from stages.science.output_channels.output_channel import list_starts
+from tests.science.discrepancy.searches import SETTINGS
+from tests.science.discrepancy.toys import KINK, LINE, WAVE, make_toy
+
+
+def run(*toys):
+    found = search([prepare(each) for each in toys], SETTINGS, np.random.default_rng(0))
+    return found, weigh_remainder(found, SETTINGS, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize(("form", "size"), [(WAVE, 0.4), (KINK, 2.0)])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_planted_effect_is_named(form, size, seed):
+    found, left = run(make_toy(seed, [(form.effect, size)]))
+    assert [each.name for each in found.named] == [form.name]
+    assert found.named[0].probability > 0.9
+    assert left["y"].unknown < 0.1
+    first = rank_first(found, left["y"].unknown, 0.9)[0]
+    assert (first["round"], first["name"], first["form"], first["site"]) == (1, form.name, "only", "muscle")
+    assert found.outputs[0].current.fit.values[-1] == pytest.approx(size, rel=0.15)
+
+
+@pytest.mark.parametrize("wander", [0.0, 0.1])
+@pytest.mark.parametrize("seed", range(5))
+def test_nothing_is_named_where_nothing_is_missing(seed, wander):
+    found, left = run(make_toy(seed, wander=wander))
+    assert not found.named
+    assert left["y"].unknown < 0.5
+
+
+def test_two_effects_are_named_both_also_by_a_search_that_is_resumed():
+    state = prepare(make_toy(1, [(WAVE.effect, 0.5), (KINK.effect, 2.5)]))
+    kept = resume(state.output, state.nominal.fit.values, state.noise, state.nominal.residual, state.leftover)
+    found, again = (search([each], SETTINGS, np.random.default_rng(0)) for each in (state, kept))
+    assert {each.name for each in found.named} == {"wave", "kink"}
+    assert len(found.steps) == 3
+    assert again.named == found.named
+    values = [each.outputs[0].current.fit.values for each in (again, found)]
+    np.testing.assert_allclose(*values, rtol=1e-6)
+
+
+def test_an_effect_that_the_constants_imitate_is_told_absorbed_and_not_named():
+    found, _ = run(make_toy(2, [(LINE.effect, 0.4)]))
+    assert not found.named
+    assert found.rounds[0].confounded_with_constants["line"] > 0.99
+    assert found.rounds[0].confounded_with_constants["wave"] < 0.9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_no_form_explains_is_left_unexplained(seed):
+    def step(x):
+        return np.where(np.abs(x - 0.2) < 0.35, 1.0, 0.0)
+
+    _, left = run(make_toy(seed, [(step, 0.8)], offered=(LINE, KINK)))
+    assert left["y"].unknown > 0.5
+    assert left["y"].share > SETTINGS.unexplained_share
+
+
+def test_the_element_that_carries_it_is_named():
+    found, _ = run(make_toy(1, [(WAVE.effect, 0.4)], element="first"), make_toy(2, element="second"))
+    assert [(each.name, each.elements) for each in found.named] == [("wave", ("first",))]
+
+
+@pytest.mark.parametrize("size", [0.5, 1.5, 4.0])
+def test_screening_does_not_miss_what_full_fits_find(size):
+    state = prepare(make_toy(5, [(KINK.effect, size)]))
+    promised = screen(state.nominal.fit, state.noise, state.output.forms)
+    best = max(promised, key=lambda each: each.gain)
+    full = {
+        form.name: min(
+            refine(Model(state.output, (form,)), np.append(state.nominal.fit.values, start["size"]), 0.2).raw.sum()
+            for start in list_starts(form)
+        )
+        for form in state.output.forms
+    }
+    assert best.form.name == min(full, key=full.__getitem__) == "kink"
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """A wave that its own form explains, and what is left of it."""
+    return run(make_toy(5, [(WAVE.effect, 0.8)], offered=(WAVE,), noise=0.05))
+
+
+def test_a_name_that_leaves_more_than_its_forms_differ_by_is_doubted(clean):
+    def bent(x):
+        return np.sin(3.0 * x) + 0.4 * np.where(np.abs(x - 0.7) < 0.3, 1.0, 0.0)
+
+    single, sure = clean
+    found, left = run(make_toy(5, [(bent, 0.8)], offered=(WAVE,), noise=0.05))
+    assert [each.name for each in (*single.named, *found.named)] == ["wave", "wave"]
+    assert sure["y"].ambiguous < 0.05
+    assert sum_doubt(sure, SETTINGS.remainder) < 0.05
+    assert 0.05 < left["y"].share < SETTINGS.unexplained_share
+    assert left["y"].ambiguous > 0.9
+    assert sum_doubt(left, SETTINGS.remainder) == pytest.approx(0.5 * left["y"].ambiguous)
+
+
+@pytest.mark.parametrize(("names", "shown", "doubt"), [(2, False, 0.0), (3, False, 0.5), (3, True, 0.0)])
+def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt, clean):
+    single = clean[0].named
+    many = replace(clean[0], named=[*single * (names - 1), replace(single[0], shown=shown)])
+    left = weigh_remainder(many, SETTINGS, np.random.default_rng(1))
+    assert sum_doubt(left, SETTINGS.remainder) == pytest.approx(doubt, abs=0.05)
+
+
+def test_a_second_channel_is_looked_at_though_no_gap_was_seen_in_it():
+    """A flexible model may be blind where a named effect sees: the second round looks there too."""
+    toys = (
+        make_toy(3, [(WAVE.effect, 0.5)], element="first"),
+        make_toy(4, [(KINK.effect, 2.5)], element="second", channel="z"),
+    )
+    states = [prepare(each) for each in toys]
+    blind = states[1]
+    states[1] = replace(blind, leftover=Leftover(blind.nominal.raw, blind.nominal.residual, None))
+    found = search(states, SETTINGS, np.random.default_rng(0))
+    assert {each.name for each in found.named} == {"wave", "kink"}

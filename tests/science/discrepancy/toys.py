@@ -1,0 +1,83 @@
+"""An output whose simulation is known in closed form: a line, and effects with known shapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stages.science.output_channels.detection import DetectionSettings
+from stages.science.output_channels.output_channel import Driver, EffectForm, OutputChannel
+from stages.science.plant.effect import Parameter
+from tests.science.discrepancy.searches import DISCREPANCY
+
+
+def constant(name, low, high, mean, sd):
+    return Parameter(name, "1", low, high, mean, sd, name, (mean,))
+
+
+def magnitude(name="size", low=0.0, high=10.0, starts=(0.5, 2.0)):
+    return Parameter(name, "1", low, high, 0.5, 5.0, name, starts)
+
+
+def form(name, shape):
+    return EffectForm(name, "only", "muscle", (magnitude(),), shape)
+
+
+WAVE = form("wave", lambda x: np.sin(3.0 * x))
+KINK = form("kink", lambda x: np.maximum(x - 1.0, 0.0))
+LINE = form("line", lambda x: x)
+
+
+@dataclass(frozen=True)
+class Toy(OutputChannel):
+    """y = offset + slope x + effects, over K trials."""
+
+    x: np.ndarray
+    measured: np.ndarray
+    present: np.ndarray
+    start_s: np.ndarray
+    step_s: float = 0.01
+    channel: str = "y"
+    element: str = "toy"
+    unit: str = "1"
+    limits: DetectionSettings = DISCREPANCY.detection
+    offered: tuple[EffectForm, ...] = (WAVE, KINK, LINE)
+
+    @property
+    def constants(self):
+        return (constant("offset", -5.0, 5.0, 0.0, 2.0), constant("slope", -5.0, 5.0, 1.0, 2.0))
+
+    @property
+    def forms(self):
+        return self.offered
+
+    def simulate(self, constants, effects):
+        y = constants["offset"] + constants["slope"] * self.x
+        for each, values in effects:
+            y = y + values["size"] * each.effect(self.x)
+        return y
+
+    def drivers(self):
+        return [Driver("x", self.x), Driver("x_rate", np.gradient(self.x, self.step_s, axis=0), rate=True)]
+
+    def take(self, trials):
+        chosen = list(trials)
+        return replace(
+            self,
+            x=self.x[:, chosen],
+            measured=self.measured[:, chosen],
+            present=self.present[:, chosen],
+            start_s=self.start_s[chosen],
+        )
+
+
+def make_toy(seed, hidden=(), noise=0.1, trials=8, samples=300, wander=0.0, element="toy", **kwargs):
+    """Return a toy with hidden effects: pairs of a shape and its size."""
+    generator = np.random.default_rng(seed)
+    time = np.arange(samples)[:, None] * 0.01
+    speed = generator.uniform(1.5, 5.0, trials)
+    x = 1.2 * np.sin(speed * time + generator.uniform(0.0, 6.0, trials)) + generator.uniform(-0.6, 0.6, trials)
+    y = 0.3 + 1.4 * x + sum(size * shape(x) for shape, size in hidden)
+    y = y + noise * generator.standard_normal(x.shape) + wander * generator.standard_normal(trials)
+    return Toy(x, y, np.ones(x.shape, dtype=bool), np.arange(trials) * 10.0, element=element, **kwargs)

@@ -1,0 +1,148 @@
+"""Utilities against mutual information by draws of theta ~ N(theta_MAP, S), where their approximations hold.
+
+Outputs are large and S is small: the mean then carries what a measurement tells, and is nearly linear in theta.
+"""
+
+import numpy as np
+import pytest
+
+from stages.science.gp.marginal import condition
+from stages.science.gp.mutual_information import Information, draw_models, path_information, point_information
+from tests.science.gp.data import make_prior
+
+THETA = np.array([0.2, 0.3, 0.1, 0.2, np.log(0.3)])
+DRAWS = 3000
+
+
+@pytest.fixture(scope="module")
+def model():
+    source = np.random.default_rng(20260701)
+    x = source.uniform(-1.5, 1.5, (12, 3))
+    y = 20.0 * np.sin(2 * x[:, 0]) * np.cos(x[:, 1]) + 15.0 * x[:, 2]
+    root = 0.05 * (np.eye(5) + 0.3 * source.standard_normal((5, 5)))
+    return condition(x, y, THETA, make_prior(), covariance=root @ root.T)
+
+
+@pytest.fixture(scope="module")
+def points(model):
+    """Three points, the last the best of 40."""
+    points = np.random.default_rng(20260702).uniform(-1.5, 1.5, (40, 3))
+    return points[np.argsort(model.utility(points, "y_y_theta"))[[5, 20, 39]]]
+
+
+@pytest.fixture(scope="module")
+def estimates(model, points):
+    """The textbook's estimates at these points, with standard errors."""
+    source = np.random.default_rng(20260703)
+    return [estimate_information(model, point[None], source) for point in points]
+
+
+@pytest.fixture(scope="module")
+def path():
+    time = np.linspace(0, 1, 5)
+    return 0.8 * np.stack([np.sin(2 * time), np.cos(2 * time), time], axis=1)
+
+
+@pytest.fixture(scope="module")
+def along(model, path):
+    """The textbook's estimate of measurements along the path, with its standard error."""
+    return estimate_information(model, path, np.random.default_rng(20260704))
+
+
+def kernel(thetas, left, right):
+    """Return the covariance at each of (S, 5) draws."""
+    scaled = (left[:, None] - right[None]) / np.exp(thetas[:, None, None, :3])
+    return np.exp(2 * thetas[:, 3, None, None] - 0.5 * (scaled**2).sum(axis=3))
+
+
+def predict_outputs(thetas, x, y, path):
+    """Return means and covariances of the noisy outputs along a path at each draw, by the textbook."""
+    noise = np.exp(2 * thetas[:, 4, None, None])
+    weights = np.linalg.solve(kernel(thetas, x, x) + noise * np.eye(len(x)), kernel(thetas, x, path))
+    covariances = kernel(thetas, path, path) - kernel(thetas, path, x) @ weights + noise * np.eye(len(path))
+    return np.moveaxis(weights, 2, 1) @ y, covariances
+
+
+def estimate_information(model, path, generator):
+    """Return I(theta; y along the path) by nested Monte Carlo (nats) and its standard error."""
+    thetas = generator.multivariate_normal(model.theta, model.laplace.covariance, DRAWS)
+    means, covariances = predict_outputs(thetas, model.inputs, model.posterior.outputs, path)
+    roots = np.linalg.cholesky(covariances)
+    outputs = means + np.einsum("kij,kj->ki", roots, generator.standard_normal(means.shape))
+    inverses = np.linalg.inv(roots)
+    centres = np.einsum("kij,kj->ki", inverses, means)
+    halves = np.log(np.diagonal(inverses, axis1=1, axis2=2)).sum(axis=1)
+    densities = np.tile(halves, (DRAWS, 1))
+    for row in range(len(path)):
+        densities -= 0.5 * (outputs @ inverses[:, row].T - centres[:, row]) ** 2
+    own, largest = np.diag(densities).copy(), densities.max(axis=1)
+    densities -= largest[:, None]
+    told = own - largest - np.log(np.exp(densities, out=densities).mean(axis=1))
+    return told.mean(), told.std() / np.sqrt(DRAWS)
+
+
+def test_y_y_theta_is_mutual_information_of_a_measurement(model, points, estimates):
+    for score, (expected, error) in zip(model.utility(points, "y_y_theta"), estimates, strict=True):
+        assert score == pytest.approx(expected, abs=3 * error + 0.03 * expected)
+        assert error < 0.1 * expected
+
+
+def test_y_y_is_that_information_plus_what_a_third_of_v_adds(model, points, estimates):
+    best, (expected, error) = points[-1:], estimates[-1]
+    variance = model.predict(best)[1][0]
+    noisy = variance + model.noise_variance
+    with_third = 0.5 * np.log(np.exp(2 * expected) + variance / 3 / noisy)
+    assert model.utility(best, "y_y")[0] == pytest.approx(with_third, abs=3 * error + 0.03 * with_third)
+
+
+def test_log_det_is_mutual_information_of_correlated_measurements(model, path, along):
+    expected, error = along
+    assert model.joint_information(path) == pytest.approx(expected, abs=3 * error + 0.03 * expected)
+    assert model.utility(path, "y_y_theta").sum() > expected + 5 * error
+
+
+def test_estimates_by_draws_agree_with_the_textbook_estimate(model, points, estimates, path, along, generator):
+    models = draw_models(model, 600, generator)
+    densities = point_information(models, points)
+    assert densities.shape == (600, 3)
+    for index, (expected, error) in enumerate(estimates):
+        found = Information.of(densities[:, index])
+        assert found.value == pytest.approx(expected, abs=4 * np.hypot(error, found.standard_error))
+    expected, error = along
+    found = Information.of(path_information(models, path[None], generator.standard_normal((4, 600, 5)))[:, 0])
+    assert found.value == pytest.approx(expected, abs=4 * np.hypot(error, found.standard_error))
+    assert found.standard_error < 0.1 * found.value
+
+
+def test_information_of_one_point_is_the_same_alone_and_as_a_path(model, generator):
+    models = draw_models(model, 500, generator)
+    point = generator.uniform(-1.5, 1.5, (1, 3))
+    alone = Information.of(point_information(models, point)[:, 0])
+    path = Information.of(path_information(models, point[None], generator.standard_normal((40, 500, 1)))[:, 0])
+    assert path.value == pytest.approx(alone.value, abs=3 * path.standard_error)
+
+
+def test_known_hyperparameters_leave_nothing_to_tell(model, generator):
+    known = condition(model.inputs, model.posterior.outputs, THETA, make_prior(), covariance=np.full((5, 5), 0.0))
+    points = generator.uniform(-1.5, 1.5, (4, 3))
+    np.testing.assert_allclose(point_information(draw_models(known, 50, generator), points), 0.0, atol=1e-12)
+
+
+def test_noise_free_values_tell_more_than_measurements(model, generator):
+    models = draw_models(model, 300, generator)
+    points = generator.uniform(-1.5, 1.5, (20, 3))
+    noisy, free = (point_information(models, points, noisy=each).mean(axis=0) for each in (True, False))
+    assert (free > noisy).mean() > 0.9
+
+
+def test_information_does_not_depend_on_the_size_of_blocks(model, generator, monkeypatch):
+    models = draw_models(model, 40, generator)
+    points = generator.uniform(-1.5, 1.5, (30, 3))
+    whole = point_information(models, points)
+    monkeypatch.setattr("stages.science.gp.mutual_information.LARGEST_BLOCK", 40 * 40 * 7)
+    np.testing.assert_array_equal(point_information(models, points), whole)
+
+
+def test_refuses_a_single_draw(model, generator):
+    with pytest.raises(ValueError, match="draws: expected at least 2, got 1"):
+        draw_models(model, 1, generator)

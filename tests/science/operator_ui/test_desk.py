@@ -1,0 +1,236 @@
+"""A study whose trials an operator decides on in the terminal, as a person types."""
+
+import queue
+import re
+import signal
+import subprocess
+import threading
+from unittest.mock import patch
+
+import pandas as pd
+import pytest
+
+from stages.science.operator_ui import ui
+from stages.science.operator_ui.terminal import Terminal
+from stages.science.rig import clock
+from tests.conftest import Command
+from tests.science.rig.attended import wait_until
+
+SMALL = [
+    "budget=tiny",
+    "figures=[]",
+    "bank.trajectories=5",
+    "subsampling.initial_trials=1",
+    "active_loop.trials=2",
+    "active_loop.controls=[]",
+    "stages=[bank,subsampling,hyperprior,hardware,active_loop]",
+    "desk=terminal",
+    "desk.countdown_s=0.0",
+    "desk.result_s=0.0",
+]
+FIRST = "p1 experiment 1 y_y trial 1"
+DECISIONS = {
+    "bank 1": ["a", "r it slipped", "a", "k"],
+    FIRST: ["s too fast", "a", "x the strap came off", "a in order", "k calm"],
+}
+LONGEST_S = 120.0
+"""After which an operator who is asked nothing leaves."""
+TO_CONTINUE = "; to continue, type: "
+
+
+class Operator:
+    """Reads what the terminal prints and answers each question: by the trial's label, else with accept and keep."""
+
+    def __init__(self, answers=None):
+        self.answers = {label: list(its) for label, its in (answers or {}).items()}
+        self.printed, self.asked = [], []
+        self.lines, self.label = queue.SimpleQueue(), None
+        self.type, self.readline = self.lines.put, self.lines.get
+
+    def attend(self, command, *more):
+        """Sit at the terminal of a command in this process, until its input ends."""
+        watchdog = threading.Timer(LONGEST_S, self.type, [""])
+        watchdog.start()
+        try:
+            with patch.object(ui, "Terminal", self.sit_at):
+                return command(*more)
+        finally:
+            watchdog.cancel()
+            self.type("")
+
+    def sit_at(self, desk):
+        self.desk = desk
+        return Terminal(desk, source=self, sink=self)
+
+    def attend_process(self, command):
+        """Sit at the terminal of a command in a process of its own, where ^C is a signal."""
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        environment = {**command.environment, "PYTHONUNBUFFERED": "1"}
+        with subprocess.Popen(command.line(), cwd=command.root, env=environment, text=True, **pipes) as process:
+            watchdog = threading.Timer(LONGEST_S, process.kill)
+            watchdog.start()
+
+            def type_or_signal(line):
+                if line == "^C\n":
+                    process.send_signal(signal.SIGINT)
+                else:
+                    process.stdin.write(line)
+                    process.stdin.flush()
+
+            self.type = type_or_signal
+            for line in process.stdout:
+                self.write(line)
+            errors = process.stderr.read()
+            watchdog.cancel()
+        return subprocess.CompletedProcess(process.args, process.returncode, "".join(self.printed), errors)
+
+    def flush(self):
+        pass
+
+    def write(self, text):
+        for line in text.splitlines():
+            self.printed.append(line)
+            named = re.match(r"\d+ of \d+: (.*) \(.*, [\d.]+ s\)$", line)
+            self.label = named[1] if named else self.label
+            if "= accept" in line or "= repeat" in line:
+                self.answer("a" if "= accept" in line else "k")
+
+    def answer(self, usual):
+        waiting = self.answers.get(self.label)
+        answer = waiting.pop(0) if waiting else usual
+        self.asked.append((self.label, answer))
+        self.type("" if answer is None else f"{answer}\n")
+
+
+def read(run, table):
+    return pd.read_parquet(run / "tables" / f"{table}.parquet")
+
+
+@pytest.fixture(scope="session")
+def decided(make_once):
+    """A command whose study somebody decided on, made once for all and not to be changed."""
+
+    def decide(folder):
+        operator = Operator(DECISIONS)
+        result = operator.attend(Command(folder / "outputs", *SMALL))
+        assert result.returncode == 0, result.stderr
+        (folder / "printed.txt").write_text("\n".join(operator.printed))
+
+    return Command(make_once("decided", decide) / "outputs", *SMALL)
+
+
+def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(decided):
+    (run,) = decided.runs
+    decisions = read(run, "decisions")
+    assert decisions["decision"].tolist() == ["skip", "reject", "keep", "keep"]
+    assert decisions["attempt"].tolist() == [1, 2, 3, 1]
+    assert decisions["note"].tolist() == ["too fast", "the strap came off", "in order; calm", ""]
+    assert decisions["trajectory"].iloc[:3].nunique() == 3
+    trials, points = read(run, "trials"), read(run, "points")
+    assert trials["trajectory"].tolist() == decisions["trajectory"].iloc[2:].tolist()
+    rejected = decisions["trajectory"].iloc[1]
+    assert rejected not in trials["trajectory"].tolist()
+    assert sorted(read(run, "active_recordings")["trial"].unique()) == [1, 2]
+    assert sorted(points["trial"].unique()) == [0, 1, 2]
+    aside = {path.name: pd.read_parquet(path) for path in (run / "interrupted").iterdir()}
+    assert set(aside) == {"bank~1~1.parquet", "active_loop~p1~1~y_y~01~1.parquet"}
+    assert aside["bank~1~1.parquet"]["stopped_by"].unique() == ["to be repeated, says the operator: it slipped"]
+    told = aside["active_loop~p1~1~y_y~01~1.parquet"]
+    assert told["stopped_by"].unique() == ["rejected by the operator: the strap came off"]
+    assert len(told) == len(read(run, "active_recordings")) / 2
+    assert len(read(run, "bank")["trajectory"].unique()) == 5
+    assert (decided.outputs.parent / "printed.txt").read_text().count("tells most: utility y_y") == 4
+
+
+def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_path):
+    broken = Command(tmp_path / "broken", *SMALL)
+
+    lost = Operator({**DECISIONS, "bank 2": [None]}).attend(broken)
+    assert lost.returncode == 3
+    assert "next is bank 2 (the terminal's input had ended)" in lost.stderr
+
+    signalled = Operator({"bank 3": ["^C"]}).attend_process(broken)
+    assert signalled.returncode == 130
+    assert f"stopped by Ctrl-C{TO_CONTINUE}" in signalled.stderr
+
+    paused = Operator({"bank 4": ["q lunch"]}).attend(broken)
+    assert paused.returncode == 3
+    (line,) = paused.stderr.splitlines()
+    assert f"bank paused: the operator stopped for today; next is bank 4 (lunch){TO_CONTINUE}" in line
+
+    assert Operator({FIRST: [*DECISIONS[FIRST][:3], "q"]}).attend(broken).returncode == 3
+
+    last = Operator({FIRST: ["a in order", "k calm"]})
+    result = last.attend(broken)
+    assert result.returncode == 0, result.stderr
+    second = FIRST.replace("trial 1", "trial 2")
+    assert [label for label, _ in last.asked] == [FIRST, FIRST, second, second]
+    (run,), (reference,) = broken.runs, decided.runs
+    for path in sorted((reference / "tables").glob("*.parquet")):
+        assert (run / "tables" / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(decided, tmp_path):
+    command = decided.copy(tmp_path / "outputs")
+    operator = Operator({FIRST: [*["s"] * 4, "a", "x no", "a", "x no", "a", "k"]})
+    result = operator.attend(command, "stages=[active_loop]")
+    assert result.returncode == 0, result.stderr
+    run = command.runs[-1]
+    decisions = read(run, "decisions")
+    skipped = decisions.loc[decisions["decision"] == "skip", "trajectory"]
+    assert sorted(skipped) == sorted(set(skipped))
+    assert len(skipped) == 4
+    assert decisions["decision"].tolist()[4:] == ["reject", "reject", "keep", "keep"]
+    offers = [line for line in operator.printed if "= repeat" in line]
+    assert ["= reject" in line for line in offers[-4:]] == [True, True, False, False]
+    assert len(read(run, "trials")) == 2
+
+
+class Impatient(Operator):
+    """Stops bank 1 after 1.6 s, of which the first one fills the muscles."""
+
+    answer_then = "r too early"
+
+    def write(self, text):
+        super().write(text)
+        if text.startswith("running") and self.answers["bank 1"] == [self.answer_then]:
+            clock.sleep(1.6)
+            self.type("\n")
+            wait_until(lambda: self.desk.see()["stop"])
+
+
+def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(turned, tmp_path):
+    short = [*SMALL, "exoskeleton.trial_s=1.5", "bank.trajectories=3", "stages=[bank]"]
+    still, real = Command(tmp_path / "still", *short), Command(tmp_path / "real", *short, "rig.realtime=true")
+    for command, operator in ((still, Operator()), (real, Impatient({"bank 1": ["a", Impatient.answer_then]}))):
+        result = operator.attend(command)
+        assert result.returncode == 0, result.stderr
+        turned.sleep(0.1)  # the terminal's threads see that it was closed
+    (run,), (reference,) = real.runs, still.runs
+    assert (run / "tables" / "bank.parquet").read_bytes() == (reference / "tables" / "bank.parquet").read_bytes()
+    (aside,) = (run / "interrupted").iterdir()
+    told = pd.read_parquet(aside)
+    (why,) = told["stopped_by"].unique()
+    assert re.fullmatch(
+        r"stopped 0\.[56]\d s into the trial: the operator pressed Enter; to be repeated, says the operator: too early",
+        why,
+    )
+    assert "stopped" in "".join(operator.printed)
+
+
+@pytest.mark.parametrize("desk", [("desk=terminal",), ()], ids=["terminal", "none"])
+def test_a_pointer_needs_a_page_before_anything_is_recorded(pamid, desk):
+    result = Operator().attend(pamid, "budget=tiny", "participant=mouse", *desk)
+    assert result.returncode == 1
+    (line,) = [each for each in result.stderr.splitlines() if "failed" in each]
+    assert "points at postures" in line
+    assert "set desk=pages" in line
+    assert not list(pamid.outputs.glob("runs/*/parts/*/*"))
+
+
+def test_where_nothing_asks_an_operator_a_desk_is_refused(pamid):
+    result = pamid("workflow=hidden_effect", "desk=terminal")
+    assert result.returncode == 2
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("desk: expected null, as nothing that workflow hidden_effect drives asks an operator")
+    assert not pamid.outputs.exists()

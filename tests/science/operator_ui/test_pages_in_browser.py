@@ -1,0 +1,367 @@
+"""The pages of a trial as a browser shows them: what moves, what stops it, and how soon."""
+
+import contextlib
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+
+from stages.science.operator_ui.pages.server import PageServer
+from stages.science.rig.attendance import TrialDeclined
+from tests import browsing
+from tests.browsing import HOSTILE
+from tests.browsing import browser as browser
+from tests.science.rig.attended import Study, make_desk, make_trial, wait_until
+
+pytest.importorskip("aiohttp", reason="aiohttp is not installed")
+SIZES = {"wide": (1280, 800), "tall": (720, 1280), "small": (720, 450), "phone": (390, 844)}
+OFFERED = """() => new Promise(resolve => {
+    const before = pamid.frames, began = performance.now();
+    let offered = 0;
+    const count = now => {
+        offered += 1;
+        if (now - began < 1000) requestAnimationFrame(count);
+        else resolve([offered, pamid.frames - before]);
+    };
+    requestAnimationFrame(count);
+})"""
+CLICK = "document.getElementById('stop').click()"
+HIDDEN = """Object.defineProperty(document, "hidden", {value: true});
+document.dispatchEvent(new Event("visibilitychange", {bubbles: true}))"""
+POLLED_S = 0.02
+
+
+class Look(browsing.Look):
+    """A page of a trial; where the clock of rigs is turned, its own one stands still unless it is told to go on."""
+
+    def __init__(self, room, role, size="wide", theme="light", more=""):
+        super().__init__(room.browser, SIZES[size], color_scheme=theme)
+        self.room = room
+        self.address = getattr(room.server, f"{role}_url") + more
+        if room.turned:
+            self.page.clock.install(time=0)
+            self.page.clock.pause_at(1000)
+        self.open()
+
+    def open(self):
+        self.page.goto(self.address)
+        self.wait("pamid.phase !== 'lost'")
+
+    def wait(self, holds):
+        self.room.wait(lambda: self.page.evaluate(holds))
+
+    def wait_phase(self, phase):
+        self.wait(f"pamid.phase === '{phase}'")
+
+    def wait_text(self, text):
+        self.room.wait(self.page.get_by_text(text).first.is_visible)
+
+    def press(self, key):
+        self.page.keyboard.press(key)
+
+    def picture(self):
+        return self.page.evaluate("document.querySelector('canvas').toDataURL()")
+
+    def find_beyond(self, *sides):
+        """What lies beyond the page in x, to the left or right, or in y, above or below."""
+        return self.page.evaluate(
+            """sides => sides.flatMap(side => {
+                const [begins, ends, scroll, inner, shown] = {
+                    x: ["left", "right", "scrollWidth", innerWidth,
+                        "h1, h2, p, dd, dt, li, button, textarea, canvas, figcaption, .ring, kbd, footer, table"],
+                    y: ["top", "bottom", "scrollHeight", innerHeight, "h1, p, dl, button, canvas, footer, .ring"],
+                }[side];
+                const beyond = [...document.querySelectorAll(shown)].filter(each => {
+                    const box = each.getBoundingClientRect();
+                    return each.checkVisibility() && (box[begins] < -0.5 || box[ends] > inner + 0.5);
+                }).map(each => each.outerHTML.slice(0, 80));
+                return document.documentElement[scroll] > inner ? [`page is larger in ${side}`, ...beyond] : beyond;
+            })""",
+            sides,
+        )
+
+
+class Room:
+    """A desk with its server, and the pages that look at it; both go by a clock that is turned, if there is one."""
+
+    def __init__(self, browser, turned, **settings):
+        self.browser, self.turned = browser, turned
+        self.desk = make_desk(**settings)
+        self.server = PageServer(self.desk, "127.0.0.1", 0)
+        self.server.open()
+        self.looks, self.studies = [], []
+
+    def look(self, role, **how):
+        self.looks.append(Look(self, role, **how))
+        self.wait(lambda: self.desk.see()["pages"][role])
+        return self.looks[-1]
+
+    def start(self, *kinds, **how):
+        trials = [make_trial(self.desk.machine, kind, position, **how) for position, kind in enumerate(kinds, 4)]
+        study = Study(self.desk, *trials, fill_s=0.3)
+        self.studies.append(study)
+        if self.turned:
+            self.turned.start(study)
+        else:
+            study.start()
+        return study
+
+    def pass_time(self, for_s):
+        if self.turned is None:
+            time.sleep(for_s)
+            return
+        self.turned.sleep(for_s)
+        for look in self.looks:
+            if not look.page.is_closed():
+                look.page.clock.run_for(1000 * for_s)
+
+    def wait(self, holds):
+        return wait_until(lambda: holds() or self.pass_time(POLLED_S))
+
+    def close(self):
+        for study in self.studies:
+            study.leave()
+        for look in self.looks:
+            look.page.close()
+        self.server.close()
+
+
+@pytest.fixture
+def room(browser):
+    with contextlib.ExitStack() as stack:
+
+        def enter(turned=None, **settings):
+            made = Room(browser, turned, **settings)
+            stack.callback(made.close)
+            return made
+
+        yield enter
+
+
+@pytest.fixture
+def still(turned, room):
+    """A room whose clocks stand still unless they are told to go on."""
+    turned.sleep(0.001)
+    return partial(room, turned)
+
+
+@pytest.mark.realtime
+def test_a_browser_draws_frames_as_they_are_offered_and_soon(room):
+    room = room(countdown_s=0.0, trial_s=2.0, result_s=0.0)
+    participant, _ = room.look("participant"), room.look("operator")
+    room.desk.go_on(True)
+    study = room.start("tracked", "free", "passive")
+    participant.wait_text("Follow the red arm")
+    offered, drawn = participant.page.evaluate(OFFERED)
+    assert drawn >= 0.9 * offered  # of the frames that the browser had time for
+    assert participant.page.evaluate("pamid.fps") > 30
+    room.wait(lambda: len(study.ended) == 3)
+    for recording, kind in zip(study.ended, ("tracked", "free", "passive"), strict=True):
+        shown = ["measured_shown_s"] + ["reference_shown_s"] * (kind == "tracked")
+        for name in shown:
+            delay_s = (getattr(recording, name) - recording.time_s)[:-20]
+            assert np.isfinite(delay_s).all(), (kind, name)
+            assert -0.02 < np.median(delay_s) < 0.1, (kind, name)
+            assert np.quantile(delay_s, 0.95) < 0.1, (kind, name)
+
+
+WAYS = {
+    "participant's space": ("participant", lambda look: look.press(" "), 0.2),
+    "participant's escape": ("participant", lambda look: look.press("Escape"), 0.2),
+    "participant's button": ("participant", lambda look: look.page.evaluate(CLICK), 0.2),
+    "operator's space": ("operator", lambda look: look.press(" "), 0.2),
+    "operator's escape": ("operator", lambda look: look.press("Escape"), 0.2),
+    "operator's button": ("operator", lambda look: look.page.evaluate(CLICK), 0.2),
+    "hidden": ("participant", lambda look: look.page.evaluate(HIDDEN), 1.0),
+    "elsewhere": ("participant", lambda look: look.page.goto("about:blank"), 1.0),
+    "closed": ("participant", lambda look: look.page.close(), 1.0),
+}
+
+
+@pytest.mark.realtime
+def test_a_trial_is_stopped_within_a_fifth_of_a_second(room):
+    """A page that is gone stops it within a second."""
+    room = room(countdown_s=0.0, trial_s=5.0, needed=["participant"])
+    looks = {role: room.look(role) for role in ("participant", "operator")}
+    participant, operator = looks.values()
+    study = room.start(*["tracked"] * len(WAYS))
+    for count, (role, stop, within_s) in enumerate(WAYS.values(), 1):
+        operator.wait_phase("proposed")
+        operator.press("a")
+        participant.wait_text("Follow the red arm")
+        looks[role].wait("!document.getElementById('stop').disabled")
+        study.stopped_s, pressed_s = None, time.monotonic()
+        stop(looks[role])
+        assert room.wait(lambda: study.stopped_s) - pressed_s < within_s
+        operator.wait_phase("judging")
+        if within_s < 1.0:
+            assert room.desk.why_stop() == f"the {role} pressed stop"
+            participant.wait_text("Stopped")
+            operator.wait_text(f"stopped: the {role} pressed stop")
+        assert "page" in room.desk.why_stop() or within_s < 1.0
+        operator.press("r")
+        room.wait(lambda count=count: len(study.ended) == count)
+        assert isinstance(study.ended[-1], TrialDeclined)
+        if within_s == 1.0 and count < len(WAYS):
+            participant.open()
+
+
+@pytest.mark.slow
+def test_a_trial_from_its_proposal_to_its_result(still):
+    room = still(countdown_s=2.5, trial_s=3.0, lost_after_s=10.0, needed=["participant", "operator"])
+    participant, operator = room.look("participant"), room.look("operator")
+    participant.wait_text("Please wait")
+    study = room.start("tracked")
+    participant.wait_text("The next movement begins soon")
+    operator.wait_text("its predictions differ by 21 %")
+    operator.wait_text("skipping it chooses movement")
+    assert operator.page.locator("#choices button").all_inner_texts() == ["accept a", "skip s", "stop for today q"]
+    operator.page.locator("button.accept").click()
+    participant.wait_text("Get ready")
+    participant.wait("document.getElementById('count').textContent === '2'")
+    participant.wait("document.getElementById('count').textContent === '1'")
+    participant.press(" ")
+    operator.wait_text("stopped before it began: the participant pressed stop")
+    operator.wait_phase("proposed")
+    assert operator.page.locator("button.accept").is_enabled()
+    operator.page.locator("#note").fill("arm at rest")
+    operator.page.get_by_role("heading").first.click()
+    operator.press("a")
+    participant.wait_text("Follow the red arm")
+    first = participant.picture()
+    room.pass_time(0.5)
+    assert participant.page.evaluate("pamid.phase") == "running"
+    assert participant.picture() != first
+    assert operator.page.evaluate("pamid.frames") > 5
+    room.pass_time(2.5)
+    for look in room.looks:
+        look.wait_phase("judging")
+    participant.wait_text("Done")
+    assert participant.page.locator("#errors dd").count() == 2
+    assert participant.page.locator("#errors dd").first.inner_text().endswith("°")
+    operator.wait_text("Tracking error")
+    assert operator.page.locator("#note").input_value() == ""
+    operator.page.locator("button.keep").click()
+    room.wait(lambda: study.ended)
+    assert room.desk.see()["history"] == [{"trial": "trial 4", "decision": "keep", "note": "arm at rest"}]
+    operator.wait_text("arm at rest")
+    for look in room.looks:
+        assert look.complaints + look.errors == []
+        own = (f"http://127.0.0.1:{room.server.port}/", "data:")
+        assert [each for each in look.asked if not each.startswith(own)] == []
+
+
+@pytest.mark.slow
+def test_what_is_written_is_shown_as_it_is_and_presses_no_keys(still):
+    room = still(countdown_s=0.0)
+    operator = room.look("operator")
+    room.start("tracked", label=HOSTILE)
+    operator.wait_phase("proposed")
+    assert operator.page.locator("#label").inner_text() == HOSTILE
+    note = f"a skip d x q {HOSTILE}"
+    operator.page.locator("#note").click()
+    operator.page.keyboard.type(note)
+    operator.page.get_by_role("heading").first.click()
+    for key in ("Control+a", "Alt+s", "Meta+q", "z"):
+        operator.press(key)
+    room.pass_time(0.2)
+    assert operator.page.locator("#choices button").first.is_enabled()
+    assert room.desk.see()["phase"] == "proposed"
+    assert operator.page.locator("#note").input_value() == note
+    operator.press("s")
+    room.wait(lambda: room.desk.see()["history"])
+    assert room.desk.see()["history"][0] == {"trial": HOSTILE, "decision": "skip", "note": note}
+    room.wait(operator.page.locator("#history td").first.is_visible)
+    assert operator.page.locator("#history td").all_inner_texts() == [HOSTILE, "skip", note]
+    assert operator.page.title() == "Operator"
+    assert operator.complaints + operator.errors == []
+
+
+@pytest.mark.slow
+def test_trials_follow_by_themselves_until_somebody_stops(still):
+    room = still(countdown_s=0.2, result_s=0.3)
+    participant, operator = room.look("participant"), room.look("operator")
+    study = room.start("tracked", "tracked", "tracked")
+    operator.wait_phase("proposed")
+    operator.page.get_by_label("let trials follow by themselves").check()
+    room.wait(lambda: study.ended)
+    participant.wait_text("Follow the red arm")
+    participant.press("Escape")
+    operator.wait_phase("judging")
+    assert not operator.page.get_by_label("let trials follow by themselves").is_checked()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "told"), [("free", "Move freely"), ("passive", "Do not move")])
+def test_without_a_reference_only_the_own_arm_is_shown(still, kind, told):
+    room = still(countdown_s=0.0, trial_s=1.5)
+    participant = room.look("participant")
+    room.desk.go_on(True)
+    study = room.start(kind)
+    participant.wait_text(told)
+    assert not participant.page.get_by_text("target").is_visible()
+    room.wait(lambda: study.ended)
+    assert np.isnan(study.ended[0].reference_shown_s).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("joints", [1, 3])
+def test_a_pointer_becomes_a_posture_within_the_limits(still, joints):
+    room = still(joints=joints)
+    participant = room.look("participant", more="&pointer=1")
+    found = [None]
+    for share in (0.45, 0.6, 0.8):
+        box = participant.page.locator("canvas").bounding_box()
+        participant.page.mouse.move(box["x"] + share * box["width"], box["y"] + 0.5 * box["height"])
+        room.wait(lambda: room.desk.ask_pointer() is not found[-1])
+        room.pass_time(0.2)
+        found.append(room.desk.ask_pointer())
+    limits = [(each.lower_rad, each.upper_rad) for each in room.desk.machine.joints]
+    for posture in found[1:]:
+        assert len(posture) == joints
+        assert all(low <= angle <= high for angle, (low, high) in zip(posture, limits, strict=True))
+    assert not np.allclose(found[1], found[-1])
+
+
+@pytest.mark.slow
+def test_the_end_is_told_and_a_page_comes_back_with_the_next_study(still):
+    room = still()
+    participant, operator = room.look("participant"), room.look("operator")
+    room.start("tracked")
+    participant.wait_phase("proposed")
+    room.server.close()
+    participant.wait_text("The study has ended")
+    operator.wait_text("ended: the terminal says how")
+    room.pass_time(1.2)  # tries to connect again fail meanwhile
+    assert participant.page.get_by_text("The study has ended").is_visible()
+    room.server.open()
+    participant.wait_phase("proposed")
+    operator.wait_phase("proposed")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_pages_fit_in_every_state(still, theme):
+    room = still(countdown_s=10.0, trial_s=4.0, joints=4)
+    participant, operator = [room.look(role, theme=theme) for role in ("participant", "operator")]
+    paper = {"light": "rgb(255, 255, 255)", "dark": "rgb(18, 22, 28)"}
+    room.start(
+        "tracked", label="trial of a participant with-a-very-long-name-that-no-line-can-hold-and-no-hyphen-breaks"
+    )
+    for phase, lasts_s in {"proposed": 0.0, "countdown": 9.0, "running": 4.0, "judging": 0.0}.items():
+        for look in room.looks:
+            look.wait_phase(phase)
+        for across, down in SIZES.values():
+            for look in room.looks:
+                look.page.set_viewport_size({"width": across, "height": down})
+            room.pass_time(POLLED_S)
+            assert participant.find_beyond("x", "y") == []
+            assert operator.find_beyond("x") == []
+        assert participant.page.evaluate("getComputedStyle(document.body).backgroundColor") == paper[theme]
+        if phase == "proposed":
+            operator.page.locator("button.accept").click()
+        room.pass_time(lasts_s)
+    participant.press("d")
+    other = paper[{"light": "dark", "dark": "light"}[theme]]
+    assert participant.page.evaluate("getComputedStyle(document.body).backgroundColor") == other

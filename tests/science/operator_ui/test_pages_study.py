@@ -1,0 +1,152 @@
+"""A whole study of designed trials, decided on and followed on pages in a browser."""
+
+import asyncio
+import re
+import threading
+import time
+
+import pandas as pd
+import pytest
+
+from tests import browsing
+from tests.browsing import browser as browser
+from tests.conftest import Command
+from tests.science.rig.attended import wait_until
+
+aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed")
+
+STUDY = [
+    "budget=tiny",
+    "bank.trajectories=8",
+    "subsampling.initial_trials=1",
+    "active_loop.trials=5",
+    "active_loop.controls=[]",
+    "exoskeleton.trial_s=0.8",
+    "rig.lead_in_s=0.2",
+    "rig.realtime=true",
+    "stages=[bank,subsampling,hyperprior,hardware,active_loop,tracking_delay,comparison]",
+    "desk=pages",
+    "desk.port=0",
+    "desk.countdown_s=0.1",
+    "desk.lost_after_s=5.0",
+    "desk.result_s=0.0",
+]
+KEYS = {"accept": "a", "skip": "s", "keep": "k", "repeat": "r", "reject": "x"}
+ANSWERS = {
+    "p1 experiment 1 y_y trial 1": ["skip", "accept", "reject", "accept", "keep"],
+    "p1 experiment 1 y_y trial 4": ["accept", "repeat", "accept", "keep"],
+}
+
+
+class Served:
+    """A command in a process of its own, and the addresses that it tells."""
+
+    def __init__(self, process):
+        self.process, self.printed = process, []
+        self.reading = threading.Thread(target=lambda: self.printed.extend(process.stdout), daemon=True)
+        self.reading.start()
+
+    def find(self, role):
+        return wait_until(lambda: re.search(rf"{role}'s page: (\S+)", "".join(self.printed)), 60.0)[1]
+
+    def close(self):
+        """Return its exit code and its complaints, once it has ended or does not do so in time."""
+        watchdog = threading.Timer(60.0, self.process.kill)
+        watchdog.start()
+        self.reading.join()
+        with self.process:
+            errors = self.process.stderr.read()
+        watchdog.cancel()
+        return self.process.returncode, errors
+
+
+@pytest.fixture
+def serve(tmp_path):
+    """Start the study; it ends with the test."""
+    command, begun = Command(tmp_path / "outputs", *STUDY), []
+
+    def serve(**how):
+        begun.append(Served(command.start(**how)))
+        return command, begun[-1]
+
+    yield serve
+    for each in begun:
+        each.process.kill()
+        if not each.process.stderr.closed:
+            each.close()
+
+
+def read(run, table):
+    return pd.read_parquet(run / "tables" / f"{table}.parquet")
+
+
+def test_what_an_operator_never_saw_is_not_begun_and_a_signal_closes_the_study(serve):
+    command, study = serve()
+    address = study.find("participant").replace("/participant?", "/ws/participant?")
+
+    async def see_proposed():
+        async with aiohttp.ClientSession() as session, session.ws_connect(address) as socket:
+            while (await socket.receive_json(timeout=60.0)).get("phase") != "proposed":
+                pass
+            until = time.monotonic() + 0.5
+            while time.monotonic() < until:
+                assert (await socket.receive_json(timeout=60.0)).get("phase", "proposed") == "proposed"
+
+    asyncio.run(see_proposed())
+    assert study.process.poll() is None
+    assert not list((command.runs[0] / "parts").glob("*/0"))
+    study.process.terminate()
+    code, errors = study.close()
+    assert code == 143
+    assert "to continue, type: " in errors
+
+
+def answer(operator, waiting):
+    """Answer what the operator's page asks, if it asks anything, by a key and with a note."""
+    offered = operator.eval_on_selector_all(
+        "#choices button:not([disabled])", "all => all.map(each => each.dataset.word)"
+    )
+    if not offered:
+        time.sleep(0.02)
+        return
+    label = operator.text_content("#label")
+    usual = "accept" if "accept" in offered else "keep"
+    word = waiting[label].pop(0) if waiting.get(label) else usual
+    operator.fill("#note", f"{word} {label}" if label in ANSWERS else "")
+    operator.evaluate("document.activeElement.blur()")
+    operator.keyboard.press(KEYS[word])
+    operator.wait_for_function(f"() => !document.querySelector('#choices [data-word={word}]:not([disabled])')")
+
+
+@pytest.mark.realtime
+def test_a_study_is_driven_through_its_pages(browser, serve):
+    command, study = serve(anew=True)
+    waiting = {label: list(words) for label, words in ANSWERS.items()}
+    looks = {role: browsing.Look(browser, (1280, 800)) for role in ("participant", "operator")}
+    for role, look in looks.items():
+        look.page.goto(study.find(role))
+    operator = looks["operator"].page
+    until = time.monotonic() + 240
+    while study.process.poll() is None and time.monotonic() < until:
+        try:
+            answer(operator, waiting)
+        except browsing.playwright.Error:  # the server goes with the study
+            time.sleep(0.02)
+    code, errors = study.close()
+    assert code == 0, errors
+    assert [each for look in looks.values() for each in look.errors] == []
+    (run,) = command.runs
+    decisions = read(run, "decisions").set_index(["trial", "attempt"])
+    assert decisions.loc[1, "decision"].tolist() == ["skip", "reject", "keep"]
+    assert decisions.loc[4, "decision"].tolist() == ["repeat", "keep"]
+    assert decisions.loc[(1, 2), "note"] == "accept p1 experiment 1 y_y trial 1; reject p1 experiment 1 y_y trial 1"
+    assert len(decisions) == 8
+    trials, recordings = read(run, "trials"), read(run, "active_recordings")
+    assert trials["trial"].tolist() == list(range(1, 6))
+    assert recordings.groupby("trial").ngroups == 5
+    assert len(list((run / "interrupted").iterdir())) == 2
+    late_s = recordings["reference_shown_s"] - recordings["time_s"]
+    assert late_s.notna().mean() > 0.95
+    assert 0.0 <= late_s.median() < 0.1
+    delays = read(run, "tracking_delays")
+    assert delays["display_delay_s"].between(0.0, 0.1).all()

@@ -1,0 +1,90 @@
+"""A flexible model leaves the noise: of what sums of features explain, of what happens at one place, and of a line."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stages.science.output_channels.features import build_features
+from stages.science.output_channels.fitting import Model, begin, fit
+from stages.science.output_channels.flexible import explain_by_features, explain_by_trees, find_floor, keep_least
+from stages.science.output_channels.noise import Noise, make_plain
+from tests.science.discrepancy.toys import make_toy
+
+NOISE = 0.1
+
+
+def measure(residual, output):
+    return float(np.sqrt((residual[output.present] ** 2).mean()))
+
+
+def fit_line(output):
+    model = Model(output)
+    return fit(model, make_plain(NOISE), begin(model))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_smooth_effect_is_explained_by_features(seed):
+    output = make_toy(seed, [(lambda x: np.sin(3.0 * x), 0.6)], noise=NOISE)
+    nominal = fit_line(output)
+    left = explain_by_features(nominal, build_features(output), None)
+    assert measure(nominal.residual, output) > 3.0 * NOISE
+    assert measure(left, output) == pytest.approx(NOISE, rel=0.12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_happens_at_one_place_is_explained_by_trees(seed):
+    output = make_toy(seed, [(lambda x: np.where(np.abs(x - 0.3) < 0.08, 1.0, 0.0), 2.0)], noise=NOISE)
+    nominal = fit_line(output)
+    assert measure(nominal.residual, output) > 3.0 * NOISE
+    assert measure(explain_by_trees(output, nominal.residual), output) < 0.5 * measure(nominal.residual, output)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_is_not_explained(seed):
+    output = make_toy(seed, noise=NOISE)
+    nominal = fit_line(output)
+    for left in (
+        explain_by_features(nominal, build_features(output), None),
+        explain_by_trees(output, nominal.residual),
+    ):
+        assert measure(left, output) > 0.98 * NOISE
+
+
+def test_trials_that_are_not_learnt_teach_nothing():
+    output = make_toy(1, [(lambda x: np.sin(3.0 * x), 0.6)], noise=NOISE)
+    strange = np.array([False] * 6 + [True] * 2)
+    nominal = fit_line(output)
+    spoilt = nominal.residual.copy()
+    spoilt[:, strange] += 5.0
+    learnt = ~strange
+    kept, other = (explain_by_trees(output, each, learnt)[:, learnt] for each in (nominal.residual, spoilt))
+    np.testing.assert_array_equal(kept, other)
+
+
+def test_trials_without_samples_are_passed_over():
+    output = make_toy(1, [(lambda x: np.sin(3.0 * x), 0.6)], noise=NOISE)
+    present = output.present.copy()
+    present[:, ::5] = False
+    emptied = replace(output, present=present)
+    left = explain_by_trees(emptied, np.where(present, fit_line(output).residual, 0.0))
+    assert measure(left, emptied) < 0.5 * measure(fit_line(output).residual, output)
+
+
+def test_the_least_is_kept_and_a_line_is_no_noise():
+    output = make_toy(2, noise=NOISE, trials=8, samples=600)
+    time = np.arange(600)[:, None] * output.step_s
+    residual = output.measured - output.measured.mean()
+    noise = NOISE * np.random.default_rng(5).standard_normal(residual.shape)
+    ringing = noise + 0.2 * np.sin(2.0 * np.pi * 20.0 * time)
+    kept = keep_least([residual, ringing], output)
+    assert kept.line_hz == pytest.approx(20.0, abs=0.1)
+    assert np.sqrt(kept.raw.sum() / ringing.size) == pytest.approx(NOISE, rel=0.05)
+    assert keep_least([noise], output).line_hz is None
+
+
+def test_the_floor_of_opened_trials_is_the_noise():
+    output = make_toy(4, [(lambda x: np.sin(3.0 * x), 0.6)], noise=NOISE, trials=12)
+    learnt = np.arange(12) % 3 != 0
+    floor = find_floor(fit_line(output), Noise(NOISE, 1e-6, 0.03, 1e-6, 1.0), learnt)
+    assert np.sqrt(floor.raw[~learnt].sum() / (300 * 4)) == pytest.approx(NOISE, rel=0.12)

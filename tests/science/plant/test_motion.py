@@ -1,0 +1,137 @@
+import numpy as np
+import pytest
+
+from stages.science.plant import motion
+from stages.science.plant.effect import DynamicEffect, find_effect, list_effects, list_forms
+from stages.science.plant.motion import SITE, MotionTerms, integrate, refine, turn
+from stages.science.plant.record_plant import collect
+from tests.science.plant.machines import solve
+
+STEP, SUBSTEPS, SCALE = 0.0016, 4, 0.3
+OMEGA, DAMPING, GAIN = 2 * np.pi * 60.0, 0.05, 2.0
+FORMS = [
+    form
+    for name in list_effects()
+    for form in list_forms(name)
+    if isinstance(form, DynamicEffect) and form.site == SITE
+]
+
+
+def terms_of(*placed):
+    return collect(MotionTerms, SITE, placed)
+
+
+def answer(signal, terms=MotionTerms(), between="linear", substeps=SUBSTEPS):  # noqa: B008
+    """A spring of 60 Hz that answers an input of 1 with 2, from rest."""
+    fine = refine(np.asarray(signal, dtype=float)[:, None], substeps, between)
+    drive, damping, late = GAIN / SCALE * fine.T, np.array([2 * DAMPING]), np.zeros(1)
+    motion = integrate(drive, np.ones((1, 1)), np.zeros((2, 1)), damping, [terms], OMEGA * STEP, substeps, late)
+    return SCALE * motion[:, 0]
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 1.5])
+def test_the_steady_response_to_a_sine_has_its_closed_form(ratio):
+    instants = np.arange(1500) * STEP
+    moved = answer(0.01 * np.sin(ratio * OMEGA * instants), between="band_limited")[-500:]
+    transfer = 2.0 / (1 - ratio**2 + 2j * 0.05 * ratio)
+    truth = 0.01 * np.imag(transfer * np.exp(1j * ratio * OMEGA * instants))[-500:]
+    assert moved[:450] == pytest.approx(truth[:450], abs=2e-3 * abs(transfer) * 0.01)
+
+
+def test_between_samples_an_input_is_held_straight_or_smooth():
+    instants = np.arange(300) * STEP
+    fine_instants = np.arange(299 * 8 + 1) * STEP / 8
+    signal = np.sin(2 * np.pi * 180.0 * instants)
+    smooth = refine(signal, 4, "band_limited")
+    middle = slice(400, 2000)
+    assert smooth[middle] == pytest.approx(np.sin(2 * np.pi * 180.0 * fine_instants)[middle], abs=2e-3)
+    assert refine(signal, 4, "linear") == pytest.approx(np.interp(fine_instants, instants, signal))
+    assert (refine(signal, 4, "held")[:17] == np.repeat(signal[:3], 8)[:17]).all()
+
+
+RATES = {
+    "duffing": ({"share": 0.8}, lambda x, w: -0.8 * x**3),
+    "linear_damping": ({"share": 0.3}, lambda x, w: -0.3 * w),
+    "quadratic_drag": ({"share": 0.3}, lambda x, w: -0.3 * w * abs(w)),
+    "slider": ({"share": 0.1, "sliding": 0.2}, lambda x, w: -0.1 * np.tanh(w / 0.2)),
+}
+
+
+@pytest.mark.parametrize("form", RATES)
+def test_motion_agrees_with_an_adaptive_solver(form, generator):
+    signal = 0.2 * generator.standard_normal(300)
+    instants = np.arange(300) * STEP
+    values, more = RATES[form]
+    effect = next(each for each in FORMS if each.form == form)
+
+    def rates(now, state):
+        x, w = state
+        drive = 2.0 / 0.3 * np.interp(now, instants, signal)
+        return [OMEGA * w, OMEGA * (drive - x - 0.1 * w + more(x, w))]
+
+    truth = 0.3 * solve(rates, [0.0, 0.0], instants)[0]
+    moved = answer(signal, terms_of((effect, values)), substeps=16)
+    assert np.abs(moved).max() > 0.3
+    assert moved == pytest.approx(truth, abs=2e-4 * np.abs(moved).max())
+
+
+def work_per_cycle(hertz, terms):
+    """Work that the input does in one slow cycle, over that of stretching the spring by one scale."""
+    instants = np.arange(round(3 / hertz / STEP)) * STEP
+    signal = 0.3 * np.sin(2 * np.pi * hertz * instants)
+    last = slice(-round(1 / hertz / STEP) - 1, None)
+    return np.trapezoid(2.0 * signal[last] / 0.3, answer(signal, terms)[last] / 0.3)
+
+
+def test_a_hysteretic_spring_takes_the_same_work_at_any_speed():
+    terms = terms_of((find_effect("hysteresis", "bouc_wen_spring"), {"share": 0.5, "turning": 0.2}))
+    slow, quick = (work_per_cycle(hertz, terms) - work_per_cycle(hertz, MotionTerms()) for hertz in (0.5, 1.0))
+    assert slow > 1.0
+    assert slow == pytest.approx(quick, rel=0.02)
+
+
+def test_a_delay_shifts_the_response():
+    signal = np.zeros(300)
+    signal[50:] = np.sin(2 * np.pi * 20.0 * np.arange(250) * STEP)
+    late = terms_of((find_effect("transport_delay", "late_input"), {"periods": 3 * STEP * 60.0}))
+    assert answer(signal, late)[3:] == pytest.approx(answer(signal)[:-3], abs=1e-9)
+
+
+def test_combining_effects_compiles_nothing():
+    signal = np.zeros(50)
+    answer(signal)
+    compiled = list(motion._integrate.signatures)
+    for effect in FORMS:
+        values = {parameter.name: parameter.starts[0] for parameter in effect.parameters}
+        answer(signal, terms_of((effect, values)))
+    assert motion._integrate.signatures == compiled
+
+
+def test_a_spring_that_lets_go_gives_finite_numbers(generator):
+    assert np.isfinite(answer(5.0 * generator.standard_normal(300), MotionTerms(cubic=-0.3))).all()
+
+
+def test_motions_side_by_side_are_motions_one_by_one(generator):
+    """Of a count that no instruction takes at once, with unlike terms, limits and delays, and springs that vary."""
+    count, samples, substeps = 11, 120, 3
+    drive = generator.standard_normal((count, (samples - 1) * 2 * substeps + 1))
+    start, damping = generator.standard_normal((2, count)), generator.uniform(0.05, 0.5, count)
+    placed = [
+        (each, {parameter.name: parameter.starts[-1] for parameter in each.parameters}) for each in (*FORMS, *FORMS)
+    ]
+    terms = [MotionTerms(), *(terms_of(each) for each in placed[: count - 1])]
+    late = generator.uniform(-1.0, 1.0, count) * (np.arange(count) % 2)
+    for hold in (np.ones((count, 1)), generator.uniform(0.5, 2.0, drive.shape)):
+        together = integrate(drive, hold, start, damping, terms, 0.3, substeps, late)
+        for k in range(count):
+            alone = slice(k, k + 1)
+            single = integrate(
+                drive[alone], hold[alone], start[:, alone], damping[alone], terms[alone], 0.3, substeps, late[alone]
+            )
+            assert (single[:, 0] == together[:, k]).all()
+
+
+def test_a_direction_turns_as_smoothly_as_the_textbook_s():
+    speeds = np.concatenate([np.linspace(-30.0, 30.0, 6001), [1e-9, -1e-6, 1e9]])
+    turned = np.array([turn(speed) for speed in speeds])
+    assert turned == pytest.approx(np.tanh(speeds), abs=1e-14)

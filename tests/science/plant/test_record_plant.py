@@ -1,0 +1,264 @@
+"""Sections of machines of records: what they may leave to the data, what is refused, and how one is amended."""
+
+from typing import Literal
+
+import numpy as np
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from stages.science.plant.declaration import Declared
+from stages.science.plant.effect import find_effect, list_effects, list_forms
+from stages.science.plant.effect_config import NominalConstant, constant
+from stages.science.plant.element_plant import ElementPlant
+from stages.science.plant.machine import read_machine
+from stages.science.plant.plant import Plant
+from stages.science.plant.record_plant import read_initial_state
+from tests.science.discrepancy.oscillators import configured as configured_oscillator
+from tests.science.discrepancy.simulated_records import build_records, drive, joint, lag, tabulate
+from tests.science.plant.machines import begin_surely, configured, read_plant, simulate
+
+
+class Constants(Declared):
+    stiffness: NominalConstant = constant("N/m", "force over way")
+
+
+class Spring(ElementPlant):
+    kind: Literal["spring"]
+    constants: Constants
+
+    def answer(self, signals, constants):
+        return constants["stiffness"] * signals[self.along]
+
+    def guess(self, signals):
+        return {"stiffness": (float(signals[self.output] @ signals[self.along]), 0.0, 1e9, 1.0)}
+
+
+SECTION = {"kind": "spring", "along": "position_m", "output": "force_n", "effects": []}
+
+
+def test_all_that_may_be_left_open_is_the_data_s_own():
+    way = np.array([0.0, 0.6, -0.8])
+    plant = Spring.model_validate({**SECTION, "constants": None})
+    assert plant.constants.stiffness.unit == "N/m"
+    settled = plant.settle([{"position_m": way, "force_n": 30.0 * way}], 0.1)
+    assert settled.starts == {"stiffness": pytest.approx(30.0)}
+    assert settled.along_scale == pytest.approx(0.7)
+    assert Spring.model_validate(settled.model_dump()) == settled
+
+
+def test_where_constants_are_told_so_is_all_else():
+    told = {"stiffness": {"unit": "N/m", "start": 1.0, "low": 0.0, "high": 9.0, "sd": 1.0}}
+    with pytest.raises(ValidationError, match="along_middle\n  Field required"):
+        Spring.model_validate({**SECTION, "constants": told})
+
+
+@pytest.mark.parametrize("kind", ["first_order", "static_map"])
+def test_a_machine_that_does_not_declare_its_constants_units_has_a_section_for_them(kind):
+    with pytest.raises(ValidationError, match="constants"):
+        read_machine({**SECTION, "kind": kind, "input": "command_v", "constants": None})
+
+
+SPRING = {"name": "cubic_stiffness", "share": 0.2}
+LONE = {"unit": "1", "of": [], "start": 1.0, "low": 0.0, "high": 2.0, "sd": 1.0}
+NO_OTHER = "expected another signal than those it is told from, got "
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes", "told"),
+    [
+        ("first_order", {"input": "pressure_kpa"}, NO_OTHER),
+        ("first_order", {"effects": [{"name": "coulomb_friction"}]}, "coulomb_friction does not act at a lag"),
+        ("first_order", {"effects": [{"name": "valve_lag", "paces": 0.1}] * 2}, "sets the same term"),
+        ("first_order", {"effects": [{"name": "valve_lagg"}]}, "did you mean 'valve_lag'"),
+        ("first_order", {"output_scale": 0.0}, "greater than 0"),
+        ("first_order", {"offset": 1.0}, "Extra inputs are not permitted"),
+        ("pam_joint", {"pressures": ["p1_kpa"]}, "at least 2 items"),
+        ("pam_joint", {"pressures": ["p1_kpa", "angle_rad"]}, f"{NO_OTHER}angle_rad"),
+        ("pam_joint", {"effects": [{"name": "coulomb_friction", "form": "cable"}]}, "does not act at a motion"),
+        (
+            "pam_joint",
+            {"effects": [{"name": "coulomb_friction", "share": 3.0, "sliding": 0.1}]},
+            "expected a number from 0.0 to 2.0, got 3.0",
+        ),
+        ("servo_drive", {"output": "force_n"}, NO_OTHER),
+        ("servo_drive", {"effects": [{"name": "overflow"}]}, "effect overflow does not act at a motion"),
+        ("servo_drive", {"effects": [{"name": "viscous_friction", "share": 0.1}] * 2}, "sets the same term"),
+        ("servo_drive", {"between_samples": "hold"}, "'band_limited', 'linear', 'held' or 'averaged'"),
+        ("static_map", {"output": "position_m"}, NO_OTHER),
+        ("static_map", {"kind": "static_mpa"}, "did you mean 'static_map'"),
+        ("static_map", {"effects": [{"name": "leakage", "per_s": 1.0}]}, "does not act at an element"),
+        ("static_map", {"effects": [{"name": "creep", "share": 0.1, "paces": 1.0}] * 2}, "each name once"),
+        ("static_map", {"constants": {"k": LONE | {"high": None}}}, "null for all"),
+        ("static_map", {"constants": {"k": LONE | {"start": 3.0}}}, "low <= start"),
+        ("cascaded_tanks", {"effects": [{"name": "creep", "share": 0.1}]}, "does not act at a tank"),
+        (
+            "cascaded_tanks",
+            {"effects": [{"name": "overflow", "scale_over_rim": 1.0, "share_down": 0.1}] * 2},
+            "sets the same term",
+        ),
+        ("cascaded_tanks", {"substeps": 0}, "greater than or equal to 1"),
+        ("second_order", {"effects": [SPRING | {"form": "hardening"}]}, "form hardening, does not act at a motion"),
+        ("second_order", {"effects": [{"name": "cubic_stifness"}]}, "did you mean 'cubic_stiffness'"),
+        ("second_order", {"effects": [SPRING | {"share": 99.0}]}, "share: expected a number from -0.9 to 10.0, got 99"),
+    ],
+)
+def test_what_cannot_be_is_refused(kind, changes, told):
+    with pytest.raises((ValidationError, ValueError), match=told):
+        read_plant(kind, **changes)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "values", "message"),
+    [
+        ("first_order", "time_constant_s", {"low": 0.0}, "time_constant_s: expected low above 0 s"),
+        ("silverbox", "natural_frequency_hz", {"low": 0.0}, "natural_frequency_hz: expected low above 0 Hz"),
+        ("silverbox", "damping_ratio", {"low": -0.1}, "damping_ratio: expected low of at least 0"),
+        ("silverbox", "static_gain", {"start": 9.0}, "expected low <= start <= high"),
+        ("silverbox", "static_gain", {"sd": 0.0}, "sd > 0"),
+        ("silverbox", "static_gain", {"sd": None}, "null for all of them"),
+    ],
+)
+def test_an_impossible_constant_is_refused(kind, name, values, message):
+    told = (configured_oscillator(kind) if kind == "silverbox" else read_plant(kind)).model_dump()
+    told["constants"][name] |= {"start": 0.1, "high": 1.0, "sd": 0.1} | values if kind == "first_order" else values
+    with pytest.raises(ValidationError, match=message):
+        read_machine(told)
+
+
+def test_a_plant_of_muscles_takes_no_effect_of_an_oscillator():
+    told = configured().plant.model_dump() | {"effects": [SPRING | {"form": "duffing", "muscles": None}]}
+    with pytest.raises(ValidationError, match="acts at the motion, not at a muscle or joint"):
+        Plant.model_validate(told)
+
+
+AMENDED = {
+    "static_map": ({"stiffness": 800.0, "offset": 1.0}, ("cubic_stiffness", "element", {"share": 0.2})),
+    "cascaded_tanks": ({"lower_outflow": 0.04}, ("overflow", "rim", {"scale_over_rim": 1.0, "share_down": 0.4})),
+    "silverbox": ({"static_gain": 1.2}, ("cubic_stiffness", "duffing", {"share": 0.2})),
+}
+
+
+@pytest.mark.parametrize("kind", AMENDED)
+def test_an_amended_plant_simulates_as_fitted_and_reads_back(kind, generator):
+    plant, step_s = (configured_oscillator(kind), 0.0016) if kind == "silverbox" else (read_plant(kind), 4.0)
+    values, (name, form, given) = AMENDED[kind]
+    signals = {each: 4.0 + np.cumsum(generator.standard_normal(400)) / 9.0 for each in plant.inputs}
+    settled = plant.settle([{**signals, plant.output: 900.0 * signals[plant.inputs[0]]}], step_s)
+    constants = {**settled.starts, **values}
+    amended = settled.amend(constants, [(name, form, given)])
+    assert amended.model_dump()["effects"] in ([{"name": name, **given}], [{"name": name, "form": form, **given}])
+    again = read_machine(yaml.safe_load(yaml.safe_dump(amended.model_dump())))
+    assert type(again) is type(plant)
+    assert again.starts == constants
+    columns = plant.refine({each: column[:, None] for each, column in signals.items()}, step_s)
+    rest = (step_s, np.zeros(1), constants)
+    begun = begin_surely(6.3, 0.0)
+    fitted, plain = (settled.simulate(columns, *rest, each, begun) for each in ([(find_effect(name, form), given)], []))
+    np.testing.assert_array_equal(again.simulate(columns, *rest, (), begun), fitted)
+    np.testing.assert_array_equal(amended.simulate(columns, *rest, (), begun), fitted)
+    assert np.abs(fitted - plain).max() > 0.01 * np.ptp(plain)
+
+
+RECORDED = {
+    "first_order": (lag, {"gain": 100.0, "offset": 20.0, "time_constant_s": 0.35, "input_delay_s": 0.0}),
+    "pam_joint": (
+        joint,
+        {"gain": 0.5, "bias": 1.0, "stiffness": 20.0, "stiffening": 0.1, "damping": 4.0, "input_delay_s": 0.0},
+    ),
+    "servo_drive": (drive, {"mass": 50.0}),
+}
+GUESSES = [
+    # kind, seed, how it is recorded, shares by which guesses may err
+    ("first_order", 5, {"noise": 0.3}, {"gain": 0.01, "offset": 0.1, "time_constant_s": 0.02}),
+    ("first_order", 5, {"noise": 3.0}, {"gain": 0.01, "offset": 0.1, "time_constant_s": 0.02}),
+    ("servo_drive", 5, {"noise": 2e-4}, {"mass": 0.005}),
+    ("servo_drive", 5, {"noise": 2e-4, "coulomb": 15.0, "viscous": 150.0}, {"mass": 0.1}),
+    *(("pam_joint", seed, {}, dict.fromkeys(RECORDED["pam_joint"][1], 0.25)) for seed in (1, 4, 5)),
+]
+
+
+@pytest.mark.parametrize(("kind", "seed", "how", "shares"), GUESSES)
+def test_constants_are_guessed_from_a_noisy_record_and_friction_does_not_mislead(kind, seed, how, shares):
+    record, truth = RECORDED[kind]
+    signals, step_s = record(seed, **how)
+    plant = read_plant(kind, output_scale=None, time_scale_s=None).settle([signals], step_s)
+    for name, share in shares.items():
+        assert plant.starts[name] == pytest.approx(truth[name], rel=share, abs=1e-9)
+    assert plant.constants.input_delay_s.high == pytest.approx(step_s)
+    assert plant.output_scale == pytest.approx(0.5 * np.ptp(signals[plant.output]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "late", "near", "far"), [("first_order", 83, 0.6, 20.0), ("pam_joint", 700, 1e-3, 0.02)]
+)
+def test_a_record_that_begins_unsettled_is_taken_up_there(kind, late, near, far):
+    record, constants = RECORDED[kind]
+    signals, step_s = record(5, samples=1600)
+    plant = read_plant(kind).settle([signals], step_s)
+    signals = {name: values[late:] for name, values in signals.items()}
+    truth = signals[plant.output]
+    begun = read_initial_state([truth[:50]], step_s)
+    errors = [(simulate(plant, signals, constants, (), each, step_s) - truth)[:50] for each in (begun, None)]
+    taken_up, at_rest = np.sqrt(np.mean(np.square(errors), axis=1))
+    assert taken_up < near
+    assert at_rest > far
+
+
+@pytest.mark.parametrize(
+    ("kind", "lost", "memory_of"),
+    [
+        ("first_order", "command_v", lambda starts: starts["time_constant_s"]),
+        ("pam_joint", "pressure_2_kpa", lambda starts: 2.0 / starts["damping"]),
+    ],
+)
+def test_after_a_gap_nothing_is_judged_until_it_is_forgotten(kind, lost, memory_of):
+    signals, step_s = RECORDED[kind][0](5, samples=1600)
+    signals[lost][500:520] = np.nan
+    output = build_records(*tabulate(signals, step_s), read_plant(kind, output_scale=None, time_scale_s=None))
+    memory = np.log(1e3) * memory_of(output.plant.starts)
+    assert output.plant.memory_s == pytest.approx(memory)
+    unjudged = np.flatnonzero(~output.present.T.ravel()) * output.step_s
+    assert unjudged[0] == pytest.approx(500 * step_s, abs=2 * output.step_s)
+    assert unjudged[-1] == pytest.approx(520 * step_s + memory, abs=3 * output.step_s)
+
+
+def sweep_element():
+    """A machine that is a spring, swept slowly and quickly."""
+    time = 0.01 * np.arange(2000)
+    way = 0.03 + 0.02 * np.sin(0.8 * time) + 0.004 * np.sin(3.1 * time)
+    return read_plant("static_map"), {"position_m": way, "force_n": 900.0 * way - 4.0}, 0.01, {"stiffness": 900.0}
+
+
+def shake_oscillator():
+    plant, source = configured_oscillator("silverbox"), np.random.default_rng(3)
+    signals = {each: 0.3 * source.standard_normal(400) for each in (*plant.inputs, plant.output)}
+    return plant, signals, 0.0016, {}
+
+
+def fill_lag():
+    signals, step_s = lag(5, samples=800)
+    return read_plant("first_order"), signals, step_s, {}
+
+
+SITES = {"lag": fill_lag, "motion": shake_oscillator, "element": sweep_element}
+FORMS = [form for name in list_effects() for form in list_forms(name) if form.site in SITES]
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.name}-{form.form}")
+def test_zero_magnitude_is_absence_and_each_start_is_not(form):
+    plant, signals, step_s, constants = SITES[form.site]()
+    settled = plant.settle([signals], step_s)
+    first, values = form.parameters[0], {each.name: each.starts[0] for each in form.parameters}
+
+    def answer(*effects):
+        told = {name: signals[name] for name in plant.inputs}
+        return simulate(settled, told, {**settled.starts, **constants}, effects, None, step_s)
+
+    plain = answer()
+    absent = answer((form.name, form.form, {**values, first.name: 0.0}))
+    np.testing.assert_allclose(absent, plain, rtol=0.0, atol=1e-9 if form.site == "element" else 0.0)
+    for start in first.starts:
+        present = answer((form.name, form.form, {**values, first.name: start}))
+        assert np.isfinite(present).all()
+        assert np.abs(present - plain).max() > 1e-4 * np.ptp(plain)

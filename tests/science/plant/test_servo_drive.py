@@ -1,0 +1,119 @@
+"""A drive: motions in closed form, another integrator, timing within a sample, and the start that a record shows."""
+
+import numpy as np
+import pytest
+
+from tests.science.discrepancy.simulated_records import drive
+from tests.science.plant.machines import begin_surely, read_plant, simulate, solve
+
+STEP_S = 0.01
+CONSTANTS = {"mass": 4.0, "force_offset": 0.5, "start_shift": 0.0, "start_rate_shift": 0.0, "input_delay_s": 0.0}
+
+
+def read_drive(**changes):
+    return read_plant("servo_drive", **{"output_scale": 0.3, "time_scale_s": 0.5, **changes})
+
+
+def move(force, effects=(), begun=None, between="linear", **changes):
+    return simulate(read_drive(between_samples=between), {"force_n": force}, {**CONSTANTS, **changes}, effects, begun)
+
+
+def test_a_constant_force_draws_a_parabola():
+    time = np.arange(200) * STEP_S
+    found = move(np.full(200, 1.5), begun=begin_surely(0.1, -0.3))
+    np.testing.assert_allclose(found, 0.1 - 0.3 * time + 0.25 * time**2, atol=1e-12)
+
+
+def test_the_place_and_rate_in_which_it_begins_may_be_shifted():
+    time = np.arange(200) * STEP_S
+    found = move(np.full(200, -0.5), begun=begin_surely(0.1, 0.2), start_shift=0.02, start_rate_shift=-0.05)
+    np.testing.assert_allclose(found, 0.12 + 0.15 * time, atol=1e-12)
+
+
+@pytest.mark.parametrize("hertz", [0.5, 2.0])
+def test_a_sine_of_force_is_a_sine_of_motion(hertz):
+    time, omega = np.arange(300) * STEP_S, 2 * np.pi * hertz
+    found = move(
+        3.0 * np.sin(omega * time), force_offset=0.0, begun=begin_surely(0.0, -0.75 / omega), between="averaged"
+    )
+    np.testing.assert_allclose(found, -0.75 / omega**2 * np.sin(omega * time), atol=2e-5)
+
+
+FRICTION = [
+    ("viscous_friction", "quadratic_drag", {"share": 0.4}, lambda v: 0.4 * v * abs(v) / 0.3),
+    (
+        "coulomb_friction",
+        "slider",
+        {"share": 0.2, "sliding": 0.3},
+        lambda v: 0.2 * 0.3 / 0.25 * np.tanh(v * 0.5 / 0.09),
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "form", "values", "slowed"), FRICTION, ids=[each[1] for each in FRICTION])
+def test_friction_agrees_with_an_adaptive_solver(name, form, values, slowed, generator):
+    time = np.arange(300) * STEP_S
+    force = np.cumsum(generator.standard_normal(300)) / 3.0
+
+    def rates(now, state):
+        return [state[1], (np.interp(now, time, force) + 0.5) / 4.0 - slowed(state[1])]
+
+    found = move(force, [(name, form, values)], begun=begin_surely(0.0, 0.0))
+    assert np.abs(found - move(force, begun=begin_surely(0.0, 0.0))).max() > 0.05
+    np.testing.assert_allclose(found, solve(rates, [0.0, 0.0], time)[0], atol=2e-4 * np.ptp(found))
+
+
+@pytest.mark.parametrize("share", [0.4, -0.7, 1.0])
+def test_a_force_recorded_early_or_late_acts_in_time(share):
+    def push(now):
+        return 1.0 - np.cos(3.0 * now) - 0.6 * np.sin(2.0 * now) ** 3
+
+    time = np.arange(400) * STEP_S
+    begun = begin_surely(0.0, 0.0)
+    late = move(push(time + share * STEP_S), begun=begun, input_delay_s=share * STEP_S)
+    off = move(push(time + share * STEP_S), begun=begun) - move(push(time), begun=begun)
+    assert np.abs(late - move(push(time), begun=begun)).max() < 0.02 * np.abs(off).max()
+
+
+def test_samples_that_are_means_move_it_as_the_force_itself():
+    """Straight lines through the means of each twenty samples would lie beside a bent force."""
+    fine = np.arange(8000) * STEP_S / 20
+    force = 2.0 * np.sin(4.0 * fine)
+    means = force.reshape(-1, 20).mean(axis=1)
+    truth, speed = (
+        each.reshape(-1, 20).mean(axis=1) for each in (-0.03125 * np.sin(4.0 * fine), -0.125 * np.cos(4.0 * fine))
+    )
+    begun = begin_surely(truth[0], speed[0])
+    averaged, straight = (
+        np.abs(move(means, begun=begun, between=how, force_offset=0.0) - truth).max() for how in ("averaged", "linear")
+    )
+    assert averaged < 0.1 * straight
+
+
+def test_values_of_the_configuration_are_kept():
+    mass = {"unit": "kg", "start": 30.0, "low": 10.0, "high": 90.0, "sd": 5.0}
+    told = read_drive().model_dump()["constants"] | {"mass": mass}
+    signals, step_s = drive(5)
+    assert read_drive(constants=told).settle([signals], step_s).starts["mass"] == 30.0
+
+
+def test_it_never_forgets_how_it_began():
+    plant = read_drive(output_scale=None).settle([drive(5)[0]], 0.005)
+    assert plant.memory_s == np.inf
+    assert plant.drifts
+
+
+def test_the_mass_is_guessed_although_friction_takes_up_most_of_the_force(generator):
+    """A slow drive rests most of the time, whatever pulls at it; only while it moves does it show its mass."""
+    time = np.arange(6000) * STEP_S
+    force = 12.0 * np.sin(2 * np.pi * 0.2 * time) + 0.5 * generator.standard_normal(len(time))
+    place, velocity, places = 0.0, 0.0, []
+    for each in force:
+        places.append(place)
+        for _ in range(20):
+            free = velocity + STEP_S / 20 * each / 4.0
+            velocity = np.sign(free) * max(abs(free) - STEP_S / 20 * 10.0 / 4.0, 0.0)
+            place += STEP_S / 20 * velocity
+    record = {"force_n": force, "position_m": np.array(places) + 1e-6 * generator.standard_normal(len(force))}
+    settled = read_plant("servo_drive").settle([record], STEP_S)
+    assert settled.constants.mass.start == pytest.approx(4.0, rel=0.4)

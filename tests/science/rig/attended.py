@@ -1,0 +1,145 @@
+"""A rig without a machine: what it tells a desk, in a thread, at a hundred samples a second."""
+
+import contextlib
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from stages.science.operator_ui.desk import Desk, DeskSettings, Refused
+from stages.science.rig import clock
+from stages.science.rig.attendance import Moment, StudyPaused, TrialDeclined
+from stages.science.rig.trial import Proposal, Recording, Trial
+from tests.science.plant.machines import other_machine
+
+RATE_HZ = 100.0
+NOBODY_NEEDED = {"countdown_s": 0.3, "result_s": 0.5, "lost_after_s": 1.0, "needed": []}
+
+
+def make_desk(joints=2, trial_s=1.0, **settings):
+    """A desk that shows a machine of that many joints with two muscles each."""
+    desk = Desk(DeskSettings(**NOBODY_NEEDED | settings))
+    desk.machine = other_machine([2] * joints, RATE_HZ, trial_s)
+    desk.describe(desk.machine, pointed=False)
+    return desk
+
+
+def make_trial(machine, kind="tracked", position=1, label="", total=12):
+    """A calm movement of all joints, proposed among forty others."""
+    time_s = np.arange(machine.samples) / RATE_HZ
+    phase = 2 * np.pi * time_s / machine.trial_s
+    reference = np.stack([0.65 - 0.45 * np.cos(phase + 0.7 * j) for j in range(len(machine.joints))], axis=1)
+    command = np.stack([150 + 90 * np.sign(np.sin(2 * phase + m)) for m in range(len(machine.muscles))], axis=1)
+    proposal = Proposal(
+        position=position,
+        total=total,
+        reason="movement 17 of the bank tells most: its predictions differ by 21 % between the models",
+        trajectory=17,
+        utilities={k: 0.9 if k == 17 else 0.45 + 0.4 * np.sin(k) for k in range(40)},
+        errors=tuple(0.4 * 0.9**k for k in range(position - 1)),
+        can_skip=True,
+        can_reject=True,
+    )
+    who = "nobody" if kind == "passive" else "p1"
+    return Trial(
+        kind, who, command, reference if kind == "tracked" else None, label or f"trial {position}", 0, proposal
+    )
+
+
+def take(trial, machine, time_s):
+    """The sample that such a machine gives."""
+    row = int(np.clip(round(time_s * RATE_HZ), 0, machine.samples - 1))
+    reference = (
+        0.4 + 0 * trial.pressure_command_kpa[0, ::2]
+        if trial.reference_rad is None
+        else trial.reference_rad[max(row - 12, 0)]
+    )
+    command = trial.pressure_command_kpa[row]
+    lag = trial.pressure_command_kpa[max(row - 8, 0)]
+    wave = np.sin(7 * time_s + np.arange(len(command)))
+    return Moment(time_s, reference + 0.04 * np.sin(5 * time_s), command, lag + 4 * wave, 0.8 * lag + 25 * wave)
+
+
+class Study(threading.Thread):
+    """Executes trials one after the other.
+
+    What became of each stands in `ended`: a recording, or the exception that said why there is none.
+    """
+
+    def __init__(self, desk, *trials, fill_s=0.1):
+        super().__init__(daemon=True)
+        self.desk, self.trials, self.fill_s = desk, trials, fill_s
+        self.ended, self.stopped_s = [], None
+
+    def run(self):
+        for trial in self.trials:
+            try:
+                self.ended.append(self.execute(trial))
+            except TrialDeclined as error:
+                self.ended.append(error)
+            except StudyPaused as error:
+                self.ended.append(error)
+                return
+
+    def leave(self):
+        """Stop, and pause at the next question."""
+        self.desk.stop("the test is over")
+        while self.is_alive():
+            scene = self.desk.see()
+            with contextlib.suppress(Refused):
+                self.desk.decide(scene["choices"][-1] if scene["choices"] else "", "", scene["question"])
+            clock.sleep(0.01)
+
+    def execute(self, trial):
+        self.desk.propose(trial)
+        moments, why = self.move(trial, clock.now_s() + self.fill_s)
+        if why:
+            self.desk.judge(trial, None, f"stopped: {why}")
+            raise AssertionError("a stopped trial was kept")
+        recording = self.gather(moments)
+        self.desk.judge(trial, recording, "")
+        return self.desk.add_display(recording)
+
+    def move(self, trial, starts_at_s):
+        self.desk.begin(trial, starts_at_s)
+        moments = []
+        first = -round(self.fill_s * RATE_HZ)
+        for index in range(first, self.desk.machine.samples):
+            clock.sleep(starts_at_s + index / RATE_HZ - clock.now_s())
+            if why := self.desk.why_stop():
+                self.stopped_s = clock.now_s()
+                return moments, why
+            moment = take(trial, self.desk.machine, index / RATE_HZ)
+            self.desk.show(moment)
+            moments.append(moment)
+        return [each for each in moments if each.time_s >= 0], ""
+
+    def gather(self, moments):
+        time_s, angle, command, pressure, force = (np.array(each) for each in zip(*moments, strict=True))
+        return Recording(time_s, command, pressure, 0 * pressure, 0 * pressure, force, angle, 0 * angle)
+
+
+def wait_until(holds, within_s=30.0):
+    """Wait for something that does not go by the clock of rigs."""
+    end = time.monotonic() + within_s
+    while not (found := holds()):
+        assert time.monotonic() < end, "did not happen in time"
+        time.sleep(0.002)
+    return found
+
+
+@pytest.fixture
+def begin(turned):
+    """Begin a study of some trials, or of one, by a clock that passes while this thread sleeps by it only."""
+    turned.sleep(0.001)
+    begun = []
+
+    def begin(desk, *trials):
+        begun.append(Study(desk, *(trials or [make_trial(desk.machine)])))
+        turned.start(begun[-1])
+        return begun[-1]
+
+    yield begin
+    for each in begun:
+        each.leave()

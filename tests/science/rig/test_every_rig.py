@@ -1,0 +1,176 @@
+"""What every rig keeps to, on the configured arm and on others."""
+
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig.contract import RECORDING_COLUMNS, RigError, tidy
+from stages.science.rig.replay import ReplayRig
+from stages.science.rig.trial import CLIPPED_BY, STATUS, Trial
+from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
+from tests.cpx_e.turned import emulate
+from tests.science.plant.machines import CONF, other_rig
+
+ARMS = {"elbow": "festo_cpx", "arm": "festo_cpx_arm"}
+"""Option of exoskeleton, and of rig that goes with it: one joint and four; each rig's own tests have two."""
+RATE_HZ, TRIAL_S = 100.0, 1.0
+MOST = {"MAS-40": (250.0, 4000.0), "MAS-10": (700.0, 10000.0)}
+"""What may be commanded, by type of muscle, kPa, and how fast that may change, kPa/s."""
+REPLAY = {
+    name: value
+    for name, value in yaml.safe_load((CONF / "rig" / "replay.yaml").read_text()).items()
+    if name not in ("_target_", "exoskeleton", "participants", "recordings")
+}
+
+
+def describe_arm(arm):
+    chosen = (
+        f"exoskeleton={arm}",
+        f"rig={ARMS[arm]}",
+        f"exoskeleton.trial_s={TRIAL_S}",
+        "rig.lead_in_s=0.6",
+    )
+    return describe_rig(*chosen)
+
+
+@contextmanager
+def run_simulated(arm):
+    yield other_rig(Exoskeleton.model_validate(describe_arm(arm)["exoskeleton"]))
+
+
+@contextmanager
+def run_emulated(arm):
+    pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
+    section = describe_arm(arm)
+    with emulate(describe_machine(section)) as emulator:
+        yield build_rig(section, emulator.port, emulator.control_port)
+
+
+@contextmanager
+def run_replayed(arm):
+    """A rig on what the simulated one recorded of the trials below."""
+    rig = other_rig(Exoskeleton.model_validate(describe_arm(arm)["exoskeleton"]))
+    with TemporaryDirectory() as folder, rig:
+        paths = {"free": [], "tracked": [], "passive": []}
+        for number, trial in enumerate([*trials(rig), clipped(rig)]):
+            path = Path(folder) / f"{number}.parquet"
+            pd.DataFrame(tidy(rig.execute(trial, np.random.default_rng(number)), rig)).to_parquet(path)
+            paths[trial.kind].append(str(path))
+        given = {"exoskeleton": rig.exoskeleton, "participants": rig.participants, "recordings": paths}
+        yield ReplayRig.model_validate({**REPLAY, **given, "tolerance_kpa": 900.0})
+
+
+RIGS = {"sim": run_simulated, "replay": run_replayed, "festo_cpx": run_emulated}
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param((rig, arm), id=f"{rig}, {arm}") for rig in RIGS for arm in ARMS],
+)
+def rig(request):
+    kind, arm = request.param
+    with RIGS[kind](arm) as made:
+        yield made
+
+
+def command(rig, low=60.0, high=120.0):
+    share = 0.5 - 0.5 * np.cos(np.linspace(0.0, 6.0, rig.samples))[:, None]
+    return (low + (high - low) * share) * np.ones(len(rig.muscles))
+
+
+def reference(rig):
+    return 0.6 + 0.2 * np.sin(np.linspace(0.0, 3.0, rig.samples))[:, None] * np.ones(len(rig.joints))
+
+
+def trials(rig):
+    return [
+        Trial("free", "experimenter", command(rig), label="a movement"),
+        Trial("tracked", "p1", command(rig), reference(rig), label="a reference"),
+        Trial("passive", "nobody", command(rig), label="nobody"),
+    ]
+
+
+def test_shapes_are_known_before_connecting(rig):
+    assert rig.samples == round(RATE_HZ * TRIAL_S)
+    assert rig.sampling_rate_hz == RATE_HZ
+    assert len(rig.muscle_joints) == len(rig.muscles)
+    assert set(rig.muscle_joints) == set(rig.joints)
+    assert {"p1", "p2", "experimenter"} <= set(rig.people)
+    assert not rig.connected
+
+
+def test_trials_of_all_three_kinds_follow_each_other_in_one_block(rig, generator):
+    given = [*trials(rig), trials(rig)[2]]
+    with rig:
+        assert rig.connected
+        recordings = [rig.execute(trial, generator) for trial in given]
+    assert not rig.connected
+    for trial, found in zip(given, recordings, strict=True):
+        frame = tidy(found, rig)
+        assert list(frame) == list(RECORDING_COLUMNS)
+        assert len(frame["time_s"]) == rig.samples * len(rig.muscles)
+        np.testing.assert_allclose(found.time_s, np.arange(rig.samples) / RATE_HZ)
+        assert set(found.status.ravel()) <= set(STATUS)
+        assert set(found.clipped_by.ravel()) <= set(CLIPPED_BY)
+        taken = ((found.status == "ok") & (found.clipped_by == "")).all(axis=1)
+        assert taken.sum() > 20
+        np.testing.assert_allclose(found.pressure_command_kpa[taken], trial.pressure_command_kpa[taken])
+        assert np.abs(found.pressure_kpa[taken] - trial.pressure_command_kpa[taken]).max() < 40.0
+        if trial.reference_rad is not None:
+            assert np.corrcoef(found.joint_angle_rad[:, 0], trial.reference_rad[:, 0])[0, 1] > 0.5
+    assert np.abs(recordings[-2].pressure_kpa - recordings[-1].pressure_kpa).max() < 40.0
+
+
+def test_whatever_ends_the_block_releases(rig, generator):
+    with pytest.raises(RigError, match="is not connected"):
+        rig.execute(trials(rig)[0], generator)
+    for wrong in (
+        Trial("free", "experimenter", command(rig)[1:]),
+        Trial("free", "experimenter", command(rig)[:, 1:] if len(rig.muscles) > 2 else np.ones((rig.samples, 5))),
+        Trial("free", "nobody here", command(rig)),
+        Trial("tracked", "p1", command(rig), np.ones((rig.samples, len(rig.joints) + 1))),
+    ):
+        with pytest.raises(ValueError, match=r"this rig (takes|knows)"), rig:
+            rig.execute(wrong, generator)
+        assert not rig.connected
+    for error in (KeyboardInterrupt(), ZeroDivisionError(), SystemExit(1)):
+        with pytest.raises(type(error)), rig:
+            raise error
+        assert not rig.connected
+    with rig:
+        assert rig.connected
+
+
+def clipped(rig):
+    asked = command(rig)
+    asked[50:, pulling(rig)] = 900.0
+    return Trial("passive", "nobody", asked)
+
+
+def pulling(rig):
+    """The agonist of the first joint, and the antagonist of the second if there is one."""
+    return [0, 3] if len(rig.joints) > 1 else [0]
+
+
+def test_what_clipped_the_command_is_recorded(rig, generator):
+    asked = clipped(rig).pressure_command_kpa
+    with rig:
+        found = rig.execute(clipped(rig), generator)
+    pulled = pulling(rig)
+    kinds = [rig.exoskeleton.muscles[each].type for each in pulled]
+    high, slew = np.array([MOST[each] for each in kinds]).T
+    applied, clipped_by = found.pressure_command_kpa[:, pulled], found.clipped_by[:, pulled]
+    np.testing.assert_allclose(np.diff(applied, axis=0).max(axis=0), slew / RATE_HZ)
+    assert (applied[70:] == high).all()
+    assert set(clipped_by[:50].ravel()) == {""}
+    assert set(clipped_by[50]) == {"rate"}
+    assert set(clipped_by[70:].ravel()) == {"pressure"}
+    assert (found.pressure_kpa[:, pulled] < high + 5.0).all()
+    calm = np.delete(np.arange(len(rig.muscles)), pulled)
+    np.testing.assert_allclose(found.pressure_command_kpa[:, calm], asked[:, calm])

@@ -1,0 +1,86 @@
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, tidy
+from stages.science.rig.manual import ManualRig, TrialRequested
+from stages.science.rig.trial import Trial
+from tests.science.plant.machines import configured
+from tests.science.rig.watching import execute
+
+
+@pytest.fixture
+def trial():
+    rig = configured()
+    reference = np.full((rig.samples, 2), 0.5)
+    return Trial("tracked", "p1", np.full((rig.samples, 4), 100.0), reference, label="p1 experiment 1 y_y trial 3")
+
+
+@pytest.fixture
+def told(trial):
+    return execute(configured(), trial, seed=3)
+
+
+@pytest.fixture
+def operator(tmp_path):
+    simulated = configured()
+    people = simulated.participants
+    return ManualRig(exoskeleton=simulated.exoskeleton, participants=people, folder=str(tmp_path))
+
+
+def asked_for(operator, trial):
+    with pytest.raises(TrialRequested) as request:
+        execute(operator, trial)
+    return request.value.asks
+
+
+def test_asks_for_what_is_not_recorded_yet(operator, trial):
+    asks = asked_for(operator, trial)
+    assert asks["trial"] == "p1 experiment 1 y_y trial 3"
+    assert asks["save_as"].startswith(operator.folder)
+    np.testing.assert_array_equal(asks["reference_rad"]["EFE"], trial.reference_rad[:, 1])
+    np.testing.assert_array_equal(asks["pressure_command_kpa"]["pam4"], trial.pressure_command_kpa[:, 3])
+    assert list(asks["columns"]) == list(MEASUREMENT_COLUMNS)
+
+
+def test_another_trial_under_the_same_label_is_asked_for_anew(operator, trial):
+    other = Trial("tracked", "p1", trial.pressure_command_kpa + 1, trial.reference_rad, label=trial.label)
+    assert asked_for(operator, trial)["save_as"] != asked_for(operator, other)["save_as"]
+
+
+def test_reads_back_exactly_what_was_recorded(operator, trial, told):
+    path = asked_for(operator, trial)["save_as"]
+    pd.DataFrame(tidy(told, configured())).sample(frac=1.0, random_state=1).to_csv(path, index=False)
+    found = execute(operator, trial)
+    for name in vars(told):
+        np.testing.assert_array_equal(getattr(found, name), getattr(told, name))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda frame: frame.drop(columns="force_n"), "expected the columns time_s, .*; it lacks force_n$"),
+        (lambda frame: frame.assign(force_n=np.nan), "column force_n: expected not_nullable, got nan"),
+        (lambda frame: frame.assign(force_n="much"), "column force_n: expected .*float.*, got much"),
+        (
+            lambda frame: frame.assign(contraction=9.0),
+            r"column contraction: expected less_than_or_equal_to\(0.5\), got 9.0",
+        ),
+        (lambda frame: pd.DataFrame(), "expected a table"),
+        (lambda frame: frame.iloc[:-1], "expected 1000 samples of every muscle, got 999 of pam4"),
+        (lambda frame: frame[frame["muscle"] != "pam2"], "got 0 of pam2"),
+        (
+            lambda frame: frame.assign(time_s=frame["time_s"] + 0.001 * (frame["muscle"] == "pam1")),
+            "expected the same 1000 times for every muscle, got 2000 times",
+        ),
+    ],
+)
+def test_refuses_what_was_not_asked_for(operator, trial, told, spoil, message):
+    path = asked_for(operator, trial)["save_as"]
+    spoil(pd.DataFrame(tidy(told, configured()))).to_csv(path, index=False)
+    with pytest.raises(RigError, match=message) as refusal:
+        execute(operator, trial)
+    assert re.match(re.escape(path), str(refusal.value))
+    assert "\n" not in str(refusal.value)

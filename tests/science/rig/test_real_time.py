@@ -1,0 +1,185 @@
+"""The real rig in real time, against an emulated device in a process of its own: what no turned clock can show."""
+
+import os
+import signal
+import subprocess
+import threading
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.science.operator_ui.desk import Desk, DeskSettings
+from stages.science.rig.attendance import TrialDeclined
+from stages.science.rig.contract import TrialStopped, tidy
+from stages.science.rig.pacing import measure_pace
+from tests.conftest import Command
+from tests.cpx_e.emulator import Emulator
+from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
+from tests.science.rig.watching import execute, wave
+
+pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
+pytestmark = pytest.mark.realtime
+
+WATCHDOG_S = 0.4
+SHORT = (
+    "exoskeleton.trial_s=1.6",
+    "rig.lead_in_s=0.6",
+    f"rig.device.watchdog_s={WATCHDOG_S}",
+    "rig.guard.missed_share=1.0",
+    "rig.device.reply_s=0.15",
+)
+LET_DOWN_S = 0.2
+"""Time from the notice of a fault to commands of 0, where the link lives."""
+LATE_S = 0.1
+"""How much later than its time a watchdog may vent."""
+RUN = (
+    "bank.trajectories=3",
+    "subsampling.initial_trials=1",
+    "active_loop.trials=1",
+    "stages=[bank]",
+    "rig=festo_cpx",
+    "rig._target_=tests.cpx_e.rig.ToldFestoCpx",
+    "rig.device.host=127.0.0.1",
+    *SHORT,
+)
+
+
+@pytest.fixture(scope="module")
+def section():
+    return describe_rig(*SHORT)
+
+
+@pytest.fixture(scope="module")
+def emulator(section):
+    with Emulator(describe_machine(section)) as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def rig(emulator, section):
+    yield build_rig(section, emulator.port, emulator.control_port)
+    emulator.end()
+
+
+@pytest.fixture
+def command(emulator, tmp_path):
+    return Command(tmp_path, *RUN, f"rig.device.port={emulator.port}", f"+rig.control_port={emulator.control_port}")
+
+
+@pytest.fixture
+def process(command):
+    with command.start() as process:
+        yield process
+        process.kill()
+
+
+def wait_for_pressure(emulator, process, after_s):
+    begun, since = time.monotonic(), None
+    while since is None or time.monotonic() - since < after_s:
+        assert process.poll() is None, process.stderr.read()
+        assert time.monotonic() - begun < 60.0
+        if since is None and max(emulator.state(log=0)["outputs_kpa"]) > 5.0:
+            since = time.monotonic()
+        time.sleep(0.01)
+
+
+def test_a_hundred_turns_a_second_are_held(emulator, section):
+    longer = section | {"exoskeleton": section["exoskeleton"] | {"trial_s": 4.0}}
+    rig = build_rig(longer, emulator.port, emulator.control_port)
+    recording = execute(rig, wave(rig))
+    emulator.end()
+    pace = measure_pace(pd.DataFrame(tidy(recording, rig)), [])
+    assert pace.p50_s == pytest.approx(0.01, abs=0.0005)
+    assert pace.p99_s < 0.015
+    assert pace.overruns <= 0.02 * pace.samples
+    taken = ((recording.status == "ok") & (recording.clipped_by == "")).all(axis=1)
+    assert taken.mean() > 0.97
+    np.testing.assert_array_equal(recording.pressure_command_kpa[taken], wave(rig).pressure_command_kpa[taken])
+    assert emulator.state()["watchdog_count"] == 0
+
+
+def test_an_operators_stop_lets_the_muscles_down_and_the_trial_can_be_repeated(rig, emulator):
+    desk = Desk(DeskSettings(countdown_s=0.0, result_s=0.0, lost_after_s=1.0, needed=[]))
+    rig.be_attended(desk)
+    stops, words = [], iter(["accept", "repeat", "accept", "keep"])
+
+    def attend():
+        word = next(words)
+        while word:
+            scene = desk.see()
+            if word in scene["choices"]:
+                desk.decide(word, "", scene["question"])
+                word = next(words, None)
+            elif not stops and desk.moment is not None and desk.moment.time_s > 0.5:
+                stops.append(time.monotonic())
+                desk.stop("the operator stopped it")
+            time.sleep(0.002)
+
+    operator = threading.Thread(target=attend, daemon=True)
+    operator.start()
+    with rig:
+        with pytest.raises(TrialDeclined, match="to be repeated"):
+            rig.execute(wave(rig), np.random.default_rng(0))
+        state = emulator.state()
+        assert state["outputs_kpa"] == [0.0] * 4
+        assert state["vented_at_s"] - stops[0] <= LET_DOWN_S
+        assert state["watchdog_count"] == 0
+        recording = rig.execute(wave(rig), np.random.default_rng(0))
+    operator.join(timeout=5)
+    assert len(recording.time_s) == rig.samples
+    assert not operator.is_alive()
+
+
+def test_a_signal_lets_the_muscles_down_and_keeps_what_was_measured(emulator, process, tmp_path):
+    wait_for_pressure(emulator, process, 0.8)
+    sent = time.monotonic()
+    os.kill(process.pid, signal.SIGTERM)
+    _, told = process.communicate(timeout=30.0)
+    state = emulator.state()
+    assert process.returncode == 143
+    assert "bank interrupted: stopped by SIGTERM; what was measured until then: " in told
+    assert "to continue, type:" in told
+    assert state["outputs_kpa"] == [0.0] * 4
+    assert state["vented_at_s"] - sent <= LET_DOWN_S + 0.05
+    (kept,) = tmp_path.glob("runs/*/interrupted/*.parquet")
+    assert len(pd.read_parquet(kept)) > 200
+
+
+def test_kill_9_has_the_watchdog_vent_and_leaves_what_was_measured(emulator, command, process, tmp_path):
+    wait_for_pressure(emulator, process, 1.0)
+    before = emulator.state(log=0)["watchdog_count"]
+    process.kill()
+    process.wait()
+    time.sleep(WATCHDOG_S + 0.4)
+    state = emulator.state()
+    assert state["watchdog_count"] == before + 1
+    assert state["outputs_kpa"] == [0.0] * 4
+    assert WATCHDOG_S - 0.05 <= state["watchdog_fired_at_s"] - state["last_request_at_s"] <= WATCHDOG_S + LATE_S
+    again = command()
+    assert again.returncode == 0, again.stderr
+    kept = [*tmp_path.glob("runs/*/interrupted/*.parquet")]
+    assert len(kept) == 1
+    rows = pd.read_parquet(kept[0])
+    assert set(rows["stopped_by"]) == {"the process ended"}
+    assert len(rows) > 200
+
+
+def processes_of(group):
+    told = subprocess.run(["ps", "-eo", "pgid=,stat="], capture_output=True, text=True, check=True)
+    return sum(line.split()[0] == str(group) and "Z" not in line for line in told.stdout.splitlines())
+
+
+def test_a_device_that_freezes_and_dies_is_told_and_leaves_nothing_behind(section):
+    with Emulator(describe_machine(section)) as emulator:
+        rig = build_rig(section, emulator.port, emulator.control_port)
+        group = emulator.pid
+        assert processes_of(group) == 1
+        threading.Timer(1.2, emulator.freeze).start()
+        begun_s = time.monotonic()
+        with pytest.raises(TrialStopped, match=r"does not answer .*the watchdog does"):
+            execute(rig, wave(rig))
+        assert time.monotonic() - begun_s < 1.2 + 0.15 + LET_DOWN_S + 0.5
+        emulator.kill()
+        assert processes_of(group) == 0
