@@ -2,7 +2,8 @@
 
 A decorated function flows in. Out flows a `Stage` that knows the config sections it reads (the fields of the model that
 annotates ``cfg``), the tables it reads (its other parameters; one whose default is None is read where the workflow has
-it, and None otherwise) and the tables it writes (the decorator's arguments).
+it, and None otherwise) and the tables it writes (the decorator's arguments). A parameter annotated with a dataclass
+stands for several tables, one per field.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ import importlib
 import inspect
 import pkgutil
 import typing
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import wraps
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
@@ -75,7 +77,7 @@ def stage(
     Raises
     ------
     WiringError
-        When the function has no ``cfg`` annotated with a pydantic model or no ``ctx``.
+        When the function has no ``cfg`` annotated with a pydantic model or no ``ctx``, or names a table twice.
     """
 
     def decorate(function: Callable[..., Any]) -> Stage:
@@ -88,11 +90,37 @@ def stage(
             raise WiringError(
                 f"stage {name}: expected parameters cfg (annotated with a pydantic model) and ctx, got {parameters}"
             )
-        reads = tuple(each for each in parameters if each not in ("cfg", "ctx"))
-        optional = tuple(each for each in reads if signature[each].default is None)
-        return Stage(name, function, config, reads, writes, optional, preview, stream)
+        read = [each for each in parameters if each not in ("cfg", "ctx")]
+        bundles: dict[str, type] = {each: hints[each] for each in read if is_dataclass(hints.get(each))}
+        defaults: list[tuple[str, Any]] = []
+        for each in read:
+            if each in bundles:
+                defaults += [(field.name, field.default) for field in fields(bundles[each])]
+            else:
+                defaults.append((each, signature[each].default))
+        reads = tuple(table for table, _ in defaults)
+        twice = [table for table in reads if reads.count(table) > 1]
+        if twice:
+            raise WiringError(f"stage {name}: expected each table in one parameter, got {twice[0]} in two")
+        optional = tuple(table for table, default in defaults if default is None)
+        called = _bundle_tables(function, bundles) if bundles else function
+        return Stage(name, called, config, reads, writes, optional, preview, stream)
 
     return decorate
+
+
+def _bundle_tables(function: Callable[..., Any], bundles: Mapping[str, type]) -> Callable[..., Any]:
+    """Return a function that takes each table by name and passes those of a dataclass on as one value."""
+
+    @wraps(function)
+    def call(**given: Any) -> Any:
+        made = {
+            name: kind(**{field.name: given.pop(field.name) for field in fields(kind) if field.name in given})
+            for name, kind in bundles.items()
+        }
+        return function(**given, **made)
+
+    return call
 
 
 def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]:

@@ -54,15 +54,14 @@ class Config(Section):
 @stage(SESSION_RECORDINGS, SESSION_MACHINE, SEAL)
 def blinded_session(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record a session, and seal what the rig hid in it."""
-    rig = ctx.device
-    recorded = rig.record()
-    frames = tabulate_session(recorded.samples, recorded.meta, type(rig).__name__)
-    starts = frames.trials.set_index("trial")["start_s"]
-    samples = frames.measured.assign(start_s=frames.measured["trial"].map(starts))
-    told = {name: frames.session[name].iloc[0] for name in ("sampling_rate_hz", "load_cell_site", "timing")}
-    seal = {"sha256": [seal_truth(recorded)], "rig": [type(rig).__name__]}
+    recorded = ctx.device.record()
+    tables = tabulate_session(recorded.samples, recorded.meta, type(ctx.device).__name__)
+    starts = tables.measured_trials.set_index("trial")["start_s"]
+    samples = tables.measured.assign(start_s=tables.measured["trial"].map(starts))
+    told = {name: tables.measured_session[name].iloc[0] for name in ("sampling_rate_hz", "load_cell_site", "timing")}
+    seal = {"sha256": [seal_truth(recorded)], "rig": [type(ctx.device).__name__]}
     return {
         SESSION_RECORDINGS.name: samples[list(SESSION_RECORDINGS.columns)],
-        SESSION_MACHINE.name: frames.muscles[list(MUSCLE_COLUMNS)].assign(**told),
+        SESSION_MACHINE.name: tables.measured_muscles[list(MUSCLE_COLUMNS)].assign(**told),
         SEAL.name: pd.DataFrame(seal),
     }

@@ -1,4 +1,4 @@
-"""The search on sessions whose truth is known to the rig alone: simulated, searched, and only then told.
+"""The search on sessions whose truth the rig alone knows until each is searched.
 
 In: a rig of whole sessions. Out, in parts, one a session: `blind_sessions` (what was said of each, and the gap that is
 left beside what is left when the truth is told), `blind_truth` (what was hidden), `blind_named` (what was named) and
@@ -20,9 +20,9 @@ from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.judgement import Judgement, judge, tell_truth
+from stages.science.discrepancy.judgement import Judgement, judge, search_with_truth
+from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.ranking import rank_first
-from stages.science.discrepancy.session import build_channels
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.science.recording.whole_sessions import tabulate_session
 
@@ -138,12 +138,12 @@ class Job:
     def search(self) -> dict[str, pd.DataFrame]:
         """Return the rows of this session."""
         recorded = self.ctx.device.record(self.name)
-        frames = tabulate_session(recorded.samples, recorded.meta, self.name)
-        outputs = build_channels(*frames, self.settings)
-        opened = choose_verification(len(frames.trials), self.settings.verification_share)
-        told = self.settings.search.settings
+        tables = tabulate_session(recorded.samples, recorded.meta, self.name)
+        outputs = build_muscle_channels(tables, self.settings)
+        opened = choose_verification(len(tables.measured_trials), self.settings.verification_share)
+        told = self.settings.search
         judged = judge(outputs, opened, told, lambda purpose: self.ctx.generator(self.name, purpose))
-        row = {"session": self.name, "load_cell_site": str(frames.session["load_cell_site"].iloc[0])}
+        row = {"session": self.name, "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0])}
         rows = {
             BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
             BLIND_TRUTH.name: list_hidden(recorded.truth),
@@ -161,7 +161,7 @@ class Job:
         channels = {each["channel"] for each in hidden} or {output.channel for output in judged.outputs}
         where = judged.unexplained
         return {
-            "kind": tell_kind(truth, {output.element for output in judged.outputs}),
+            "kind": classify_session(truth, {output.element for output in judged.outputs}),
             "asked": truth["scenario"]["magnitude"] if hidden else "none",
             "status": judged.status,
             "unknown": min(judged.unknown, 1.0),
@@ -179,11 +179,11 @@ class Job:
         known = {form.name for output in judged.outputs for form in output.forms}
         if not names or not names <= known:
             return math.nan
-        knowing = tell_truth(judged, names, self.settings.search.settings, self.ctx.generator(self.name, "told"))
+        knowing = search_with_truth(judged, names, self.ctx.generator(self.name, "told"))
         return judged.gap([state.current.fit for state in knowing.outputs], channels)
 
 
-def tell_kind(truth: Mapping[str, Any], muscles: set[str]) -> str:
+def classify_session(truth: Mapping[str, Any], muscles: set[str]) -> str:
     """Return which of `KINDS` a session is."""
     hidden = truth["effects"]
     if len(hidden) != 1:

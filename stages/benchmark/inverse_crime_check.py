@@ -20,7 +20,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.exactness import explain_exactly
-from stages.science.discrepancy.session import build_channels
+from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.recording.whole_sessions import tabulate_session
@@ -103,7 +103,8 @@ class Job:
 
     def build(self, session: Any, channel: str) -> list[OutputChannel]:
         """Return the outputs of one channel."""
-        outputs = build_channels(*tabulate_session(session.samples, session.meta, self.key), self.cfg.discrepancy)
+        tables = tabulate_session(session.samples, session.meta, self.key)
+        outputs = build_muscle_channels(tables, self.cfg.discrepancy)
         return [output for output in outputs if output.channel == channel]
 
     def measure(self, form: EffectForm, pairs: Sequence[tuple[OutputChannel, OutputChannel]]) -> dict[str, Any]:

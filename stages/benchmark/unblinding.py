@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.verdict import decide_status
+from stages.science.discrepancy.verdict import read_status
 from stages.science.rig.sessions import seal_truth
 
 COMPARISON_WITH_TRUTH = Table(
@@ -60,15 +60,15 @@ def unblinding(
     if digest != seal["sha256"].iloc[0]:
         raise InputError("seal: the rig tells another truth than the one that was sealed; run blinded_session again")
     certain = cfg.discrepancy.search.certain
-    left = decide_status(list(named_effects["probability"]), unexplained["probability"].max(), certain) == "unexplained"
+    left = read_status(named_effects, unexplained, certain) == "unexplained"
     said = named_effects.iloc[:0] if left else named_effects
     hidden = recorded.truth["effects"]
     rows = compare(hidden, recorded.truth["gap_over_floor"], said, channels)
     driven = verification[verification["simulation"] == "measured upstream"]
     after = driven["gap"].iloc[0 if left else -2]
     told = [
-        tell_hidden(hidden, str(recorded.truth["scenario"]["magnitude"]), digest),
-        tell_named(said, hidden, left=left),
+        describe_hidden(hidden, str(recorded.truth["scenario"]["magnitude"]), digest),
+        describe_named(said, hidden, left=left),
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
         f"{100 * after:.2g} %; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
         "Identification on the amended simulator: python -m pipeline plant=FOLDER/documents/amended.yaml, with this "
@@ -106,13 +106,13 @@ def compare(
     return rows
 
 
-def tell_hidden(hidden: Sequence[Mapping[str, Any]], magnitude: str, digest: str) -> str:
+def describe_hidden(hidden: Sequence[Mapping[str, Any]], magnitude: str, digest: str) -> str:
     """Return what was hidden, in a sentence."""
     told = " and ".join(f"{in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
     return f"The seal holds ({digest[:12]}). Hidden was {f'{told} ({magnitude})' if hidden else 'nothing'}."
 
 
-def tell_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, left: bool) -> str:
+def describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, left: bool) -> str:
     """Return what was said, and whether it is right, in a sentence."""
     if left:
         return "Nothing was named: something that has no name in the library was found to be left."
@@ -132,5 +132,5 @@ def tell_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, left:
 
 
 def in_words(name: object) -> str:
-    """Return a name as it is spoken."""
+    """Return a name with spaces."""
     return str(name).replace("_", " ")

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.amendment import estimate_intervals
-from stages.science.discrepancy.machines import Measurements, list_channels, settle, write_amended
-from stages.science.discrepancy.restoring import restore
+from stages.science.discrepancy.amendment import amend_plant, estimate_intervals
+from stages.science.discrepancy.dataset import DatasetTables, build_dataset
+from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.verdict import decide_status
 from stages.science.plant.machine import Machine
 
 AMENDED_VALUES = Table(
@@ -51,35 +49,15 @@ class Config(Section):
 
 
 @stage(AMENDED_VALUES, stream="amend_model")
-def amend_model(
-    cfg: Config,
-    measured: pd.DataFrame,
-    measured_signals: pd.DataFrame,
-    measured_trials: pd.DataFrame,
-    measured_muscles: pd.DataFrame,
-    measured_session: pd.DataFrame,
-    trial_parts: pd.DataFrame,
-    channels: pd.DataFrame,
-    named_effects: pd.DataFrame,
-    unexplained: pd.DataFrame,
-    steps: pd.DataFrame,
-    ctx: Context,
-) -> pd.DataFrame:
+def amend_model(cfg: Config, tables: DatasetTables, found: SearchTables, ctx: Context) -> pd.DataFrame:
     """Add what was named to the plant, and say how sure its values are."""
     settings = cfg.discrepancy
-    fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
-    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
-    told = told.keep_apart(trial_parts)
-    outputs = list_channels(cfg.plant, told, settings)
-    status = decide_status(
-        list(named_effects["probability"]), unexplained["probability"].max(), settings.search.certain
-    )
-    last = int(steps["step"].max()) if status == "named" else 0
+    dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
+    accepted = found.count_accepted(settings.search.certain)
     rows: list[dict[str, Any]] = []
-    for output in outputs:
-        model, values = restore(output.take(fitted), steps, last)
-        noise = channels[(channels["channel"] == output.channel) & (channels["muscle"] == output.element)].iloc[0]
-        rows += estimate_intervals(model, values, noise, settings, ctx.generator("resample"))
+    for output in dataset.fitted_outputs:
+        model, values = found.restore(output, accepted)
+        rows += estimate_intervals(model, values, found.read_noise(output), settings, ctx.generator("resample"))
     amended = pd.DataFrame(rows, columns=list(AMENDED_VALUES.columns))
-    ctx.document("amended", write_amended(settle(cfg.plant, outputs), amended, channels, measured_muscles), "yaml")
+    ctx.document("amended", amend_plant(dataset.plant, amended, found.channels, tables.measured_muscles), "yaml")
     return amended

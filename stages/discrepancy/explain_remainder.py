@@ -7,24 +7,23 @@ fitted trials are looked at, and nothing is named.
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 
 from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.description import (
     Description,
-    DescriptionSettings,
     average_dependence,
     describe_above_floor,
     tabulate,
 )
-from stages.science.discrepancy.machines import Measurements, list_channels
+from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.verdict import decide_status
 from stages.science.figures.unexplained import draw_unexplained
 from stages.science.plant.machine import Machine
 
@@ -66,39 +65,19 @@ class Config(Section):
 
 
 @stage(REMAINDER, stream="describe_remainder")
-def explain_remainder(
-    cfg: Config,
-    measured: pd.DataFrame,
-    measured_signals: pd.DataFrame,
-    measured_trials: pd.DataFrame,
-    measured_muscles: pd.DataFrame,
-    measured_session: pd.DataFrame,
-    trial_parts: pd.DataFrame,
-    channels: pd.DataFrame,
-    named_effects: pd.DataFrame,
-    unexplained: pd.DataFrame,
-    steps: pd.DataFrame,
-    ctx: Context,
-) -> pd.DataFrame:
+def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, ctx: Context) -> pd.DataFrame:
     """Describe what the amended model leaves above the noise floor."""
     settings, smallest = cfg.discrepancy, cfg.discrepancy.search.smallest_gap
-    status = decide_status(
-        list(named_effects["probability"]), unexplained["probability"].max(), settings.search.certain
-    )
-    last = int(steps["step"].max()) if status == "named" else 0
     described: list[Description] = []
-    if (channels["gap_over_floor"] > smallest).any():
-        fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
-        told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
-        outputs = list_channels(cfg.plant, told.keep_apart(trial_parts), settings)
+    if (found.channels["gap_over_floor"] > smallest).any():
+        dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
         described = describe_above_floor(
-            [output.take(fitted) for output in outputs],
-            steps,
-            last,
-            channels,
+            dataset,
+            found,
+            found.count_accepted(settings.search.certain),
             smallest,
             cfg.explain_remainder,
-            resample(len(fitted), settings.bootstraps, ctx.generator("resample")),
+            resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample")),
             settings.level,
             ctx.generator("pseudo-inputs"),
         )

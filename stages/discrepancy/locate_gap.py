@@ -21,10 +21,11 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.discrepancy.dataset import build_dataset
 from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
 from stages.science.discrepancy.gaps import locate, upper_ratio
-from stages.science.discrepancy.machines import Measurements, check_plant, list_channels
-from stages.science.discrepancy.parts import PURPOSES, Parts, assign_parts, leave_gaps
+from stages.science.discrepancy.parts import PURPOSES, Parts, list_parts
+from stages.science.discrepancy.plant_check import check_plant
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.residuals import Seen, average_loops, average_plane
 from stages.science.discrepancy.restoring import list_residuals
@@ -34,6 +35,7 @@ from stages.science.figures.gap_map import draw_gap_map
 from stages.science.figures.residual_loops import draw_residual_loops
 from stages.science.figures.residual_plane import draw_residual_plane
 from stages.science.plant.machine import Machine
+from stages.science.recording.measured_tables import MeasuredTables
 
 TRIAL_PARTS = Table(
     "trial_parts",
@@ -160,58 +162,51 @@ class Config(Section):
 
 
 @stage(TRIAL_PARTS, NOMINAL_FIT, CHANNELS, RESIDUALS, GAP, stream="locate_gap")
-def locate_gap(
-    cfg: Config,
-    measured: pd.DataFrame,
-    measured_signals: pd.DataFrame,
-    measured_trials: pd.DataFrame,
-    measured_muscles: pd.DataFrame,
-    measured_session: pd.DataFrame,
-    ctx: Context,
-) -> dict[str, pd.DataFrame]:
-    """Fit the nominal constants, then tell where measured and simulated part."""
-    settings = cfg.discrepancy
-    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
+def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, pd.DataFrame]:
+    """Fit the nominal constants, then locate where measurement and simulation disagree."""
+    settings, trials = cfg.discrepancy, tables.measured_trials
+    source = tables.measured_session["source"].iloc[0]
     try:
-        given, records = list(measured_trials["part"]), list(measured_trials["record"])
-        purposes = assign_parts(given, cfg.parts, settings.verification_share, records)
-        gaps = leave_gaps(measured_trials, purposes, cfg.parts.gap_share)
-        outputs = list_channels(cfg.plant, told.keep_apart(gaps), settings)
+        parts = list_parts(trials, cfg.parts, settings.verification_share)
+        dataset = build_dataset(cfg.plant, tables, parts, settings)
     except ValueError as error:
-        raise InputError(f"{measured_session['source'].iloc[0]}: {error}") from None
-    if not outputs:
+        raise InputError(f"{source}: {error}") from None
+    if not dataset.outputs:
         raise InputError(
-            f"{measured_session['source'].iloc[0]}: expected pressure or force of a muscle that changes, with all that "
-            "it is simulated from, got none; see the table measured_notes"
+            f"{source}: expected pressure or force of a muscle that changes, with all that it is simulated from, got "
+            "none; see the table measured_notes"
         )
-    fitted = [k for k, purpose in enumerate(purposes) if purpose == "fitted"]
-    states = [prepare(output.take(fitted)) for output in outputs]
-    weights = resample(len(fitted), settings.bootstraps, ctx.generator("resample"))
-    gap = pd.DataFrame(locate(states, ctx.generator("signs")), columns=list(GAP.columns))
-    channels = pd.DataFrame([tell_channel(each, weights, settings) for each in states])
-    draw(states, channels, gap, settings.search.smallest_gap, ctx)
+    states = [prepare(output) for output in dataset.fitted_outputs]
+    weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample"))
+    gap = pd.DataFrame(locate(states, settings.regimes, ctx.generator("signs")), columns=list(GAP.columns))
+    channels = pd.DataFrame([summarise_channel(each, weights, settings) for each in states])
+    draw(states, channels, gap, settings, ctx)
     return {
-        TRIAL_PARTS.name: pd.DataFrame({"trial": measured_trials["trial"].to_numpy(), "part": purposes}).join(gaps),
-        NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in tell_constants(each, weights, settings)]),
+        TRIAL_PARTS.name: parts,
+        NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in list_constants(each, weights, settings)]),
         CHANNELS.name: channels,
-        RESIDUALS.name: list_residuals(states, measured_trials["trial"].iloc[fitted].to_list()),
+        RESIDUALS.name: list_residuals(states, dataset.fitted_trials),
         GAP.name: gap,
     }
 
 
 def draw(
-    states: Sequence[FittedChannel], channels: pd.DataFrame, gap: pd.DataFrame, smallest_gap: float, ctx: Context
+    states: Sequence[FittedChannel],
+    channels: pd.DataFrame,
+    gap: pd.DataFrame,
+    settings: DiscrepancySettings,
+    ctx: Context,
 ) -> None:
     """Draw how large the gap is, and where it lies."""
     seen = [Seen(each.output, each.nominal.fit.residual, each.floor) for each in states]
     ctx.figure(
         "gap_bars",
-        draw_gap_bars(channels, smallest_gap),
+        draw_gap_bars(channels, settings.search.smallest_gap),
         "Gap of every channel over its noise floor after the nominal constants were fitted, with its upper limit.",
     )
     ctx.figure(
         "gap_map",
-        draw_gap_map(gap, channels),
+        draw_gap_map(gap, channels, settings.significance),
         "Where the gap lies: share of the squared gap above the floor (%) by regime; regimes overlap. Full dot: trials "
         "confirm it after correction for all looks; ring: without correction.",
     )
@@ -229,7 +224,7 @@ def draw(
         )
 
 
-def tell_constants(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:
+def list_constants(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:
     """Return the rows of an output's constants."""
     found = state.nominal.fit
     tail = 0.5 * (1.0 - settings.level)
@@ -250,7 +245,7 @@ def tell_constants(state: FittedChannel, weights: Any, settings: DiscrepancySett
     ]
 
 
-def tell_channel(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> dict[str, Any]:
+def summarise_channel(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> dict[str, Any]:
     """Return the row of an output."""
     samples = float(state.samples.sum())
     return {
@@ -266,5 +261,5 @@ def tell_channel(state: FittedChannel, weights: Any, settings: DiscrepancySettin
         "upper": upper_ratio(state, weights, settings.level),
         **state.noise._asdict(),
         "line_hz": math.nan if state.leftover.line_hz is None else state.leftover.line_hz,
-        "remembered": state.leftover.remembered,
+        "remembered": state.leftover.linear_memory,
     }

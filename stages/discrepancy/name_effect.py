@@ -16,10 +16,10 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.machines import Measurements, list_channels
+from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.ranking import rank_first
 from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
-from stages.science.discrepancy.restoring import restore_states
+from stages.science.discrepancy.restoring import NominalTables, restore_states
 from stages.science.discrepancy.search import Search, search
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.figures.candidate_ranking import draw_candidate_ranking
@@ -97,29 +97,14 @@ class Config(Section):
 
 
 @stage(RANKING, NAMED_EFFECTS, UNEXPLAINED, STEPS, stream="name_effect")
-def name_effect(
-    cfg: Config,
-    measured: pd.DataFrame,
-    measured_signals: pd.DataFrame,
-    measured_trials: pd.DataFrame,
-    measured_muscles: pd.DataFrame,
-    measured_session: pd.DataFrame,
-    trial_parts: pd.DataFrame,
-    nominal_fit: pd.DataFrame,
-    channels: pd.DataFrame,
-    residuals: pd.DataFrame,
-    ctx: Context,
-) -> dict[str, pd.DataFrame]:
+def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx: Context) -> dict[str, pd.DataFrame]:
     """Name what is missing, add it, and repeat until what is left is noise or has no name."""
     settings = cfg.discrepancy
-    fitted = np.flatnonzero(trial_parts["part"] == "fitted").tolist()
-    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
-    told = told.keep_apart(trial_parts)
-    outputs = [output.take(fitted) for output in list_channels(cfg.plant, told, settings)]
-    states = restore_states(outputs, trial_parts["trial"].iloc[fitted].to_list(), nominal_fit, channels, residuals)
-    found = search(states, settings.search.settings, ctx.generator("trials"))
-    left = weigh_remainder(found, settings.search.settings, ctx.generator("unexplained"))
-    doubt = sum_doubt(left)
+    dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
+    states = restore_states(dataset, nominal)
+    found = search(states, settings.search, ctx.generator("trials"))
+    left = weigh_remainder(found, settings.search, ctx.generator("unexplained"))
+    doubt = sum_doubt(left, settings.search.remainder)
     ranking = pd.DataFrame(rank_first(found, doubt, settings.search.absorbed), columns=list(RANKING.columns))
     ctx.figure(
         "ranking",
@@ -151,19 +136,19 @@ def name_effect(
                     "channel": channel,
                     "share": each.share,
                     "probability": each.unknown,
-                    "imitated": each.imitated,
+                    "imitated": each.ambiguous,
                     "line_hz": np.nan if each.line_hz is None else each.line_hz,
-                    "remembered": each.remembered,
+                    "remembered": each.linear_memory,
                 }
                 for channel, each in left.items()
             ],
             columns=list(UNEXPLAINED.columns),
         ),
-        STEPS.name: pd.DataFrame(tell_steps(found), columns=list(STEPS.columns)),
+        STEPS.name: pd.DataFrame(list_steps(found), columns=list(STEPS.columns)),
     }
 
 
-def tell_steps(found: Search) -> list[dict[str, Any]]:
+def list_steps(found: Search) -> list[dict[str, Any]]:
     """Return every value of every output after each addition."""
     rows = []
     for step, fits in enumerate(found.steps):

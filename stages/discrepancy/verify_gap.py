@@ -18,30 +18,30 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.machines import Measurements, list_channels, settle
+from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.odd_trials import find_odd_trials
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.report_text import (
-    tell,
-    tell_bounds,
-    tell_few,
-    tell_floor,
-    tell_odd,
-    tell_remainder,
-    tell_scales,
-    tell_silent,
-    tell_unconfirmed,
+    describe_bounds,
+    describe_few_trials,
+    describe_high_floor,
+    describe_odd_trials,
+    describe_remainder,
+    describe_scales,
+    describe_silent_channels,
+    describe_unconfirmed,
+    describe_verdict,
 )
 from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.signature import trace_effects
 from stages.science.discrepancy.verdict import (
     confirm_effects,
     confirm_status,
-    decide_status,
     describe_effects,
-    list_absorbed,
     list_candidates,
+    list_confounded,
     list_remainder,
     locate_most,
     summarise_unexplained,
@@ -101,8 +101,6 @@ POOLING = (
     "of each channel and muscle in each trial: mean squared error over the squared range of all its measured samples; "
     "the mean of these over channels and muscles with data, then over trials; its root"
 )
-TELLS_NOTHING = 0.9
-"""Error over the measured standard deviation, from which on a mean would have done nearly as well."""
 MOST_SHOWN = 4
 """Muscles whose trials are drawn."""
 FINDINGS = Table("findings", "What was found", {"finding": column(str, "a sentence")})
@@ -120,113 +118,100 @@ class Config(Section):
 @stage(VERIFICATION, PREDICTIONS, FINDINGS, stream="verify_gap")
 def verify_gap(
     cfg: Config,
-    measured: pd.DataFrame,
-    measured_signals: pd.DataFrame,
-    measured_trials: pd.DataFrame,
-    measured_muscles: pd.DataFrame,
-    measured_session: pd.DataFrame,
-    trial_parts: pd.DataFrame,
-    channels: pd.DataFrame,
+    tables: DatasetTables,
+    found: SearchTables,
     gap: pd.DataFrame,
     ranking: pd.DataFrame,
-    named_effects: pd.DataFrame,
-    unexplained: pd.DataFrame,
-    steps: pd.DataFrame,
     amended_values: pd.DataFrame,
     remainder: pd.DataFrame,
     ctx: Context,
 ) -> dict[str, pd.DataFrame]:
-    """Open the verification trials, once, and say what was found."""
-    settings = cfg.discrepancy
-    opened = np.flatnonzero(trial_parts["part"] == "verification").tolist()
-    learnt = (trial_parts["part"] == "fitted").to_numpy()
-    told = Measurements(measured, measured_signals, measured_trials, measured_muscles, measured_session)
-    told = told.keep_apart(trial_parts)
-    outputs = list_channels(cfg.plant, told, settings)
-    found = verify(outputs, steps, channels, learnt)
-    added = named_effects.drop_duplicates("order")
+    """Open the test trials, once, and report what was found."""
+    settings, channels, named = cfg.discrepancy, found.channels, found.named_effects
+    dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
+    opened = dataset.test
+    verified = verify(dataset, found)
+    added = named.drop_duplicates("order")
     concerned = list(dict.fromkeys(added["channel"])) or list(dict.fromkeys(channels["channel"]))
-    labels = ["nominal", *(f"+ {name}" for name in added["name"])][: int(steps["step"].max()) + 1]
-    judged = [each for each in found if each.output.channel in concerned]
+    labels = ["nominal", *(f"+ {name}" for name in added["name"])][: found.last_step + 1]
+    judged = [each for each in verified if each.output.channel in concerned]
     rows = []
-    for part, chosen in list_reported(trial_parts, measured_trials, judged).items():
+    for part, chosen in list_reported(tables, judged).items():
         weights = resample(len(chosen), settings.bootstraps, ctx.generator("resample", part))
         compared = compare_steps(judged, labels, chosen, weights, settings.level, ctx.generator("signs", part))
         rows += [{"part": part, **row} for row in compared]
     verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
-    places = locate_most(gap, channels, named_effects, settings.search.smallest_gap)
-    named = list(named_effects["probability"])
-    status = decide_status(named, unexplained["probability"].max(), settings.search.certain)
+    places = locate_most(gap, channels, named, settings)
+    status = found.read_status(settings.search.certain)
     last = len(labels) - 1 if status == "named" else 0
     weights = resample(len(opened), settings.bootstraps, ctx.generator("resample", "verification"))
     driven = select_judged(verification)
-    hidden = list_hidden(found, channels, opened)
-    confirmed = confirm_effects(named_effects, driven, 1.0 - settings.level, hidden)
-    over_floor = bound_ratio(found, last, opened, weights, settings.level)
+    hidden = list_hidden(verified, channels, opened, settings.search.remainder)
+    confirmed = confirm_effects(named, driven, settings, hidden)
+    over_floor = bound_ratio(verified, last, opened, weights, settings.level)
     left_over_std = float(driven["gap_over_std"].iloc[last])
-    blind = bool(hidden) or is_hidden(channels) or left_over_std > TELLS_NOTHING
+    uninformative = left_over_std > settings.confirmation.uninformative_error
+    blind = bool(hidden) or is_hidden(channels, settings.search.remainder) or uninformative
     said = confirm_status(status, over_floor["value"], settings.search.smallest_gap, blind)
     lost, status = status == "unexplained" and said == "no_discrepancy", said
     verdict = {
         "status": status,
         "effects": describe_effects(confirmed, amended_values) if status == "named" else [],
         "ranking": list_candidates(ranking),
-        "absorbed": list_absorbed(ranking),
+        "absorbed": list_confounded(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
-        **summarise_unexplained(unexplained, doubted=not set(hidden).isdisjoint(added["channel"])),
+        **summarise_unexplained(found.unexplained, doubted=not set(hidden).isdisjoint(added["channel"])),
         "remainder": list_remainder(remainder),
         "gap": {
-            **tell_gap(driven, last, judged),
+            **summarise_gap(driven, last, judged),
             "over_floor": {**over_floor, "smallest": settings.search.smallest_gap},
         },
-        "verification_trials": [int(trial) for trial in trial_parts["trial"].iloc[opened]],
+        "verification_trials": [dataset.trials[place] for place in opened],
     }
     ctx.verdict(verdict)
-    parts = dict(zip(trial_parts["trial"], trial_parts["part"], strict=True))
-    predictions = list_predictions(found, list(trial_parts["trial"]), parts, last)
+    predictions = list_predictions(verified, dataset, last)
     draw(verification, predictions, channels, concerned, ctx)
     if status == "named":
-        draw_signatures(trace_effects(outputs, steps, opened), ctx)
+        draw_signatures(trace_effects(dataset, found), ctx)
+    report = settings.report
     comparable = predictions[predictions["part"] != "other"]
-    odd = [{str(k): v for k, v in row.items()} for row in find_odd_trials(comparable).to_dict("records")]
-    relevant = list_absorbed(ranking, {row["channel"] for row in places})
+    odd = find_odd_trials(comparable, report.odd_trial)
+    relevant = list_confounded(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
-        *tell_mapping(left_over_std),
-        *(tell_scales(settle(cfg.plant, outputs)) if status == "named" else []),
-        *(tell_unconfirmed(verdict["unexplained_share"]) if lost else []),
-        *tell_remainder(remainder, status),
-        *tell_silent(judgeable, list(measured_muscles["muscle"])),
-        *tell_odd(odd),
-        *tell_bounds(amended_values),
-        *tell_few(int(learnt.sum()), len(opened)),
-        *tell_floor(channels, verdict["gap"]["noise_floor"] if last else math.inf),
-        tell_command(measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
+        *(describe_uninformative(left_over_std) if uninformative else []),
+        *(describe_scales(dataset.plant) if status == "named" else []),
+        *(describe_unconfirmed(verdict["unexplained_share"]) if lost else []),
+        *describe_remainder(remainder, status, report),
+        *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
+        *describe_odd_trials(odd.to_dict("records")),
+        *describe_bounds(amended_values),
+        *describe_few_trials(len(dataset.fitted), len(opened), report.few_trials),
+        *describe_high_floor(channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf),
+        describe_command(tables.measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
     ]
     return {
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
-        FINDINGS.name: pd.DataFrame({"finding": tell(verdict, places, relevant, remarks)}),
+        FINDINGS.name: pd.DataFrame({"finding": describe_verdict(verdict, places, relevant, remarks, settings)}),
     }
 
 
-def list_reported(
-    trial_parts: pd.DataFrame, measured_trials: pd.DataFrame, judged: Sequence[Verified]
-) -> dict[str, list[int]]:
-    """Return the positions of the trials that are judged together: those opened, then each part that was left aside."""
-    purposes, seen = trial_parts["part"].to_numpy(), sum(each.output.present.sum(axis=0) for each in judged)
+def list_reported(tables: DatasetTables, judged: Sequence[Verified]) -> dict[str, list[int]]:
+    """Return the positions of trials that are evaluated together: test trials, and each part that is only reported."""
+    purposes, seen = tables.trial_parts["part"].to_numpy(), sum(each.output.present.sum(axis=0) for each in judged)
     reported = {"verification": np.flatnonzero(purposes == "verification").tolist()}
-    aside = measured_trials["part"].where((purposes == "other") & (seen > 0))
+    aside = tables.measured_trials["part"].where((purposes == "other") & (seen > 0))
     return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
 
 
 def select_judged(verification: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows by which the verdict goes, a row per step and the floor: opened trials, measured upstream."""
+    """Return the rows that decide the verdict: test trials, simulated from measured upstream signals."""
     driven = (verification["simulation"] == DRIVEN) & (verification["part"] == "verification")
     return verification[driven].reset_index(drop=True)
 
 
-def tell_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dict[str, Any]:
+def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dict[str, Any]:
     """Return the verdict's gap: before, after the additions that were accepted, and the floor."""
     before, after, floor = driven.iloc[0], driven.iloc[last], driven.iloc[-1]
     return {
@@ -243,17 +228,15 @@ def tell_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dic
     }
 
 
-def tell_mapping(left_over_std: float) -> list[str]:
-    """Return that a simulation tells nothing of what was measured, if so."""
-    if not left_over_std > TELLS_NOTHING:
-        return []
+def describe_uninformative(left_over_std: float) -> list[str]:
+    """Return that a simulation tells nothing of what was measured."""
     return [
         f"The simulation tells nothing of what was measured: not fitted, it errs by {left_over_std:.2g} of its "
         "standard deviation. Before anything else, look whether columns, units and signs are right, and the plant."
     ]
 
 
-def tell_command(session: dict[Hashable, Any], simulated_at: str) -> str:
+def describe_command(session: dict[Hashable, Any], simulated_at: str) -> str:
     """Return how to simulate with the amended plant."""
     told = "The amended plant is documents/amended.yaml in the run's folder; simulate with it: python -m pipeline "
     if session["kind"] == "records":
@@ -270,7 +253,7 @@ def draw(
     concerned: Sequence[str],
     ctx: Context,
 ) -> None:
-    """Draw the gap step by step, and some verification trials of the channel whose gap is largest."""
+    """Draw the gap step by step, and some test trials of the channel whose gap is largest."""
     ctx.figure(
         "gap_waterfall",
         draw_gap_waterfall(verification[verification["part"] == "verification"]),

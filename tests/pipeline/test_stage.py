@@ -1,5 +1,7 @@
 """Wiring by signature."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from pydantic import BaseModel
@@ -38,6 +40,18 @@ def easy(cfg: Config, a, ctx, b=None):
     """Read a, and b where there is one, write d."""
 
 
+@dataclass
+class Both:
+    a: object
+    b: object = None
+
+
+@stage(table("c"))
+def bundled(cfg: Config, both: Both, ctx):
+    """Read a, and b where there is one, write c."""
+    return both.a, both.b
+
+
 @stage(table("a"))
 def baseline(cfg: Config, ctx):
     """Write a too."""
@@ -60,6 +74,19 @@ def test_an_optional_table_is_read_where_a_stage_writes_it():
     together = order_stages([easy, second, first])
     assert [each.name for each in together] == ["first", "second", "easy"]
     assert together[2].reads == ("a", "b")
+
+
+def test_a_dataclass_stands_for_the_tables_that_its_fields_name():
+    assert order_stages([bundled, first])[1].reads == ("a",)
+    assert order_stages([bundled, second, first])[2].reads == ("a", "b")
+    assert bundled.function(cfg=None, ctx=None, a=1) == (1, None)
+    assert bundled.function(cfg=None, ctx=None, a=1, b=2) == (1, 2)
+    assert bundled.module == __name__
+    with pytest.raises(WiringError, match="stage same: expected each table in one parameter, got b in two"):
+
+        @stage(table("c"))
+        def same(cfg: Config, both: Both, b, ctx):
+            """Name b twice."""
 
 
 def test_refuses_two_writers_no_writer_and_cycles():

@@ -14,24 +14,50 @@ from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import Noise
 from stages.science.plant.effect import Parameter
 from stages.science.plant.plant import MuscleModel, Plant
+from stages.science.plant.record_plant import RecordPlant
 from stages.science.signals.trajectories import Array
 
 
-def amend(plant: Plant, values: pd.DataFrame, channels: pd.DataFrame, types: Mapping[str, str]) -> dict[str, Any]:
-    """Return a plant's configuration with fitted constants, noises and added effects.
-
-    Effects that the plant had along its muscles' chains are left out: the constants were fitted without them.
+def amend_plant(
+    plant: Plant | RecordPlant, values: pd.DataFrame, channels: pd.DataFrame, muscles: pd.DataFrame
+) -> dict[str, Any]:
+    """Return the configuration of a plant with fitted constants and added effects.
 
     Parameters
     ----------
-    plant : Plant
-        What the simulator had; its encoder and integrator stay.
+    plant : Plant, or one of records
+        What was configured; what it left to the data is settled.
     values : DataFrame
         Columns ``muscle effect form parameter value``; an empty effect marks a nominal constant.
     channels : DataFrame
         Columns ``muscle channel white``: the white noise of each sensor.
-    types : mapping of str to str
-        Type of each measured muscle.
+    muscles : DataFrame
+        Columns ``muscle type``; empty for a machine without muscles.
+    """
+    if isinstance(plant, RecordPlant):
+        return _amend_records(plant, values).model_dump()
+    return _amend_muscles(plant, values, channels, dict(zip(muscles["muscle"], muscles["type"], strict=True)))
+
+
+def _amend_records(plant: RecordPlant, values: pd.DataFrame) -> RecordPlant:
+    constants = _by_name(values[values["effect"] == ""])
+    chosen = [
+        (str(name), str(form), _by_name(rows))
+        for (name, form), rows in values[values["effect"] != ""].groupby(["effect", "form"], sort=False)
+    ]
+    return plant.amend(constants, chosen)
+
+
+def _by_name(rows: pd.DataFrame) -> dict[str, float]:
+    return {str(name): float(value) for name, value in zip(rows["parameter"], rows["value"], strict=True)}
+
+
+def _amend_muscles(
+    plant: Plant, values: pd.DataFrame, channels: pd.DataFrame, types: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return a plant's configuration with fitted constants, noises and added effects; `types` are by muscle.
+
+    Effects that the plant had along its muscles' chains are left out: the constants were fitted without them.
     """
     noise = channels.set_index(["channel", "muscle"])["white"]
     muscles: dict[str, Any] = {name: model.model_dump() for name, model in plant.muscles.items()}
@@ -56,7 +82,7 @@ def _amend_muscle(base: MuscleModel, rows: pd.DataFrame, noise: Any, muscle: str
 
 
 def estimate_intervals(
-    model: Model, values: Array, noise: Any, settings: DiscrepancySettings, generator: np.random.Generator
+    model: Model, values: Array, noise: Noise, settings: DiscrepancySettings, generator: np.random.Generator
 ) -> list[dict[str, Any]]:
     """Return every value of a fitted model with its interval over resampled trials, and the bound it stands at, if any.
 
@@ -66,15 +92,14 @@ def estimate_intervals(
         Of the fitted trials.
     values : (P,) ndarray
         Fitted.
-    noise : Series
-        Row of the table `channels`.
+    noise : Noise
+        Of the channel.
     settings : DiscrepancySettings
         Number of resamplings and level.
     generator : numpy.random.Generator
         Draws the trials.
     """
-    known = Noise(*(float(noise[name]) for name in Noise._fields))
-    found = fit(model, known, values, iterations=0)
+    found = fit(model, noise, values, iterations=0)
     weights = resample(model.output.trials, settings.bootstraps, generator)
     tail = 0.5 * (1.0 - settings.level)
     low, high = np.quantile(found.drawn_values(weights), [tail, 1.0 - tail], axis=0)

@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
@@ -22,23 +23,17 @@ from stages.science.signals.trajectories import Array
 
 FOLDS = 10
 MOST_ROWS = 2000
-"""Samples that a GP is fitted to, at most; neighbours in time tell the same."""
-SURE = 1.5
-"""Standard errors over trials by which one more input must help."""
-LEAST_HELP = 0.03
-"""Share of the residual's squares that one more input must take away."""
+"""Largest number of samples that a GP is fitted to; neighbouring samples are redundant."""
 LENGTHS = (0.35, 1.0)
-"""Of the kernels by which inputs are chosen, in standard deviations of an input, for one input; more are longer."""
+"""Length scales of the kernels by which inputs are chosen, in standard deviations; longer for several inputs."""
 RIDGES = (1.0, 10.0)
-"""Noise over signal variance, by which inputs are chosen; noise that wanders counts as more than it is."""
+"""Ratios of noise to signal variance by which inputs are chosen; large, as the noise is correlated."""
 SPREAD = 1.0
 """Standard deviation of the logarithms of a GP's hyperparameters about those that it starts from."""
 LEAST_VARIANCE = 1e-6
-"""Of a row given those chosen, over that of one alone, below which no more pseudo-inputs are needed."""
+"""Conditional over prior variance of a row, below which no more pseudo-inputs are needed."""
 ITERATIONS = 30
 BINS = 20
-LEAST_PART = 0.5
-"""Of what is taken away, the part that the range holds which is told."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +81,7 @@ def list_inputs(output: OutputChannel) -> list[Driver]:
 
 
 def find_dependence(
-    output: OutputChannel, residual: Array, most_inputs: int, pseudo_count: int, generator: np.random.Generator
+    output: OutputChannel, residual: Array, settings: DescriptionSettings, generator: np.random.Generator
 ) -> Dependence:
     """Return on which inputs a residual depends.
 
@@ -96,19 +91,17 @@ def find_dependence(
         Whose drivers are the inputs, with the trials that may be looked at.
     residual : (T, K) ndarray
         What a model leaves, zero where not present, in the channel's unit.
-    most_inputs : int
-        How many may be chosen.
-    pseudo_count : int
-        Pseudo-inputs of each GP.
+    settings : DescriptionSettings
+        How many inputs may be chosen, how much each must help, and pseudo-inputs of each GP.
     generator : numpy.random.Generator
         Draws pseudo-inputs.
 
     Notes
     -----
     Inputs are added one by one, each the one with which a GP of fixed lengths predicts trials left out best, as long as
-    that helps by `SURE` standard errors over trials; where none helps alone, two of the element's own may together. The
-    GP of the chosen ones is that of Snelson and Ghahramani (2006) with a length for each input. What it takes away is
-    told of trials that had no part in either: in each of `FOLDS` folds inputs are chosen anew.
+    that helps by `least_errors` standard errors over trials; where none helps alone, two of the element's own may
+    together. The GP of the chosen ones is that of Snelson and Ghahramani (2006) with a length for each input. What it
+    takes away is told of trials that had no part in either: in each of `FOLDS` folds inputs are chosen anew.
     """
     inputs = list_inputs(output)
     present = output.present
@@ -119,24 +112,24 @@ def find_dependence(
     thin = _draw_samples(present, generator)
     rows, trial, target = columns[thin], np.nonzero(thin)[1], residual[thin]
     everything = np.ones(output.trials, dtype=bool)
-    search = _Forward(rows, target, trial, output.trials, pseudo_count, [each.own for each in inputs])
-    chosen = search.choose(everything, most_inputs)
+    search = _Forward(rows, target, trial, output.trials, settings, [each.own for each in inputs])
+    chosen = search.choose(everything)
     if not chosen:
         return nothing
     heldout, mean, deviation = np.zeros((3, *residual.shape))
     scale = _measure(target)
-    whole = fit_gaussian_process(rows[:, chosen], target / scale, pseudo_count, generator)
+    whole = fit_gaussian_process(rows[:, chosen], target / scale, settings.pseudo_inputs, generator)
     said, variance = whole.predict(columns[present][:, chosen])
     mean[present], deviation[present] = scale * said, scale * np.sqrt(variance)
     for fold in range(min(FOLDS, output.trials)):
         out = np.arange(output.trials) % FOLDS == fold
-        told = search.choose(~out, most_inputs)
+        told = search.choose(~out)
         asked = present & out
         if not told or not asked.any():
             continue
         learnt = ~out[trial]
         scale = _measure(target[learnt])
-        model = fit_gaussian_process(rows[learnt][:, told], target[learnt] / scale, pseudo_count, generator)
+        model = fit_gaussian_process(rows[learnt][:, told], target[learnt] / scale, settings.pseudo_inputs, generator)
         heldout[asked] = scale * model.predict_mean(columns[asked][:, told])
     return Dependence(tuple(inputs[k] for k in chosen), heldout, mean, deviation)
 
@@ -199,18 +192,19 @@ def fit_gaussian_process(
 
 @dataclass
 class _Forward:
-    """Inputs chosen one by one: sums over each trial's rows are kept, so that leaving trials out costs little."""
+    """Forward selection of inputs; sums over the rows of each trial are kept to leave trials out quickly."""
 
     rows: Array
     target: Array
     trial: NDArray[np.intp]
     trials: int
-    count: int
+    settings: DescriptionSettings
     own: Sequence[bool]
     known: dict[tuple[int, ...], list[tuple[Array, Array]]] = field(default_factory=dict)
 
-    def choose(self, learnt: NDArray[np.bool_], most: int) -> list[int]:
-        """Return the columns that help, told by some trials alone, the most telling first."""
+    def choose(self, learnt: NDArray[np.bool_]) -> list[int]:
+        """Return the columns that reduce the error of the trials in `learnt`, the best first."""
+        most = self.settings.most_inputs
         squares = np.bincount(self.trial, self.target**2, self.trials).astype(float)
         chosen: list[int] = []
         left = squares[learnt]
@@ -227,7 +221,7 @@ class _Forward:
         return chosen or (self._choose_pair(squares, learnt) if most > 1 else [])
 
     def _choose_pair(self, squares: Array, learnt: NDArray[np.bool_]) -> list[int]:
-        """Return two of the element's own columns that help together, though neither does alone."""
+        """Return two columns of the element that reduce the error together, though neither does alone."""
         pairs = list(combinations([k for k, own in enumerate(self.own) if own], 2))
         found = {pair: self._leave_out(pair, squares, learnt) for pair in pairs}
         best = min(pairs, key=lambda pair: float(found[pair].sum()), default=None)
@@ -235,14 +229,16 @@ class _Forward:
 
     def _helps(self, gain: Array, squares: Array) -> bool:
         error = float(gain.std(ddof=1)) * np.sqrt(len(gain))
-        return bool(gain.sum() > max(SURE * error, LEAST_HELP * float(squares.sum())))
+        least = self.settings.least_help * float(squares.sum())
+        return bool(gain.sum() > max(self.settings.least_errors * error, least))
 
     def _prefer(self, found: Mapping[int, Array]) -> int:
-        """Return the column that leaves least; of the element's own, unless another's is surely better."""
+        """Return the best column; one of the element's own, unless another's is significantly better."""
         best = min(found, key=lambda k: float(found[k].sum()))
         nearest = min((k for k in found if self.own[k]), key=lambda k: float(found[k].sum()), default=best)
         loss = found[nearest] - found[best]
-        return nearest if loss.sum() <= SURE * loss.std(ddof=1) * np.sqrt(len(loss)) else best
+        bearable = self.settings.least_errors * loss.std(ddof=1) * np.sqrt(len(loss))
+        return nearest if loss.sum() <= bearable else best
 
     def _leave_out(self, chosen: Sequence[int], squares: Array, learnt: NDArray[np.bool_]) -> Array:
         """Return what is left of the squares of each trial learnt, when the others predict it."""
@@ -266,14 +262,14 @@ class _Forward:
         return self.known[chosen]
 
     def _sum_features(self, scaled: Array) -> tuple[Array, Array]:
-        features = _decompose(scaled, self.count)[1]
+        features = _decompose(scaled, self.settings.pseudo_inputs)[1]
         parts = [features[:, self.trial == k] for k in range(self.trials)]
         cross = [part @ self.target[self.trial == k] for k, part in enumerate(parts)]
         return np.stack([part @ part.T for part in parts]), np.stack(cross)
 
 
 def _decompose(scaled: Array, count: int) -> tuple[list[int], Array]:
-    """Return rows that tell most of the others, and the covariance's root through them, (M, N).
+    """Return the pivot rows of a pivoted Cholesky factor of the covariance, and the factor, (M, N).
 
     Each row is that of the largest variance given those before: Cholesky with pivots, of (N, D) rows in units of the
     lengths (Fine and Scheinberg, JMLR 2, 2001; as pseudo-inputs, Burt, Rasmussen and van der Wilk, JMLR 21, 2020).
@@ -301,7 +297,7 @@ def _standardise(values: Array, present: NDArray[np.bool_]) -> Array:
 
 @dataclass(frozen=True)
 class Range:
-    """Where, along an input, most is taken away: from, to, the part of it that lies there, and the part of the time."""
+    """Range of an input in which most is taken away, the part of it that lies there, and the share of time."""
 
     low: float
     high: float
@@ -309,13 +305,15 @@ class Range:
     time: float
 
 
-def find_range(values: Array, taken: Array, parts: int = BINS) -> Range:
-    """Return the range of an input, shortest in time, that holds at least half of what is taken away.
+def find_range(values: Array, taken: Array, least_part: float, parts: int = BINS) -> Range:
+    """Return the range of an input, shortest in time, that holds a part of what is taken away.
 
     Parameters
     ----------
     values, taken : (N,) ndarray
         The input, and the fall of the squared residual, sample by sample.
+    least_part : float
+        Part of what is taken away that the range holds.
     parts : int
         Into which the samples are cut along the input, equal in number.
     """
@@ -327,7 +325,7 @@ def find_range(values: Array, taken: Array, parts: int = BINS) -> Range:
     for width in range(1, parts + 1):
         held = along[width:] - along[:-width]
         first = int(np.argmax(held))
-        if held[first] >= LEAST_PART * total or width == parts:
+        if held[first] >= least_part * total or width == parts:
             break
     inside = (place >= first) & (place < first + width)
     part = min(float(held[first]) / total, 1.0)

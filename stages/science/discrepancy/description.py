@@ -1,4 +1,4 @@
-"""What a channel's residual depends on, for the table, the figure and the words: a hint where to look, never a name.
+"""What a channel's residual depends on, for the table, the figure and the report; it names no effect.
 
 A fitted model, the noise floor and trials drawn again flow in; a row and averages along the first input flow out.
 """
@@ -7,41 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from math import nan
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, field_validator
 
+from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.dependence import Dependence, find_dependence, find_range
+from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
-from stages.science.discrepancy.restoring import restore
+from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.signal_names import name_signal
-from stages.science.discrepancy.symbolic_regression import Regression, Sketch, sketch_residual
+from stages.science.discrepancy.symbolic_regression import Sketch, sketch_residual
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.flexible import find_floor
-from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import OutputChannel
-from stages.science.plant.declaration import Declared
 from stages.science.signals.trajectories import Array
-
-
-class DescriptionSettings(Declared):
-    """How what stays unexplained is described."""
-
-    most_inputs: int = Field(ge=1, le=5)
-    pseudo_inputs: int = Field(ge=2, le=200)
-    most_terms: int = Field(ge=1, le=10)
-    regression: Regression
-
-    @field_validator("regression")
-    @classmethod
-    def _is_installed(cls, chosen: Regression) -> Regression:
-        if chosen == "pysindy" and find_spec("pysindy") is None:
-            raise ValueError('pysindy is not installed: pip install -e ".[sketch]", or choose stepwise')
-        return chosen
 
 
 @dataclass(frozen=True)
@@ -90,6 +72,8 @@ class Description:
         A formula.
     sketched : Share
         What it takes away of trials left out.
+    range_part : float
+        Part of what the GP takes away that its range is to hold.
     """
 
     output: OutputChannel
@@ -99,6 +83,7 @@ class Description:
     share: Share
     sketch: Sketch
     sketched: Share
+    range_part: float
 
     @property
     def is_confirmed(self) -> bool:
@@ -117,51 +102,48 @@ class Description:
 
 
 def describe_above_floor(
-    outputs: Sequence[OutputChannel],
-    steps: pd.DataFrame,
+    dataset: Dataset,
+    found: SearchTables,
     step: int,
-    channels: pd.DataFrame,
     smallest_gap: float,
     settings: DescriptionSettings,
     weights: Array,
     level: float,
     generator: np.random.Generator,
 ) -> list[Description]:
-    """Return a description of each output in which more than noise is left after a number of additions.
+    """Return a description of each output channel in which more than noise is left after a number of additions.
 
     Where an effect was added, the floor is what flexible models leave with it, if that is less: they do better beside
     the right name than alone.
 
     Parameters
     ----------
-    outputs : sequence of OutputChannel
-        With the trials that may be looked at.
-    steps : DataFrame
-        Values after each addition.
+    dataset : Dataset
+        Its fitted trials are looked at.
+    found : SearchTables
+        Noise floors, and values after each addition.
     step : int
         Effects added.
-    channels : DataFrame
-        Noise, noise floor and gap over floor of each output after the nominal fit.
     smallest_gap : float
-        Over the floor; below it an output is passed over.
+        Over the floor; below it an output channel is passed over.
     settings, weights, level, generator
         As `describe` takes them.
     """
-    known = {(row["channel"], row["muscle"]): row for row in channels.to_dict("records")}
+    known = {(row["channel"], row["muscle"]): row for row in found.channels.to_dict("records")}
     described = []
-    for output in outputs:
+    for output in dataset.fitted_outputs:
         row = known[output.channel, output.element]
         if row["gap_over_floor"] <= smallest_gap:
             continue
-        model, values = restore(output, steps, step)
-        noise = Noise(*(float(row[name]) for name in Noise._fields))
-        found = fit(model, noise, values, iterations=0)
+        model, values = found.restore(output, step)
+        noise = found.read_noise(output)
+        fitted = fit(model, noise, values, iterations=0)
         floor = float(row["noise_floor"])
         if model.forms:
-            least = find_floor(found, noise, np.ones(model.output.trials, dtype=bool)).raw.sum()
+            least = find_floor(fitted, noise, np.ones(model.output.trials, dtype=bool)).raw.sum()
             floor = min(floor, float(np.sqrt(least / max(int(model.output.present.sum()), 1))))
-        if _measure(found.residual, found.model.output) > smallest_gap * floor:
-            described.append(describe(found, floor, settings, weights, level, generator))
+        if _measure(fitted.residual, fitted.model.output) > smallest_gap * floor:
+            described.append(describe(fitted, floor, settings, weights, level, generator))
     return described
 
 
@@ -191,12 +173,19 @@ def describe(
         Draws pseudo-inputs.
     """
     output, residual = fitted.model.output, fitted.residual
-    found = find_dependence(output, residual, settings.most_inputs, settings.pseudo_inputs, generator)
+    found = find_dependence(output, residual, settings, generator)
     left = ((residual - found.heldout) ** 2).sum(axis=0)
     share = measure_share((residual**2).sum(axis=0), left, weights, level)
-    sketch = sketch_residual(fitted, found.inputs, settings.most_terms, settings.regression)
+    sketch = sketch_residual(fitted, found.inputs, settings)
     return Description(
-        output, residual, floor, found, share, sketch, measure_share(sketch.before, sketch.after, weights, level)
+        output,
+        residual,
+        floor,
+        found,
+        share,
+        sketch,
+        measure_share(sketch.before, sketch.after, weights, level),
+        settings.range_part,
     )
 
 
@@ -226,7 +215,7 @@ def tabulate(described: Description) -> dict[str, Any]:
     if inputs:
         rest = described.residual - described.dependence.heldout
         taken = (described.residual**2 - rest**2)[output.present]
-        where = find_range(described.dependence.along[output.present], taken)
+        where = find_range(described.dependence.along[output.present], taken, described.range_part)
         row |= {"range_low": where.low, "range_high": where.high}
         row |= {"range_part": where.part, "range_time": where.time}
     sketched = described.sketched

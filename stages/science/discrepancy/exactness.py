@@ -1,4 +1,4 @@
-"""How well one form can write an effect that was simulated elsewhere, without noise.
+"""How well one form reproduces an effect that was simulated elsewhere, without noise.
 
 Two outputs of the same session, with the effect and without, flow in; out flow the effect's size beyond the nominal
 constants and what the fitted form leaves of it.
@@ -14,7 +14,7 @@ from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 
 FINE = 1e-3
-"""Standard deviation, over the range, to which a record without noise is fitted; priors then hardly pull."""
+"""Standard deviation over the range by which noise-free records are fitted; small, so that priors hardly matter."""
 STEPS = 40
 
 

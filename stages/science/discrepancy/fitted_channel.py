@@ -25,7 +25,8 @@ from stages.science.output_channels.output_channel import EffectForm, OutputChan
 from stages.science.signals.trajectories import Array
 
 FAR, LARGE = 4.0, 0.1
-"""Sum of squares of a trial left out, over that when it is not, and over all trials', above which a fit is repeated."""
+"""Sum of squares of a left-out trial over its own when fitted, and over that of all trials, above both of which the
+model is fitted again without the trial."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Fitted:
     def estimate_noise(self) -> Noise:
         """Return the noise that the residual most likely is."""
         output = self.fit.model.output
-        return estimate_noise(self.residual, output.present, output.step_s)
+        return estimate_noise(self.residual, output.present, output.step_s, output.limits)
 
     def density(self, noise: Noise) -> Array:
         """Return the log density of each trial's residual under a noise, (K,) ndarray."""
@@ -84,7 +85,7 @@ class FittedChannel:
 
     @cached_property
     def promises(self) -> list[Screened]:
-        """What each form that it does not hold yet promises."""
+        """Screening results of the forms that are not in the model yet."""
         held = {form.name for form in self.current.forms}
         forms = [form for form in self.output.forms if form.name not in held]
         return screen(self.current.fit, self.noise, forms)
@@ -114,7 +115,7 @@ def prepare(output: OutputChannel) -> FittedChannel:
     features, by_trees = build_features(output), explain_by_trees(output, rough.residual)
     by_memory = explain_by_memory(output, rough.residual)
     least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], output, by_memory=by_memory)
-    noise = estimate_noise(least.residual, output.present, output.step_s)
+    noise = estimate_noise(least.residual, output.present, output.step_s, output.limits)
     nominal = refine(model, rough.fit.values, rough.spread)
     by_features = explain_by_features(nominal.fit, features, noise)
     leftover = keep_least([by_trees, by_features], output, by_memory=by_memory)
@@ -154,20 +155,20 @@ def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, 
 
 def refine(model: Model, start: Array, spread: float) -> Fitted:
     """Fit a model as if its residual were white, then under the noise that it leaves; return what predicts better."""
-    return colour(fit_plain(model, start, spread))
+    return refit_coloured(fit_plain(model, start, spread))
 
 
 def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
     """Fit a model as if its residual were white, of a root mean square `spread`.
 
-    What another model left says little of this one's noise: a missing effect passes for wander, and under so much
-    wander only steps would count.
+    The noise estimated from another model's residual does not serve: it takes a missing effect for slow noise, under
+    which only steps would count.
     """
     plain = make_plain(spread)
     return assess(fit(model, plain, start), plain)
 
 
-def colour(plain: Fitted) -> Fitted:
+def refit_coloured(plain: Fitted) -> Fitted:
     """Fit a model once more, under the noise that it left; return what predicts better."""
     noise = plain.estimate_noise()
     coloured = assess(fit(plain.fit.model, noise, plain.fit.values, iterations=4), noise)
@@ -175,7 +176,7 @@ def colour(plain: Fitted) -> Fitted:
 
 
 def assess(found: Fit, noise: Noise) -> Fitted:
-    """Judge a fit on its trials, each left out; where that changes much, by fitting once more without the trial."""
+    """Evaluate a fit on each trial left out; where that changes much, by a new fit without the trial."""
     output = found.model.output
     residual = np.where(output.present, found.leave_each_out(), 0.0)
     squares, inside = (residual**2).sum(axis=0), (found.residual**2).sum(axis=0)
@@ -189,8 +190,8 @@ def assess(found: Fit, noise: Noise) -> Fitted:
     return Fitted(found, residual, (residual**2).sum(axis=0))
 
 
-def go_on(state: FittedChannel, current: Fitted) -> FittedChannel:
-    """Return an output that stands at a fit; without an effect, that is the nominal one."""
+def continue_from(state: FittedChannel, current: Fitted) -> FittedChannel:
+    """Return an output channel with another present fit; one without effects is its nominal fit too."""
     noise = current.estimate_noise()
     by_features = explain_by_features(current.fit, state.features, noise)
     by_trees, by_memory = (explain(state.output, current.residual) for explain in (explain_by_trees, explain_by_memory))

@@ -1,7 +1,7 @@
-"""The whole search on one session at once, and what it would have reached had it been told the answer.
+"""The whole search on one dataset, and the search that knows the true names as its upper bound.
 
-Outputs with all trials flow in, with those that are opened at the end; out flow the search, its status, and the gap on
-the opened trials before, after, at the noise floor, and with the true names told.
+Outputs with all trials flow in, with the positions of the test trials; out flow the search, its status, and the gap on
+the test trials before, after, at the noise floor, and with the true names known.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
-from stages.science.discrepancy.naming import Named, SearchSettings
+from stages.science.discrepancy.naming import Named
 from stages.science.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
 from stages.science.discrepancy.search import Search, search
+from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.verdict import Status, decide_status
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.flexible import find_floor
@@ -24,7 +25,7 @@ from stages.science.signals.trajectories import Array
 
 @dataclass(frozen=True)
 class Judgement:
-    """What was found in a session.
+    """What was found in a dataset.
 
     Parameters
     ----------
@@ -38,8 +39,8 @@ class Judgement:
         Ended.
     left : dict of str to Remainder
         By channel, what was named leaves.
-    certain : float
-        Probability at which something is said.
+    settings : SearchSettings
+        Of the search.
     """
 
     outputs: list[OutputChannel]
@@ -47,7 +48,7 @@ class Judgement:
     prepared: list[FittedChannel]
     found: Search
     left: dict[str, Remainder]
-    certain: float
+    settings: SearchSettings
 
     @property
     def unexplained(self) -> str:
@@ -61,21 +62,21 @@ class Judgement:
 
     @property
     def doubt(self) -> float:
-        """Probability of something without a name; it takes its part from every name's."""
-        return sum_doubt(self.left)
+        """Probability of an effect without a name; the probability of every name is reduced by it."""
+        return sum_doubt(self.left, self.settings.remainder)
 
     @property
     def status(self) -> Status:
         """As in the verdict."""
-        return decide_status([each.doubt(self.doubt) for each in self.found.named], self.unknown, self.certain)
+        return decide_status([each.doubt(self.doubt) for each in self.found.named], self.unknown, self.settings.certain)
 
     @property
     def named(self) -> list[Named]:
-        """Effects that are said; none while something is left unexplained."""
+        """Effects that the verdict names; none where something is left unexplained."""
         return self.found.named if self.status == "named" else []
 
     def gap(self, fits: Sequence[Fit], channels: Collection[str]) -> float:
-        """Return the gap on the opened trials, RMSE over range, root mean square over outputs of some channels."""
+        """Return the gap on the test trials, RMSE over range, root mean square over outputs of some channels."""
         squares = []
         for output, each in zip(self.outputs, fits, strict=True):
             if output.channel in channels:
@@ -84,7 +85,7 @@ class Judgement:
         return float(np.sqrt(np.mean(squares)))
 
     def floor(self, channels: Collection[str]) -> float:
-        """Return what neither the last model nor a flexible one explains on the opened trials, in the same unit."""
+        """Return what neither the last model nor a flexible one explains on the test trials, in the same unit."""
         learnt = np.ones(self.outputs[0].trials, dtype=bool)
         learnt[self.opened] = False
         squares = []
@@ -104,7 +105,7 @@ def judge(
     settings: SearchSettings,
     draw: Callable[[str], np.random.Generator],
 ) -> Judgement:
-    """Return what the search finds in a session.
+    """Return what the search finds in a dataset.
 
     Parameters
     ----------
@@ -121,13 +122,11 @@ def judge(
     prepared = [prepare(output.take(fitted)) for output in outputs]
     found = search(prepared, settings, draw("trials"))
     left = weigh_remainder(found, settings, draw("unexplained"))
-    return Judgement(list(outputs), list(opened), prepared, found, left, settings.certain)
+    return Judgement(list(outputs), list(opened), prepared, found, left, settings)
 
 
-def tell_truth(
-    judged: Judgement, names: Collection[str], settings: SearchSettings, generator: np.random.Generator
-) -> Search:
-    """Return the search that knows which effects there are, and adds them whatever they gain.
+def search_with_truth(judged: Judgement, names: Collection[str], generator: np.random.Generator) -> Search:
+    """Return the search that knows the true names and adds them however little they gain.
 
     Parameters
     ----------
@@ -135,23 +134,13 @@ def tell_truth(
         Of the session.
     names : collection of str
         True names; the library is restricted to them.
-    settings : SearchSettings
-        Of the search that did not know.
     generator : numpy.random.Generator
         Draws weights of trials.
     """
-    easy = replace(
-        settings,
-        smallest_gap=1.0,
-        least_gain=0.0,
-        least_share=0.0,
-        later_share=0.0,
-        later_gain=0.0,
-        later_rest=0.0,
-        none_prior=1e-9,
-    )
+    every = ("least_gain", "least_share", "later_share", "later_gain", "later_rest")
+    easy = {"smallest_gap": 1.0, **dict.fromkeys(every, 0.0), "none_prior": 1e-9, "most_effects": len(names)}
     states = [replace(state, output=_restrict(state.output, names)) for state in judged.prepared]
-    return search(states, replace(easy, most_effects=len(names)), generator)
+    return search(states, judged.settings.model_copy(update=easy), generator)
 
 
 def _restrict(output: OutputChannel, names: Collection[str]) -> OutputChannel:

@@ -11,52 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.science.discrepancy.evidence import NONE, Verdicts, weigh_names
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, colour, fit_plain
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_plain, refit_coloured
 from stages.science.discrepancy.screening import Screened
+from stages.science.discrepancy.settings import SearchSettings
 from stages.science.output_channels.noise import Noise
 from stages.science.signals.trajectories import Array
 
-AS_MUCH, LIKE = 0.985, 0.95
-"""Shares of what the best name closes: above the first, a simpler name is preferred; above the second, not excluded."""
-
-NOT_WORTH = 1.0
-"""Fall of a trial's score, in an output, of a form that did not seem worth a full fit there."""
-
-SURE = 0.99
-"""Probability of what exact values show."""
-
-SHOWN = 0.98
-"""Sum of squares of all trials, none left out, over that before, below which a level that they show takes effect."""
-
-BESIDE_BOUND = 0.5
-"""Probability, at most, of a name beside an effect that stands at a bound: what that cannot reach may pass for it."""
-
-NEAR = 1.25
-"""Sum of squares, over that of the best form in an output, up to which a form is fitted under its own noise too."""
-
 Choice = dict[tuple[str, str], Fitted]
 """By name and form: the fit of one output that carries it."""
-
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """What the search was told; see the configuration for units and reasons."""
-
-    smallest_gap: float
-    least_gain: float
-    least_share: float
-    later_share: float
-    later_gain: float
-    later_rest: float
-    unexplained_share: float
-    imitation_share: float
-    temper: float
-    shortlist: int
-    most_effects: int
-    absorbed: float
-    none_prior: float
-    certain: float
-    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,7 +35,7 @@ class Named:
     shown: bool = False
 
     def doubt(self, doubt: float) -> float:
-        """Return its probability, less that of something without a name; what exact values show stays sure."""
+        """Return its probability, reduced by that of an effect without a name unless exact values show it."""
         return min(self.probability * (1.0 if self.shown else 1.0 - doubt), 1.0)
 
 
@@ -82,7 +44,7 @@ class Round:
     """One round of the search: every candidate's probability and what it would leave, and what was done."""
 
     verdicts: Verdicts
-    absorbed: Mapping[str, float]
+    confounded_with_constants: Mapping[str, float]
     gaps: Mapping[str, float]
     heldout: Mapping[str, float]
     sites: Mapping[str, str]
@@ -90,10 +52,10 @@ class Round:
 
 
 def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) -> list[list[Screened]]:
-    """Return, for each output, what each form that it does not hold yet promises: nothing where no gap matters.
+    """Return the screening results of each output channel; gains are zero where no gap matters.
 
-    An output is looked at even where no gap is seen: some gaps show only to the form that closes them, and what the
-    constants absorb is to be told in any case.
+    Channels without a gap are screened too: some gaps show only with the form that closes them, and confounding with
+    the constants is reported in any case.
     """
     least = 0.5 * (settings.smallest_gap - 1.0)
     worth = {
@@ -119,12 +81,12 @@ def rank(
     settings: SearchSettings,
     generator: np.random.Generator,
 ) -> tuple[Round, list[Choice]]:
-    """Return the names' probabilities and, for each output, the fits with every form that was looked at closely."""
+    """Return the probabilities of the names and, for each output channel, the fits of the shortlisted forms."""
     close = _shortlist(outputs, candidates, settings)
-    choices = [
-        _extend(state, [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close])
-        for state, listed in zip(outputs, candidates, strict=True)
-    ]
+    choices = []
+    for state, listed in zip(outputs, candidates, strict=True):
+        chosen = [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close]
+        choices.append(_extend(state, chosen, settings.near_best))
     temper = settings.temper
     noises = [_least_noise(state, fitted) for state, fitted in zip(outputs, choices, strict=True)]
     none = [state.current.density(noise) / temper for state, noise in zip(outputs, noises, strict=True)]
@@ -133,7 +95,8 @@ def rank(
         for each in listed:
             by_output = scores.setdefault((each.form.name, each.form.form), {})
             fitted = choices[place].get((each.form.name, each.form.form))
-            by_output[place] = fitted.density(noises[place]) / temper if fitted else none[place] - NOT_WORTH
+            unfitted = none[place] - settings.unfitted_score
+            by_output[place] = fitted.density(noises[place]) / temper if fitted else unfitted
     names = sorted({name for name, _ in scores})
     sizes = _count_parameters(candidates)
     halved = {name: 0.5 ** sizes[name] for name in names}
@@ -144,7 +107,7 @@ def rank(
         return bool(_carriers(outputs, choices, name, forms, carries, settings))
 
     verdicts = _choose_forms(weigh_names(scores, none, priors, generator, worth), choices)
-    verdicts = _believe_exact(outputs, choices, verdicts)
+    verdicts = _believe_exact(outputs, choices, verdicts, settings)
     raws = {name: _raw_with(outputs, choices, verdicts, name) for name in names}
     raws[NONE] = [state.current.raw for state in outputs]
     gaps = {name: _pool(outputs, each) for name, each in raws.items()}
@@ -157,14 +120,14 @@ def rank(
     }
     named = _decide(outputs, choices, verdicts, gaps, sizes, settings)
     spoken = (named.name, *named.alternatives) if named else ()
-    absorbed = {name: each for name, each in _absorb(candidates, verdicts).items() if name not in spoken}
-    return Round(verdicts, absorbed, gaps, heldout, sites, named), choices
+    confounded = {name: each for name, each in _find_confounded(candidates, verdicts).items() if name not in spoken}
+    return Round(verdicts, confounded, gaps, heldout, sites, named), choices
 
 
 def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
     """Return the verdicts with the form of each name that predicts best in each output, of those that were fitted.
 
-    How probable a name is, its scores say; of its forms, the one is added that leaves least.
+    The scores decide on the probability of a name; of its forms, the one with the smallest residual is added.
     """
     forms = {}
     for name, chosen in verdicts.forms.items():
@@ -176,33 +139,37 @@ def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
     return replace(verdicts, forms=forms)
 
 
-def _believe_exact(outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts) -> Verdicts:
-    """Return the verdicts with what exact values show taken as nearly sure, however little of the residual it takes."""
+def _believe_exact(
+    outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts, settings: SearchSettings
+) -> Verdicts:
+    """Return the verdicts with effects that exactly repeated values show as nearly certain, whatever their gain."""
+    sure = settings.exact_probability
     for name, forms in verdicts.forms.items():
         carries = verdicts.carries[name].copy()
         for place, state in enumerate(outputs):
             fitted = choices[place].get((name, forms[place]))
-            if fitted is not None and _is_shown(state, fitted):
+            if fitted is not None and _is_shown(state, fitted, settings):
                 carries[place] = 1.0
-        if verdicts.names[name] < SURE and (carries > verdicts.carries[name]).any():
-            rest = (1.0 - SURE) / (1.0 - verdicts.names[name])
-            names = {other: SURE if other == name else rest * each for other, each in verdicts.names.items()}
+        if verdicts.names[name] < sure and (carries > verdicts.carries[name]).any():
+            rest = (1.0 - sure) / (1.0 - verdicts.names[name])
+            names = {other: sure if other == name else rest * each for other, each in verdicts.names.items()}
             return replace(verdicts, names=names, carries={**verdicts.carries, name: carries})
     return verdicts
 
 
-def _is_shown(state: FittedChannel, fitted: Fitted) -> bool:
-    """Return whether the measured values themselves show a form's level, and the simulation would pass it."""
+def _is_shown(state: FittedChannel, fitted: Fitted, settings: SearchSettings) -> bool:
+    """Return whether exactly repeated values show a form's level, and the simulation would exceed it."""
     output = state.output
     if not output.is_exact(fitted.forms[-1]) or not output.reveals_saturation():
         return False
-    return float((fitted.fit.residual**2).sum()) < SHOWN * float((state.current.fit.residual**2).sum())
+    before = float((state.current.fit.residual**2).sum())
+    return float((fitted.fit.residual**2).sum()) < settings.exact_share * before
 
 
 def _least_noise(state: FittedChannel, choices: Choice) -> Noise:
-    """Return the noise under which all candidates of an output are judged: what the one that predicts best leaves.
+    """Return the noise under which all candidates of an output channel are scored: that of the best prediction.
 
-    Under a noise of its own, a model that leaves a smooth gap would be preferred to one that leaves a small rough one.
+    With a noise model of each candidate, a smooth large residual would be preferred to a rough small one.
     """
     best = min([state.current, *choices.values()], key=lambda each: float(each.raw.sum()))
     return best.estimate_noise()
@@ -220,7 +187,7 @@ def _count_parameters(candidates: Sequence[Sequence[Screened]]) -> dict[str, int
 def _shortlist(
     outputs: Sequence[FittedChannel], candidates: Sequence[Sequence[Screened]], settings: SearchSettings
 ) -> set[tuple[str, str, str]]:
-    """Return channel, name and form of those that promise most, over all of a channel's outputs."""
+    """Return channel, name and form of the best screening results, summed over the muscles of a channel."""
     promised: dict[tuple[str, str, str], Array] = {}
     for state, listed in zip(outputs, candidates, strict=True):
         for each in listed:
@@ -239,7 +206,7 @@ def _shortlist(
 
 
 def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set[tuple[str, str, str]]:
-    """Return the best two forms of the names that promise most."""
+    """Return the best two forms of the best `most` names."""
     names: dict[str, int] = {}
     kept = set()
     for key in sorted((key for key in promised if promised[key] > 0.0), key=lambda key: (-promised[key], key)):
@@ -250,25 +217,25 @@ def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set
     return kept
 
 
-def _extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
-    """Fit an output with one more effect, each in turn, from where it stands; those that are near the best, twice."""
+def _extend(state: FittedChannel, chosen: Sequence[Screened], near_best: float) -> Choice:
+    """Fit an output channel with each form added in turn; those near the best also under their own noise."""
     spread = float(np.sqrt(state.current.raw.sum() / max(state.samples.sum(), 1.0)))
     plain: Choice = {}
     for each in chosen:
         model = replace(state.current.fit.model, forms=(*state.current.forms, each.form))
         start = np.concatenate([each.known, [each.start[own.name] for own in each.form.parameters]])
         plain[each.form.name, each.form.form] = fit_plain(model, start, spread)
-    near = NEAR * min((float(fitted.raw.sum()) for fitted in plain.values()), default=0.0)
-    return {key: colour(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
+    near = near_best * min((float(fitted.raw.sum()) for fitted in plain.values()), default=0.0)
+    return {key: refit_coloured(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
 
 
-def _absorb(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
-    """Return for each name the least share that constants absorb, over outputs and forms that would carry it."""
+def _find_confounded(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
+    """Return for each name its least confounding with the constants, over the channels and forms that carry it."""
     shares: dict[str, list[float]] = {}
     for place, listed in enumerate(candidates):
         for each in listed:
             if verdicts.forms[each.form.name][place] == each.form.form:
-                shares.setdefault(each.form.name, []).append(each.absorbed)
+                shares.setdefault(each.form.name, []).append(each.confounded_with_constants)
     return {name: min(found) for name, found in shares.items()}
 
 
@@ -303,7 +270,7 @@ def _decide(
     sizes: Mapping[str, int],
     settings: SearchSettings,
 ) -> Named | None:
-    """Return the name to add, if one is probable and closes a gap that matters; of equals, the simpler."""
+    """Return the effect to add, if one is probable and closes a gap that matters; of equals, the simpler one."""
     carried = {
         name: _carriers(outputs, choices, name, forms, verdicts.carries[name], settings)
         for name, forms in verdicts.forms.items()
@@ -313,30 +280,33 @@ def _decide(
     if verdicts.names[best] <= verdicts.names[NONE]:
         return None
     closed = {name: gaps[NONE] - gaps[name] for name in possible}
-    equals = [name for name in possible if name == best or closed[name] > AS_MUCH * closed[best]]
+    equals = [name for name in possible if name == best or closed[name] > settings.simpler_share * closed[best]]
     best = min(equals, key=lambda name: (sizes[name], -verdicts.names[name]))
     equals = [name for name in equals if sizes[name] > sizes[best] or name == best]
+    like = settings.alternative_share * closed[best]
     alternatives = tuple(
-        name for name in sorted(possible, key=gaps.__getitem__) if name != best and closed[name] > LIKE * closed[best]
+        name for name in sorted(possible, key=gaps.__getitem__) if name != best and closed[name] > like
     )
     carriers = carried[best]
     forms = tuple(verdicts.forms[best][place] for place in carriers)
     first = next(form for form in outputs[carriers[0]].output.forms if (form.name, form.form) == (best, forms[0]))
-    stuck = any(_is_stuck(choices[place][best, verdicts.forms[best][place]]) for place in carriers)
+    fits = [choices[place][best, verdicts.forms[best][place]] for place in carriers]
+    stuck = any(_is_stuck(fitted) for fitted in fits)
+    shown = any(_is_shown(outputs[place], fitted, settings) for place, fitted in zip(carriers, fits, strict=True))
     return Named(
         best,
         forms,
         first.site,
         outputs[carriers[0]].output.channel,
         tuple(outputs[place].output.element for place in carriers),
-        min(sum(verdicts.names[name] for name in equals), BESIDE_BOUND if stuck else 1.0),
+        min(sum(verdicts.names[name] for name in equals), settings.beside_bound if stuck else 1.0),
         alternatives[:2],
-        any(_is_shown(outputs[place], choices[place][best, verdicts.forms[best][place]]) for place in carriers),
+        shown,
     )
 
 
 def _is_stuck(fitted: Fitted) -> bool:
-    """Return whether the size of an effect other than the newest stands at a bound, and does something there."""
+    """Return whether the magnitude of an effect other than the newest is at a bound other than zero."""
     place = len(fitted.fit.model.output.constants)
     for form in fitted.forms[:-1]:
         if not fitted.fit.free[place] and fitted.fit.values[place] != 0.0:
@@ -367,7 +337,7 @@ def _carriers(
             needed = min(settings.later_share * (initial - 1.0), max(settings.later_gain, settings.later_rest * before))
         if before - after > max(settings.least_gain, needed):
             gains[place] = before
-        elif _is_shown(state, fitted):
+        elif _is_shown(state, fitted, settings):
             gains[place] = max(before, np.nextafter(settings.smallest_gap, np.inf))
     channel = {outputs[place].output.channel for place in gains}
     if len(channel) > 1:  # one name at one place of the chain: where it gains most

@@ -1,4 +1,4 @@
-"""Trials that do not fit to the others, as where a cable was loose: they blur everything and should be looked at.
+"""Trials with a far larger error than the others, as after a loose cable.
 
 Predictions flow in; trials flow out, with how far they are off.
 """
@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import pandas as pd
 
-ODD = 8.0
-"""Error of a trial over the median of its channel's trials from which it is told."""
 
-
-def find_odd_trials(predictions: pd.DataFrame) -> pd.DataFrame:
+def find_odd_trials(predictions: pd.DataFrame, least_ratio: float) -> pd.DataFrame:
     """Return the trials whose error is many times the usual one.
 
     Parameters
     ----------
     predictions : DataFrame
         Columns ``trial muscle channel measured after``.
+    least_ratio : float
+        Error of a trial over the median of its channel's trials, above which it is odd.
 
     Returns
     -------
@@ -28,4 +27,4 @@ def find_odd_trials(predictions: pd.DataFrame) -> pd.DataFrame:
     by_trial = square.groupby([predictions[name] for name in ("channel", "muscle", "trial")]).mean() ** 0.5
     usual = by_trial.groupby(["channel", "muscle"]).transform("median")
     ratio = (by_trial / usual.where(usual > 0.0)).rename("ratio").reset_index()
-    return ratio[ratio["ratio"] > ODD].sort_values("ratio", ascending=False).reset_index(drop=True)
+    return ratio[ratio["ratio"] > least_ratio].sort_values("ratio", ascending=False).reset_index(drop=True)

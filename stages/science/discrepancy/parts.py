@@ -1,4 +1,4 @@
-"""Which trials are fitted, which are opened once at the end, and which are only reported.
+"""Which trials are fitted, which are test trials (opened once, at the end), and which are only reported.
 
 The parts and records that a recording tells of its trials flow in; what each trial is for flows out, and how many
 samples keep neighbouring ones apart.
@@ -42,6 +42,26 @@ class Parts(Declared):
         if self.verification and self.last_share is not None:
             raise ValueError("expected verification or last_share, got both; set one of them to null")
         return self
+
+
+def list_parts(trials: pd.DataFrame, parts: Parts, share: float) -> pd.DataFrame:
+    """Return what each trial is for, and how many of its samples are left out.
+
+    Parameters
+    ----------
+    trials : DataFrame
+        Columns ``trial part record samples``, in the order of time within a record.
+    parts, share
+        As `assign_parts` takes them.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``trial part left_before left_after``.
+    """
+    purposes = assign_parts(list(trials["part"]), parts, share, list(trials["record"]))
+    told = pd.DataFrame({"trial": trials["trial"].to_numpy(), "part": purposes})
+    return told.join(leave_gaps(trials, purposes, parts.gap_share))
 
 
 def assign_parts(given: Sequence[str], parts: Parts, share: float, records: Sequence[str] = ()) -> list[str]:
@@ -103,8 +123,8 @@ def _round(share: float, count: int) -> float:
 def leave_gaps(trials: pd.DataFrame, purposes: Sequence[str], share: float) -> pd.DataFrame:
     """Return how many samples of each trial are left out at its beginning and its end.
 
-    What disturbs one sample disturbs its neighbours too. A fitted block that meets one that is opened would know some
-    of the noise in it, so the fitted one ends earlier, or begins later; the opened one stays whole.
+    Noise is correlated in time, so a fitted block next to a test block would know some of its noise. The fitted block
+    therefore ends earlier, or begins later; the test block stays whole.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ def rank_first(found: Search, unknown: float, most_absorbed: float) -> list[dict
 def _rank_round(looked: Round, number: int, unknown: float, most_absorbed: float) -> list[dict[str, Any]]:
     rows = []
     for name, probability in looked.verdicts.names.items():
-        absorbed = float(min(max(looked.absorbed.get(name, 0.0), 0.0), 1.0))
+        confounded = float(min(max(looked.confounded_with_constants.get(name, 0.0), 0.0), 1.0))
         rows.append(
             {
                 "round": number,
@@ -43,8 +43,8 @@ def _rank_round(looked: Round, number: int, unknown: float, most_absorbed: float
                 "probability": min(probability * (1.0 - unknown), 1.0),
                 "heldout_gap": looked.heldout[name],
                 "gap_over_floor": looked.gaps[name],
-                "absorbed_share": absorbed,
-                "absorbed": absorbed > most_absorbed,
+                "absorbed_share": confounded,
+                "absorbed": confounded > most_absorbed,
             }
         )
     left = {"heldout_gap": looked.heldout[NONE], "gap_over_floor": looked.gaps[NONE]}

@@ -5,6 +5,8 @@ An output flows in; out flow the samples of each regime, by name, and the residu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,17 +15,19 @@ from stages.science.signals.trajectories import Array
 
 Mask = NDArray[np.bool_]
 
-AROUND_REVERSAL = 0.1
-"""Time on both sides of a reversal, in usual movements."""
-BANDS = ((0.0, 1.0), (1.0, 5.0), (5.0, None))
-"""Frequency bands, in usual movements' rates."""
 
-
-def find_regimes(output: OutputChannel) -> dict[str, Mask]:
+def find_regimes(output: OutputChannel, around_reversal: float) -> dict[str, Mask]:
     """Return for each regime the samples in it, (T, K) ndarrays of bool.
 
     Regimes come from the output's own drivers: the sign of each rate and the moments at which it turns, each signal's
     high and low half, time within the trial, and the trial's place in the session.
+
+    Parameters
+    ----------
+    output : OutputChannel
+        With its drivers.
+    around_reversal : float
+        Time on both sides of a reversal that belongs to it, in usual movements.
     """
     present = output.present
     regimes: dict[str, Mask] = {}
@@ -31,12 +35,14 @@ def find_regimes(output: OutputChannel) -> dict[str, Mask]:
         if driver.rate:
             usual = np.abs(driver.values[present & (driver.values != 0.0)])
             moving = 0.05 * float(np.quantile(usual, 0.95)) if usual.size else 0.0
-            forth, back, reversal = _tell_motion(driver.name)
+            forth, back, reversal = _format_motion(driver.name)
             regimes[forth] = driver.values > moving
             regimes[back] = driver.values < -moving
-            regimes[reversal] = _around_reversals(driver.values, moving, output.step_s / output.time_scale_s)
+            regimes[reversal] = _around_reversals(
+                driver.values, moving, max(round(around_reversal / (output.step_s / output.time_scale_s)), 1)
+            )
         else:
-            name = _tell(driver.name)
+            name = _format_name(driver.name)
             middle = float(np.median(driver.values[present])) if present.any() else 0.0
             regimes[f"high {name}"] = driver.values > middle
             regimes[f"low {name}"] = driver.values <= middle
@@ -50,20 +56,22 @@ def find_regimes(output: OutputChannel) -> dict[str, Mask]:
     return {name: mask & present for name, mask in regimes.items()}
 
 
-def split_bands(residual: Array, step_s: float, time_scale_s: float = 1.0) -> dict[str, Array]:
+def split_bands(residual: Array, edges: Sequence[float], step_s: float, time_scale_s: float = 1.0) -> dict[str, Array]:
     """Return a residual's parts by frequency band; they sum to it.
 
     Parameters
     ----------
     residual : (T, K) ndarray
         In any unit.
+    edges : sequence of float
+        Between bands, over the rate of usual movements.
     step_s, time_scale_s : float
         Time between samples, and of a usual movement, s.
     """
     spectrum = np.fft.rfft(residual, axis=0)
     frequency = np.fft.rfftfreq(len(residual), step_s)
     parts = {}
-    for slow, quick in BANDS:
+    for slow, quick in zip([0.0, *edges], [*edges, None], strict=True):
         low, high = slow / time_scale_s, None if quick is None else quick / time_scale_s
         inside = (frequency >= low) & (frequency < (np.inf if high is None else high))
         name = f"above {low:g} Hz" if high is None else f"{low:g} to {high:g} Hz"
@@ -71,25 +79,24 @@ def split_bands(residual: Array, step_s: float, time_scale_s: float = 1.0) -> di
     return parts
 
 
-def _tell(name: str) -> str:
+def _format_name(name: str) -> str:
     """Return a level's name in words, without its unit."""
     words = {"pressure_command_kpa": "command", "pressure_kpa": "pressure"}
     return words.get(name, name.replace("_", " "))
 
 
-def _tell_motion(name: str) -> tuple[str, str, str]:
+def _format_motion(name: str) -> tuple[str, str, str]:
     """Return the words for a rate above zero, below zero, and turning."""
     if name == "contraction_velocity_per_s":
         return "shortening", "lengthening", "velocity reversal"
-    what = _tell(name.removesuffix("_rate")) if name.endswith("_rate") else _tell(name)
+    what = _format_name(name.removesuffix("_rate")) if name.endswith("_rate") else _format_name(name)
     if name.endswith("_rate"):
         return f"{what} rising", f"{what} falling", f"{what} reversal"
     return f"{what} positive", f"{what} negative", f"{what} reversal"
 
 
-def _around_reversals(rate: Array, moving: float, step: float) -> Mask:
-    """Return the samples within a moment of a change of sign between two movements."""
-    around = max(round(AROUND_REVERSAL / step), 1)
+def _around_reversals(rate: Array, moving: float, around: int) -> Mask:
+    """Return the samples within `around` samples of a change of sign between two movements."""
     mask = np.zeros(rate.shape, dtype=bool)
     for k in range(rate.shape[1]):
         direction = np.where(np.abs(rate[:, k]) > moving, np.sign(rate[:, k]), 0.0)

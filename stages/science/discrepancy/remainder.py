@@ -1,4 +1,4 @@
-"""What is left after all that was named: whether it matters, and whether a name only stands in for something else.
+"""What named effects leave: whether it matters, and whether the names are ambiguous.
 
 A search that has ended flows in; out flow, by channel, the share of the gap that a flexible model would still remove,
 and two probabilities.
@@ -12,20 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from stages.science.discrepancy.fitted_channel import FittedChannel
-from stages.science.discrepancy.naming import SearchSettings
 from stages.science.discrepancy.search import Search
+from stages.science.discrepancy.settings import RemainderSettings, SearchSettings
 from stages.science.signals.trajectories import Array
 
 DRAWS = 1000
-HIDING, FAR_ABOVE = 0.04, 3.0
-"""Noise floor over a channel's range, and over its noise from sample to sample, above which it hides what there is."""
-HIDDEN = 0.6
-"""Probability of something without a name where the floor hides what there is and nothing was named."""
-EVEN = 0.5
-"""Probability of something without a name where a name's forms leave more than forms of one effect differ by."""
-
-MANY = 3
-"""Names in one channel from which on one effect without a name is as likely as so many with one."""
 
 
 class Remainder(NamedTuple):
@@ -37,20 +28,19 @@ class Remainder(NamedTuple):
         Of the initial gap above the floor, what a flexible model would still remove; median over resampled trials.
     unknown : float
         Probability that it is more than the limit while the gap left is one that matters.
-    imitated : float
-        Probability that what was named here leaves more than forms of the same effect differ by, or takes too many
-        names.
+    ambiguous : float
+        Probability that the named effects leave more than forms of one effect differ by, or that they are too many.
     line_hz : float or None
         Frequency of an oscillation in all trials of one of its elements, Hz.
-    remembered : bool
+    linear_memory : bool
         Whether in one of them a linear memory of the inputs removes most.
     """
 
     share: float
     unknown: float
-    imitated: float
+    ambiguous: float
     line_hz: float | None
-    remembered: bool
+    linear_memory: bool
 
 
 def weigh_remainder(found: Search, settings: SearchSettings, generator: np.random.Generator) -> dict[str, Remainder]:
@@ -66,41 +56,33 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
         share = np.where(seen, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
         unknown = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
         named = any(state.current.forms for state in states)
-        imitated = float((share > settings.imitation_share).mean()) if named else 0.0
+        ambiguous = float((share > settings.imitation_share).mean()) if named else 0.0
         sure = float(unknown.mean())
-        if any(_is_hidden(state) for state in states):
-            imitated, sure = (1.0 if named else 0.0), max(sure, 0.0 if named else HIDDEN)
-        if sum(each.channel == channel and not each.shown for each in found.named) >= MANY:
-            imitated = 1.0
+        if any(_is_hidden(state, settings.remainder) for state in states):
+            ambiguous = 1.0 if named else 0.0
+            sure = sure if named else max(sure, settings.remainder.hidden_probability)
+        if sum(each.channel == channel and not each.shown for each in found.named) >= settings.remainder.many_names:
+            ambiguous = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else None
-        remembered = any(state.leftover.remembered for state in states)
-        remainders[channel] = Remainder(float(np.median(share)), sure, imitated, line_hz, remembered)
+        linear_memory = any(state.leftover.linear_memory for state in states)
+        remainders[channel] = Remainder(float(np.median(share)), sure, ambiguous, line_hz, linear_memory)
     return remainders
 
 
-def _is_hidden(state: FittedChannel) -> bool:
-    """Return whether so much wanders, or is told by no measured signal, that neither a name nor its absence is sure."""
-    return hides(state.floor / state.output.range, state.noise.white / state.output.range)
+def _is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
+    """Return whether the noise floor is so high that neither a name nor its absence is certain."""
+    return settings.hides(state.floor / state.output.range, state.noise.white / state.output.range)
 
 
-def hides(floor: float, white: float) -> bool:
-    """Return whether a noise floor hides what there is.
+def sum_doubt(remainders: Mapping[str, Remainder], settings: RemainderSettings) -> float:
+    """Return the probability of an effect without a name; the probability of every name is reduced by it.
 
-    Parameters
-    ----------
-    floor, white : float
-        Noise floor, and noise from sample to sample, over the channel's range.
+    Where a named effect leaves so much that it is ambiguous, `ambiguous_weight` shares the probability.
     """
-    return floor > HIDING and floor > FAR_ABOVE * white
-
-
-def sum_doubt(remainders: Mapping[str, Remainder]) -> float:
-    """Return the probability that something without a name is there; it takes its part from every name's.
-
-    Where a name leaves so much that it may be an imitation, both are as likely.
-    """
-    return max((max(each.unknown, EVEN * each.imitated) for each in remainders.values()), default=0.0)
+    return max(
+        (max(each.unknown, settings.ambiguous_weight * each.ambiguous) for each in remainders.values()), default=0.0
+    )
 
 
 def _draw_gap(states: Sequence[FittedChannel], weights: Array, raw_of: Callable[[FittedChannel], Array]) -> Array:

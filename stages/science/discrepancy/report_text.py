@@ -8,34 +8,23 @@ from typing import Any
 
 import pandas as pd
 
-from stages.science.discrepancy.remainder import MANY
+from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.plant.effect import Effect, Parameter, find_effect
 from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
 
-FEW_TRIALS = 6
-"""Fitted trials below which it is told that they say little."""
-HIGH_FLOOR = 3.0
-"""Noise floor, over the white part of the noise, above which it is told that it is high."""
 NOT_EFFECTS = ("none", "unknown")
-CONCENTRATED = 1.2
-"""Share of the gap over share of time above which a gap is said to lie in a regime."""
 MOST_LISTED = 4
-IMITATED = 0.5
-"""Probability above which it is told that a name may stand in for something else."""
-LEAST_SHARE = 0.02
-"""Share of the gap above the noise that is worth telling."""
-LEAST_HELP = 0.97
-"""Gap with a candidate over the gap without, above which it is not told as the nearest."""
 
 
-def tell(
+def describe_verdict(
     verdict: Mapping[str, Any],
     places: Sequence[Mapping[str, Any]],
     absorbed: Sequence[str],
     remarks: Sequence[str],
+    settings: DiscrepancySettings,
 ) -> list[str]:
     """Return the verdict as sentences.
 
@@ -49,16 +38,23 @@ def tell(
         Names that could act where the gap is, but cannot be told from the fitted constants.
     remarks : sequence of str
         Sentences that follow.
+    settings : DiscrepancySettings
+        From where on something is mentioned.
     """
-    middle = {"no_discrepancy": _tell_nothing, "named": _tell_named, "unexplained": _tell_unexplained}
-    sentences = [*_tell_places(places, verdict["status"]), *middle[verdict["status"]](verdict)]
+    middle = {
+        "no_discrepancy": _describe_no_discrepancy,
+        "named": _describe_named,
+        "unexplained": _describe_unexplained,
+    }
+    where = _describe_places(places, verdict["status"], settings.report.concentrated)
+    sentences = [*where, *middle[verdict["status"]](verdict, settings)]
     if absorbed:
         names = _shorten([_spell(each) for each in absorbed])
         sentences.append(f"Not judged, as in these data the fitted constants absorb what it does: {names}.")
     return [*sentences, *remarks]
 
 
-def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
+def _describe_no_discrepancy(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap = verdict["gap"]
     return [
         f"Nothing that matters is missing: on {_count(verdict)} not fitted the gap is "
@@ -68,13 +64,13 @@ def _tell_nothing(verdict: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _tell_named(verdict: Mapping[str, Any]) -> list[str]:
+def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, effects = verdict["gap"], verdict["effects"]
-    told = [_tell_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
+    told = [_describe_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
     channels = [each["channel"] for each in effects]
-    if max(channels.count(each) for each in channels) >= MANY:
+    if max(channels.count(each) for each in channels) >= settings.search.remainder.many_names:
         doubt = "So many names in one channel may stand in for one effect that the library does not hold."
-    elif verdict["unexplained_share"] > LEAST_SHARE:
+    elif verdict["unexplained_share"] > settings.report.least_share:
         doubt = (
             f"What is left ({_percent(verdict['unexplained_share'])} of the gap above the noise) is more than forms of "
             "one effect usually differ by: the name may stand in for something that the library does not hold."
@@ -86,14 +82,14 @@ def _tell_named(verdict: Mapping[str, Any]) -> list[str]:
         )
     return [
         *told,
-        *([doubt] if verdict["imitated"] > IMITATED else []),
+        *([doubt] if verdict["imitated"] > settings.report.ambiguous_probability else []),
         f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} not fitted falls from "
         f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
         f"{_percent(gap['high'])}, p = {gap['p_value']:.2g}); the noise floor is {_percent(gap['noise_floor'])}.",
     ]
 
 
-def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
+def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, over_floor = verdict["gap"], verdict["gap"]["over_floor"]
     on_opened = (
         f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
@@ -107,15 +103,16 @@ def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
             on_opened,
         ]
     share = min(max(float(verdict["unexplained_share"]), 0.0), 1.0)
-    least = LEAST_HELP * next(each["heldout_gap"] for each in verdict["ranking"] if each["name"] == "none")
+    alone = next(each["heldout_gap"] for each in verdict["ranking"] if each["name"] == "none")
+    least = settings.report.nearest_gap * alone
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
     near = f" The nearest is {_spell(nearest['name'])}, which is not enough." if nearest else ""
-    line_hz = verdict["line_hz"]
+    line_hz, model = verdict["line_hz"], _name_flexible_model(verdict["remembered"])
     reproducible = (
         "it is far above the sensor's noise, and no measured signal tells what it depends on"
-        if line_hz is None and share < LEAST_SHARE
-        else f"{_tell_taker(verdict['remembered'])} would still take away {_percent(share)} of what is above the noise"
+        if line_hz is None and share < settings.report.least_share
+        else f"{model} would still take away {_percent(share)} of what is above the noise"
         if line_hz is None
         else f"an oscillation at {line_hz:.3g} Hz runs through all trials, which the simulation lacks"
     )
@@ -126,26 +123,26 @@ def _tell_unexplained(verdict: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _tell_taker(remembered: bool) -> str:
-    if not remembered:
+def _name_flexible_model(linear_memory: bool) -> str:
+    if not linear_memory:
         return "a flexible model"
     return "a linear memory of the inputs (such as a resonance, a lag or a delay has that the plant lacks)"
 
 
-def _tell_places(places: Sequence[Mapping[str, Any]], status: str) -> list[str]:
+def _describe_places(places: Sequence[Mapping[str, Any]], status: str, concentrated: float) -> list[str]:
     if status == "no_discrepancy":
         return []
     channels = dict.fromkeys(each["channel"] for each in places)
-    return [_tell_channel([each for each in places if each["channel"] == channel]) for channel in channels]
+    return [_describe_channel([each for each in places if each["channel"] == name], concentrated) for name in channels]
 
 
-def _tell_channel(rows: Sequence[Mapping[str, Any]]) -> str:
+def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) -> str:
     first, muscles = rows[0], sorted(each["muscle"] for each in rows)
     channel = _spell(first["channel"].removesuffix(f"_{first['unit'].lower()}"))
     worst = max(rows, key=lambda each: each["largest"])
     largest, where = float(f"{worst['largest']:.2g}"), f" on {worst['muscle']}" if len(rows) > 1 else ""
     text = f"{_join(muscles)}: {channel} is off by up to {largest:g} {first['unit']}{where}"
-    if first["share_of_gap"] < CONCENTRATED * first["share_of_time"]:
+    if first["share_of_gap"] < concentrated * first["share_of_time"]:
         return f"{text}, in no regime of motion more than in others."
     whose = f"{first['muscle']}: " if len(rows) > 1 else ""
     share = min(float(first["share_of_gap"]), 1.0)
@@ -163,7 +160,7 @@ def _place(regime: str) -> str:
     return f"{'while' if motion else 'at'} {regime}"
 
 
-def tell_silent(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
+def describe_silent_channels(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
     """Return which channels could not be judged, as their data are missing or never change.
 
     Parameters
@@ -183,7 +180,7 @@ def tell_silent(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> 
     return [f"Not judged, as data are missing, too few, or never change: {'; '.join(told)}."]
 
 
-def tell_odd(odd: Sequence[Mapping[str, Any]]) -> list[str]:
+def describe_odd_trials(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
     """Return which trials do not fit to the others.
 
     Parameters
@@ -202,7 +199,7 @@ def tell_odd(odd: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def tell_bounds(values: pd.DataFrame) -> list[str]:
+def describe_bounds(values: pd.DataFrame) -> list[str]:
     """Return which values stand at a bound, so that what lies beyond was not tried, if any do.
 
     Parameters
@@ -221,7 +218,7 @@ def tell_bounds(values: pd.DataFrame) -> list[str]:
     return [f"At a bound, beyond which nothing was tried, {'stands' if len(named) == 1 else 'stand'} {_join(named)}."]
 
 
-def tell_scales(plant: Plant | RecordPlant) -> list[str]:
+def describe_scales(plant: Plant | RecordPlant) -> list[str]:
     """Return what the scales and the pace are in which effects on a machine of records tell their sizes.
 
     Parameters
@@ -244,41 +241,43 @@ def tell_scales(plant: Plant | RecordPlant) -> list[str]:
     return [f"Where sizes are told in them, {_join([*told, *pace])}."] if told or pace else []
 
 
-def tell_few(fitted: int, opened: int) -> list[str]:
-    """Return that so few trials say little, if they are."""
-    if fitted >= FEW_TRIALS:
+def describe_few_trials(fitted: int, opened: int, least: int) -> list[str]:
+    """Return that fewer than the least number of fitted trials say little, if they are."""
+    if fitted >= least:
         return []
     return [
         f"This rests on {fitted} fitted trials and {opened} opened at the end: intervals and probabilities say less "
-        f"than they seem to; record {FEW_TRIALS} and more."
+        f"than they seem to; record {least} and more."
     ]
 
 
-def tell_floor(channels: pd.DataFrame, final: float = math.inf) -> list[str]:
+def describe_high_floor(channels: pd.DataFrame, high: float, final: float = math.inf) -> list[str]:
     """Return where what is called noise is far above the sensor's own, from sample to sample.
 
     Parameters
     ----------
     channels : DataFrame
         Columns ``channel muscle noise_floor white range``.
+    high : float
+        Noise floor over the white noise above which it is high.
     final : float
         The floor after all that was named, over the range; where it is less, the first one held what was missing.
     """
     floor = channels["noise_floor"]
     if math.isfinite(final):
         floor = floor.clip(upper=final * channels["range"])
-    high = channels[floor > HIGH_FLOOR * channels["white"]]
-    if high.empty:
+    rows = channels[floor > high * channels["white"]]
+    if rows.empty:
         return []
-    where = [f"{_spell(str(row['channel']))} of {row['muscle']}" for row in high.to_dict("records")]
+    where = [f"{_spell(str(row['channel']))} of {row['muscle']}" for row in rows.to_dict("records")]
     return [
-        f"The noise floor is more than {HIGH_FLOOR:g} times the sensor's noise from sample to sample "
+        f"The noise floor is more than {high:g} times the sensor's noise from sample to sample "
         f"({_shorten(where)}): something wanders, or acts that no measured signal tells; trials repeated alike would "
         "tell which."
     ]
 
 
-def tell_unconfirmed(share: float) -> list[str]:
+def describe_unconfirmed(share: float) -> list[str]:
     """Return that the gap of fitted trials is not there on those opened at the end.
 
     Parameters
@@ -292,7 +291,7 @@ def tell_unconfirmed(share: float) -> list[str]:
     ]
 
 
-def tell_remainder(remainder: pd.DataFrame, status: str) -> list[str]:
+def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSettings) -> list[str]:
     """Return on what depends that which stays unexplained, channel by channel; a hint, marked as one.
 
     Parameters
@@ -301,6 +300,8 @@ def tell_remainder(remainder: pd.DataFrame, status: str) -> list[str]:
         Table `remainder`.
     status : str
         Of the verdict.
+    settings : ReportSettings
+        From where on something is mentioned.
     """
     if status == "no_discrepancy":
         return []
@@ -311,8 +312,8 @@ def tell_remainder(remainder: pd.DataFrame, status: str) -> list[str]:
         name = name_signal(str(channel))[0]
         known = rows[rows["inputs"] != ""].sort_values("share", ascending=False).to_dict("records")
         if known:
-            sentences.append(_tell_dependence(name, known))
-        sentences += [_tell_hint(name, row) for row in known if row["hint"]][:1]
+            sentences.append(_describe_dependence(name, known, settings.concentrated))
+        sentences += [_describe_formula(name, row) for row in known if row["hint"]][:1]
         silent = rows.loc[rows["inputs"] == "", "muscle"].to_list()
         if silent:
             sentences.append(
@@ -322,7 +323,7 @@ def tell_remainder(remainder: pd.DataFrame, status: str) -> list[str]:
     return sentences
 
 
-def _tell_dependence(name: str, rows: Sequence[Mapping[Any, Any]]) -> str:
+def _describe_dependence(name: str, rows: Sequence[Mapping[Any, Any]], concentrated: float) -> str:
     first, inputs = rows[0], _name_inputs(rows[0])
     unit = name_signal(str(first["inputs"]).split(", ")[0])[1]
     above = first["above_floor"]
@@ -331,7 +332,7 @@ def _tell_dependence(name: str, rows: Sequence[Mapping[Any, Any]]) -> str:
         f"away {_percent(first['share'])} of its variance on trials left out ({_percent(first['low'])} to "
         f"{_percent(first['high'])}{f'; {_percent(above)} is above the noise floor' if above > first['share'] else ''})"
     )
-    if first["range_part"] > CONCENTRATED * first["range_time"]:
+    if first["range_part"] > concentrated * first["range_time"]:
         text += (
             f", {_percent(first['range_part'])} of that at {inputs[0]} {first['range_low']:.3g} to "
             f"{first['range_high']:.3g}{f' {unit}' if unit else ''}, in {_percent(first['range_time'])} of the time"
@@ -340,7 +341,7 @@ def _tell_dependence(name: str, rows: Sequence[Mapping[Any, Any]]) -> str:
     return f"{text}. Likewise {_shorten(others)}." if others else f"{text}."
 
 
-def _tell_hint(name: str, row: Mapping[Any, Any]) -> str:
+def _describe_formula(name: str, row: Mapping[Any, Any]) -> str:
     named = [(name, str(row["unit"])), *map(name_signal, str(row["inputs"]).split(", "))]
     by_unit = {unit: [words for words, own in named if own == unit] for _, unit in named if unit}
     units = ", ".join(f"{_join(words)} in {unit}" for unit, words in by_unit.items())
@@ -354,7 +355,7 @@ def _name_inputs(row: Mapping[Any, Any]) -> list[str]:
     return [name_signal(each)[0] for each in str(row["inputs"]).split(", ")]
 
 
-def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
+def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
     known = find_effect(effect["name"], effect["form"])
     alike_names = (effect["name"], *effect["indistinguishable_from"])
     others = [each for each in ranking if _is_candidate(each) and each["name"] not in alike_names]
@@ -363,7 +364,8 @@ def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]
     alike = " with those like it" if len(alike_names) > 1 else ""
     text = (
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
-        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. {_tell_size(effect, known)}"
+        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. "
+        f"{_describe_sizes(effect, known)}"
     )
     if not effect["confirmed"]:
         step = effect["step"]
@@ -377,14 +379,13 @@ def _tell_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]
     return text
 
 
-def _tell_size(effect: Mapping[str, Any], known: Effect) -> str:
+def _describe_sizes(effect: Mapping[str, Any], known: Effect) -> str:
     """Return the sizes of the parameters that were optional, else of the first."""
-    return " ".join(filter(None, (_tell_one(effect, each) for each in known.parameters if each.optional))) or _tell_one(
-        effect, known.parameters[0]
-    )
+    optional = [_describe_size(effect, each) for each in known.parameters if each.optional]
+    return " ".join(filter(None, optional)) or _describe_size(effect, known.parameters[0])
 
 
-def _tell_one(effect: Mapping[str, Any], size: Parameter) -> str:
+def _describe_size(effect: Mapping[str, Any], size: Parameter) -> str:
     """Return the size of a parameter: with its interval on one muscle, from muscle to muscle on several."""
     unit = "" if size.unit == "1" else f" {size.unit}"
     own = [each[size.name] for each in effect["by_muscle"].values() if size.name in each]

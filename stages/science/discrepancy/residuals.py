@@ -18,7 +18,7 @@ from stages.science.signals.trajectories import Array
 
 LOOP_BINS, PLANE_BINS = 14, 28
 LEAST_SHARE = 0.002
-"""Share of the samples below which the average of a bin says nothing."""
+"""Least share of the samples in a bin whose average is shown."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def equal_edges(values: Array, bins: int) -> Array:
 
 
 def _compressed_edges(values: Array) -> Array:
-    """Return edges that are even for slow rates and ever wider for quick ones, as steps are very quick."""
+    """Return bin edges on an inverse hyperbolic sine scale, even for slow rates and wide for fast ones."""
     usual = np.abs(values[values != 0.0])
     scale = float(np.median(usual)) if usual.size else 1.0
     edges: Array = scale * np.sinh(equal_edges(np.arcsinh(values / scale), PLANE_BINS))

@@ -1,18 +1,101 @@
-"""Fits and outputs rebuilt from the values that tables keep, and rows for those tables."""
+"""Fits and outputs rebuilt from the tables that keep them, and rows for those tables."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
+from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.fitted_channel import FittedChannel, resume
+from stages.science.discrepancy.verdict import Status, read_status
 from stages.science.output_channels.fitting import Model
 from stages.science.output_channels.flexible import Leftover
 from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.signals.trajectories import Array
+
+
+@dataclass(frozen=True)
+class NominalTables:
+    """The nominal fit; each field is named as its table.
+
+    Parameters
+    ----------
+    nominal_fit, channels, residuals : DataFrame
+        Constants, noise, and what was left, by channel and muscle.
+    """
+
+    nominal_fit: pd.DataFrame
+    channels: pd.DataFrame
+    residuals: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class SearchTables:
+    """What the search found; each field is named as its table.
+
+    Parameters
+    ----------
+    channels : DataFrame
+        Gap, noise floor and noise of each output channel after the nominal fit.
+    named_effects : DataFrame
+        Effects in the order in which they were added, by muscle.
+    unexplained : DataFrame
+        By channel, what is left after all that was named.
+    steps : DataFrame
+        Columns ``step channel muscle effect form parameter value``: values after each number of additions.
+    """
+
+    channels: pd.DataFrame
+    named_effects: pd.DataFrame
+    unexplained: pd.DataFrame
+    steps: pd.DataFrame
+
+    @property
+    def last_step(self) -> int:
+        """Number of effects that were added."""
+        return int(self.steps["step"].max())
+
+    def read_status(self, certain: float) -> Status:
+        """Return the status by the fitted trials; see `read_status`."""
+        return read_status(self.named_effects, self.unexplained, certain)
+
+    def count_accepted(self, certain: float) -> int:
+        """Return how many added effects the status lets stand: all, or none."""
+        return self.last_step if self.read_status(certain) == "named" else 0
+
+    def read_noise(self, output: OutputChannel) -> Noise:
+        """Return the noise of an output channel."""
+        rows = self.channels
+        row = rows[(rows["channel"] == output.channel) & (rows["muscle"] == output.element)].iloc[0]
+        return Noise(*(float(row[name]) for name in Noise._fields))
+
+    def restore(self, output: OutputChannel, step: int) -> tuple[Model, Array]:
+        """Return an output's model and values after a number of additions, its inputs corrected by what is known then.
+
+        Parameters
+        ----------
+        output : OutputChannel
+            With any of the dataset's trials.
+        step : int
+            Effects added.
+        """
+        steps = self.steps
+        now = steps[(steps["step"] == step) & (steps["muscle"] == output.element)]
+        rows = now[now["channel"] == output.channel]
+        upstream = now[(now["channel"] != output.channel) & (now["effect"] != "")]
+        output = output.correct([(effect, form, values) for effect, form, values in _group(upstream)])
+        constants = rows[rows["effect"] == ""].set_index("parameter")["value"]
+        values = [float(constants[each.name]) for each in output.constants]
+        forms: list[EffectForm] = []
+        for effect, form, by_name in _group(rows[rows["effect"] != ""]):
+            found = find_form(output, effect, form)
+            forms.append(found)
+            values += [by_name[each.name] for each in found.parameters]
+        return Model(output, tuple(forms)), np.array(values)
 
 
 def list_residuals(states: Sequence[FittedChannel], trials: Sequence[int]) -> pd.DataFrame:
@@ -45,30 +128,15 @@ def list_residuals(states: Sequence[FittedChannel], trials: Sequence[int]) -> pd
     return pd.concat(frames, ignore_index=True)
 
 
-def restore_states(
-    outputs: Sequence[OutputChannel],
-    trials: Sequence[int],
-    nominal_fit: pd.DataFrame,
-    channels: pd.DataFrame,
-    residuals: pd.DataFrame,
-) -> list[FittedChannel]:
-    """Return outputs as they were after the nominal fit.
-
-    Parameters
-    ----------
-    outputs : sequence of OutputChannel
-        With the fitted trials.
-    trials : sequence of int
-        Their numbers, in the order of the outputs' last axis.
-    nominal_fit, channels, residuals : DataFrame
-        Constants, noise, and what was left, by channel and muscle.
-    """
-    place = {trial: k for k, trial in enumerate(trials)}
+def restore_states(dataset: Dataset, tables: NominalTables) -> list[FittedChannel]:
+    """Return the output channels as they were after the nominal fit, with the fitted trials."""
+    place = {trial: k for k, trial in enumerate(dataset.fitted_trials)}
     constants, noises, samples = (
-        dict(iter(table.groupby(["channel", "muscle"], sort=False))) for table in (nominal_fit, channels, residuals)
+        dict(iter(table.groupby(["channel", "muscle"], sort=False)))
+        for table in (tables.nominal_fit, tables.channels, tables.residuals)
     )
     states = []
-    for output in outputs:
+    for output in dataset.fitted_outputs:
         key = (output.channel, output.element)
         values = constants[key].set_index("constant")["value"]
         known, rows = noises[key].iloc[0], samples[key]
@@ -86,32 +154,6 @@ def restore_states(
             )
         )
     return states
-
-
-def restore(output: OutputChannel, steps: pd.DataFrame, step: int) -> tuple[Model, Array]:
-    """Return an output's model and values after a number of additions, its inputs corrected by what is known then.
-
-    Parameters
-    ----------
-    output : OutputChannel
-        With any of the session's trials.
-    steps : DataFrame
-        Columns ``step channel muscle effect form parameter value``.
-    step : int
-        Effects added.
-    """
-    now = steps[(steps["step"] == step) & (steps["muscle"] == output.element)]
-    rows = now[now["channel"] == output.channel]
-    upstream = now[(now["channel"] != output.channel) & (now["effect"] != "")]
-    output = output.correct([(effect, form, values) for effect, form, values in _group(upstream)])
-    constants = rows[rows["effect"] == ""].set_index("parameter")["value"]
-    values = [float(constants[each.name]) for each in output.constants]
-    forms: list[EffectForm] = []
-    for effect, form, by_name in _group(rows[rows["effect"] != ""]):
-        found = find_form(output, effect, form)
-        forms.append(found)
-        values += [by_name[each.name] for each in found.parameters]
-    return Model(output, tuple(forms)), np.array(values)
 
 
 def _group(rows: pd.DataFrame) -> list[tuple[str, str, dict[str, float]]]:

@@ -1,4 +1,4 @@
-"""One session judged: which of its names are right, on the right muscles, and what share of the gap was closed."""
+"""Score of one session: which names are right, on the right muscles, and what share of the gap was closed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pandas as pd
 
 NONE, UNKNOWN, ABSORBED = "none", "unknown", "absorbed"
 SHOWN = 3
-"""Candidates of the ranking that are told."""
+"""Number of candidates of the ranking that are listed."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def judge_one(
         "named": "+".join(said),
         "named_muscles": ";".join("+".join(muscles) for muscles in said.values()),
         "probability": float(probable),
-        "top": tell_top(ranking),
+        "top": format_top_candidates(ranking),
         "listed_absorbed": bool(ranking.loc[ranking["absorbed"], "name"].isin(list(hidden)).any()),
         "right_name": first in hidden,
         "right_class": any(rules.alike(first, true) for true in hidden),
@@ -135,7 +135,7 @@ def close(row: Mapping[str, Any], least: float) -> float:
     return float((row["before"] - row["after"]) / closable)
 
 
-def tell_top(ranking: pd.DataFrame) -> str:
-    """Return the most probable candidates in words."""
+def format_top_candidates(ranking: pd.DataFrame) -> str:
+    """Return the most probable candidates with their probabilities as text."""
     best = ranking.sort_values("place").head(SHOWN)
     return ", ".join(f"{name} {p:.2f}" for name, p in zip(best["name"], best["probability"], strict=True))

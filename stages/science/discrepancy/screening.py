@@ -1,4 +1,4 @@
-"""A cheap look at every form: how much of what is left it could take away, and what the constants absorb.
+"""Screening of all forms: how much of the residual each could take away, and its confounding with the constants.
 
 A fitted model flows in. Each form is simulated once from each of its starts; the change that it makes, less what the
 free constants could imitate, is regressed on the residual, trials left out in turn.
@@ -20,12 +20,12 @@ from stages.science.output_channels.output_channel import EffectForm
 from stages.science.signals.trajectories import Array
 
 TRIED = 12
-"""Steps of a fit by which a form that sets in somewhere is judged."""
+"""Iterations of the fit by which a form with a threshold is screened."""
 
 
 @dataclass(frozen=True)
 class Screened:
-    """What one form promises in one output.
+    """Screening result of one form in one output channel.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Screened:
         Fall of the whitened sum of squares of trials left out.
     raw_gain : float
         The same of the sum of squares in the channel's unit, fitted so, over what there is.
-    absorbed : float
+    confounded_with_constants : float
         Share of its change, squared, that the free constants imitate, at this start.
     known : (P,) ndarray
         Values of the model without it from which it begins.
@@ -47,12 +47,12 @@ class Screened:
     start: dict[str, float]
     gain: float
     raw_gain: float
-    absorbed: float
+    confounded_with_constants: float
     known: Array
 
 
 def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened]:
-    """Return what each form promises, from the best of its starts."""
+    """Return the screening result of each form, from the best of its starts."""
     output = fit.model.output
     present = output.present
     constants, placed = fit.model.name_values(fit.values)
@@ -76,7 +76,7 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened
     known = len(fit.values)
     for index, (form, start) in enumerate(zip(owners, starts, strict=True)):
         signed = form.parameters[0].low < 0.0
-        gain, scale, absorbed = _regress(fit, grams, known + index, signed)
+        gain, scale, confounded = _regress(fit, grams, known + index, signed)
         raw_gain = _regress(fit, plain, known + index, signed)[0]
         if output.is_exact(form):
             scale, gain, raw_gain = 1.0, _take(grams, known + index), _take(plain, known + index)
@@ -86,15 +86,15 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened
         started = {**start, first.name: magnitude if magnitude != 0.0 else start[first.name]}
         key = (form.name, form.form)
         if key not in best or gain > best[key].gain:
-            best[key] = Screened(form, started, gain, raw_gain, absorbed, fit.values)
+            best[key] = Screened(form, started, gain, raw_gain, confounded, fit.values)
     return list(best.values())
 
 
 def _try_starts(found: Fit, forms: Sequence[EffectForm]) -> dict[tuple[str, str], Screened]:
-    """Return what forms promise by a few steps of a fit from each of their starts.
+    """Return the screening results of forms by a few iterations of a fit from each of their starts.
 
-    Constants begin where they are and, for a form that sets in somewhere, at their priors' means: without the effect
-    they may have gone far astray.
+    Constants start at their present values and, for a form with a threshold, at their prior means too: without the
+    effect they may be far off.
     """
     output, model = found.model.output, found.model
     before = np.sum(np.where(output.present, found.leave_each_out(), 0.0) ** 2)
@@ -113,8 +113,8 @@ def _try_starts(found: Fit, forms: Sequence[EffectForm]) -> dict[tuple[str, str]
             gain = found.cost(noise) - tried.cost(noise)
             if key not in best or gain > best[key].gain:
                 reached = {each.name: float(v) for each, v in zip(form.parameters, tried.values[known:], strict=True)}
-                absorbed = _find_absorbed(tried.white.slopes.sum(axis=0), np.flatnonzero(tried.free[:known]), known)
-                best[key] = Screened(form, reached, gain, share, absorbed, tried.values[:known])
+                confounded = _find_confounded(tried.white.slopes.sum(axis=0), np.flatnonzero(tried.free[:known]), known)
+                best[key] = Screened(form, reached, gain, share, confounded, tried.values[:known])
     return best
 
 
@@ -123,7 +123,7 @@ def _take(grams: Grams, column: int) -> float:
     return float(2.0 * grams.cross[:, column].sum() - grams.slopes[:, column, column].sum())
 
 
-def _find_absorbed(total: Array, constants: NDArray[np.int_], column: int) -> float:
+def _find_confounded(total: Array, constants: NDArray[np.int_], column: int) -> float:
     """Return the share of a column's square, of summed products of slopes, that free constants imitate."""
     size = float(total[column, column])
     if size <= 0.0:
@@ -134,7 +134,7 @@ def _find_absorbed(total: Array, constants: NDArray[np.int_], column: int) -> fl
 
 
 def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, float, float]:
-    """Return the gain of one change beside the free constants: in all, its scale, share absorbed."""
+    """Return the gain of one change beside the free constants: in all, its scale, share confounded with them."""
     free = np.flatnonzero(fit.free)
     chosen = np.append(free, column)
     precision = np.append(fit.precision[free], 0.0)
@@ -146,13 +146,13 @@ def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, 
     size = total[-1, -1]
     if size <= 0.0:  # it changes nothing in these data
         return 0.0, 0.0, 1.0
-    absorbed = _find_absorbed(total, np.arange(len(free)), len(free))
+    confounded = _find_confounded(total, np.arange(len(free)), len(free))
     curvature = total + np.diag(precision) + np.diag(np.append(np.zeros(len(free)), 1e-9 * size))
     whole = np.linalg.solve(curvature, cross.sum(axis=0) + pull)
     if whole[-1] <= 0.0 and not signed:
-        return 0.0, 0.0, absorbed
+        return 0.0, 0.0, confounded
     changes = np.stack(
         [np.linalg.solve(curvature - slopes[k], (cross.sum(axis=0) - cross[k]) + pull) for k in range(len(slopes))]
     )
     left = Grams(slopes, cross, grams.square, grams.samples).left_out(changes)
-    return float(grams.square.sum() - left.sum()), float(whole[-1]), absorbed
+    return float(grams.square.sum() - left.sum()), float(whole[-1]), confounded

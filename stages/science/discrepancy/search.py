@@ -12,20 +12,19 @@ from itertools import product
 
 import numpy as np
 
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, assess, go_on, prepare, refine
-from stages.science.discrepancy.naming import Choice, Named, Round, SearchSettings, list_candidates, rank
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, assess, continue_from, prepare, refine
+from stages.science.discrepancy.naming import Choice, Named, Round, list_candidates, rank
+from stages.science.discrepancy.settings import SearchSettings
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import list_starts
 
 FRESH_STARTS, LONG = 4, 30
-"""Other starts from which a named effect is fitted once more, and steps of such a fit."""
+"""Number of other starts of the final fit of a named effect, and of iterations of each."""
 
 NEARBY_STARTS, NEARBY = 8, 0.1
-"""Starts about a fit of what sets in somewhere, as its cost has small hollows; how far off, in deviations of priors."""
-
-BETTER = 0.9
-"""Sum of squares, over the present one, below which constants that a candidate has found are taken alone."""
+"""Number of random starts near a fit of an effect with a threshold, as its cost has local minima, and their standard
+deviation in those of the priors."""
 
 
 @dataclass
@@ -55,7 +54,7 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
     while len(found.named) < settings.most_effects:
         candidates = list_candidates(found.outputs, settings)
         looked, choices = rank(found.outputs, candidates, settings, generator)
-        if _find_better_constants(found, choices):
+        if _find_better_constants(found, choices, settings.better_constants):
             continue
         found.rounds.append(looked)
         if looked.named is None:
@@ -67,22 +66,22 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
     return found
 
 
-def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
-    """Let an output go on from the constants of a candidate, where these alone are better; return whether one does.
+def _find_better_constants(found: Search, choices: Sequence[Choice], better_share: float) -> bool:
+    """Take over the constants of a candidate's fit where these alone are better; return whether there are any.
 
-    A form that sets in somewhere is tried from several constants, and may have found a better place for them by chance.
+    A form with a threshold is fitted from several values of the constants, and may have found better ones by chance.
     """
     better = False
     for place, state in enumerate(found.outputs):
-        least = BETTER * float(state.current.raw.sum())
+        least = better_share * float(state.current.raw.sum())
         for fitted in choices[place].values():
             if fitted.forms[-1].scales or fitted.raw.sum() >= least:
                 continue
             known = len(state.current.fit.values)
             again = refine(state.current.fit.model, fitted.fit.values[:known], fitted.spread)
             if again.raw.sum() < least:
-                found.outputs[place] = go_on(state, again)
-                better, least = True, BETTER * float(again.raw.sum())
+                found.outputs[place] = continue_from(state, again)
+                better, least = True, better_share * float(again.raw.sum())
     if better:
         found.steps[-1] = [state.current.fit for state in found.outputs]
     return better
@@ -118,7 +117,7 @@ def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
 
 
 def _correct_others(found: Search, place: int) -> None:
-    """Let what is known of a sensor count where its signal is an input: prepare outputs anew that it feeds."""
+    """Correct the inputs of other output channels for the sensor effects that were found, and prepare these again."""
     source = found.outputs[place].current.fit
     for other, state in enumerate(found.outputs):
         if other != place and state.output.element == source.model.output.element and not state.current.forms:
@@ -129,13 +128,13 @@ def _correct_others(found: Search, place: int) -> None:
 
 
 def _update(state: FittedChannel, found: Fit) -> FittedChannel:
-    """Go on from a fit: refine it, and estimate the noise anew from what a flexible model leaves of it."""
+    """Refine a fit, and estimate the noise again from what a flexible model leaves of it."""
     spread = float(np.sqrt((found.residual**2).sum() / max(state.output.present.sum(), 1)))
-    return go_on(state, refine(found.model, found.values, spread))
+    return continue_from(state, refine(found.model, found.values, spread))
 
 
 def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
-    """Take out an earlier effect that a later one has made superfluous."""
+    """Remove an earlier effect that a later one has made redundant."""
     for named in found.named[:-1]:
         keep: list[tuple[int, Fitted]] = []
         worth = False
@@ -167,6 +166,6 @@ def _without(state: FittedChannel, name: str) -> Fitted:
 
 
 def _is_given(state: FittedChannel, name: str) -> bool:
-    """Return whether exact values of an output show what a named effect does."""
+    """Return whether exactly repeated values of an output channel show a named effect."""
     own = [form for form in state.current.forms if form.name == name]
     return state.output.reveals_saturation() and any(state.output.is_exact(form) for form in own)

@@ -1,4 +1,4 @@
-"""What the discrepancy workflow is told: the section of the configuration that its stages share."""
+"""The section of the configuration that the stages of the discrepancy workflow share."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from stages.science.discrepancy.naming import SearchSettings
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.effect import list_effects, name_module
 
@@ -23,7 +23,27 @@ class Tolerance(Declared):
     description: str
 
 
-class SearchSection(Declared):
+class RemainderSettings(Declared):
+    """When what is left without a name counts, and when a noise floor hides it."""
+
+    hiding_share: float = Field(gt=0.0, lt=1.0)
+    hiding_ratio: float = Field(ge=1.0)
+    hidden_probability: float = Field(ge=0.0, le=1.0)
+    ambiguous_weight: float = Field(ge=0.0, le=1.0)
+    many_names: int = Field(ge=2)
+
+    def hides(self, floor: float, white: float) -> bool:
+        """Return whether a noise floor hides what there is.
+
+        Parameters
+        ----------
+        floor, white : float
+            Noise floor, and noise from sample to sample, over the channel's range.
+        """
+        return floor > self.hiding_share and floor > self.hiding_ratio * white
+
+
+class SearchSettings(Declared):
     """When a gap matters and a name is accepted."""
 
     smallest_gap: float = Field(gt=1.0, le=10.0)
@@ -40,6 +60,15 @@ class SearchSection(Declared):
     absorbed: float = Field(gt=0.5, lt=1.0)
     none_prior: float = Field(gt=0.0, lt=1.0)
     certain: float = Field(gt=0.0, lt=1.0)
+    simpler_share: float = Field(gt=0.0, le=1.0)
+    alternative_share: float = Field(gt=0.0, le=1.0)
+    unfitted_score: float = Field(ge=0.0)
+    exact_probability: float = Field(gt=0.0, lt=1.0)
+    exact_share: float = Field(gt=0.0, le=1.0)
+    beside_bound: float = Field(ge=0.0, le=1.0)
+    near_best: float = Field(ge=1.0)
+    better_constants: float = Field(gt=0.0, le=1.0)
+    remainder: RemainderSettings
     left_out: list[str] = Field(description="effects that are not looked for")
 
     @model_validator(mode="after")
@@ -54,10 +83,42 @@ class SearchSection(Declared):
         """Modules of all effects, as any may be looked for."""
         return tuple(name_module(name) for name in list_effects())
 
-    @property
-    def settings(self) -> SearchSettings:
-        """As the search takes them."""
-        return SearchSettings(**{**self.model_dump(), "left_out": tuple(self.left_out)})
+
+class ConfirmationSettings(Declared):
+    """How test trials confirm what the fitted trials named."""
+
+    unconfirmed_factor: float = Field(ge=0.0, le=1.0)
+    hidden_probability: float = Field(ge=0.0, le=1.0)
+    uninformative_error: float = Field(gt=0.0, le=1.0)
+
+
+class RegimeSettings(Declared):
+    """Regimes of motion and time in which a gap is looked for."""
+
+    around_reversal: float = Field(gt=0.0)
+    band_edges: list[float] = Field(min_length=1)
+    largest_quantile: float = Field(gt=0.5, le=1.0)
+
+
+class MuscleChannelSettings(Declared):
+    """Which channels of muscles are looked at, and how their inputs are smoothed."""
+
+    smoothing_s: float = Field(gt=0.0)
+    least_samples: int = Field(ge=10)
+    least_drive_kpa: float = Field(ge=0.0)
+
+
+class ReportSettings(Declared):
+    """From where on the findings mention something."""
+
+    few_trials: int = Field(ge=2)
+    high_floor: float = Field(ge=1.0)
+    concentrated: float = Field(ge=1.0)
+    ambiguous_probability: float = Field(ge=0.0, le=1.0)
+    least_share: float = Field(ge=0.0, le=1.0)
+    nearest_gap: float = Field(gt=0.0, le=1.0)
+    odd_trial: float = Field(gt=1.0)
+    most_places: int = Field(ge=1)
 
 
 class DiscrepancySettings(Declared):
@@ -66,9 +127,19 @@ class DiscrepancySettings(Declared):
     verification_share: float = Field(gt=0.0, lt=0.8)
     bootstraps: int = Field(ge=100, le=100000)
     level: float = Field(gt=0.5, lt=1.0)
-    search: SearchSection
+    search: SearchSettings
+    confirmation: ConfirmationSettings
+    regimes: RegimeSettings
+    detection: DetectionSettings
+    muscle_channels: MuscleChannelSettings
+    report: ReportSettings
     max_pressure_kpa: dict[str, float]
     tolerances: dict[str, dict[str, Tolerance]]
+
+    @property
+    def significance(self) -> float:
+        """Probability of a result by chance below which it counts."""
+        return 1.0 - self.level
 
 
 def choose_verification(trials: int, share: float) -> list[int]:

@@ -1,4 +1,4 @@
-"""What an added effect does, beside what was measured: the variable in which it shows is chosen by how much it tells.
+"""What an added effect does, beside what was measured, along the variable that explains most of it.
 
 Outputs with all trials and the last step's values flow in; averages along that variable flow out.
 """
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.residuals import (
     LOOP_BINS,
     average_by_direction,
@@ -19,22 +20,20 @@ from stages.science.discrepancy.residuals import (
     hold_direction,
     list_signals,
 )
-from stages.science.discrepancy.restoring import restore
+from stages.science.discrepancy.restoring import SearchTables
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
 
-def trace_effects(outputs: Sequence[OutputChannel], steps: pd.DataFrame, trials: Sequence[int]) -> pd.DataFrame:
+def trace_effects(dataset: Dataset, found: SearchTables) -> pd.DataFrame:
     """Return each added effect's share of the signal and the residual without it, averaged in the same bins.
 
     Parameters
     ----------
-    outputs : sequence of OutputChannel
-        With all trials.
-    steps : DataFrame
+    dataset : Dataset
+        Its test trials are averaged.
+    found : SearchTables
         Values after each addition; the last are taken.
-    trials : sequence of int
-        Positions of the trials that are averaged.
 
     Returns
     -------
@@ -42,13 +41,14 @@ def trace_effects(outputs: Sequence[OutputChannel], steps: pd.DataFrame, trials:
         Columns ``effect form channel muscle unit variable direction x measured error added``: mean residual of the
         amended model without the effect, its standard error over trials, and what the effect adds.
     """
-    last = int(steps["step"].max())
     columns = ["effect", "form", "channel", "muscle", "unit", "variable", "direction", "x", "measured", "error"]
     frames = [pd.DataFrame(columns=[*columns, "added"])]
-    effects = steps[(steps["step"] == last) & (steps["effect"] != "")]
+    effects = found.steps[(found.steps["step"] == found.last_step) & (found.steps["effect"] != "")]
     for (name, channel), rows in effects.groupby(["effect", "channel"], sort=False):
-        concerned = [each for each in outputs if each.channel == channel and each.element in set(rows["muscle"])]
-        traced = [_trace(each.take(trials), steps, last, str(name)) for each in concerned]
+        concerned = [
+            each for each in dataset.outputs if each.channel == channel and each.element in set(rows["muscle"])
+        ]
+        traced = [_trace(each.take(dataset.test), found, str(name)) for each in concerned]
         variable = _choose_variable(traced)
         for each in traced:
             output = each.output
@@ -77,8 +77,8 @@ class _Traced:
     rate: Array
 
 
-def _trace(output: OutputChannel, steps: pd.DataFrame, last: int, name: str) -> _Traced:
-    model, values = restore(output, steps, last)
+def _trace(output: OutputChannel, found: SearchTables, name: str) -> _Traced:
+    model, values = found.restore(output, found.last_step)
     output = model.output
     constants, effects = model.name_values(values)
     whole = output.simulate(constants, effects)

@@ -10,24 +10,20 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.output_channels.features import TURNING
 from stages.science.output_channels.fitting import Fit
 from stages.science.output_channels.output_channel import Driver
 from stages.science.signals.trajectories import Array
 
-Regression = Literal["stepwise", "pysindy"]
-
 DEGREE = 3
 MOST_ROWS = 100_000
 """Samples that terms are fitted to, at most."""
-LEAST_OWN = 0.02
-"""Share of a term's squares that constants and other terms do not imitate, below which it is passed over."""
 THRESHOLDS = (0.8, 0.4, 0.2, 0.1, 0.05)
 """Of pysindy's optimiser: weights below them are cut, each term over its own root mean square, the residual too."""
 
@@ -56,7 +52,7 @@ class Sketch:
         return joined.removeprefix("+ ") if joined[:1] != "-" else f"-{joined[2:]}"
 
 
-def sketch_residual(fit: Fit, inputs: Sequence[Driver], most_terms: int, regression: Regression = "stepwise") -> Sketch:
+def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSettings) -> Sketch:
     """Return a short formula for what a fitted model leaves.
 
     Parameters
@@ -65,11 +61,10 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], most_terms: int, regress
         With its residual and slopes.
     inputs : sequence of Driver
         What may stand in the formula.
-    most_terms : int
-        How many terms it may have.
-    regression : str
-        ``stepwise`` for orthogonal least squares (Chen, Billings and Luo, Int. J. Control 50, 1989), or ``pysindy``
-        for the sequentially thresholded least squares of that package (Brunton, Proctor and Kutz, PNAS 113, 2016).
+    settings : DescriptionSettings
+        How many terms it may have, and how they are chosen: ``stepwise`` for orthogonal least squares (Chen, Billings
+        and Luo, Int. J. Control 50, 1989), or ``pysindy`` for the sequentially thresholded least squares of that
+        package (Brunton, Proctor and Kutz, PNAS 113, 2016).
 
     Raises
     ------
@@ -99,7 +94,7 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], most_terms: int, regress
     slopes = fit.slopes[::stride] / np.sqrt(fit.precision) / scale
     sums = _Sums.collect(slopes, terms / sizes, residual / scale)
     total = sums.trials.sum(axis=0)
-    paths = [sums.list_supports(total - own, most_terms, regression) for own in sums.trials]
+    paths = [sums.list_supports(total - own, settings) for own in sums.trials]
     left = np.stack(
         [
             [sums.measure(own, sums.solve(total - own, support), support) for support in path]
@@ -108,7 +103,7 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], most_terms: int, regress
         axis=1,
     )
     level = _choose_level(left)
-    chosen = sums.list_supports(total, most_terms, regression)[level]
+    chosen = sums.list_supports(total, settings)[level]
     if not chosen:
         return nothing
     weights = scale * sums.solve(total, chosen)[sums.held :] / sizes[chosen]
@@ -179,32 +174,33 @@ class _Sums:
         signed = np.append(-weights, 1.0)
         return max(float(signed @ sums[np.ix_(kept, kept)] @ signed), 0.0)
 
-    def list_supports(self, sums: Array, most: int, regression: Regression) -> list[list[int]]:
+    def list_supports(self, sums: Array, settings: DescriptionSettings) -> list[list[int]]:
         """Return the terms of formulas of growing length; the first has none."""
-        rest = self._free_from_slopes(sums)
-        found = _add_stepwise(rest, most) if regression == "stepwise" else _threshold(rest, most)
+        rest, most = self._free_from_slopes(sums, settings.least_own), settings.most_terms
+        stepwise = settings.regression == "stepwise"
+        found = _add_stepwise(rest, most, settings.least_own) if stepwise else _threshold(rest, most)
         return [[], *found]
 
-    def _free_from_slopes(self, sums: Array) -> Array:
+    def _free_from_slopes(self, sums: Array, least_own: float) -> Array:
         """Return the sums over terms and residual of what slopes do not imitate, (F + 1, F + 1)."""
         held = self.held
         beside = sums[:held, held:]
         among = sums[:held, :held] + np.eye(held)
         rest = sums[held:, held:] - beside.T @ np.linalg.solve(among, beside)
         own = np.maximum(np.diag(sums)[held:], 1e-300)
-        absorbed = np.diag(rest) < LEAST_OWN * own
-        absorbed[-1] = False
-        return np.where(absorbed | absorbed[:, None], 0.0, rest)
+        confounded = np.diag(rest) < least_own * own
+        confounded[-1] = False
+        return np.where(confounded | confounded[:, None], 0.0, rest)
 
 
-def _add_stepwise(sums: Array, most: int) -> list[list[int]]:
+def _add_stepwise(sums: Array, most: int, least_own: float) -> list[list[int]]:
     """Return the terms added one by one, each the one that takes most of the residual beside those before."""
     rest, own = sums.copy(), np.diag(sums)[:-1]
     supports: list[list[int]] = []
     chosen: list[int] = []
     for _ in range(most):
         free = np.diag(rest)[:-1]
-        possible = (free > LEAST_OWN * own) & (own > 0.0)
+        possible = (free > least_own * own) & (own > 0.0)
         if possible.any():
             gain = np.where(possible, rest[:-1, -1] ** 2 / np.where(possible, free, 1.0), -1.0)
             best = int(np.argmax(gain))

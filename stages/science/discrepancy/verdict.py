@@ -1,4 +1,4 @@
-"""Rows of tables as the verdict tells them: where the gap is largest, and which effects with which parameters."""
+"""Tables as entries of the verdict: where the gap is largest, and the effects with their parameters."""
 
 from __future__ import annotations
 
@@ -8,22 +8,18 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.statistics.sign_flips import least_p
 
 Status = Literal["no_discrepancy", "named", "unexplained"]
 
-MOST_PLACES = 8
-UNCONFIRMED = 0.5
-"""Factor of the probability of an effect that takes nothing away from trials not fitted."""
-HIDDEN = 0.5
-"""Probability of an effect, at most, where the noise floor of trials not fitted hides what there is."""
 PLACE = ("channel", "muscle")
 UPSTREAM = ("command", "valve")
 """Sites that show in pressure alone."""
 
 
-def list_absorbed(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list[str]:
-    """Return the candidates that the constants absorb in every round and that could act in one of the channels.
+def list_confounded(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list[str]:
+    """Return the effects confounded with the constants in every round that could act in one of the channels.
 
     Parameters
     ----------
@@ -39,7 +35,7 @@ def list_absorbed(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list
 
 
 def decide_status(named: Sequence[float], unknown: float, certain: float) -> Status:
-    """Return the status: what was named does not count where most of the gap stays without a name, unless it is sure.
+    """Return the status by the fitted trials: named if an effect is certain, else unexplained if a remainder is.
 
     Parameters
     ----------
@@ -57,8 +53,13 @@ def decide_status(named: Sequence[float], unknown: float, certain: float) -> Sta
     return "named" if named else "no_discrepancy"
 
 
+def read_status(named: pd.DataFrame, unexplained: pd.DataFrame, certain: float) -> Status:
+    """Return the status by the tables `named_effects` and `unexplained`; see `decide_status`."""
+    return decide_status(list(named["probability"]), unexplained["probability"].max(), certain)
+
+
 def confirm_status(status: Status, over_floor: float, smallest_gap: float, blind: bool) -> Status:
-    """Return the status after a look at the opened trials: where nothing was named, they tell whether there is a gap.
+    """Return the status by the test trials: where nothing was named, they decide whether there is a gap.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def summarise_unexplained(unexplained: pd.DataFrame, doubted: bool = False) -> d
 
 
 def list_remainder(remainder: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return on what depends that which stays unexplained, as the verdict lists it; a hint, no name.
+    """Return on which signals the unexplained residual depends, as the verdict lists it.
 
     Parameters
     ----------
@@ -135,9 +136,9 @@ def list_candidates(ranking: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def locate_most(
-    gap: pd.DataFrame, channels: pd.DataFrame, named: pd.DataFrame, smallest_gap: float
+    gap: pd.DataFrame, channels: pd.DataFrame, named: pd.DataFrame, settings: DiscrepancySettings
 ) -> list[dict[str, Any]]:
-    """Return the rows of `gap` that say most, for each muscle's channel whose gap matters: one regime each.
+    """Return for each channel with a gap that matters the regime in which the gap is most concentrated.
 
     Parameters
     ----------
@@ -147,9 +148,10 @@ def locate_most(
         Unit and gap over floor of each channel.
     named : DataFrame
         Table `named_effects`; where one is, it matters, however large.
-    smallest_gap : float
-        Over the floor; smaller ones are passed over.
+    settings : DiscrepancySettings
+        Smallest gap over the floor, significance level and number of rows.
     """
+    smallest_gap = settings.search.smallest_gap
     rows = gap.merge(channels[["channel", "muscle", "unit", "gap_over_floor"]], on=["channel", "muscle"])
     carried = set(zip(named["channel"], named["muscle"], strict=True))
     matters = [over > smallest_gap or (c, m) in carried for c, m, over in rows[[*PLACE, "gap_over_floor"]].to_numpy()]
@@ -158,20 +160,20 @@ def locate_most(
     if rows.empty:
         return []
     dense = rows["share_of_gap"].clip(lower=0.0) * (rows["share_of_gap"] / rows["share_of_time"])
-    rows = rows.assign(dense=dense.where(rows["p_adjusted"] <= 0.05, dense * 1e-3))
+    rows = rows.assign(dense=dense.where(rows["p_adjusted"] <= settings.significance, dense * 1e-3))
     best = rows.sort_values("dense", ascending=False).groupby(["channel", "muscle"], sort=False).head(1)
-    best = best.sort_values("gap_over_floor", ascending=False).head(MOST_PLACES)
+    best = best.sort_values("gap_over_floor", ascending=False).head(settings.report.most_places)
     kept = ["channel", "muscle", "unit", "regime", "share_of_gap", "share_of_time", "largest", "p_value", "p_adjusted"]
     return [{str(name): _plain(value) for name, value in row.items()} for row in best[kept].to_dict("records")]
 
 
 def confirm_effects(
-    named: pd.DataFrame, driven: pd.DataFrame, level: float, hidden: Collection[str] = ()
+    named: pd.DataFrame, driven: pd.DataFrame, settings: DiscrepancySettings, hidden: Collection[str] = ()
 ) -> pd.DataFrame:
-    """Return the added effects with the gap before and after each on the opened trials, and whether that confirms it.
+    """Return the added effects with the gap before and after each on the test trials, and whether these confirm it.
 
-    What takes nothing away from trials that nothing was fitted to is as likely something else, and so is what is seen
-    beside a floor that hides what there is; what exact values show is there all the same.
+    An effect that does not reduce the gap of the test trials loses probability, and so does one in a channel whose
+    noise floor hides what there is; an effect that exact values show keeps its probability.
 
     Parameters
     ----------
@@ -179,9 +181,9 @@ def confirm_effects(
         Table `named_effects`.
     driven : DataFrame
         Rows of the table `verification`, by step.
-    level : float
-        Probability of no fall from the step before, above which an effect is not confirmed; with so few trials that
-        none could be less, the least that there can be.
+    settings : DiscrepancySettings
+        Significance level of the fall from the step before, above whose p-value an effect is not confirmed; with so few
+        trials that none could be less, the least that there can be. What is not confirmed loses probability.
     hidden : collection of str
         Channels whose noise floor on the opened trials hides what there is.
 
@@ -190,19 +192,20 @@ def confirm_effects(
     DataFrame
         With columns ``gap_before``, ``gap_after``, ``p_step`` and ``confirmed`` too.
     """
+    told = settings.confirmation
     gap, p_step = driven["gap"].to_numpy(), driven["p_step"].to_numpy()
     order = named["order"].to_numpy(dtype=int)
-    bearable = max(level, least_p(int(driven["trials"].iloc[0])))
+    bearable = max(settings.significance, least_p(int(driven["trials"].iloc[0])))
     shown = named["shown"].to_numpy(dtype=bool)
     confirmed = shown | (p_step[order] <= bearable)
     seen = shown | ~named["channel"].isin(list(hidden)).to_numpy(dtype=bool)
-    probability = named["probability"].where(seen, named["probability"].clip(upper=HIDDEN))
+    probability = named["probability"].where(seen, named["probability"].clip(upper=told.hidden_probability))
     return named.assign(
         gap_before=gap[order - 1],
         gap_after=gap[order],
         p_step=p_step[order],
         confirmed=confirmed,
-        probability=probability.where(confirmed, UNCONFIRMED * probability),
+        probability=probability.where(confirmed, told.unconfirmed_factor * probability),
     )
 
 

@@ -1,19 +1,20 @@
-"""The gap on trials that nothing was fitted to: before, after each addition, and what is left for noise.
+"""The gap on the test trials: before, after each addition, and the noise floor.
 
 Outputs with all trials and the values of each step flow in; predictions and gaps flow out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.remainder import hides
-from stages.science.discrepancy.restoring import restore
+from stages.science.discrepancy.dataset import Dataset
+from stages.science.discrepancy.restoring import SearchTables
+from stages.science.discrepancy.settings import RemainderSettings
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.flexible import Mask, find_floor
 from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
@@ -67,29 +68,23 @@ class Verified:
         return found
 
 
-def verify(
-    outputs: Sequence[OutputChannel], steps: pd.DataFrame, channels: pd.DataFrame, learnt: Mask
-) -> list[Verified]:
-    """Simulate every output after each addition.
+def verify(dataset: Dataset, found: SearchTables) -> list[Verified]:
+    """Simulate every output channel after each addition.
 
     Parameters
     ----------
-    outputs : sequence of MuscleChannel
+    dataset : Dataset
         With all trials.
-    steps : DataFrame
-        Values after each addition.
-    channels : DataFrame
-        Noise of each output.
-    learnt : (K,) ndarray of bool
-        Trials to which the values were fitted.
+    found : SearchTables
+        Noise, and values after each addition.
     """
-    last = int(steps["step"].max())
+    learnt = np.isin(np.arange(len(dataset.trials)), dataset.fitted)
     pressures: dict[tuple[str, int], Array] = {}
-    found = []
-    for output in sorted(outputs, key=lambda each: each.channel != "pressure_kpa"):
+    verified = []
+    for output in sorted(dataset.outputs, key=lambda each: each.channel != "pressure_kpa"):
         simulated, free = [], []
-        for step in range(last + 1):
-            model, values = restore(output, steps, step)
+        for step in range(found.last_step + 1):
+            model, values = found.restore(output, step)
             simulated.append(model.simulate(values))
             driven: OutputChannel = model.output
             if isinstance(output, ForceChannel) and (output.element, step) in pressures:
@@ -98,14 +93,13 @@ def verify(
                 free.append(driven.simulate(*model.name_values(values)))
             if output.channel == "pressure_kpa":
                 pressures[output.element, step] = simulated[-1]
-        noise = channels[(channels["channel"] == output.channel) & (channels["muscle"] == output.element)].iloc[0]
-        known = Noise(*(float(noise[name]) for name in Noise._fields))
-        found.append(Verified(output, simulated, free, _find_floor(model, values, known, learnt) / output.range**2))
-    return found
+        floor = _find_floor(model, values, found.read_noise(output), learnt) / output.range**2
+        verified.append(Verified(output, simulated, free, floor))
+    return verified
 
 
 def _find_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
-    """Return each trial's sum of squares that a flexible model, fitted to those learnt, leaves; zero without data."""
+    """Return each trial's sum of squares left by a flexible model fitted to the `learnt` trials; zero without data."""
     seen = np.flatnonzero(model.output.present.any(axis=0))
     still = fit(replace(model, output=model.output.take(seen.tolist())), noise, values, iterations=0)
     floor = np.zeros(model.output.trials)
@@ -130,7 +124,7 @@ def compare_steps(
     level: float,
     generator: np.random.Generator,
 ) -> list[dict[str, Any]]:
-    """Return the gap on the verification trials before and after each addition, and the noise floor.
+    """Return the gap on the test trials before and after each addition, and the noise floor.
 
     Parameters
     ----------
@@ -139,7 +133,7 @@ def compare_steps(
     labels : sequence of str
         Of the steps.
     opened : sequence of int
-        Positions of the verification trials.
+        Positions of the test trials.
     weights : (B, len(opened)) ndarray
         Resampled trials.
     level : float
@@ -179,7 +173,7 @@ def bound_ratio(
     step : int
         Effects added.
     opened : sequence of int
-        Positions of the verification trials.
+        Positions of the test trials.
     weights : (B, len(opened)) ndarray
         Resampled trials.
     level : float
@@ -196,20 +190,24 @@ def bound_ratio(
     return max(ratios, key=lambda each: each["value"])
 
 
-def is_hidden(channels: pd.DataFrame) -> bool:
+def is_hidden(channels: pd.DataFrame, settings: RemainderSettings) -> bool:
     """Return whether a noise floor of the fitted trials hides what there is.
 
     Parameters
     ----------
     channels : DataFrame
         Noise floor, white noise and range of each output.
+    settings : RemainderSettings
+        When a floor hides.
     """
     rows = channels[["noise_floor", "white", "range"]].to_numpy(dtype=float)
-    return any(hides(floor / scale, white / scale) for floor, white, scale in rows)
+    return any(settings.hides(floor / scale, white / scale) for floor, white, scale in rows)
 
 
-def list_hidden(found: Sequence[Verified], channels: pd.DataFrame, opened: Sequence[int]) -> list[str]:
-    """Return the channels whose noise floor on the verification trials hides what there is, each once.
+def list_hidden(
+    found: Sequence[Verified], channels: pd.DataFrame, opened: Sequence[int], settings: RemainderSettings
+) -> list[str]:
+    """Return the channels whose noise floor on the test trials hides what there is, each once.
 
     Parameters
     ----------
@@ -218,13 +216,15 @@ def list_hidden(found: Sequence[Verified], channels: pd.DataFrame, opened: Seque
     channels : DataFrame
         Noise of each output.
     opened : sequence of int
-        Positions of the verification trials.
+        Positions of the test trials.
+    settings : RemainderSettings
+        When a floor hides.
     """
     white = channels.set_index(["channel", "muscle"])["white"]
     hidden = []
     for each in found:
         floor = float(np.sqrt(np.mean(pool([each], [each.floor], opened) ** 2)))
-        if hides(floor, float(white[each.output.channel, each.output.element]) / each.output.range):
+        if settings.hides(floor, float(white[each.output.channel, each.output.element]) / each.output.range):
             hidden.append(each.output.channel)
     return list(dict.fromkeys(hidden))
 
@@ -262,32 +262,28 @@ def _row(
     }
 
 
-def list_predictions(
-    found: Sequence[Verified], trials: Sequence[int], parts: Mapping[int, str], last: int = -1
-) -> pd.DataFrame:
+def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int) -> pd.DataFrame:
     """Return every sample as measured and as simulated before and after, one row per trial, time, muscle, channel.
 
     Parameters
     ----------
     found : sequence of Verified
-        Outputs.
-    trials : sequence of int
-        Their numbers, in the order of the arrays.
-    parts : mapping of int to str
-        What each trial is for.
+        Output channels.
+    dataset : Dataset
+        Says which trials there are, and what for.
     last : int
-        Number of additions after which it is told; -1 for all.
+        Number of additions after which a sample is simulated.
     """
     frames = []
     for each in found:
         output = each.output
-        for place, trial in enumerate(trials):
+        for place, (trial, part) in enumerate(zip(dataset.trials, dataset.parts, strict=True)):
             rows = output.present[:, place]
             frames.append(
                 pd.DataFrame(
                     {
                         "trial": trial,
-                        "part": parts[trial],
+                        "part": part,
                         "time_s": np.flatnonzero(rows) * output.step_s,
                         "muscle": output.element,
                         "channel": output.channel,

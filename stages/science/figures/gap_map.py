@@ -12,13 +12,12 @@ from stages.science.figures.signal_words import shorten
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SIGNIFICANT = 0.05
 LEFT_OUT = "everywhere"
 NOTHING = 1.01
 """Gap over floor below which shares of the difference say nothing."""
 
 
-def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame) -> Figure:
+def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame, level: float) -> Figure:
     """Draw each regime's share of the gap above the floor; a dot marks those that trials confirm after correction.
 
     A ring marks those that do so without it.
@@ -29,6 +28,8 @@ def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame) -> Figure:
         Columns channel, muscle, regime, share_of_time, share_of_gap, p_value and p_adjusted.
     channels : DataFrame
         Columns channel, muscle and gap_over_floor.
+    level : float
+        Of significance.
     """
     from matplotlib.figure import Figure
 
@@ -38,13 +39,13 @@ def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame) -> Figure:
     panels = figure.subplots(len(named), 1, squeeze=False, gridspec_kw={"height_ratios": sizes})[:, 0]
     for axis, channel in zip(panels, named, strict=True):
         over = channels[channels["channel"] == channel].set_index("muscle")["gap_over_floor"]
-        image = _draw_channel(axis, gap[gap["channel"] == channel], over, channel)
+        image = _draw_channel(axis, gap[gap["channel"] == channel], over, channel, level)
     bar = figure.colorbar(image, ax=list(panels), shrink=0.8, pad=0.01)
     bar.set_label("share of the gap\nabove the floor (%)")
     return figure
 
 
-def _draw_channel(axis: Any, rows: pd.DataFrame, over: pd.Series, channel: str) -> Any:
+def _draw_channel(axis: Any, rows: pd.DataFrame, over: pd.Series, channel: str, level: float) -> Any:
     from matplotlib import colormaps
 
     rows = rows[rows["regime"] != LEFT_OUT]
@@ -59,7 +60,7 @@ def _draw_channel(axis: Any, rows: pd.DataFrame, over: pd.Series, channel: str) 
             continue
         for column, regime in enumerate(regimes):
             dark = "white" if shown[row, column] > 55.0 else "#2b2b2b"
-            told = f"{shown[row, column]:.0f}{_mark(wide.loc[(muscle, regime)])}"
+            told = f"{shown[row, column]:.0f}{_mark(wide.loc[(muscle, regime)], level)}"
             axis.text(column, row, told, ha="center", va="center", color=dark, fontsize=8)
     axis.set_xticks(range(len(regimes)), regimes, rotation=35, ha="right", fontsize=8)
     axis.set_yticks(range(len(muscles)), [f"{each} ({over.get(each, np.nan):.2f})" for each in muscles])
@@ -67,7 +68,7 @@ def _draw_channel(axis: Any, rows: pd.DataFrame, over: pd.Series, channel: str) 
     return image
 
 
-def _mark(row: Any) -> str:
-    if row["p_adjusted"] <= SIGNIFICANT:
+def _mark(row: Any, level: float) -> str:
+    if row["p_adjusted"] <= level:
         return " \u25cf"
-    return " \u25cb" if row["p_value"] <= SIGNIFICANT else ""
+    return " \u25cb" if row["p_value"] <= level else ""

@@ -1,4 +1,4 @@
-"""Generic features of an output's measured signals: what a flexible model may explain a residual by.
+"""Generic features of an output's measured signals: the regressors of a flexible residual model.
 
 An output flows in; out flow columns that follow no literature: powers, products, what was before, where a signal is and
 which way it goes, how much has been moved, what the neighbours do, time.
@@ -15,16 +15,16 @@ from stages.science.output_channels.output_channel import Driver, OutputChannel
 from stages.science.signals.trajectories import Array
 
 LAGS = (0.02, 0.06, 0.2, 0.6, 2.0)
-"""Time constants of what is remembered, paces."""
+"""Time constants of first-order lags, in time scales of the channel."""
 RISES = 4
-"""Of the lags, those after which a rise is told from a fall."""
+"""Number of lags, shortest first, from which rises are formed."""
 WIDTHS = (0.03, 0.1, 0.3, 1.0)
 """Half-widths of stop operators, in standard deviations of the signal."""
 KINKS = (-1.0, 0.0, 1.0)
 BUMPS = 8
-"""Places, evenly over a signal's range, at which something may happen that does not happen beside them."""
+"""Number of Gaussian bumps, spaced evenly over a signal's range."""
 TURNING = 0.1
-"""Rate, in its standard deviations, at which a direction is half told."""
+"""Width of the smoothed sign of a rate, in standard deviations of the rate."""
 CHANGE, DISTANCE, RECENT = "change of", "distance by", "recent"
 """What histories of signals are called."""
 START = 0.5
@@ -43,7 +43,7 @@ def build_features(output: OutputChannel) -> Array:
             columns.append(np.prod(chosen, axis=0))
     scales = [np.ones_like(own[0][1]), *states]
     for driver, signal in own:
-        columns += [each * scale for each in _remember(driver, signal, step) for scale in scales]
+        columns += [each * scale for each in _list_past(driver, signal, step) for scale in scales]
     for place, signal in enumerate(states):
         beside = [each for other, each in enumerate(states) if other != place]
         columns += _look_around(signal, beside, step)
@@ -77,7 +77,7 @@ def list_histories(output: OutputChannel) -> list[Driver]:
     return found
 
 
-def _remember(driver: Driver, signal: Array, step: float) -> list[Array]:
+def _list_past(driver: Driver, signal: Array, step: float) -> list[Array]:
     """Return what one signal was: recent means, rises, stops that follow it up to a width; or its direction."""
     if driver.rate:
         directions = [np.tanh(signal / width) for width in (TURNING, 0.5)]

@@ -23,16 +23,16 @@ STEP = 1e-4
 """Step of a finite difference, in standard deviations of the prior."""
 ITERATIONS = 12
 DAMPINGS = (0.01, 0.1, 1.0, 10.0)
-"""Of the curvature's diagonal, where no share of the full step is a better place."""
+"""Levenberg-Marquardt damping, tried in turn where no fraction of the full step lowers the cost."""
 ROUNDING = 1e-13
-"""Of a curvature's trace, what keeps it regular."""
+"""Share of the curvature's trace that is added to its diagonal to keep it regular."""
 ENOUGH = 1e-5
-"""Fall of the cost, over the cost, below which a fit has ended."""
+"""Relative fall of the cost below which a fit has converged."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """An output's nominal model with a list of effects: what a vector of values means."""
+    """The nominal model of an output channel with a list of effects; it names the entries of a parameter vector."""
 
     output: OutputChannel
     forms: tuple[EffectForm, ...] = ()
@@ -126,7 +126,7 @@ class Fit:
         return 1.0 / self.model.prior[1] ** 2
 
     def change_without(self, weights: Array) -> Array:
-        """Return how the values change when trials have other weights than one.
+        """Return the change of the fitted values when trials have weights other than one.
 
         Parameters
         ----------
@@ -168,9 +168,9 @@ class Fit:
         return [float(each) for each in self.values]
 
     def drawn_values(self, weights: Array) -> Array:
-        """Return the values, (B, P), when trials are drawn again with weights (B, K); with equal ones, these values.
+        """Return the fitted values, (B, P), under weights of resampled trials (B, K); equal weights give these values.
 
-        Under another noise than its own a fit would end elsewhere; of that, only the spread counts.
+        The fit may have been made under another noise, so only the spread of the resampled values is used.
         """
         equal = self.change_without(np.ones((1, weights.shape[1])))
         drawn: Array = np.clip(self.values + self.change_without(weights) - equal, *self.model.bounds)
@@ -197,7 +197,7 @@ def collect_grams(slopes: Array, residual: Array, present: NDArray[np.bool_]) ->
 
 
 def begin(model: Model, start: Mapping[int, Mapping[str, float]] | None = None) -> Array:
-    """Return values to begin at: the priors' means, and an effect's own start by its place in the list."""
+    """Return starting values: the prior means, and the given start of each effect by its place in the list."""
     values = [each.prior_mean for each in model.output.constants]
     for place, form in enumerate(model.forms):
         chosen = (start or {}).get(place, {})
@@ -262,14 +262,14 @@ def _linearise(model: Model, values: Array, simulated: Array, residual: Array, n
 
 
 def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high: Array, damping: float = 0.0) -> Array:
-    """Return the step to the least of the quadratic model within bounds, damped as Levenberg and Marquardt's."""
+    """Return the step to the minimum of the quadratic model within bounds, with Levenberg-Marquardt damping."""
     curvature = white.slopes.sum(axis=0) + np.diag(precision)
     curvature = curvature + damping * np.diag(np.diag(curvature))
     return _find_least(curvature, white.cross.sum(axis=0) + pull, 1.0 / np.sqrt(precision), low, high)
 
 
 def _factorise(curvature: Array) -> Array:
-    """Return the lower triangular factor; where rounding has lost a small direction, of what is a little firmer."""
+    """Return the lower triangular factor, with a small ridge where rounding makes the curvature singular."""
     try:
         factor = np.linalg.cholesky(curvature)
     except np.linalg.LinAlgError:
@@ -278,9 +278,9 @@ def _factorise(curvature: Array) -> Array:
 
 
 def _find_least(curvature: Array, gradient: Array, scale: Array, low: Array, high: Array) -> Array:
-    """Return where half x' curvature x - gradient' x is least within bounds; `scale` makes it well conditioned.
+    """Return the minimiser of half x' curvature x - gradient' x within bounds; `scale` conditions the problem.
 
-    Values that are told apart badly by the data move together; cutting each at its own bound would part them.
+    Clipping each value at its own bound would be wrong, as values that the data hardly distinguish move together.
     """
     from scipy.optimize import lsq_linear
 

@@ -1,4 +1,4 @@
-"""A flexible residual model: what could still be explained, by whatever function of the measured signals.
+"""A flexible residual model: what any function of the measured signals could still explain.
 
 A fitted model and its output flow in; out flows what each trial's residual would be if generic features with weights of
 their own, or boosted trees, neither of which has a name for anything, were fitted to the others. It names nothing: it
@@ -23,8 +23,8 @@ from stages.science.signals.trajectories import Array
 Mask = NDArray[np.bool_]
 PENALTIES = (1e4, 1e3, 1e2, 1e1, 1.0, 1e-1)
 FOLDS = 5
-REMEMBERED = 200
-"""Samples of the past that a linear memory holds, of all inputs together."""
+MEMORY_SAMPLES = 200
+"""Largest number of delayed samples of all inputs in a linear memory."""
 MOST_ROWS = 2000
 """Samples that trees are fitted to, at most; neighbours in time tell the same."""
 TREES = {"max_iter": 25, "learning_rate": 0.3, "max_leaf_nodes": 12, "min_samples_leaf": 20, "max_bins": 64}
@@ -42,14 +42,14 @@ class Leftover:
         What it leaves of each trial that it was not fitted to.
     line_hz : float or None
         Frequency of an oscillation in all trials that nothing measured explains; it is no noise, and not in the above.
-    remembered : bool
+    linear_memory : bool
         Whether a linear memory of the inputs leaves the least.
     """
 
     raw: Array
     residual: Array
     line_hz: float | None
-    remembered: bool = False
+    linear_memory: bool = False
 
 
 def keep_least(
@@ -71,11 +71,11 @@ def keep_least(
     known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
     several = [*left, *([] if by_memory is None else [by_memory])]
     residual = min(several, key=lambda each: float((each[:, known] ** 2).sum()))
-    remembered = residual is by_memory
-    line_hz = find_line(residual, output.present, output.step_s)
+    linear_memory = residual is by_memory
+    line_hz = find_line(residual, output.present, output.step_s, output.limits)
     if line_hz is not None:
         residual = remove_line(residual, output.present, output.step_s, line_hz)
-    return Leftover((residual**2).sum(axis=0), residual, line_hz, remembered)
+    return Leftover((residual**2).sum(axis=0), residual, line_hz, linear_memory)
 
 
 def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
@@ -165,7 +165,7 @@ def explain_by_memory(output: OutputChannel, residual: Array, learnt: Mask | Non
     learnt : (K,) ndarray of bool, optional
         Trials that it may be fitted to; all, unless told.
     """
-    past = output.recall(REMEMBERED)
+    past = output.recall(MEMORY_SAMPLES)
     if not past.shape[2]:
         return residual
     known = np.ones(output.trials, dtype=bool) if learnt is None else learnt

@@ -14,6 +14,7 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.output_channels.exact_values import find_levels
 from stages.science.output_channels.output_channel import Driver, EffectForm, OutputChannel, list_starts
 from stages.science.plant.actuator_path import ActuatorPath, Everywhere, predict_force, predict_pressure
@@ -22,11 +23,9 @@ from stages.science.plant.muscle import MuscleConstants, braid_coefficients
 from stages.science.signals.trajectories import Array
 
 EXACT = "saturation"
-"""The effect whose level exact values give away."""
+"""Effect whose level exactly repeated values show."""
 NOT_FITTED = "quantisation"
-"""Not to be fitted, as it has no slopes, nor to be mended: what lies between two counts is lost."""
-LEAST_DRIVE_KPA = 5.0
-"""Range of the command below which a pressure says nothing of valve and regulator."""
+"""Effect that is not fitted: it has no derivatives, and what lies between two counts is lost."""
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
 
 
@@ -91,6 +90,7 @@ class MuscleChannel(OutputChannel):
     records: Records
     tolerances: tuple[Parameter, ...]
     load_cell_site: Literal["muscle_tip", "joint_end"]
+    limits: DetectionSettings
 
     @property
     def element(self) -> str:  # type: ignore[override]
@@ -116,8 +116,8 @@ class MuscleChannel(OutputChannel):
         """Return the output with some of its trials."""
         return replace(self, records=self.records.take(trials))
 
-    def is_driven(self) -> bool:
-        """Return whether its input varies, so that there is something to judge."""
+    def is_driven(self, least_kpa: float) -> bool:
+        """Return whether its input varies, a command by more than `least_kpa`, so that there is something to judge."""
         return True
 
     @abstractmethod
@@ -125,7 +125,7 @@ class MuscleChannel(OutputChannel):
         """Return the level at which this channel is clipped as the parameter of ``saturation``."""
 
     def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
-        """Return where fits of a form begin; saturation at the level that the values show, or nowhere."""
+        """Return starting values of a form; of saturation the level that repeated values show, or none."""
         if form.name != EXACT:
             return list_starts(form)
         level = self._level
@@ -136,13 +136,13 @@ class MuscleChannel(OutputChannel):
         return form.name == EXACT
 
     def reveals_saturation(self) -> bool:
-        """Return whether the largest value comes again and again, exactly."""
+        """Return whether the largest value recurs exactly."""
         return self._level is not None
 
     @property
     def _level(self) -> float | None:
-        """Largest value, where that comes again and again; a muscle at rest shows the smallest as often."""
-        highest = find_levels(self.measured[self.present]).highest
+        """Largest value, where it recurs exactly; the smallest value recurs in a muscle at rest too."""
+        highest = find_levels(self.measured[self.present], self.limits).highest
         return highest if highest is not None and highest > 0.0 else None
 
     def _collect(self, constants: Mapping[str, float]) -> MuscleConstants:
@@ -181,9 +181,9 @@ class PressureChannel(MuscleChannel):
         """Where command and pressure were measured."""
         return self.records.known["command_kpa"] & self.records.known["pressure_kpa"]
 
-    def is_driven(self) -> bool:
-        """Return whether the command varies by more than a sensor's noise."""
-        return bool(np.ptp(self.records.command_kpa[self.present]) > LEAST_DRIVE_KPA)
+    def is_driven(self, least_kpa: float) -> bool:
+        """Return whether the command varies by more than `least_kpa`, a sensor's noise."""
+        return bool(np.ptp(self.records.command_kpa[self.present]) > least_kpa)
 
     @property
     def forms(self) -> tuple[EffectForm, ...]:
@@ -257,7 +257,7 @@ class ForceChannel(MuscleChannel):
         )
 
     def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceChannel:
-        """Return the output with the pressure that was there, where the pressure's sensor has an effect."""
+        """Return the output with the true pressure, where the pressure's sensor has an effect."""
         placed = [(find_effect(name, form), values) for name, form, values in effects]
         sensor = [
             Everywhere(effect, values)

@@ -14,19 +14,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.signals.trajectories import Array
 
 QUICK_S, SLOW_S = 0.03, 1.5
-"""Time constants about which the two components are sought, s; a factor of three is one standard deviation."""
+"""Prior medians of the time constants of the two components, s; one standard deviation is a factor of three."""
 FOLD = math.log(3.0)
-LEAST_WHITE = 0.5
-"""White noise over that which would explain all of a residual's roughness, at least.
-
-Sensors have white noise. A model of noise without any would judge a residual by its steps alone, and a simulation whose
-steps come a sample too early or late would be judged worse than one without steps.
-"""
-LEAST_SHARE = 0.1
-"""White noise over all of a residual, at least: no model is right to less than that from sample to sample."""
 
 
 class Noise(NamedTuple):
@@ -109,8 +102,11 @@ def log_density(residual: Array, present: NDArray[np.bool_], noise: Noise, step_
     return density
 
 
-def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float) -> Noise:
+def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, limits: DetectionSettings) -> Noise:
     """Return the noise that a residual most likely is, under weak priors on its constants.
+
+    White noise has a lower bound: without it a residual would be judged by its steps alone, and a simulation whose
+    steps come one sample early or late would be worse than one without steps.
 
     Parameters
     ----------
@@ -120,6 +116,8 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float) -
         Where it counts.
     step_s : float
         Time between samples, s.
+    limits : DetectionSettings
+        Least white noise.
 
     Raises
     ------
@@ -143,7 +141,8 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float) -
         return float(0.5 * (((z - centre) / width) ** 2).sum() - log_density(values, present, build(z), step_s).sum())
 
     bounds = [(c - 4.0 * w, c + 4.0 * w) for c, w in zip(centre, width, strict=True)]
-    least = math.log(max(LEAST_WHITE * _roughness(values, present) / spread, LEAST_SHARE))
+    rough = limits.least_white * _roughness(values, present) / spread
+    least = math.log(max(rough, limits.least_white_share))
     bounds[0] = (max(bounds[0][0], min(least, 0.0)), bounds[0][1])
     centre[0] = max(centre[0], bounds[0][0])
     found = minimize(cost, centre, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40, "ftol": 1e-6})

@@ -1,4 +1,4 @@
-"""What is fitted: one channel of one element, simulated from measured upstream signals, trial by trial.
+"""An output channel: one channel of one element, simulated from measured upstream signals, trial by trial.
 
 An output channel knows its measured signal, the constants of its nominal model and which effects can act in it; given
 values for all of these it simulates. Nothing else of the workflow knows what machine it looks at.
@@ -17,12 +17,13 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.plant.effect import Parameter
 from stages.science.signals.trajectories import Array
 
 MOST_STARTS = 12
 LONG = 10000
-"""Samples from which simulations are worth threads."""
+"""Number of samples from which simulations run in threads."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ Task = TypeVar("Task")
 Done = TypeVar("Done")
 
 
-def share_out(work: Callable[[Task], Done], tasks: Sequence[Task], samples: int) -> list[Done]:
-    """Return what work makes of each task; in threads where they take so many samples together."""
+def map_in_threads(work: Callable[[Task], Done], tasks: Sequence[Task], samples: int) -> list[Done]:
+    """Return the results of all tasks, computed in threads where they have at least `LONG` samples together."""
     if samples < LONG or len(tasks) < 2:
         return [work(each) for each in tasks]
     with ThreadPoolExecutor(max_workers=min(cpu_count(), len(tasks))) as pool:
@@ -116,6 +117,8 @@ class OutputChannel(ABC):
         Where the channel and all that it is simulated from were measured.
     start_s : (K,) ndarray
         Start of each trial in the session, s.
+    limits : DetectionSettings
+        From where on the values show saturation, a spectral line, or noise.
     """
 
     channel: str
@@ -125,6 +128,7 @@ class OutputChannel(ABC):
     measured: Array
     present: NDArray[np.bool_]
     start_s: Array
+    limits: DetectionSettings
 
     @property
     @abstractmethod
@@ -144,7 +148,7 @@ class OutputChannel(ABC):
 
     def simulate_each(self, cases: Sequence[Case]) -> Array:
         """Return the channel in several cases, (T, K, C), bit for bit as `simulate` does one after the other."""
-        found = share_out(lambda case: self.simulate(*case), cases, self.measured.size * len(cases))
+        found = map_in_threads(lambda case: self.simulate(*case), cases, self.measured.size * len(cases))
         return np.stack(found, axis=2)
 
     @abstractmethod
@@ -152,16 +156,16 @@ class OutputChannel(ABC):
         """Return the signals from which a flexible model may explain what is left."""
 
     def respond(self, features: Array) -> Array:
-        """Return the features of a flexible model, (T, K, F), as this channel answers to them: here at once.
+        """Return the features of a flexible model, (T, K, F), as this channel responds to them; here without delay.
 
-        An output whose effects act inside a motion returns what that motion makes of each feature.
+        A channel whose effects act inside a motion returns the response of that motion to each feature.
         """
         return features
 
     def recall(self, most: int) -> Array:
-        """Return the inputs at so many instants of the past at most, (T, K, F), of which any linear memory is a sum.
+        """Return delayed inputs, at most `most` columns, (T, K, F): regressors of a finite impulse response.
 
-        None for an output whose upstream signals are measured close by.
+        There are none for a channel whose upstream signals are measured next to it.
         """
         return np.empty((*self.measured.shape, 0))
 
@@ -189,28 +193,28 @@ class OutputChannel(ABC):
 
     @property
     def resolution(self) -> float:
-        """Least error of a simulation of any model, in the channel's unit: no gap is told below it."""
+        """Numerical error of any simulation, in the channel's unit; the noise floor is never below it."""
         return 0.0
 
     @property
     def other_starts(self) -> list[dict[str, float]]:
-        """Values of some constants from which a nominal fit may begin as well; the best is taken."""
+        """Other starting values of some constants for the nominal fit; the best fit is taken."""
         return []
 
     def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
-        """Return the values of a form's parameters from which a fit may begin; none where the data speak against it."""
+        """Return starting values of a form's parameters; none where the data exclude the form."""
         return list_starts(form)
 
     def is_exact(self, form: EffectForm) -> bool:
-        """Return whether the starts of a form were read off exact values, and are to be taken as they are."""
+        """Return whether the starts of a form come from exactly repeated values, and are used unchanged."""
         return False
 
     def reveals_saturation(self) -> bool:
-        """Return whether the measured values themselves show that a sensor has an effect."""
+        """Return whether exactly repeated values show that the sensor saturates."""
         return False
 
     def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> OutputChannel:
-        """Return the output with its inputs freed from what sensors upstream do; itself where these effects do nothing.
+        """Return the output with its inputs corrected for effects of upstream sensors; itself where there are none.
 
         Parameters
         ----------

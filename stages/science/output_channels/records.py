@@ -1,4 +1,4 @@
-"""Records of signals as arrays: what the outputs of machines other than muscles are built from.
+"""Records of signals as arrays, from which the output channel of a machine without muscles is built.
 
 Tidy signals flow in; by record, arrays without gaps and where they were measured flow out.
 """
@@ -13,7 +13,7 @@ import pandas as pd
 from stages.science.signals.trajectories import Array
 
 SHARPENED = 24.0
-"""Triangles blur a bent curve by this part of its second difference more than plain means do."""
+"""Second difference of the means over the extra bias of triangular weights on a curved signal."""
 
 
 def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[str, pd.DataFrame], float]:
@@ -63,7 +63,7 @@ def bridge(column: pd.Series) -> Array:
 
 
 def bridge_short(rows: pd.DataFrame, longest: int) -> pd.DataFrame:
-    """Return signals with straight lines across gaps of no more than so many samples; longer ones stay, whole.
+    """Return signals with gaps of at most `longest` samples interpolated linearly; longer gaps stay as they are.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def thin_out(rows: pd.DataFrame, stride: int, pushing: Sequence[str] = ()) -> pd
 
 
 def _weigh_by_triangles(values: Array, stride: int) -> Array:
-    """Return means at the middle of each `stride` values, weighted by triangles that reach to the next middles.
+    """Return means of each `stride` values, weighted by triangles that reach to the middles of the neighbours.
 
     Put back on straight lines between the middles, they have the sum and the first moment of the values themselves.
     """

@@ -9,22 +9,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.signals.trajectories import Array
 
-LEAST_HZ = 6.0
-"""Below it people and pressures move, and a line cannot be told from what they bring about."""
 HIGHEST = 0.95
-"""Over half the sampling rate; at its edge a spectrum is no longer spread as elsewhere."""
+"""Highest frequency of a line, over half the sampling rate; power is distributed differently at the edge."""
 PADDING = 2
 NEIGHBOURS = 80
-"""Bins of the padded spectrum on either side that tell how much noise there is around a frequency."""
+"""Bins of the padded spectrum on either side of a frequency, from which its noise level is estimated."""
 WIDEST = 2.0
-"""Neighbours on either side, over the least frequency, that may be needed."""
-CHANCE = 1e-3
-"""Probability that noise alone shows a line."""
+"""Largest width of the neighbours on either side, over the lowest frequency of a line."""
 
 
-def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> float | None:
+def find_line(residual: Array, present: NDArray[np.bool_], step_s: float, limits: DetectionSettings) -> float | None:
     """Return the frequency of a line in a residual, Hz, or None.
 
     Parameters
@@ -35,6 +32,8 @@ def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> flo
         Where it counts.
     step_s : float
         Time between samples, s.
+    limits : DetectionSettings
+        Lowest frequency of a line, and probability that noise alone has one.
 
     Notes
     -----
@@ -49,13 +48,13 @@ def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> flo
     samples = len(residual)
     if not len(whole) or samples < 4 * NEIGHBOURS:
         return None
-    if NEIGHBOURS / (PADDING * samples * step_s) > WIDEST * LEAST_HZ:  # a spectrum's slope would pass for a line
-        return None
+    if NEIGHBOURS / (PADDING * samples * step_s) > WIDEST * limits.lowest_line_hz:
+        return None  # the spectrum's slope would look like a line
     kept = np.where(present, residual, 0.0)[:, whole]
     windowed = (kept - kept.mean(axis=0)) * np.hanning(samples)[:, None]
     power = np.abs(np.fft.rfft(windowed, PADDING * samples, axis=0)) ** 2
     frequency = np.fft.rfftfreq(PADDING * samples, step_s)
-    sought = (frequency >= LEAST_HZ) & (frequency <= HIGHEST * frequency[-1])
+    sought = (frequency >= limits.lowest_line_hz) & (frequency <= HIGHEST * frequency[-1])
     if not sought.any():
         return None
     level = np.maximum(np.median(power[sought], axis=0), 1e-300)  # trials count alike, whatever wanders slowly in them
@@ -64,7 +63,7 @@ def find_line(residual: Array, present: NDArray[np.bool_], step_s: float) -> flo
     over = usual * mean / median_filter(mean, size=2 * NEIGHBOURS + 1, mode="mirror")
     peak = int(np.argmax(np.where(sought, over, 0.0)))
     by_chance = gamma.sf(over[peak], len(whole), scale=1.0 / len(whole)) * PADDING * samples / 2
-    return float(frequency[peak]) if by_chance < CHANCE else None
+    return float(frequency[peak]) if by_chance < limits.line_chance else None
 
 
 def remove_line(residual: Array, present: NDArray[np.bool_], step_s: float, frequency_hz: float) -> Array:

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.output_channels.exact_values import Levels, find_levels
 from stages.science.output_channels.fitting import Model, begin, fit
 from stages.science.output_channels.noise import make_plain
@@ -26,7 +27,7 @@ from stages.science.output_channels.output_channel import (
     EffectForm,
     OutputChannel,
     list_starts,
-    share_out,
+    map_in_threads,
 )
 from stages.science.output_channels.records import bridge, bridge_short, list_blocks, spread_records, thin_out
 from stages.science.plant.effect import Parameter, list_effects
@@ -36,17 +37,17 @@ from stages.science.recording.units import own_unit
 from stages.science.signals.trajectories import Array
 
 EXACT, FULL = "saturation", "full_tank"
-"""The effect whose levels exact values give away, and its form that is a level of the vessel, not of the sensor."""
+"""Effect whose levels exactly repeated values show, and its form that is a level of the vessel, not of the sensor."""
 AVERAGED, ROUNDED = 3e-4, 1e-6
-"""Of the range of a motion, what averaging its samples may change, and what rounding and integration may."""
+"""Numerical error over a signal's range: of averaged samples, and of rounding and integration."""
 FEWEST = 10
-"""Samples of a block in which a motion may show."""
+"""Least number of samples of a block."""
 LEAST_BLOCKS = 3
-"""Blocks of which one can be kept aside while the others are left out in turn."""
+"""Least number of blocks: one for testing, two to leave out in turn."""
 SAME, LARGEST = 1e-12, 1e100
-"""Range of an output over its size, up to which it never changes; and size beyond which no square is a number."""
+"""Relative range of an output up to which it is constant, and largest size whose square is finite."""
 LEVEL_ERROR = 0.001
-"""Of a level that exact values show, in scales of the output."""
+"""Standard deviation of a saturation level read off exactly repeated values, in scales of the output."""
 
 
 class _Group(NamedTuple):
@@ -85,6 +86,8 @@ class WholeRecordChannel(OutputChannel):
         Samples by which that may be refined.
     averaged : int
         Samples of the record in one of the output.
+    limits : DetectionSettings
+        From where on the values show saturation, a spectral line, or noise.
     """
 
     plant: RecordPlant
@@ -98,6 +101,7 @@ class WholeRecordChannel(OutputChannel):
     begun: tuple[InitialState, ...]
     head: int
     averaged: int
+    limits: DetectionSettings
 
     @property
     def channel(self) -> str:  # type: ignore[override]
@@ -166,7 +170,7 @@ class WholeRecordChannel(OutputChannel):
     @cached_property
     def _levels(self) -> Levels:
         """Levels at which the output is clipped, as far as its exact values show them."""
-        return find_levels(self.measured[self.present])
+        return find_levels(self.measured[self.present], self.limits)
 
     def simulate(
         self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
@@ -190,7 +194,7 @@ class WholeRecordChannel(OutputChannel):
             group, taken = task
             return self.plant.simulate_each(group.signals, self.step_s, np.zeros(1), taken, group.begun)
 
-        found = share_out(work, tasks, samples)
+        found = map_in_threads(work, tasks, samples)
         whole: dict[int, list[Array]] = {}
         for (group, _), simulated in zip(tasks, found, strict=True):
             for place, record in enumerate(group.records):
@@ -250,7 +254,7 @@ class WholeRecordChannel(OutputChannel):
         return self.plant.respond(features, self.step_s)
 
     def recall(self, most: int) -> Array:
-        """Return the inputs as they were now and at each sample before, as far as so many columns reach."""
+        """Return the inputs at each sample and at those before it, at most `most` columns, (T, K, F)."""
         lags = most // len(self.plant.inputs)
         columns = []
         for name in self.plant.inputs:
@@ -262,14 +266,14 @@ class WholeRecordChannel(OutputChannel):
         return np.stack(columns, axis=2)
 
     def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
-        """Return where fits of a form begin; a clipped reading at the levels that the values show, or nowhere."""
+        """Return starting values of a form; of saturation the levels that repeated values show, or none."""
         if self.is_exact(form):
             return [shown] if (shown := self._show(form)) else []
         told = self.plant.list_starts(form.effect, [each.signals for each in self._groups], constants)
         return list_starts(form) if told is None else told
 
     def is_exact(self, form: EffectForm) -> bool:
-        """Return whether the values show a form's parameters: the levels at which a reading is clipped."""
+        """Return whether exactly repeated values show a form's parameters, the levels of saturation."""
         ends = {each.name for each in form.parameters} & set(Levels._fields)
         return form.name == EXACT and (form.form == FULL or bool(ends))
 
@@ -297,7 +301,9 @@ class WholeRecordChannel(OutputChannel):
         )
 
 
-def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: RecordPlant) -> WholeRecordChannel:
+def build_whole_records(
+    signals: pd.DataFrame, trials: pd.DataFrame, plant: RecordPlant, limits: DetectionSettings
+) -> WholeRecordChannel:
     """Return the output of a machine's records.
 
     Parameters
@@ -308,6 +314,8 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
         Columns ``record``, ``start_s`` and ``samples``: the blocks, in the order of the arrays' last axis.
     plant : RecordPlant
         Names the signals.
+    limits : DetectionSettings
+        Of the output channel.
 
     Raises
     ------
@@ -355,6 +363,7 @@ def build_whole_records(signals: pd.DataFrame, trials: pd.DataFrame, plant: Reco
         ),
         max(HEAD // stride, 3),
         stride,
+        limits,
     )
 
 
@@ -389,7 +398,7 @@ def _check_records(records: Mapping[str, pd.DataFrame], trials: pd.DataFrame, pl
 
 
 def _bridge_short(rows: pd.DataFrame, output: str, stride: int) -> pd.DataFrame:
-    """Return signals without gaps that no longer matter than what thinning them out loses; an input's single sample."""
+    """Return signals with gaps shorter than `stride` samples interpolated; of inputs, also gaps of `stride` samples."""
     own = {name: bridge_short(rows[[name]], stride - (name == output)) for name in rows}
     return pd.concat(own.values(), axis=1)
 

@@ -1,29 +1,21 @@
 """A whole session with its description, as the tables that the discrepancy workflow reads.
 
-Samples and what meta.json would hold flow in; frames of samples, trials, muscles and session flow out.
+Samples and what meta.json would hold flow in; `MeasuredTables` flow out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 
+from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.recording.muscles import read_session
 
 
-class SessionFrames(NamedTuple):
-    """Samples by trial, muscle and time; a row for each trial and each muscle; one row for the session."""
-
-    measured: pd.DataFrame
-    trials: pd.DataFrame
-    muscles: pd.DataFrame
-    session: pd.DataFrame
-
-
-def tabulate_session(samples: pd.DataFrame, meta: Mapping[str, Any], source: str) -> SessionFrames:
-    """Return a session's frames.
+def tabulate_session(samples: pd.DataFrame, meta: Mapping[str, Any], source: str) -> MeasuredTables:
+    """Return a session's tables; that of signals is empty.
 
     Parameters
     ----------
@@ -58,4 +50,5 @@ def tabulate_session(samples: pd.DataFrame, meta: Mapping[str, Any], source: str
             "muscles": [len(muscles)],
         }
     )
-    return SessionFrames(measured.drop(columns="place").reset_index(drop=True), trials, muscles, session)
+    measured = measured.drop(columns="place").reset_index(drop=True)
+    return MeasuredTables(measured, pd.DataFrame(columns=["signal"]), trials, muscles, session)

@@ -3,13 +3,16 @@
 import numpy as np
 import yaml
 
+from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.fitted_channel import prepare
-from stages.science.discrepancy.naming import SearchSettings
 from stages.science.discrepancy.search import search
+from stages.science.discrepancy.settings import DiscrepancySettings
 from tests.science.plant.machines import CONF
 
 STATED = yaml.safe_load((CONF / "discrepancy" / "default.yaml").read_text())
-SETTINGS = SearchSettings(**STATED["search"])
+DISCREPANCY = DiscrepancySettings(**STATED)
+SETTINGS = DISCREPANCY.search
+DESCRIPTION = DescriptionSettings(**yaml.safe_load((CONF / "explain_remainder" / "default.yaml").read_text()))
 
 
 def look(output, seed=0):

@@ -3,8 +3,16 @@
 import numpy as np
 import pandas as pd
 
+from stages.science.output_channels.whole_record_channel import build_whole_records
+from tests.science.discrepancy.searches import DISCREPANCY
+
 FINE = 20
 """Steps within a sample."""
+
+
+def build_records(signals, trials, plant):
+    """Return the output channel of records, with the stated limits of detection."""
+    return build_whole_records(signals, trials, plant, DISCREPANCY.detection)
 
 
 def wander(generator, samples, width):

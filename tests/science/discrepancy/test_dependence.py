@@ -9,6 +9,7 @@ from stages.science.discrepancy.dependence import find_dependence, find_range, f
 from stages.science.discrepancy.description import measure_share
 from stages.science.discrepancy.resampling import resample
 from stages.science.output_channels.output_channel import Driver
+from tests.science.discrepancy.searches import DESCRIPTION
 from tests.science.discrepancy.toys import make_toy
 
 NOISE = 0.1
@@ -55,7 +56,7 @@ def measure(residual, left):
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_inputs_and_share_are_those_planted(seed, surface, inputs):
     output, residual, truth = plant(seed, surface)
-    found = find_dependence(output, residual, 3, 32, np.random.default_rng(0))
+    found = find_dependence(output, residual, DESCRIPTION, np.random.default_rng(0))
     assert sorted(each.name for each in found.inputs) == inputs
     share = measure(residual, residual - found.heldout)
     possible = (truth**2).sum() / (residual**2).sum()
@@ -66,7 +67,7 @@ def test_inputs_and_share_are_those_planted(seed, surface, inputs):
 
 def test_two_signals_that_tell_something_only_together_are_found():
     output, residual, truth = plant(1, lambda x, p, v: 0.1 * np.sin(4.0 * x) * v)
-    found = find_dependence(output, residual, 3, 32, np.random.default_rng(0))
+    found = find_dependence(output, residual, DESCRIPTION, np.random.default_rng(0))
     assert "x" in [each.name for each in found.inputs]
     share = measure(residual, residual - found.heldout)
     assert share.value > 0.7 * (truth**2).sum() / (residual**2).sum()
@@ -76,7 +77,7 @@ def test_two_signals_that_tell_something_only_together_are_found():
 def test_noise_is_left_alone(seed):
     output, residual, _ = plant(seed, lambda x, p, v: 0.0 * x)
     residual += 0.05 * np.random.default_rng(seed).standard_normal(TRIALS)
-    found = find_dependence(output, residual, 3, 32, np.random.default_rng(0))
+    found = find_dependence(output, residual, DESCRIPTION, np.random.default_rng(0))
     share = measure(residual, residual - found.heldout)
     assert not found.inputs or share.low <= 0.0
     assert share.value < 0.1
@@ -86,8 +87,9 @@ def test_a_trial_has_no_part_in_what_is_said_of_it():
     output, residual, _ = plant(3, lambda x, p, v: 0.3 * np.sin(4.0 * x))
     spoilt = residual.copy()
     spoilt[:, 4] += 0.2
+    alone = DESCRIPTION.model_copy(update={"most_inputs": 1})
     kept, other = (
-        find_dependence(output, each, 1, 32, np.random.default_rng(0)).heldout for each in (residual, spoilt)
+        find_dependence(output, each, alone, np.random.default_rng(0)).heldout for each in (residual, spoilt)
     )
     np.testing.assert_allclose(other[:, 4], kept[:, 4], atol=1e-9)
 
@@ -110,16 +112,16 @@ def test_a_hum_is_no_dependence():
     output, residual, _ = plant(2, lambda x, p, v: 0.0 * x)
     time = np.arange(len(residual))[:, None] * output.step_s
     residual += 0.5 * np.sin(2.0 * np.pi * 20.0 * time + np.random.default_rng(2).uniform(0.0, 6.0, TRIALS))
-    found = find_dependence(output, residual, 3, 32, np.random.default_rng(0))
+    found = find_dependence(output, residual, DESCRIPTION, np.random.default_rng(0))
     assert not found.inputs or measure(residual, residual - found.heldout).low <= 0.0
 
 
 def test_the_range_is_the_shortest_that_holds_half(generator):
     values = generator.uniform(0.0, 10.0, 4000)
     taken = np.where((values > 6.0) & (values < 8.0), 1.0, 0.02)
-    found = find_range(values, taken)
+    found = find_range(values, taken, 0.5)
     assert 5.9 < found.low < found.high < 8.1
     assert found.part >= 0.5
     assert found.time == pytest.approx(0.15, abs=0.06)
-    everywhere = find_range(values, np.ones(4000))
+    everywhere = find_range(values, np.ones(4000), 0.5)
     assert everywhere.part == pytest.approx(everywhere.time, abs=0.01)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.science.output_channels.whole_record_channel import WholeRecordChannel, build_whole_records
+from stages.science.output_channels.whole_record_channel import WholeRecordChannel
 from tests.science.discrepancy.searches import look, read_values
-from tests.science.discrepancy.simulated_records import drive, joint, lag, pendulum, tabulate
+from tests.science.discrepancy.simulated_records import build_records, drive, joint, lag, pendulum, tabulate
 from tests.science.plant.machines import read_plant
 
 both_seeds = pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -73,7 +73,7 @@ PLAIN = {
 
 def look_into(plant, recorded, **changes):
     """Return the state of the record's output after the search, and what was named."""
-    found, names = look(build_whole_records(*tabulate(*recorded), read_plant(plant, **changes)))
+    found, names = look(build_records(*tabulate(*recorded), read_plant(plant, **changes)))
     return found.outputs[0], names
 
 
@@ -129,7 +129,7 @@ def test_a_name_beside_a_spring_that_may_soften_no_further_is_doubted(monkeypatc
         return replace(form, parameters=(replace(form.parameters[0], low=-0.1),))
 
     monkeypatch.setattr(WholeRecordChannel, "forms", property(narrow))
-    named = look(build_whole_records(*tabulate(*pendulum(2)), read_plant("second_order")))[0].named
+    named = look(build_records(*tabulate(*pendulum(2)), read_plant("second_order")))[0].named
     assert named[0].name == "cubic_stiffness"
     assert len(named) > 1
     assert all(each.probability <= 0.5 for each in named[1:])

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from stages.science.discrepancy.parts import Parts, assign_parts, leave_gaps
 from stages.science.discrepancy.settings import choose_verification
-from stages.science.output_channels.whole_record_channel import build_whole_records
+from tests.science.discrepancy.simulated_records import build_records
 from tests.science.plant.machines import read_plant
 
 GIVEN = ["estimation"] * 8 + ["validation"] * 3 + ["arrow"] * 2
@@ -117,7 +117,7 @@ def test_a_gap_is_not_judged_and_nothing_else_is_lost(machine):
     rows = [pd.DataFrame({"record": "a", "time_s": time, "signal": n, "value": v}) for n, v in told.items()]
     trials = make_blocks()
     gaps = leave_gaps(trials, ["fitted", "verification", "fitted", "fitted"], 0.1)
-    whole, cut = (build_whole_records(pd.concat(rows), each, plant) for each in (trials, trials.join(gaps)))
+    whole, cut = (build_records(pd.concat(rows), each, plant) for each in (trials, trials.join(gaps)))
     assert (whole.present & ~cut.present).sum(axis=0).tolist() == [5, 0, 5, 0]
     assert not cut.present[45:, 0].any()
     assert not cut.present[:5, 2].any()

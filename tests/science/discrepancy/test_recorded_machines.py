@@ -6,7 +6,6 @@ are not part of this project.
 
 import functools
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +16,10 @@ from omegaconf import OmegaConf
 from stages.science.discrepancy.fitted_channel import prepare
 from stages.science.discrepancy.remainder import weigh_remainder
 from stages.science.discrepancy.search import search
-from stages.science.output_channels.whole_record_channel import build_whole_records
 from stages.science.plant.machine import read_machine
 from tests.composing import compose_values
 from tests.science.discrepancy.searches import SETTINGS, look
-from tests.science.discrepancy.simulated_records import tabulate
+from tests.science.discrepancy.simulated_records import build_records, tabulate
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 TANKS = DATA / "cascaded_tanks" / "cascaded_tanks.parquet"
@@ -107,7 +105,7 @@ def fitted():
         signals = {name: frame[column].to_numpy(float) for name, column in told.columns.items() if column is not None}
         step_s = float(np.median(np.diff(frame["t"])))
         plant = read_machine(OmegaConf.to_container(told.plant))
-        return plant, prepare(build_whole_records(*tabulate(signals, step_s=step_s), plant))
+        return plant, prepare(build_records(*tabulate(signals, step_s=step_s), plant))
 
     return fit
 
@@ -115,7 +113,7 @@ def fitted():
 @pytest.mark.slow
 @pytest.mark.parametrize(("left_out", "said"), [(["overflow"], ["saturation"]), (["saturation", "overflow"], [])])
 def test_without_its_effects_a_gap_of_the_tanks_has_no_other_name(left_out, said, fitted, generator):
-    found = search([fitted(TANKS)[1]], replace(SETTINGS, left_out=tuple(left_out)), generator)
+    found = search([fitted(TANKS)[1]], SETTINGS.model_copy(update={"left_out": left_out}), generator)
     assert [each.name for each in found.named] == said
     assert said or weigh_remainder(found, SETTINGS, generator)["level_v"].unknown > 0.5
     (state,) = found.outputs
@@ -134,5 +132,5 @@ def test_nothing_is_named_in_what_the_fitted_textbook_simulates(path, fitted):
     for seed in range(2):
         noise = 0.01 * clean.std() * np.random.default_rng(seed).standard_normal(len(clean))
         copied = {**output.records[0], output.plant.output: clean + noise}
-        again = build_whole_records(*tabulate(copied, step_s=output.step_s), plant)
+        again = build_records(*tabulate(copied, step_s=output.step_s), plant)
         assert look(again, seed)[1] == []

@@ -5,14 +5,15 @@ import pandas as pd
 import pytest
 
 from stages.science.discrepancy.report_text import (
-    tell,
-    tell_bounds,
-    tell_few,
-    tell_floor,
-    tell_scales,
-    tell_unconfirmed,
+    describe_bounds,
+    describe_few_trials,
+    describe_high_floor,
+    describe_scales,
+    describe_unconfirmed,
+    describe_verdict,
 )
 from stages.science.discrepancy.verdict import summarise_unexplained
+from tests.science.discrepancy.searches import DISCREPANCY
 from tests.science.plant.machines import configured, read_plant
 
 GAP = {
@@ -84,32 +85,32 @@ BLIND = "cannot be told: the gap is 1.02 times the noise floor, but so much coun
     ],
 )
 def test_a_verdict_says_what_its_numbers_say(verdict, said, unsaid):
-    text = " ".join(tell(verdict, [], [], []))
+    text = " ".join(describe_verdict(verdict, [], [], [], DISCREPANCY))
     assert [words for words in said if words not in text] == []
     assert [words for words in unsaid if words in text] == []
 
 
 def test_few_trials_and_a_gap_that_opened_ones_lack_are_told():
-    assert [len(tell_few(fitted, 1)) for fitted in (2, 5, 6)] == [1, 1, 0]
-    (sentence,) = tell_unconfirmed(0.37)
+    assert [len(describe_few_trials(fitted, 1, 6)) for fitted in (2, 5, 6)] == [1, 1, 0]
+    (sentence,) = describe_unconfirmed(0.37)
     assert "a flexible model would take away 37 %; those opened at the end show none" in sentence
 
 
 def test_scales_are_told_in_units():
-    (told,) = tell_scales(read_plant(along_scale=0.02, output_scale=150.0, time_scale_s=0.5))
+    (told,) = describe_scales(read_plant(along_scale=0.02, output_scale=150.0, time_scale_s=0.5))
     assert told.endswith("a scale of force is 150 N, a scale of position is 0.02 m and a pace is 0.5 s.")
-    assert tell_scales(read_plant()) == []
-    assert tell_scales(configured().plant) == []
+    assert describe_scales(read_plant()) == []
+    assert describe_scales(configured().plant) == []
 
 
 def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
     channels = pd.DataFrame(
         {"channel": ["force_n", "force_n"], "muscle": ["pam1", "pam2"], "noise_floor": [9.0, 2.0], "white": [1.0, 1.0]}
     )
-    (sentence,) = tell_floor(channels)
+    (sentence,) = describe_high_floor(channels, 3.0)
     assert "force n of pam1" in sentence
     assert "pam2" not in sentence
-    assert tell_floor(channels.assign(noise_floor=2.0)) == []
+    assert describe_high_floor(channels.assign(noise_floor=2.0), 3.0) == []
 
 
 def test_the_line_is_that_of_the_channel_in_which_most_is_left():
@@ -129,6 +130,6 @@ def test_values_at_a_bound_are_told_once_for_all_muscles():
             "at_bound": ["high", "low", "low"],
         }
     )
-    (sentence,) = tell_bounds(values)
+    (sentence,) = describe_bounds(values)
     assert sentence.endswith("stand mass_kg (5, high) and level of coulomb friction (0, low).")
-    assert tell_bounds(values.assign(at_bound="")) == []
+    assert describe_bounds(values.assign(at_bound="")) == []

@@ -56,8 +56,8 @@ def test_two_effects_are_named_both_also_by_a_search_that_is_resumed():
 def test_an_effect_that_the_constants_imitate_is_told_absorbed_and_not_named():
     found, _ = run(make_toy(2, [(LINE.effect, 0.4)]))
     assert not found.named
-    assert found.rounds[0].absorbed["line"] > 0.99
-    assert found.rounds[0].absorbed["wave"] < 0.9
+    assert found.rounds[0].confounded_with_constants["line"] > 0.99
+    assert found.rounds[0].confounded_with_constants["wave"] < 0.9
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -103,18 +103,19 @@ def test_a_name_that_leaves_more_than_its_forms_differ_by_is_doubted(clean):
     single, sure = clean
     found, left = run(make_toy(5, [(bent, 0.8)], offered=(WAVE,), noise=0.05))
     assert [each.name for each in (*single.named, *found.named)] == ["wave", "wave"]
-    assert sure["y"].imitated < 0.05
-    assert sum_doubt(sure) < 0.05
+    assert sure["y"].ambiguous < 0.05
+    assert sum_doubt(sure, SETTINGS.remainder) < 0.05
     assert 0.05 < left["y"].share < SETTINGS.unexplained_share
-    assert left["y"].imitated > 0.9
-    assert sum_doubt(left) == pytest.approx(0.5 * left["y"].imitated)
+    assert left["y"].ambiguous > 0.9
+    assert sum_doubt(left, SETTINGS.remainder) == pytest.approx(0.5 * left["y"].ambiguous)
 
 
 @pytest.mark.parametrize(("names", "shown", "doubt"), [(2, False, 0.0), (3, False, 0.5), (3, True, 0.0)])
 def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt, clean):
     single = clean[0].named
     many = replace(clean[0], named=[*single * (names - 1), replace(single[0], shown=shown)])
-    assert sum_doubt(weigh_remainder(many, SETTINGS, np.random.default_rng(1))) == pytest.approx(doubt, abs=0.05)
+    left = weigh_remainder(many, SETTINGS, np.random.default_rng(1))
+    assert sum_doubt(left, SETTINGS.remainder) == pytest.approx(doubt, abs=0.05)
 
 
 def test_a_second_channel_is_looked_at_though_no_gap_was_seen_in_it():

@@ -6,15 +6,15 @@ from importlib.util import find_spec
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
-from stages.science.discrepancy.description import DescriptionSettings, average_dependence, describe, tabulate
-from stages.science.discrepancy.report_text import tell_remainder
+from stages.science.discrepancy.description import average_dependence, describe, tabulate
+from stages.science.discrepancy.description_settings import DescriptionSettings
+from stages.science.discrepancy.report_text import describe_remainder
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.symbolic_regression import sketch_residual
 from stages.science.output_channels.fitting import Model, begin, fit
 from stages.science.output_channels.noise import make_plain
-from tests.conftest import ROOT
+from tests.science.discrepancy.searches import DESCRIPTION, DISCREPANCY
 from tests.science.discrepancy.toys import make_toy
 
 NOISE = 0.1
@@ -45,7 +45,7 @@ def fit_line(seed, shape=None, trials=10):
 )
 def test_planted_terms_come_back_with_their_weights(shape, terms, regression):
     fitted, inputs = fit_line(2, shape)
-    found = sketch_residual(fitted, inputs, 4, regression)
+    found = sketch_residual(fitted, inputs, DESCRIPTION.model_copy(update={"regression": regression}))
     assert dict(found.terms) == pytest.approx(terms, rel=0.1)
     assert found.after.sum() < 0.5 * found.before.sum()
     if regression == "stepwise":
@@ -54,7 +54,7 @@ def test_planted_terms_come_back_with_their_weights(shape, terms, regression):
 
 def test_a_direction_is_told():
     fitted, inputs = fit_line(3, lambda x, v: 0.4 * np.sign(v))
-    found = sketch_residual(fitted, inputs, 4)
+    found = sketch_residual(fitted, inputs, DESCRIPTION)
     text, weight = found.terms[0]
     assert text.startswith("tanh([x rate]/")
     assert weight == pytest.approx(0.4, rel=0.2)
@@ -64,7 +64,7 @@ def test_a_direction_is_told():
 @pytest.mark.parametrize("seed", range(6))
 def test_noise_has_no_formula(seed, regression):
     fitted, inputs = fit_line(seed)
-    found = sketch_residual(fitted, inputs, 4, regression)
+    found = sketch_residual(fitted, inputs, DESCRIPTION.model_copy(update={"regression": regression}))
     weights = resample(10, 400, np.random.default_rng(0))
     taken = 1.0 - (weights @ found.after) / (weights @ found.before)
     assert not found.terms or np.quantile(taken, 0.025) <= 0.0
@@ -72,23 +72,18 @@ def test_noise_has_no_formula(seed, regression):
 
 def test_what_the_constants_imitate_is_no_term():
     fitted, inputs = fit_line(1, lambda x, v: 0.7 * x)
-    assert not sketch_residual(fitted, inputs, 4).terms
+    assert not sketch_residual(fitted, inputs, DESCRIPTION).terms
 
 
-@pytest.fixture(scope="module")
-def settings():
-    return DescriptionSettings(**yaml.safe_load((ROOT / "conf" / "explain_remainder" / "default.yaml").read_text()))
-
-
-def describe_line(settings, shape):
+def describe_line(shape):
     fitted, _ = fit_line(4, shape)
     return describe(
-        fitted, NOISE, settings, resample(10, 400, np.random.default_rng(0)), 0.95, np.random.default_rng(1)
+        fitted, NOISE, DESCRIPTION, resample(10, 400, np.random.default_rng(0)), 0.95, np.random.default_rng(1)
     )
 
 
-def test_a_planted_drag_is_described_drawn_and_told(settings):
-    found = describe_line(settings, lambda x, v: 0.05 * v * np.abs(v))
+def test_a_planted_drag_is_described_drawn_and_told():
+    found = describe_line(lambda x, v: 0.05 * v * np.abs(v))
     row = tabulate(found)
     assert row["inputs"] == "x_rate"
     assert row["low"] < row["share"] < row["high"]
@@ -96,7 +91,7 @@ def test_a_planted_drag_is_described_drawn_and_told(settings):
     assert row["hint"].endswith("*[x rate]*|x rate|")
     averages = average_dependence([found])
     assert np.abs(averages["said"] - averages["mean"]).max() < 0.1
-    said = " ".join(tell_remainder(pd.DataFrame([row]), "unexplained"))
+    said = " ".join(describe_remainder(pd.DataFrame([row]), "unexplained", DISCREPANCY.report))
     for words in (
         "What stays unexplained in y of toy depends on x rate",
         "A hint, no finding: on toy it is about 0.05",
@@ -104,20 +99,20 @@ def test_a_planted_drag_is_described_drawn_and_told(settings):
         assert words in said
 
 
-def test_of_noise_nothing_is_told_but_that(settings):
-    row = tabulate(describe_line(settings, None))
+def test_of_noise_nothing_is_told_but_that():
+    row = tabulate(describe_line(None))
     assert (row["inputs"], row["hint"]) == ("", "")
     assert row["above_floor"] < 0.1
     table = pd.DataFrame([row])
-    said = tell_remainder(table, "named")
+    said = describe_remainder(table, "named", DISCREPANCY.report)
     assert len(said) == 1
     assert "depends on no measured signal" in said[0]
-    assert not tell_remainder(table, "no_discrepancy")
-    assert not tell_remainder(table[:0], "named")
-    assert "hardly above the noise floor" in tell_remainder(table[:0], "unexplained")[0]
+    assert not describe_remainder(table, "no_discrepancy", DISCREPANCY.report)
+    assert not describe_remainder(table[:0], "named", DISCREPANCY.report)
+    assert "hardly above the noise floor" in describe_remainder(table[:0], "unexplained", DISCREPANCY.report)[0]
 
 
-def test_pysindy_is_asked_for_only_where_it_is(settings):
+def test_pysindy_is_asked_for_only_where_it_is():
     if find_spec("pysindy") is None:
         with pytest.raises(ValueError, match="pysindy is not installed"):
-            DescriptionSettings(**{**settings.model_dump(), "regression": "pysindy"})
+            DescriptionSettings(**{**DESCRIPTION.model_dump(), "regression": "pysindy"})

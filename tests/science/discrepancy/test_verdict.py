@@ -8,6 +8,7 @@ import pytest
 
 from stages.science.discrepancy.verdict import confirm_effects, confirm_status
 from stages.science.discrepancy.verification import Verified, list_hidden
+from tests.science.discrepancy.searches import DISCREPANCY, SETTINGS
 from tests.science.discrepancy.simulated_records import move, slide
 from tests.science.discrepancy.toys import make_toy
 
@@ -19,7 +20,7 @@ def judge(p_step, trials=6, shown=False, hidden=()):
     row = {"probability": 0.9, "shown": shown}
     named = pd.DataFrame([{"order": k + 1, "name": f"e{k}", "channel": "xy"[k], **row} for k in range(2)])
     driven = pd.DataFrame({"step": range(4), "gap": [0.4, 0.2, 0.1, 0.1], "trials": trials, "p_step": [1, *p_step, 1]})
-    return confirm_effects(named, driven, 0.05, hidden)
+    return confirm_effects(named, driven, DISCREPANCY, hidden)
 
 
 def test_what_takes_nothing_away_is_half_as_probable():
@@ -53,8 +54,8 @@ def test_whether_a_floor_hides_what_there_is_the_opened_trials_say(floor, white,
     left = np.array([0.001] * 5 + [floor] * 3) ** 2 * output.present.sum(axis=0)
     channels = pd.DataFrame([{"channel": "y", "muscle": "toy", "white": white * output.range}])
     seen = [Verified(output, [], [], left)]
-    assert list_hidden(seen, channels, [5, 6, 7]) == hidden
-    assert list_hidden(seen, channels, [0, 1]) == []
+    assert list_hidden(seen, channels, [5, 6, 7], SETTINGS.remainder) == hidden
+    assert list_hidden(seen, channels, [0, 1], SETTINGS.remainder) == []
 
 
 @pytest.mark.parametrize(

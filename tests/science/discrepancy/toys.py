@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stages.science.output_channels.detection import DetectionSettings
 from stages.science.output_channels.output_channel import Driver, EffectForm, OutputChannel
 from stages.science.plant.effect import Parameter
+from tests.science.discrepancy.searches import DISCREPANCY
 
 
 def constant(name, low, high, mean, sd):
@@ -39,6 +41,7 @@ class Toy(OutputChannel):
     channel: str = "y"
     element: str = "toy"
     unit: str = "1"
+    limits: DetectionSettings = DISCREPANCY.detection
     offered: tuple[EffectForm, ...] = (WAVE, KINK, LINE)
 
     @property

@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 
 from stages.science.output_channels.exact_values import find_count, find_levels
+from tests.science.discrepancy.searches import DISCREPANCY
 
+LIMITS = DISCREPANCY.detection
 SMOOTH = np.random.default_rng(1).normal(500.0, 120.0, 5000)
 
 
 @pytest.mark.parametrize(("lowest", "highest"), [(None, 650.0), (350.0, None), (350.0, 600.0)])
 @pytest.mark.parametrize("offset", [0.0, -600.0, -350.0])
 def test_a_clipped_signal_shows_its_levels(lowest, highest, offset):
-    found = find_levels(np.clip(SMOOTH, lowest, highest) + offset)
+    found = find_levels(np.clip(SMOOTH, lowest, highest) + offset, LIMITS)
     assert found == tuple(None if each is None else each + offset for each in (lowest, highest))
 
 
@@ -20,14 +22,14 @@ REST = np.where(np.arange(5000) < 400, 500.0, SMOOTH)
 
 @pytest.mark.parametrize("values", [SMOOTH, np.round(SMOOTH / 20.0) * 20.0, REST, np.zeros(0), np.full(100, 3.0)])
 def test_others_have_none(values):
-    assert find_levels(values) == (None, None)
+    assert find_levels(values, LIMITS) == (None, None)
 
 
 @pytest.mark.parametrize("count", [3.7, 20.0])
 def test_a_signal_in_counts_shows_their_size(count):
-    assert find_count(np.round(SMOOTH / count) * count) == pytest.approx(count, rel=1e-6)
+    assert find_count(np.round(SMOOTH / count) * count, LIMITS) == pytest.approx(count, rel=1e-6)
 
 
 @pytest.mark.parametrize("values", [SMOOTH, np.minimum(SMOOTH, 520.0), np.repeat(SMOOTH[:100], 50)])
 def test_others_have_no_count(values):
-    assert find_count(values) is None
+    assert find_count(values, LIMITS) is None

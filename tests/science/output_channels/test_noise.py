@@ -5,7 +5,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from stages.science.output_channels.noise import Noise, estimate_noise, log_density, whiten
+from tests.science.discrepancy.searches import DISCREPANCY
 
+LIMITS = DISCREPANCY.detection
 NOISE = Noise(0.7, 0.5, 0.05, 0.9, 1.2)
 STEP_S = 0.01
 
@@ -57,7 +59,7 @@ def test_the_constants_of_simulated_noise_are_found():
     generator = np.random.default_rng(4)
     factor = np.linalg.cholesky(covariance(500, NOISE))
     residual = factor @ generator.standard_normal((500, 30))
-    found = estimate_noise(residual, np.ones(residual.shape, dtype=bool), STEP_S)
+    found = estimate_noise(residual, np.ones(residual.shape, dtype=bool), STEP_S, LIMITS)
     assert found.white == pytest.approx(NOISE.white, rel=0.1)
     assert np.hypot(found.quick, found.slow) == pytest.approx(np.hypot(NOISE.quick, NOISE.slow), rel=0.2)
     own = log_density(residual, np.ones(residual.shape, dtype=bool), found, STEP_S).sum()
@@ -66,12 +68,12 @@ def test_the_constants_of_simulated_noise_are_found():
 
 def test_too_few_samples_are_refused():
     with pytest.raises(ValueError, match="at least 10 samples, got 6"):
-        estimate_noise(np.ones((3, 2)), np.ones((3, 2), dtype=bool), STEP_S)
+        estimate_noise(np.ones((3, 2)), np.ones((3, 2), dtype=bool), STEP_S, LIMITS)
 
 
 def test_some_of_the_roughness_is_always_taken_for_white():
     coloured = NOISE._replace(white=0.0, slow=1e-6)
     residual = np.linalg.cholesky(covariance(400, coloured)) @ np.random.default_rng(6).standard_normal((400, 10))
-    found = estimate_noise(residual, np.ones(residual.shape, dtype=bool), STEP_S)
+    found = estimate_noise(residual, np.ones(residual.shape, dtype=bool), STEP_S, LIMITS)
     rough = np.sqrt((np.diff(residual, n=2, axis=0) ** 2).mean() / 6.0)
     assert found.white == pytest.approx(0.5 * rough, rel=0.02)

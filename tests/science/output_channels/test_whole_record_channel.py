@@ -7,11 +7,9 @@ from scipy.signal import lfilter
 
 from stages.science.discrepancy.amendment import estimate_intervals
 from stages.science.discrepancy.fitted_channel import prepare
-from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.records import thin_out
-from stages.science.output_channels.whole_record_channel import build_whole_records
-from tests.science.discrepancy.searches import STATED, look, read_values
-from tests.science.discrepancy.simulated_records import move, slide, tabulate
+from tests.science.discrepancy.searches import DISCREPANCY, look, read_values
+from tests.science.discrepancy.simulated_records import build_records, move, slide, tabulate
 from tests.science.plant.machines import read_plant
 
 STEP_S = 0.02
@@ -36,7 +34,7 @@ def pump_tanks(seed, rim=None, cut=None, samples=1600, levels=(4.0, 5.0)):
 
 def build_tanks(**kwargs):
     signals, trials = tabulate(pump_tanks(**kwargs), step_s=4.0)
-    return build_whole_records(signals, trials, read_plant("cascaded_tanks"))
+    return build_records(signals, trials, read_plant("cascaded_tanks"))
 
 
 def build(added=0.0, seed=1, noise=0.05, hole=None, samples=4800):
@@ -44,7 +42,7 @@ def build(added=0.0, seed=1, noise=0.05, hole=None, samples=4800):
     force = 300.0 * way + 2.0 + added + noise * np.random.default_rng(seed).standard_normal(len(way))
     if hole is not None:
         force[hole] = np.nan
-    return build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant())
+    return build_records(*tabulate({"position_m": way, "force_n": force}), read_plant())
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
@@ -73,10 +71,9 @@ def test_a_value_that_stands_at_a_bound_says_so(high, told):
     way, constants = move(1), read_plant().model_dump()["constants"]
     constants["stiffness"] |= {"start": 250.0, "low": 200.0, "high": high, "sd": 50.0}
     signals = {"position_m": way, "force_n": 300.0 * way + 0.05 * np.random.default_rng(1).standard_normal(len(way))}
-    state = prepare(build_whole_records(*tabulate(signals), read_plant(constants=constants)))
-    fitted, noise = state.current.fit, pd.Series(state.noise._asdict())
-    settings = DiscrepancySettings(**STATED)
-    rows = estimate_intervals(fitted.model, fitted.values, noise, settings, np.random.default_rng(0))
+    state = prepare(build_records(*tabulate(signals), read_plant(constants=constants)))
+    fitted = state.current.fit
+    rows = estimate_intervals(fitted.model, fitted.values, state.noise, DISCREPANCY, np.random.default_rng(0))
     assert {row["parameter"]: row["at_bound"] for row in rows} == {"stiffness": told, "offset": ""}
 
 
@@ -104,7 +101,7 @@ def test_a_loop_remembers_what_was_before_its_block():
 def test_samples_far_quicker_than_the_movement_are_averaged():
     way = np.repeat(move(1, 1200), 4)
     force = 300.0 * way + np.tile([1.0, -1.0], len(way) // 2)
-    output = build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=8.0))
+    output = build_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=8.0))
     assert output.step_s == pytest.approx(4 * STEP_S)
     np.testing.assert_allclose(output.measured, output.simulate({"stiffness": 300.0, "offset": 0.0}, []), atol=1e-9)
 
@@ -137,7 +134,7 @@ def test_a_gap_that_no_motion_sees_costs_nothing():
     for lost, judged in (([1000, 2500], 4000), (slice(1000, 1200), 1000)):
         pushed = force.copy()
         pushed[lost] = np.nan
-        output = build_whole_records(*tabulate({"force_n": pushed, "position_m": position}), read_plant("servo_drive"))
+        output = build_records(*tabulate({"force_n": pushed, "position_m": position}), read_plant("servo_drive"))
         assert output.present.sum() * output.averaged == pytest.approx(judged, abs=BLOCKS * output.averaged)
 
 
@@ -157,14 +154,14 @@ SWING = np.sin(2.0 * np.pi * 0.2 * STEP_S * np.arange(4000))
 def test_a_record_that_cannot_be_judged_is_refused(force, told):
     signals = {"position_m": -SWING} if force is None else {"force_n": force, "position_m": -SWING}
     with pytest.raises(ValueError, match=told):
-        build_whole_records(*tabulate(signals), read_plant("servo_drive"))
+        build_records(*tabulate(signals), read_plant("servo_drive"))
 
 
 @pytest.mark.parametrize(("samples", "told"), [(45, "or set measurement.blocks=4 or fewer"), (29, "; record more$")])
 def test_advice_on_short_records_can_be_followed(samples, told):
     signals, trials = tabulate({"position_m": move(1, samples), "force_n": move(2, samples)})
     with pytest.raises(ValueError, match=told):
-        build_whole_records(signals, trials, read_plant())
+        build_records(signals, trials, read_plant())
 
 
 def ring(way, pulled):
@@ -178,9 +175,9 @@ def ring(way, pulled):
 def test_a_resonance_that_the_input_sets_off_is_no_noise(generator, pulled):
     way = move(1) + 0.002 * generator.standard_normal(4800)
     force = 300.0 * way + ring(way, pulled) + 0.05 * generator.standard_normal(4800)
-    state = prepare(build_whole_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=2.0)))
+    state = prepare(build_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=2.0)))
     gap = np.sqrt(state.nominal.raw.sum() / state.samples.sum())
-    assert state.leftover.remembered == (pulled > 0.0)
+    assert state.leftover.linear_memory == (pulled > 0.0)
     if pulled:
         assert gap > 3.0 * 0.05
         assert state.floor < 0.6 * gap
@@ -208,6 +205,6 @@ def test_records_of_tanks_that_begin_at_other_levels_leave_noise_alone():
         for seed, (record, levels) in enumerate({"a": (4.0, 5.0), "b": (1.0, 8.0), "c": (8.0, 2.0)}.items())
     ]
     signals, trials = (pd.concat(each, ignore_index=True) for each in zip(*told, strict=True))
-    state = prepare(build_whole_records(signals, trials, read_plant("cascaded_tanks")))
+    state = prepare(build_records(signals, trials, read_plant("cascaded_tanks")))
     assert state.ratio(state.nominal.raw) < 1.05
     assert np.sqrt(state.nominal.raw.sum() / state.samples.sum()) < 1.2 * 0.02

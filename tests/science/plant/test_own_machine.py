@@ -7,12 +7,11 @@ from typing import ClassVar, Literal
 import numpy as np
 import pytest
 
-from stages.science.output_channels.whole_record_channel import build_whole_records
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant, constant
 from stages.science.plant.machine import read_machine
 from stages.science.plant.record_plant import RecordPlant, Watched
-from tests.science.discrepancy.simulated_records import tabulate
+from tests.science.discrepancy.simulated_records import build_records, tabulate
 
 OPEN = {"output_scale": None, "time_scale_s": None, "constants": None, "effects": []}
 
@@ -66,7 +65,7 @@ def read_lever(kind=Lever, **changes):
 
 def build(plant):
     way = 0.2 * np.sin(0.05 * np.arange(1200)) + 0.1 * np.sin(0.021 * np.arange(1200))
-    return build_whole_records(*tabulate({"in_m": way, "out_m": 1.5 * way}, 0.01), plant)
+    return build_records(*tabulate({"in_m": way, "out_m": 1.5 * way}, 0.01), plant)
 
 
 def test_scales_constants_and_what_is_watched_have_defaults():

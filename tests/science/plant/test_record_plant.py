@@ -7,7 +7,6 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from stages.science.output_channels.whole_record_channel import build_whole_records
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import find_effect, list_effects, list_forms
 from stages.science.plant.effect_config import NominalConstant, constant
@@ -16,7 +15,7 @@ from stages.science.plant.machine import read_machine
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import read_initial_state
 from tests.science.discrepancy.oscillators import configured as configured_oscillator
-from tests.science.discrepancy.simulated_records import drive, joint, lag, tabulate
+from tests.science.discrepancy.simulated_records import build_records, drive, joint, lag, tabulate
 from tests.science.plant.machines import begin_surely, configured, read_plant, simulate
 
 
@@ -216,7 +215,7 @@ def test_a_record_that_begins_unsettled_is_taken_up_there(kind, late, near, far)
 def test_after_a_gap_nothing_is_judged_until_it_is_forgotten(kind, lost, memory_of):
     signals, step_s = RECORDED[kind][0](5, samples=1600)
     signals[lost][500:520] = np.nan
-    output = build_whole_records(*tabulate(signals, step_s), read_plant(kind, output_scale=None, time_scale_s=None))
+    output = build_records(*tabulate(signals, step_s), read_plant(kind, output_scale=None, time_scale_s=None))
     memory = np.log(1e3) * memory_of(output.plant.starts)
     assert output.plant.memory_s == pytest.approx(memory)
     unjudged = np.flatnonzero(~output.present.T.ravel()) * output.step_s

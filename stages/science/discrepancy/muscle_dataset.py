@@ -1,6 +1,6 @@
-"""A measured session as records of each muscle: tidy rows become arrays of samples by trials.
+"""The output channels of measured muscles: tidy rows become arrays of samples by trials.
 
-Frames of samples, trials and muscles flow in; `Records` flow out, gaps bridged and remembered.
+`MeasuredTables` flow in; for each muscle the channels of its pressure and its force flow out, gaps bridged and marked.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import pandas as pd
 from stages.science.discrepancy.settings import DiscrepancySettings, Tolerance
 from stages.science.output_channels.muscle_channels import Build, ForceChannel, MuscleChannel, PressureChannel, Records
 from stages.science.plant.effect import Parameter
+from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.signals.trajectories import Array
 
 SIGNALS = {
@@ -23,26 +24,23 @@ SIGNALS = {
     "velocity_per_s": "contraction_velocity_per_s",
     "force_n": "force_n",
 }
-SMOOTHED_S = 0.044
-"""Width over which pressure and velocity are smoothed before force is simulated, s; a valve's time constant."""
-LEAST_SAMPLES = 50
-"""Samples of a muscle's channel below which it is left out."""
 
 
-def collect_records(measured: pd.DataFrame, trials: pd.DataFrame, muscle: str, joints: Mapping[str, str]) -> Records:
+def collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, str], smoothing_s: float) -> Records:
     """Return one muscle's trials as arrays.
 
     Parameters
     ----------
-    measured : DataFrame
-        Columns of the table `measured`.
-    trials : DataFrame
-        Columns ``trial`` and ``start_s``, in the order of the arrays' last axis.
+    tables : MeasuredTables
+        Trials are in the order of the arrays' last axis.
     muscle : str
         Whose.
     joints : mapping of str to str
         Joint of every muscle; another joint's angle is read from the first muscle on it.
+    smoothing_s : float
+        Width over which pressure and velocity are smoothed, s.
     """
+    measured, trials = tables.measured, tables.measured_trials
     order = list(trials["trial"])
     samples = int(measured.groupby(["trial", "muscle"]).size().max())
     own = measured[measured["muscle"] == muscle]
@@ -52,20 +50,20 @@ def collect_records(measured: pd.DataFrame, trials: pd.DataFrame, muscle: str, j
         known[name], signals[name] = _spread(own, order, column, samples)
     start = trials["start_s"].to_numpy(dtype=float)
     start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
-    signals["smooth_pressure_kpa"] = _smooth(signals["pressure_kpa"], step_s)
-    signals["velocity_per_s"] = _smooth(signals["velocity_per_s"], step_s)
+    signals["smooth_pressure_kpa"] = _smooth(signals["pressure_kpa"], step_s, smoothing_s)
+    signals["velocity_per_s"] = _smooth(signals["velocity_per_s"], step_s, smoothing_s)
     others = _look_aside(measured, order, muscle, joints, samples)
     return Records(step_s, start - start[0], **signals, known=known, others=others)
 
 
-def _smooth(signal: Array, step_s: float) -> Array:
+def _smooth(signal: Array, step_s: float, width_s: float) -> Array:
     """Return a signal without most of its sensor's noise and without delay: local cubics (Savitzky and Golay 1964).
 
     Noise of an input passes into what is simulated from it; left there, every effect that blurs would seem to help.
     """
     from scipy.signal import savgol_filter
 
-    window = 2 * max(round(0.5 * SMOOTHED_S / step_s), 2) + 1
+    window = 2 * max(round(0.5 * width_s / step_s), 2) + 1
     if len(signal) < window:
         return signal
     smooth: Array = savgol_filter(signal, window, 3, axis=0)
@@ -104,36 +102,32 @@ def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int)
     return known, values
 
 
-def build_channels(
-    measured: pd.DataFrame,
-    trials: pd.DataFrame,
-    muscles: pd.DataFrame,
-    session: pd.DataFrame,
-    settings: DiscrepancySettings,
-) -> list[MuscleChannel]:
-    """Return the outputs of a session: for every muscle its pressure and its force, where there are data.
+def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings) -> list[MuscleChannel]:
+    """Return the output channels of a dataset: for every muscle its pressure and its force, where there are data.
 
     Parameters
     ----------
-    measured, trials, muscles, session : DataFrame
-        Tables of what was measured; `session` has one row.
+    tables : MeasuredTables
+        Of muscles.
     settings : DiscrepancySettings
         Tolerances of the constants.
     """
-    tolerances = settings.tolerances
-    site = str(session["load_cell_site"].iloc[0])
+    tolerances, limits = settings.tolerances, settings.muscle_channels
+    site = str(tables.measured_session["load_cell_site"].iloc[0])
     load_cell_site: Literal["muscle_tip", "joint_end"] = "muscle_tip" if site == "muscle_tip" else "joint_end"
+    muscles = tables.measured_muscles
     joints = dict(zip(muscles["muscle"], muscles["joint"], strict=True))
     outputs: list[MuscleChannel] = []
     for row in muscles.to_dict("records"):
-        records = collect_records(measured, trials, row["muscle"], joints)
+        records = collect_records(tables, row["muscle"], joints, limits.smoothing_s)
         build = _build(row, settings.max_pressure_kpa)
         for kind in (PressureChannel, ForceChannel):
             declared = tolerances[kind.channel]
             largest = float(np.abs(records.force_n[records.known["force_n"]]).max(initial=1.0))
             constants = tuple(_constant(name, each, row, largest) for name, each in declared.items())
-            output = kind(build, records, constants, load_cell_site)
-            if output.present.sum() >= LEAST_SAMPLES and output.range > 0.0 and output.is_driven():
+            output = kind(build, records, constants, load_cell_site, settings.detection)
+            enough = output.present.sum() >= limits.least_samples and output.range > 0.0
+            if enough and output.is_driven(limits.least_drive_kpa):
                 outputs.append(output)
     return outputs
 

@@ -1,0 +1,30 @@
+"""The tables that hold a measured dataset, as one value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+
+@dataclass(frozen=True)
+class MeasuredTables:
+    """What was measured; each field is named as its table.
+
+    Parameters
+    ----------
+    measured : DataFrame
+        A row per trial, muscle and time; empty for records of another machine.
+    measured_signals : DataFrame
+        A row per record, signal and time; empty for muscles.
+    measured_trials, measured_muscles : DataFrame
+        A row for each trial and for each muscle.
+    measured_session : DataFrame
+        One row: source, kind, sampling rate, site of the load cell.
+    """
+
+    measured: pd.DataFrame
+    measured_signals: pd.DataFrame
+    measured_trials: pd.DataFrame
+    measured_muscles: pd.DataFrame
+    measured_session: pd.DataFrame
