@@ -78,7 +78,7 @@ STEPS = Table(
     {
         "step": column(int, "effects added", low=0),
         "channel": column(str, "measured channel"),
-        "muscle": column(str, "whose"),
+        "muscle": column(str, "muscle, or name of the machine"),
         "effect": column(str, "that the value belongs to; empty for a nominal constant"),
         "form": column(str, "its form"),
         "parameter": column(str, "name of the value"),

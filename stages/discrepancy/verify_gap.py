@@ -87,7 +87,7 @@ PREDICTIONS = Table(
         "trial": column(int, "trial of the session", low=0),
         "part": column(str, "fitted, opened once, or only reported", among=list(PURPOSES)),
         "time_s": column(float, "time from the trial's start", unit="s", low=0),
-        "muscle": column(str, "whose"),
+        "muscle": column(str, "muscle, or name of the machine"),
         "channel": column(str, "measured channel"),
         "measured": column(float, "sensor", unit="of the channel"),
         "before": column(float, "nominal model, fitted", unit="of the channel"),

@@ -59,7 +59,7 @@ class Description:
     Parameters
     ----------
     output : OutputChannel
-        Whose.
+        Channel of the residual.
     residual : (T, K) ndarray
         In the channel's unit.
     floor : float

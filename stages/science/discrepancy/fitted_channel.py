@@ -138,7 +138,7 @@ def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, 
     Parameters
     ----------
     output : OutputChannel
-        The same.
+        Of the fitted trials.
     values : (P,) ndarray
         Its fitted constants.
     noise : Noise
