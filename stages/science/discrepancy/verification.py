@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
+from stages.science.discrepancy.resampling import find_interval
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import RemainderSettings
 from stages.science.output_channels.fitting import Model, fit
@@ -247,8 +248,7 @@ def _row(
 ) -> dict[str, Any]:
     trials, (first, before) = len(gaps), earlier
     drawn = np.sqrt(weights @ gaps**2 / trials)
-    tail = 0.5 * (1.0 - level)
-    low, high = np.quantile(drawn, [tail, 1.0 - tail])
+    low, high = find_interval(drawn, level)
     return {
         "simulation": kind,
         "step": step,
