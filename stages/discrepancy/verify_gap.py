@@ -262,13 +262,13 @@ def draw(
     rows = channels[channels["channel"].isin(concerned)].sort_values("gap_over_floor", ascending=False)
     channel = str(rows["channel"].iloc[0])
     muscles = rows.loc[rows["channel"] == channel, "muscle"].head(MOST_SHOWN).tolist()
-    opened = predictions[(predictions["part"] == "verification") & (predictions["channel"] == channel)]
-    trials = sorted(opened["trial"].unique())
+    test = predictions[(predictions["part"] == "verification") & (predictions["channel"] == channel)]
+    trials = sorted(test["trial"].unique())
     if trials:
         chosen = sorted({trials[0], trials[len(trials) // 2], trials[-1]})
         ctx.figure(
             "verified_trials",
-            draw_verified_trials(opened, channel, muscles, chosen),
+            draw_verified_trials(test, channel, muscles, chosen),
             "Verification trials: measured, simulated before and after, and below them what is left.",
         )
 
