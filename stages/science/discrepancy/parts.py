@@ -74,8 +74,8 @@ def assign_parts(given: Sequence[str], parts: Parts, share: float, records: Sequ
     parts : Parts
         Which parts are fitted, and which hold the test trials.
     share : float
-        Of the fitted parts' trials that become test trials, where no part is named for that. Of a part with at least three
-        records, whole records are.
+        Of the fitted parts' trials that become test trials, where no part is named for that. Of a part with at least
+        three records, whole records are.
     records : sequence of str
         Record that each trial is a block of; empty where trials are no blocks.
 
