@@ -31,10 +31,8 @@ import re
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import NoReturn
 
 import hydra
-from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
@@ -45,7 +43,10 @@ from pipeline.command import command_line
 from pipeline.config_files import read_choices
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.interruption import Interrupted, ignore_from_now_on
+from pipeline.options import put_options_first, read_options, shows_something
 from pipeline.places import CONFIG_FOLDER
+from pipeline.renames import find_key, find_option
+from pipeline.terminal import complain
 
 
 def main() -> int:
@@ -85,14 +86,13 @@ def main() -> int:
         typed = put_options_first(typed)
         sys.argv[1:], found = read_choices(typed, list_groups(typed))
         files.update(found)
-        options = get_args_parser().parse_args(sys.argv[1:])
-        asks = options.help or options.hydra_help or options.cfg or options.info or options.shell_completion
+        options = read_options(sys.argv[1:])
+        asks = shows_something(options)
         if options.multirun and not asks:
             from pipeline.sweep import name_sweep, run_sweep
 
             typed, sys.argv[1:] = name_sweep(typed), name_sweep(sys.argv[1:])
-            overrides = get_args_parser().parse_args(sys.argv[1:]).overrides
-            return run_sweep(overrides, typed, CONFIG_FOLDER, options.config_dir, files)
+            return run_sweep(read_options(sys.argv[1:]).overrides, typed, CONFIG_FOLDER, options.config_dir, files)
         task()
         if asks:
             sys.stdout.flush()
@@ -127,34 +127,6 @@ def name_file(error: ConfigError, given: Sequence[Mapping[str, str]]) -> ConfigE
     """Return the error with the file that gave the group whose key it is about."""
     told = [each["file"] for each in given if re.search(rf"(?<![\w.]){each['group']}\.", str(error))]
     return ConfigError(f"{error} (read from {told[0]})") if told else error
-
-
-def put_options_first(arguments: list[str]) -> list[str]:
-    """Return the command line with its options before the overrides, as Hydra reads it.
-
-    Raises
-    ------
-    ConfigError
-        For an option that does not exist or lacks its value.
-    """
-    parser = get_args_parser()
-    parser.error = _refuse_option  # type: ignore[method-assign]
-    overrides = parser.parse_intermixed_args(arguments).overrides
-    options = list(arguments)
-    for each in overrides:
-        options.remove(each)
-    return [*options, *overrides]
-
-
-def _refuse_option(message: str) -> NoReturn:
-    raise ConfigError(f"{message}; python -m pipeline --hydra-help shows the options")
-
-
-def complain(line: str) -> None:
-    """Print one line to standard error."""
-    from pipeline.terminal import open_console
-
-    open_console(stderr=True).print(line, soft_wrap=True, highlight=False, markup=False)
 
 
 def explain(error: Exception) -> str:
@@ -195,16 +167,20 @@ def explain(error: Exception) -> str:
     option = re.search(r"Could not find '([^']+)'[\s\S]*Available options in '[^']+':\s*([\s\S]*?)(?:\n\S|\Z)", text)
     if option:
         group, _, name = option.group(1).rpartition("/")
-        return f"unknown {group} '{name}': {suggest(name, option.group(2).split())}"
-    group_override = re.search(r"Could not override '?([\w/]+)'?\.?\s*No match", text)
-    if group_override:
-        return f"unknown group '{group_override.group(1)}': {suggest(group_override.group(1), _known_keys(''))}"
+        return f"unknown {group} '{name}': {suggest(name, option.group(2).split(), find_option(group, name))}"
+    unknown_group = re.search(r"Could not (?:override '?([\w/]+)'?\.?\s*No match|find '(\w+)/)", text)
+    if unknown_group:
+        group = unknown_group[1] or unknown_group[2]
+        return f"unknown group '{group}': {suggest(group, _known_keys(''), find_key(group))}"
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return "; ".join(lines[:2])
 
 
 def _explain_unknown(path: str, known: Mapping[str, object]) -> str:
     """Return what is wrong with a key: the section that is not there, the option without it, or its last word."""
+    today = find_key(path)
+    if today is not None:
+        return f"unknown key '{path}': {suggest(path, known, today)}"
     parts = path.split(".")
     for depth in range(1, len(parts)) if not known else ():
         beside = _known_keys(".".join(parts[:depth]))
@@ -223,15 +199,14 @@ def _list_options_with(group: str, key: str) -> list[str]:
 
 def list_groups(arguments: list[str]) -> list[str]:
     """Return the names of all config groups, those of ``--config-dir`` among them."""
-    own = get_args_parser().parse_args(arguments).config_dir
+    own = read_options(arguments).config_dir
     folders = [CONFIG_FOLDER, *([Path(own)] if own and Path(own).is_dir() else [])]
     return [each.name for folder in folders for each in folder.iterdir() if each.is_dir() and each.name != "hydra"]
 
 
 def _known_keys(path: str) -> dict[str, object]:
     """Return the keys and values beside the one at `path`, with the groups that the command line chooses."""
-    parser = get_args_parser()
-    options = parser.parse_args(sys.argv[1:])
+    options = read_options(sys.argv[1:])
     typed = {each: each.lstrip("+~").split("=")[0] for each in options.overrides}
     kept = [each for each, key in typed.items() if key != path and "." not in key]
     if options.config_dir:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -76,6 +76,16 @@ def git_state() -> dict[str, Any] | None:
     """Return the facts of the checkout that this code lies in, or None outside of one."""
     found = look_at_checkout()
     return None if found is None else dict(found.facts)
+
+
+def describe_commit(git: Mapping[str, Any] | None) -> str:
+    """Return in words which code a run was made with, from the facts of its checkout."""
+    if not git:
+        return "unknown"
+    if git["clean"]:
+        return str(git["commit"][:10])
+    changes = git.get("changes")
+    return f"{git['commit'][:10]} with changes{' ' + changes['sha256'][:8] if changes else ''}"
 
 
 def keep_changes(folder: Path, facts: dict[str, Any]) -> None:

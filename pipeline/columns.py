@@ -16,7 +16,7 @@ import yaml
 from pipeline.errors import ConfigError, PipelineError
 from pipeline.inputs import InputPath
 from pipeline.places import CONFIG_FOLDER
-from pipeline.terminal import open_console
+from pipeline.terminal import complain, open_console, say
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -30,11 +30,11 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         lines = describe(options.file)
     except PipelineError as error:
-        open_console(stderr=True).print(str(error), soft_wrap=True, highlight=False, markup=False)
+        complain(str(error))
         return 2
     console = open_console(piped_width=200)
     for line in lines:
-        console.print(line, soft_wrap=True, highlight=False, markup=False)
+        say(line, console)
     return 0
 
 

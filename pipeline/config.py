@@ -24,12 +24,13 @@ from pydantic.errors import PydanticSchemaGenerationError
 
 from pipeline.errors import ConfigError, suggest
 from pipeline.files import hash_json
+from pipeline.renames import find_key, find_name, find_target_name
 from pipeline.stage import Stage, load_stages, order_stages
 
 LONGEST_QUOTE = 80
 LONGEST_SWEEP = 100
-INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "desk")
-"""Keys that change no result."""
+INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "interface")
+"""Keys that change no result; nor does the section that ``interface`` names."""
 BEGINS_WITH_KEY = r"[\w.]+: "
 
 
@@ -140,7 +141,12 @@ class Settings(Section):
     sweep: Annotated[str | None, BeforeValidator(_check_name)]
     on_failure: Literal["continue", "stop"]
     on_finished: Literal["keep", "refresh"]
-    desk: Target | None
+    interface: Text
+
+    @property
+    def incidental(self) -> tuple[str, ...]:
+        """Names of the keys that change no result."""
+        return (*INCIDENTAL, self.interface)
 
 
 @dataclass(frozen=True)
@@ -160,8 +166,9 @@ class Study:
 
     @property
     def identity(self) -> str:
-        """Hash of everything that says what this study computes: all but `INCIDENTAL`."""
-        return hash_json({key: value for key, value in self.values.items() if key not in INCIDENTAL})
+        """Hash of everything that says what this study computes: all but what is incidental."""
+        incidental = self.settings.incidental
+        return hash_json({key: value for key, value in self.values.items() if key not in incidental})
 
     def slice(self, stage: Stage) -> dict[str, Any]:
         """Return the sections that a stage declares, as plain values."""
@@ -175,6 +182,11 @@ class Study:
         """Return the name of the section through which a stage asks for an outside object, or None."""
         names = [name for name, field in stage.config.model_fields.items() if field.annotation is Target]
         return names[0] if names else None
+
+    @property
+    def has_interface(self) -> bool:
+        """Whether people follow the devices of this study through an interface."""
+        return self.values.get(self.settings.interface) is not None
 
     def build(self, section: str) -> Any:
         """Return the object that a ``_target_`` section describes."""
@@ -247,15 +259,18 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
     ConfigError
         For the first key that is unknown, missing or wrong; the nearest known name is offered.
     """
-    declared = {*Settings.model_fields, *settings.workflow.quoted}
+    interface = settings.interface
+    declared = {*Settings.model_fields, interface, *settings.workflow.quoted}
     declared.update(name for each in stages for name in each.config.model_fields)
     for name in values:
         if name not in declared:
             raise ConfigError(
                 f"unknown key '{name}', which no stage of workflow {settings.workflow.name} reads: "
-                f"{suggest(str(name), declared)}"
+                f"{suggest(str(name), declared, find_key(str(name)))}"
             )
     study = Study(settings, values)
+    if study.has_interface:
+        _validate(Target, values[interface], (interface,))
     checked = set()
     for each in stages:
         missing = [name for name in each.config.model_fields if name not in values]
@@ -279,13 +294,16 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
         raise ConfigError(f"stages: expected at least one, or null for all, got []; choose from: {', '.join(names)}")
     for name in settings.stages or []:
         if name not in names:
-            raise ConfigError(f"stages: no stage '{name}' in workflow {settings.workflow.name}; {suggest(name, names)}")
+            raise ConfigError(
+                f"stages: no stage '{name}' in workflow {settings.workflow.name}; "
+                f"{suggest(name, names, find_name(name))}"
+            )
     tables = [table.name for each in stages for table in each.writes]
     for name in settings.workflow.headline:
         if name not in tables:
             raise ConfigError(
                 f"workflow.headline: no stage of workflow {settings.workflow.name} writes '{name}'; "
-                f"{suggest(name, tables)}"
+                f"{suggest(name, tables, find_name(name))}"
             )
     columns = {table.name: [*table.columns] for each in stages for table in each.writes}
     for path, table, named in _list_named_columns(settings.workflow):
@@ -293,7 +311,8 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
             _check_left_out(settings.workflow, path.rpartition(".")[0], table)
         elif named not in columns[table]:
             raise ConfigError(
-                f"workflow.{path}: table {table} has no column '{named}'; {suggest(named, columns[table])}"
+                f"workflow.{path}: table {table} has no column '{named}'; "
+                f"{suggest(named, columns[table], find_name(named))}"
             )
 
 
@@ -302,7 +321,8 @@ def _check_left_out(workflow: Workflow, path: str, table: str) -> None:
     known = [each.name for stage in load_stages(workflow.package) for each in stage.writes]
     if table not in known:
         raise ConfigError(
-            f"workflow.{path}.table: no stage of {workflow.package} writes '{table}'; {suggest(table, known)}"
+            f"workflow.{path}.table: no stage of {workflow.package} writes '{table}'; "
+            f"{suggest(table, known, find_name(table))}"
         )
 
 
@@ -342,6 +362,9 @@ def find_target(path: str) -> type:
     try:
         module = importlib.import_module(module_name)
     except (ImportError, ValueError) as error:
+        today = find_target_name(path)
+        if today is not None:
+            raise ConfigError(f"_target_ {path}: {suggest(path, (), today)}") from None
         raise ConfigError(f"_target_ {path}: cannot import {module_name or path} ({error})") from None
     found = getattr(module, class_name, None)
     if not isinstance(found, type):
@@ -388,7 +411,7 @@ def _describe(model: type, error: ValidationError, prefix: tuple[str, ...]) -> s
     location = [part for part in first["loc"] if part != "__root__"]
     path = ".".join(str(part) for part in (*prefix, *location))
     if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        text = f"unknown key '{path}': {suggest(str(location[-1]), _known_names(model, location[:-1]))}"
+        text = f"unknown key '{path}': {suggest(str(location[-1]), _known_names(model, location[:-1]), find_key(path))}"
     elif first["type"] in ("missing", "missing_argument"):
         text = f"missing key '{path}': set it in conf/ or as {path}=..."
     elif first["type"] == "value_error":

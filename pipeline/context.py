@@ -1,4 +1,4 @@
-"""What a stage is given beside its config and tables: generators, progress, the record of a long loop, figures, rig.
+"""What a stage is given beside its config and tables: generators, progress, the record of a long loop, figures, device.
 
 A stage calls these and nothing else of the pipeline while it runs; whatever it leaves on disk goes through here.
 """
@@ -182,8 +182,10 @@ class Context:
         For long loops.
     console : Console
         Where progress is drawn, if it is a terminal.
-    rig : object
+    device : object
         What the stage asked for through a ``_target_`` section, else None.
+    interactive : bool
+        Whether people follow the device through an interface.
     workers : int
         Processes over which `spread` spreads a loop.
     formats : sequence of str
@@ -201,16 +203,12 @@ class Context:
     seed: int | None
     record: Record
     console: Console
-    rig: Any = None
+    device: Any = None
+    interactive: bool = False
     workers: int = 1
     formats: Sequence[str] = ("png",)
     stream: str | None = None
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
-
-    @property
-    def is_attended(self) -> bool:
-        """Whether somebody decides on what the rig does."""
-        return getattr(self.rig, "attendance", None) is not None
 
     def generator(self, *key: int | str) -> np.random.Generator:
         """Return a generator that depends on the root seed, the stage's stream and the key alone.
@@ -229,14 +227,14 @@ class Context:
 
     @contextmanager
     def progress(self, description: str, total: int) -> Iterator[Callable[[str], None]]:
-        """Show how far a loop is; quiet when the output is piped, or somebody attends and types there.
+        """Show how far a loop is; quiet when the output is piped, or people type there.
 
         Yields
         ------
         callable
             Call it with a note at the end of each turn.
         """
-        if not self.console.is_terminal or self.is_attended:
+        if not self.console.is_terminal or self.interactive:
             yield lambda note: log.debug("%s: %s", self.stage, note)
             return
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -265,10 +263,10 @@ class Context:
         function : callable
             Can be pickled, as can jobs (this context may be part of them) and results; computes the same anywhere.
         jobs : sequence
-            Independent of each other. On a real rig, and where somebody attends, they are done one after the other,
-            here.
+            Independent of each other. On a real device, and where people follow it, they are done one after the
+            other, here.
         """
-        workers = 1 if getattr(self.rig, "real", False) or self.is_attended else self.workers
+        workers = 1 if getattr(self.device, "real", False) or self.interactive else self.workers
         yield from spread(function, jobs, workers, self.record.check)
 
     def __getstate__(self) -> dict[str, Any]:

@@ -41,7 +41,7 @@ class WiringError(PipelineError):
     """The stages of a workflow do not fit together."""
 
 
-def suggest(name: str, known: Iterable[str]) -> str:
+def suggest(name: str, known: Iterable[str], today: str | None = None) -> str:
     """Return a phrase that offers the nearest of the known names, or lists them all.
 
     Parameters
@@ -50,12 +50,16 @@ def suggest(name: str, known: Iterable[str]) -> str:
         What was typed.
     known : iterable of str
         What would have been right.
+    today : str, optional
+        What that is called now, if it was renamed.
 
     Returns
     -------
     str
-        ``"did you mean 'x'?"`` or ``"choose from: a, b"``.
+        ``"it is called 'x' today"``, ``"did you mean 'x'?"`` or ``"choose from: a, b"``.
     """
+    if today is not None:
+        return f"it is called '{today}' today"
     names = sorted(set(known))
     nearest = get_close_matches(name, names, n=1, cutoff=0.5)
     if nearest:

@@ -21,7 +21,7 @@ REASONS = {
 }
 
 
-def tell_reason(ledger: Ledger | None, status: str) -> str:
+def describe_reason(ledger: Ledger | None, status: str) -> str:
     """Return in one line why a run is not done."""
     error = ledger.facts["error"] if ledger else None
     if error:

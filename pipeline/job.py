@@ -30,7 +30,7 @@ from pipeline.runner import Runner
 from pipeline.runs import claim_job, is_running, list_ledgers
 from pipeline.stage import Stage
 from pipeline.subprocess_job import Ending, run_apart
-from pipeline.terminal import open_console
+from pipeline.terminal import complain, open_console
 
 ONE_WORKER = 1
 """Processes over which a job spreads its loops: the sweep spreads jobs."""
@@ -107,14 +107,13 @@ class JobTask:
     def _run(
         self, study: Study, stages: list[Stage], job: str, arguments: list[str], given: list[dict[str, str]]
     ) -> int:
-        quiet, errors = open_console(quiet=True), open_console(stderr=True)
-        runner = Runner(study, stages, arguments, quiet, errors, given, self.launch.sweep / job, ONE_WORKER)
+        runner = Runner(study, stages, arguments, open_console(quiet=True), given, self.launch.sweep / job, ONE_WORKER)
         try:
             return runner.run()
         except TakenError:
             return TAKEN
         except PipelineError as error:
-            errors.print(str(error), soft_wrap=True, highlight=False, markup=False)
+            complain(str(error))
             return 2
 
     def _tell(self, ledger: Ledger | None, job: str, ending: Ending) -> tuple[Outcome, str]:

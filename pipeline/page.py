@@ -1,32 +1,81 @@
-"""Pages that stand alone: a template and values flow in, one HTML text flows out that asks for nothing elsewhere."""
+"""Pages that stand alone: sections of blocks flow in, one HTML file flows out that asks for nothing elsewhere.
+
+A block is a pair: its kind and what it shows. Kinds: ``heading``, ``note``, ``text`` and ``command`` (a str),
+``status`` (a word, and what it is about), ``prose`` (sentences), ``facts`` (pairs of texts), ``links`` (pairs of text
+and address), ``grid``, ``sortable`` and ``meanings`` (from `make_grid`), ``pictures`` (of `Picture`), and what holds
+blocks: ``failure`` and ``details`` (from `make_details`).
+"""
 
 from __future__ import annotations
 
+import base64
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import jinja2
 import pandas as pd
 
-from pipeline.printing import format_value
+from pipeline.files import write_text
+from pipeline.printing import format_value, is_prose
 
 PAGES = Path(__file__).parent / "pages"
 
+Block = tuple[str, Any]
 
-def render(template: str, **values: Any) -> str:
-    """Return a page.
+
+class Picture(NamedTuple):
+    """A figure on a page.
 
     Parameters
     ----------
-    template : str
-        Name of a file in ``pipeline/pages``.
-    **values
-        What it shows.
+    data : str
+        The PNG, in base64; empty for one that is not shown.
+    caption : str
+        What it shows, and what its marks are.
     """
-    return _environment().get_template(template).render(**values)
+
+    data: str
+    caption: str
+
+
+class Section(NamedTuple):
+    """A part of a page that the head of the page leads to."""
+
+    title: str
+    blocks: Sequence[Block]
+
+    @property
+    def anchor(self) -> str:
+        """By which the page's head leads to it."""
+        return re.sub(r"[^a-z0-9_]+", "-", self.title.lower())
+
+
+def write_page(
+    path: Path, title: str, heading: str, lead: str, status: str, opening: Sequence[Block], sections: Sequence[Section]
+) -> None:
+    """Write a page.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    title, heading, lead : str
+        Of the browser's tab, of the page, and the line below.
+    status : str
+        Marked as good if it is ``done``; empty for none.
+    opening : sequence of Block
+        What stands before all sections.
+    sections : sequence of Section
+        Those without blocks are left out.
+    """
+    template = _environment().get_template("page.html.j2")
+    shown = [each for each in sections if each.blocks]
+    page = template.render(title=title, heading=heading, lead=lead, status=status, opening=opening, sections=shown)
+    write_text(path, page)
 
 
 def read_templates() -> None:
@@ -76,6 +125,32 @@ def make_grid(
         ],
         "links": list(links),
     }
+
+
+def show_frame(frame: pd.DataFrame, units: Mapping[str, str], title: str) -> list[Block]:
+    """Return a short frame under its title, one of sentences as these."""
+    shown: Block = ("prose", list_sentences(frame)) if is_prose(frame) else ("grid", make_grid(frame, units))
+    return [("heading", title), shown]
+
+
+def list_sentences(frame: pd.DataFrame) -> list[str]:
+    """Return the sentences that a frame of prose holds."""
+    return [format_value(each) for each in frame.iloc[:, 0]]
+
+
+def make_details(summary: str, blocks: Sequence[Block], is_open: bool = False) -> Block:
+    """Return blocks that a page shows once somebody asks for them, or at once."""
+    return "details", {"summary": summary, "blocks": blocks, "open": is_open}
+
+
+def show_traceback(summary: str, traceback: str, is_open: bool) -> list[Block]:
+    """Return a traceback, if there is one, as what a page shows at once or once somebody asks for it."""
+    return [make_details(summary, [("text", traceback)], is_open)] if traceback else []
+
+
+def encode(png: bytes) -> str:
+    """Return the bytes of a PNG as `Picture` holds them."""
+    return base64.b64encode(png).decode()
 
 
 def make_rows(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, Any]:

@@ -1,7 +1,8 @@
-"""Records of runs that an earlier version made, under today's names.
+"""Names that an earlier version used: found in the records of its runs, and refused where they are typed.
 
 A ledger's facts of an older format flow in; facts flow out as today's version would have written them, so that what was
-measured on real hardware is found, kept and resumed. The old names stand in ``conf/renames.yaml``.
+measured on real hardware is found, kept and resumed. A name that was typed flows in; today's name flows out, for the
+message that refuses it. The old names stand in ``conf/renames.yaml``.
 """
 
 from __future__ import annotations
@@ -44,27 +45,52 @@ def _update_record(record: Mapping[str, Any]) -> dict[str, Any]:
     return {**record, "config": config, "fingerprint": fingerprint, "parts": record["fingerprint"]}
 
 
-def rename(values: Any) -> Any:
-    """Return plain values whose ``_target_`` keys have today's names."""
+def rename(values: Any, path: str = "") -> Any:
+    """Return the plain values at a path (dotted) of a configuration, keys and classes under today's names."""
     if isinstance(values, list):
-        return [rename(each) for each in values]
+        return [rename(each, path) for each in values]
+    if isinstance(values, str) and path.rpartition(".")[2] == "_target_":
+        return find_target_name(values) or values
     if not isinstance(values, Mapping):
         return values
-    return {
-        name: _rename_target(each) if name == "_target_" and isinstance(each, str) else rename(each)
-        for name, each in values.items()
-    }
+    renamed = {}
+    for name, each in values.items():
+        key = f"{path}.{name}" if path else str(name)
+        today = find_key(key)
+        renamed[today.rpartition(".")[2] if today else name] = rename(each, key)
+    return renamed
 
 
-def _rename_target(target: str) -> str:
-    for before, now in _read_targets():
-        if f"{target}.".startswith(f"{before}."):
-            return now + target.removeprefix(before)
-    return target
+def find_target_name(target: str) -> str | None:
+    """Return today's name of a class that a ``_target_`` named before, or None."""
+    return _find_path("targets", target)
+
+
+def find_key(path: str) -> str | None:
+    """Return today's name of a config key (dotted) that was renamed, or None."""
+    return _find_path("keys", path)
+
+
+def find_option(group: str, option: str) -> str | None:
+    """Return today's name of a config group's option that was renamed, or None."""
+    new = _read_names()["options"].get(group, {}).get(option)
+    return None if new is None else str(new)
+
+
+def find_name(name: str) -> str | None:
+    """Return today's name of a stage, table or column that was renamed, or None."""
+    return _read_names()["names"].get(name)
+
+
+def _find_path(kind: str, path: str) -> str | None:
+    """Return a dotted name whose beginning was renamed; the longest old name decides."""
+    names = _read_names()[kind]
+    before = max((each for each in names if f"{path}.".startswith(f"{each}.")), key=len, default=None)
+    return None if before is None else str(names[before]) + path.removeprefix(before)
 
 
 @cache
-def _read_targets() -> tuple[tuple[str, str], ...]:
-    """Return old and new names, the longest old ones first."""
-    targets = yaml.safe_load((CONFIG_FOLDER / "renames.yaml").read_text(encoding="utf-8"))["targets"]
-    return tuple(sorted(targets.items(), key=lambda each: -len(each[0])))
+def _read_names() -> dict[str, dict[str, Any]]:
+    """Return today's name by the old one, for each kind of name."""
+    text = (CONFIG_FOLDER / "renames.yaml").read_text(encoding="utf-8")
+    return dict(yaml.safe_load(text))

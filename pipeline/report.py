@@ -5,22 +5,33 @@ A run's ledger, tables and figures flow in; one self-contained page flows out, w
 
 from __future__ import annotations
 
-import base64
 import json
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from omegaconf import OmegaConf
 from rich.console import Console
 
+from pipeline.checkout import describe_commit
 from pipeline.config import Study
-from pipeline.failures import read_traceback, tell_reason
-from pipeline.files import write_text
+from pipeline.failures import describe_reason, read_traceback
 from pipeline.flat import flatten, show
 from pipeline.ledger import Ledger
-from pipeline.page import make_grid, make_rows, render
+from pipeline.page import (
+    Block,
+    Picture,
+    Section,
+    encode,
+    list_sentences,
+    make_details,
+    make_grid,
+    make_rows,
+    show_traceback,
+    write_page,
+)
 from pipeline.printing import ROWS_SHOWN_WHOLE, add_unit, format_value, is_prose, print_frame
 from pipeline.stage import Stage
 from pipeline.table import Table, read_frame
@@ -31,6 +42,8 @@ PAGE_NAME = "report.html"
 VERDICT = "verdict.json"
 """Document that is told before all tables."""
 ROWS_OF_A_LONG_TABLE = 6
+ROWS_SHOWN_AT_ONCE = 8
+"""Of a list in the verdict, up to which it is open."""
 
 
 def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: str | None = None) -> Path:
@@ -57,26 +70,23 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: 
     done = [each for each in reached if ledger.finished(each.name)]
     headline = headline_tables(study, done)
     telling = [each.name for each in done if any(table in headline for table in each.writes)]
-    told = [{**_stage(ledger, each), "told_above": each.name in telling} for each in done]
-    documents = [document for each in told for document in each["documents"]]
-    page = render(
-        "report.html.j2",
-        run=ledger.name,
-        facts=ledger.facts,
-        status=status,
-        reason=tell_reason(ledger, status) if ledger.facts["error"] else "",
-        traceback=read_traceback(ledger.folder) if status == "failed" else "",
-        workflow=study.settings.workflow.name,
-        plan=_make_plan(ledger, stages, reached),
-        metrics=_list_metrics(ledger),
-        verdict=next((_outline(each["text"]) for each in documents if each["name"] == VERDICT), None),
-        headline=[_table(ledger, table) for table in headline],
-        headline_figures=[figure for name in telling for figure in _figures(ledger, name)],
-        stages=told,
-        config=OmegaConf.to_yaml(OmegaConf.create(study.values)),
-    )
+    workflow = study.settings.workflow.name
     path = ledger.folder / PAGE_NAME
-    write_text(path, page)
+    write_page(
+        path,
+        title=f"{workflow} {ledger.name}",
+        heading=workflow.capitalize(),
+        lead=f"Run {ledger.name}",
+        status=status,
+        opening=[("command", ledger.facts["command"]), ("facts", _list_facts(ledger)), *_show_failure(ledger, status)],
+        sections=[
+            Section("Result", _show_result(ledger, headline, telling)),
+            Section("Verdict", [block for each in done for block in _show_verdict(ledger, each)]),
+            Section("Plan", [("grid", _make_plan(ledger, stages, reached))]),
+            *(Section(each.name, _show_stage(ledger, each, each.name in telling)) for each in done),
+            Section("Configuration", [("text", OmegaConf.to_yaml(OmegaConf.create(study.values)))]),
+        ],
+    )
     return path
 
 
@@ -104,7 +114,7 @@ def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], consol
     """Print the headline tables of a run."""
     done = [each for each in stages if ledger.finished(each.name)]
     for table in headline_tables(study, done):
-        frame = read_frame(ledger.folder / "tables" / f"{table.name}.parquet")
+        frame = _read(ledger, table)
         print_frame(table.title, frame[list(table.brief or table.columns)], console)
 
 
@@ -130,30 +140,60 @@ def _make_plan(ledger: Ledger, stages: Sequence[Stage], reached: Sequence[Stage]
     return make_rows(["stage", "what was done", "seconds", "because", "tables (rows)"], rows)
 
 
-def _list_metrics(ledger: Ledger) -> list[tuple[str, str]]:
-    found = ledger.facts.get("metrics") or {}
-    return [(add_unit(name, each["unit"]), format_value(each["value"])) for name, each in found.items()]
+def _list_facts(ledger: Ledger) -> list[tuple[str, str]]:
+    machine, git = ledger.facts["machine"], ledger.facts["git"]
+    metrics = ledger.facts.get("metrics") or {}
+    return [
+        ("Started", ledger.facts["started"]),
+        ("Machine", f"{machine['system']}, {machine['cores']} cores, Python {machine['python']}"),
+        *([("Code", describe_commit(git))] if git else []),
+        *((add_unit(name, each["unit"]), format_value(each["value"])) for name, each in metrics.items()),
+    ]
 
 
-def _outline(text: str) -> dict[str, Any]:
-    """Return a JSON document as values by dotted key, and a grid for each of its lists of sections."""
-    values = json.loads(text)
-    lists = {key: each for key, each in values.items() if _is_grid(each)} if isinstance(values, Mapping) else {}
-    grids = {}
+def _show_failure(ledger: Ledger, status: str) -> list[Block]:
+    if not ledger.facts["error"]:
+        return []
+    kept = "What was done before is kept; the command above goes on from there."
+    traceback = read_traceback(ledger.folder) if status == "failed" else ""
+    blocks: list[Block] = [("status", (status, describe_reason(ledger, status))), ("note", kept)]
+    return [("failure", blocks + show_traceback("traceback", traceback, is_open=True))]
+
+
+def _show_result(ledger: Ledger, headline: Sequence[Table], telling: Sequence[str]) -> list[Block]:
+    """Return the sentences that the workflow wants seen first, then the figures, then the other tables."""
+    frames = [(table, _read(ledger, table)) for table in headline]
+    prose: list[Block] = [("prose", list_sentences(frame)) for _, frame in frames if is_prose(frame)]
+    pictures: list[Block] = [("pictures", [each]) for name in telling for each in _list_pictures(ledger, name)]
+    others: list[Block] = []
+    for table, frame in frames:
+        if not is_prose(frame) and len(frame):
+            others += [("heading", table.title), *_show_rows(table, frame)]
+    return prose + pictures + others
+
+
+def _show_verdict(ledger: Ledger, stage: Stage) -> list[Block]:
+    """Return a stage's verdict as values by dotted key, and a grid for each of its lists of sections."""
+    if VERDICT not in ledger.records[stage.name]["files"]:
+        return []
+    values = json.loads((ledger.folder / VERDICT).read_text(encoding="utf-8"))
+    lists = {key: each for key, each in values.items() if _is_grid(each)}
+    rest = {key: each for key, each in values.items() if key not in lists}
+    blocks: list[Block] = [("facts", [*flatten(rest, tell=_format).items()] if rest else [])]
     for key, rows in lists.items():
         heads = list(dict.fromkeys(name for row in rows for name in row))
         cells = [[each if _is_plain(each := row.get(name)) else _list_lines(each) for name in heads] for row in rows]
-        grids[key] = make_rows(heads, cells)
-    rest = {key: each for key, each in values.items() if key not in lists} if lists else values
-    return {"values": flatten(rest, tell=_tell) if rest else {}, "lists": grids}
+        grid: Block = ("grid", make_rows(heads, cells))
+        blocks.append(make_details(f"{key} ({len(rows)})", [grid], len(rows) <= ROWS_SHOWN_AT_ONCE))
+    return blocks
 
 
 def _list_lines(section: Any) -> str:
     """Return the values of a section, one a line."""
-    return "\n".join(f"{key}: {text}" if key else text for key, text in flatten(section, tell=_tell).items())
+    return "\n".join(f"{key}: {text}" if key else text for key, text in flatten(section, tell=_format).items())
 
 
-def _tell(value: Any) -> str:
+def _format(value: Any) -> str:
     """Return a value as a page shows it; a list of plain values is one."""
     if isinstance(value, list) and all(map(_is_plain, value)):
         return ", ".join(map(format_value, value)) or "-"
@@ -168,58 +208,49 @@ def _is_plain(value: Any) -> bool:
     return value is None or isinstance(value, int | float | str)
 
 
-def _stage(ledger: Ledger, stage: Stage) -> dict[str, Any]:
+def _show_stage(ledger: Ledger, stage: Stage, told_above: bool) -> list[Block]:
     record = ledger.records[stage.name]
-    documents = [
-        {
-            "name": Path(file).name,
-            "text": (ledger.folder / file).read_text(encoding="utf-8"),
-        }
-        for file, facts in record["files"].items()
-        if facts["kind"] == "document"
-    ]
-    return {
-        "name": stage.name,
-        "summary": stage.summary,
-        "record": record,
-        "reused": record["origin"] != ledger.name,
-        "figures": _figures(ledger, stage.name),
-        "documents": documents,
-        "tables": [_table(ledger, table) for table in stage.writes],
-    }
+    made = f"Made in {record.get('seconds')} s: {record['reason']}."
+    if record["origin"] != ledger.name:
+        made = f"Made in run {record['origin']} and reused."
+    blocks: list[Block] = [("note", stage.summary), ("note", made)]
+    pictures = _list_pictures(ledger, stage.name)
+    blocks += [("note", f"{each.caption}: see the result.") for each in pictures if told_above]
+    blocks += [("pictures", [each]) for each in pictures if not told_above]
+    for table in stage.writes:
+        frame = _read(ledger, table)
+        part = "" if len(frame) <= ROWS_SHOWN_WHOLE else f", the first {ROWS_OF_A_LONG_TABLE} here"
+        note = f"{table.title}. {len(frame)} rows{part}; tables/{table.name}.parquet"
+        blocks += [("heading", table.name), ("note", note), *_show_rows(table, frame)]
+    for file, facts in record["files"].items():
+        if facts["kind"] == "document":
+            text = (ledger.folder / file).read_text(encoding="utf-8")
+            blocks.append(make_details(Path(file).name, [("text", text)]))
+    return blocks
 
 
-def _figures(ledger: Ledger, stage: str) -> list[dict[str, str]]:
+def _list_pictures(ledger: Ledger, stage: str) -> list[Picture]:
     """Return a stage's figures; one that was not kept as PNG has no data."""
     files = ledger.records[stage]["files"]
     captions = {Path(file).stem: str(facts["caption"]) for file, facts in files.items() if facts["kind"] == "figure"}
-    return [
-        {
-            "name": name,
-            "caption": caption,
-            "data": _encode(ledger.folder / shown) if (shown := f"figures/{name}.png") in files else "",
-            "files": ", ".join(each for each in files if Path(each).stem == name),
-        }
-        for name, caption in captions.items()
-    ]
+    pictures = []
+    for name, caption in captions.items():
+        shown = f"figures/{name}.png"
+        data = encode((ledger.folder / shown).read_bytes()) if shown in files else ""
+        kept = ", ".join(each for each in files if Path(each).stem == name)
+        hidden = "" if data else ", not shown here: no PNG was kept"
+        pictures.append(Picture(data, f"{caption} ({kept}{hidden})"))
+    return pictures
 
 
-def _table(ledger: Ledger, table: Table) -> dict[str, Any]:
-    frame = read_frame(ledger.folder / "tables" / f"{table.name}.parquet")
-    short = len(frame) <= ROWS_SHOWN_WHOLE
-    shown = frame if short else frame.head(ROWS_OF_A_LONG_TABLE)
+def _read(ledger: Ledger, table: Table) -> pd.DataFrame:
+    return read_frame(ledger.folder / "tables" / f"{table.name}.parquet")
+
+
+def _show_rows(table: Table, frame: pd.DataFrame) -> list[Block]:
+    """Return the first rows of a table, and what its columns mean."""
+    shown = frame if len(frame) <= ROWS_SHOWN_WHOLE else frame.head(ROWS_OF_A_LONG_TABLE)
     described = [each for each in table.describe() if each[0] in frame.columns]
     units = {name: unit for name, unit, _ in described}
-    meanings = {name: meaning for name, _, meaning in described}
-    return {
-        **make_grid(shown, units, meanings),
-        "name": table.name,
-        "title": table.title,
-        "rows": len(frame),
-        "short": short,
-        "prose": is_prose(frame),
-    }
-
-
-def _encode(path: Path) -> str:
-    return base64.b64encode(path.read_bytes()).decode()
+    grid = make_grid(shown, units, {name: meaning for name, _, meaning in described})
+    return [("grid", grid), ("meanings", grid)]

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 import pyarrow.parquet
 
+from pipeline.checkout import describe_commit
 from pipeline.errors import TableError
 from pipeline.files import hash_file
 from pipeline.ledger import Ledger
@@ -63,7 +64,7 @@ def tell_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterator[s
         if found:
             versions = [f"{name} {old} -> {new}" for name, (old, new) in found.items()]
             yield f"{word}: {_some(versions if key == 'libraries' else list(found))}"
-    commits = [_tell_commit(each.facts.get("git")) for each in (then, now)]
+    commits = [describe_commit(each.facts.get("git")) for each in (then, now)]
     if commits[0] != commits[1]:
         yield f"commit: {commits[0]} -> {commits[1]}"
     before, after = (each.facts.get("machine") or {} for each in (then, now))
@@ -81,15 +82,6 @@ def _gather_changes(pairs: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]
             if before.get(name) != after.get(name):
                 found[name] = (before.get(name, "absent"), after.get(name, "absent"))
     return found
-
-
-def _tell_commit(git: Mapping[str, Any] | None) -> str:
-    if not git:
-        return "unknown"
-    if git["clean"]:
-        return str(git["commit"][:10])
-    changes = git.get("changes")
-    return f"{git['commit'][:10]} with changes{' ' + changes['sha256'][:8] if changes else ''}"
 
 
 def _tell_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:

@@ -20,6 +20,7 @@ from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import hash_file, hash_json
 from pipeline.ledger import FILE_NAME, Ledger
 from pipeline.plan import Ingredients, Step, choose_stages, decide, gather
+from pipeline.renames import rename
 from pipeline.reproducibility import compare_tables, tell_changes
 from pipeline.runner import Runner
 from pipeline.runs import find_run, live_status
@@ -158,7 +159,7 @@ def rerun(arguments: Sequence[str], config_folder: Path) -> int:
     name, typed = read_arguments(arguments)
     base = OmegaConf.to_container(OmegaConf.load(config_folder / "config.yaml"), resolve=False)
     assert isinstance(base, dict)
-    settings = {key: base[key] for key in INCIDENTAL}
+    settings = {key: base[key] for key in (*INCIDENTAL, base["interface"])}
     origin = find_origin(str(typed.get("outputs", settings["outputs"])), name)
     values = _read_config(origin)
     kept = {key: values[key] for key in ("figures",) if key in values}
@@ -167,10 +168,9 @@ def rerun(arguments: Sequence[str], config_folder: Path) -> int:
     except (PipelineError, OmegaConfBaseException) as error:
         raise ConfigError(f"rerun={origin.name}: {error}{_tell_origin(origin)}") from None
     given = origin.facts.get("given", ())
-    consoles = open_console(), open_console(stderr=True)
     again = name if Path(name).exists() else origin.name  # as latest is another run then
     retyped = [f"rerun={again}", *(each for each in arguments if each.partition("=")[0] in BESIDE)]
-    runner = Rerun(study, stages, retyped, *consoles, given, origin=origin)
+    runner = Rerun(study, stages, retyped, open_console(), given, origin=origin)
     runner.prepare()
     return runner.run() or runner.tell()
 
@@ -248,7 +248,7 @@ def _read_config(origin: Ledger) -> dict[str, Any]:
         raise ConfigError(f"rerun={origin.name}: {path} cannot be read ({told}); restore it") from None
     if not isinstance(values, dict) or "workflow" not in values:
         raise ConfigError(f"rerun={origin.name}: expected {path} to hold a whole configuration, got none; restore it")
-    return {str(key): value for key, value in values.items()}
+    return {str(key): value for key, value in rename(values).items()}
 
 
 def _tell_origin(origin: Ledger) -> str:

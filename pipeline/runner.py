@@ -26,6 +26,7 @@ from pipeline.checkout import keep_changes
 from pipeline.command import command_line
 from pipeline.config import Study, find_target, read_study
 from pipeline.context import Context, Record
+from pipeline.device import ConnectableDevice, Interface
 from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import link, link_folder, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
@@ -37,7 +38,7 @@ from pipeline.report import PAGE_NAME, is_whole_page, print_headline, try_report
 from pipeline.runs import Claim, claim, list_ledgers, make_alone, sweeps_folder
 from pipeline.stage import Stage
 from pipeline.table import measure_file
-from pipeline.terminal import open_console
+from pipeline.terminal import complain, open_console, say
 from pipeline.workers import count_cores
 
 log = logging.getLogger("pamid")
@@ -58,8 +59,8 @@ class Runner:
         All of the workflow, in the order of the data.
     arguments : list of str
         Overrides as typed, for the command that resumes.
-    console, errors : Console
-        Standard output and standard error.
+    console : Console
+        Standard output.
     given : sequence of dict
         Files that gave options of config groups, as of `pipeline.config_files`, for the ledger.
     place : Path, optional
@@ -72,12 +73,11 @@ class Runner:
     stages: Sequence[Stage]
     arguments: list[str]
     console: Console
-    errors: Console
     given: Sequence[dict[str, str]] = ()
     place: Path | None = None
     workers: int | None = None
-    _front: Any = field(default=None, init=False)
-    _attendance: Any = field(default=None, init=False)
+    _interface: Interface | None = field(default=None, init=False)
+    _connection: Any = field(default=None, init=False)
 
     @property
     def outputs(self) -> str:
@@ -128,8 +128,8 @@ class Runner:
                 except OSError as error:
                     return self._refuse(held.ledger, error)
                 finally:
-                    if self._front is not None:
-                        self._front.close()
+                    if self._interface is not None:
+                        self._interface.close()
 
     def _run_claimed(self, held: Claim, stages: Sequence[Stage], signals: Watch) -> int:
         ledger, stage = held.ledger, stages[0]
@@ -217,18 +217,19 @@ class Runner:
         log.info("%s: %s, %s", stage.name, step.action, step.reason)
 
     def _plan(self) -> list[Step]:
-        if self.study.settings.desk is not None:
-            self.study.build("desk")
-            self._find_attended()
+        if self.study.has_interface:
+            self.study.build(self.study.settings.interface)
+            self._check_interface()
         return make_plan(self.study, self.stages, list_ledgers(self.outputs))
 
-    def _find_attended(self) -> None:
-        """Refuse a desk where nothing that stages drive asks anybody."""
-        targets = [self.study.slice(each)[name] for each in self.stages if (name := self.study.target(each))]
-        if not any(hasattr(find_target(each["_target_"]), "be_attended") for each in targets):
+    def _check_interface(self) -> None:
+        """Refuse an interface where no device of the workflow can be connected to it."""
+        devices = [self.study.slice(each)[name] for each in self.stages if (name := self.study.target(each))]
+        if not any(issubclass(find_target(each["_target_"]), ConnectableDevice) for each in devices):
+            name = self.study.settings.interface
             raise ConfigError(
-                f"desk: expected null, as nothing that workflow {self.study.settings.workflow.name} drives asks an "
-                "operator; leave desk= out"
+                f"{name}: expected null, as workflow {self.study.settings.workflow.name} has no device that can be "
+                f"connected to it; leave {name}= out"
             )
 
     def _decide(self, stage: Stage, ingredients: Ingredients, ledger: Ledger) -> Step:
@@ -291,12 +292,15 @@ class Runner:
         parts = _parts_folder(ledger, stage, ingredients.fingerprint)
         record = Record(parts, {table.name: table for table in stage.writes}, signals.check)
         section = self.study.target(stage)
-        rig = self.study.build(section) if section else None
-        if rig is not None and self.study.settings.desk is not None:
-            rig.be_attended(self._attend())
+        device: Any = self.study.build(section) if section else None
+        interactive = device is not None and self.study.has_interface
+        if interactive:
+            device.connect_interface(self._open_interface())
         workers = self.study.settings.workers or self.workers or count_cores()
         formats = self.study.settings.figures
-        return Context(stage.name, ledger.folder, seed, record, self.console, rig, workers, formats, stage.stream)
+        return Context(
+            stage.name, ledger.folder, seed, record, self.console, device, interactive, workers, formats, stage.stream
+        )
 
     def _take_over_parts(self, stage: Stage, ledger: Ledger, fingerprint: str) -> None:
         """Take over the parts that a run which did not end left of the same loop, also under another fingerprint."""
@@ -311,14 +315,14 @@ class Runner:
                 log.info("%s: goes on with parts of %s", stage.name, each.name)
                 return
 
-    def _attend(self) -> Any:
-        """Return who attends what rigs do, the same for all stages of a run."""
-        if self._front is None:
-            front = self.study.build("desk")
-            self._attendance, self._front = front.open(), front
-            for line in front.greeting:
+    def _open_interface(self) -> Any:
+        """Return what devices are connected to, the same for all stages of a run."""
+        if self._interface is None:
+            interface: Interface = self.study.build(self.study.settings.interface)
+            self._connection, self._interface = interface.open(), interface
+            for line in interface.greeting:
                 self._say(line)
-        return self._attendance
+        return self._connection
 
     def _finished_run(self, steps: Sequence[Step]) -> Ledger | None:
         if not all(step.action in ("fresh", "kept") for step in steps):
@@ -344,9 +348,7 @@ class Runner:
             if not is_whole_page(page):
                 write_report(ledger, self.study, self.stages)
         except OSError as error:
-            self._complain(
-                f"cannot write {page}: {error.strerror}; the tables are there; make it writable, then run again"
-            )
+            complain(f"cannot write {page}: {error.strerror}; the tables are there; make it writable, then run again")
         self._say(f"{word}: {ledger.folder}")
         self._say(f"report: {page}")
 
@@ -356,7 +358,7 @@ class Runner:
             record["status"] = status
         log.error("%s %s: %s", stage.name, status, message)
         ledger.end(status, {"stage": stage.name, "message": message})
-        self._complain(f"{stage.name} {status}: {message}; {when}, type: {command_line(self.arguments)}")
+        complain(f"{stage.name} {status}: {message}; {when}, type: {command_line(self.arguments)}")
         page = try_report(ledger, self.study, self.stages) if status != "interrupted" else None
         if page is not None:
             self._say(f"report: {page}")
@@ -365,7 +367,7 @@ class Runner:
     def _refuse(self, ledger: Ledger, error: OSError) -> int:
         where = _file_within(ledger.folder, error) or ledger.folder
         remedy = "make room" if error.errno in NO_ROOM else "make it writable or move it away"
-        self._complain(
+        complain(
             f"cannot write to {where}: {os.strerror(error.errno or errno.EIO)}; what was finished is kept; "
             f"{remedy}, then type: {command_line(self.arguments)}"
         )
@@ -390,10 +392,7 @@ class Runner:
         )
 
     def _say(self, text: str) -> None:
-        self.console.print(text, soft_wrap=True, highlight=False, markup=False)
-
-    def _complain(self, text: str) -> None:
-        self.errors.print(text, soft_wrap=True, highlight=False, markup=False)
+        say(text, self.console)
 
     @contextmanager
     def _status(self, text: str) -> Iterator[None]:
@@ -434,7 +433,7 @@ def run_study(
     study, stages = read_study(composed)
     sweep = study.settings.sweep
     place = sweeps_folder(study.settings.outputs) / sweep / name_job(overrides) if sweep else None
-    runner = Runner(study, stages, arguments, open_console(), open_console(stderr=True), given, place)
+    runner = Runner(study, stages, arguments, open_console(), given, place)
     if study.settings.plan:
         runner.show_plan()
         return 0

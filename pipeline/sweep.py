@@ -23,13 +23,12 @@ from types import FrameType
 from typing import Any
 
 import hydra
-from hydra._internal.callbacks import Callbacks
-from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, ValueType
 from hydra.core.plugins import Plugins
-from hydra.types import HydraContext, RunMode
+from hydra.experimental.callback import Callback
+from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.command import command_line
@@ -38,8 +37,9 @@ from pipeline.errors import ConfigError
 from pipeline.interruption import WORDS
 from pipeline.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
 from pipeline.ledger import Ledger
+from pipeline.options import read_options
 from pipeline.runs import is_running, live_status, sweeps_folder
-from pipeline.terminal import open_console
+from pipeline.terminal import complain, say
 
 MULTIRUN = ("-m", "--multirun")
 MOST_LISTED = 20
@@ -109,20 +109,16 @@ def run_sweep(
     ConfigError
         When no job could run.
     """
-    console = open_console()
-
-    def say(text: str) -> None:
-        console.print(text, soft_wrap=True, highlight=False, markup=False)
-
-    overrides_typed = get_args_parser().parse_intermixed_args(list(typed)).overrides
+    overrides_typed = read_options(typed).overrides
     if search_path:
         overrides = [*overrides, f"hydra.searchpath=[file://{Path(search_path).resolve()}]"]
     base, lists = _expand(overrides, config_folder)
     settings = read_settings({name: _plain(base[name]) for name in Settings.model_fields if name in base})
     if settings.sweep is None:
         raise ConfigError("sweep: expected a name, as in sweep=night, got null; leave it out for the time of day")
-    if settings.desk is not None:
-        raise ConfigError("desk: expected null in a sweep, whose jobs nobody can attend at once; leave desk= or -m out")
+    name = settings.interface
+    if base.get(name) is not None:
+        raise ConfigError(f"{name}: expected null in a sweep, whose jobs run at the same time; leave {name}= or -m out")
     folder = sweeps_folder(settings.outputs) / settings.sweep
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
     _refuse_twins(jobs)
@@ -148,9 +144,9 @@ def run_sweep(
             f"cannot write to {folder} ({error.strerror}); free the folder, or choose another with sweep=NAME or "
             "outputs=PATH"
         ) from None
-    with _stopping(launch, say) as stopped:
-        _supervise(launch, lambda: _launch(launch, overrides, lists, config_folder), say, stopped)
-    return _tell_end(launch, list(typed), say, stopped)
+    with _stopping(launch) as stopped:
+        _supervise(launch, lambda: _launch(launch, base, lists, config_folder), stopped)
+    return _tell_end(launch, list(typed), stopped)
 
 
 def tell_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> Iterator[str]:
@@ -203,6 +199,8 @@ def _expand(overrides: Sequence[str], config_folder: Path) -> tuple[DictConfig, 
             hydra.compose("config", overrides=[*each, *others])
     if not str(base.hydra.sweeper["_target_"]).endswith("BasicSweeper"):
         raise ConfigError("hydra/sweeper: expected basic, as a sweep is planned before it runs; leave it out")
+    if base.hydra.callbacks:
+        raise ConfigError("hydra.callbacks: expected none in a sweep, which calls none; leave them out")
     return base, lists
 
 
@@ -241,7 +239,7 @@ def _refuse_twins(jobs: Sequence[Planned]) -> None:
         )
 
 
-def _supervise(launch: Launch, run: Callable[[], None], say: Callable[[str], None], stopped: list[int]) -> None:
+def _supervise(launch: Launch, run: Callable[[], None], stopped: list[int]) -> None:
     """Have Hydra run the jobs, again where a worker's death took the others with it, or another process had some."""
     deaths = 0
     while True:
@@ -263,23 +261,16 @@ def _supervise(launch: Launch, run: Callable[[], None], say: Callable[[str], Non
             launch.forget(job)
 
 
-def _launch(launch: Launch, overrides: Sequence[str], lists: Sequence[Sequence[str]], config_folder: Path) -> None:
-    """Hand the jobs to Hydra's launcher, as a sweeper of Hydra does."""
+def _launch(launch: Launch, base: DictConfig, lists: Sequence[Sequence[str]], config_folder: Path) -> None:
+    """Hand the jobs to the launcher that the configuration of the first one names, as a sweeper of Hydra does."""
     from pipeline.job import JobTask
 
     GlobalHydra.instance().clear()
     with hydra.initialize_config_dir(str(config_folder), version_base="1.3"):
-        main = GlobalHydra.instance().hydra
-        assert main is not None
-        config = main.compose_config("config", list(overrides), RunMode.MULTIRUN)
-        callbacks = Callbacks(config)
-        launcher = Plugins.instance().instantiate_launcher(
-            HydraContext(main.config_loader, callbacks), JobTask(launch), config
-        )
-        callbacks.on_multirun_start(config=config, config_name="config")
+        context = HydraContext(GlobalHydra.instance().config_loader(), Callback())  # type: ignore[arg-type]
+        launcher = Plugins.instance().instantiate_launcher(context, JobTask(launch), base)
         for result in launcher.launch(lists, initial_job_idx=0):
             _ = result.return_value  # raises what a job raised
-        callbacks.on_multirun_end(config=config, config_name="config")
 
 
 def _count_ended(launch: Launch) -> int:
@@ -287,7 +278,7 @@ def _count_ended(launch: Launch) -> int:
 
 
 @contextmanager
-def _stopping(launch: Launch, say: Callable[[str], None]) -> Iterator[list[int]]:
+def _stopping(launch: Launch) -> Iterator[list[int]]:
     """Let a first signal ask the jobs to end, and a second one end this process at once, its workers with it."""
     stopped: list[int] = []
 
@@ -306,31 +297,30 @@ def _stopping(launch: Launch, say: Callable[[str], None]) -> Iterator[list[int]]
             signal.signal(number, handler)
 
 
-def _tell_end(launch: Launch, typed: list[str], say: Callable[[str], None], stopped: list[int]) -> int:
+def _tell_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
     from pipeline.sweep_table import write_sweep
 
     states = {job: _state(launch.sweep / job) for job in launch.jobs}
     counts = Counter(states.values())
-    complaints = open_console(stderr=True)
     try:
         path = write_sweep(launch.sweep)
         say(f"{', '.join(f'{count} {state}' for state, count in counts.items())}: {path}")
     except OSError as error:
         told = f"cannot write {error.filename or launch.sweep}: {error.strerror}; the jobs' own folders are as they are"
-        complaints.print(told, soft_wrap=True, highlight=False, markup=False)
+        complain(told)
     failures = [job for job, state in states.items() if state in ("failed", "killed", "paused")]
     for job in failures[:MOST_LISTED]:
         ledger = Ledger.look(launch.sweep / job)
         why = (ledger.facts["error"] if ledger else None) or {"stage": "-", "message": "no reason was noted"}
         line = f"  {job} {states[job]}: {why['stage']}: {why['message']}"
-        complaints.print(line, soft_wrap=True, highlight=False, markup=False)
+        complain(line)
     if len(failures) > MOST_LISTED:
-        complaints.print(f"  ... and {len(failures) - MOST_LISTED} more", highlight=False, markup=False)
+        complain(f"  ... and {len(failures) - MOST_LISTED} more")
     unfinished = sum(state != "done" for state in states.values())
     if unfinished:
         when = "to continue" if stopped else "when that is mended"
         line = f"{unfinished} of {len(states)} jobs are not done; {when}, type: {command_line(typed)}"
-        complaints.print(line, soft_wrap=True, highlight=False, markup=False)
+        complain(line)
     if stopped:
         return 128 + stopped[0]
     return 1 if unfinished else 0

@@ -15,6 +15,7 @@ import pandas as pd
 import pyarrow
 import pyarrow.parquet
 
+from pipeline.checkout import describe_commit
 from pipeline.errors import ConfigError
 from pipeline.files import write_atomically
 from pipeline.launch import is_telling, list_launches
@@ -73,7 +74,7 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
                 "peak_memory_mb": facts.get("peak_memory_mb"),
                 "stage": error.get("stage"),
                 "error": error.get("message"),
-                "commit": _tell_commit(facts.get("git")),
+                "commit": describe_commit(facts["git"]) if facts.get("git") else None,
             }
         )
     first, last = OWN[:1], OWN[2:]
@@ -109,10 +110,6 @@ def split_overrides(overrides: Sequence[str]) -> dict[str, str]:
 
 def _tell_status(folder: Path, ledger: Ledger | None, planned: bool, is_there: bool) -> str:
     return tell_status(folder, ledger, "not begun" if planned else "no ledger") if is_there else "not begun"
-
-
-def _tell_commit(git: dict[str, Any] | None) -> str | None:
-    return None if not git else f"{git['commit'][:10]}{'' if git['clean'] else ' and changes'}"
 
 
 def _has_text(values: pd.Series) -> bool:

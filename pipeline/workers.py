@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
+from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
 from pipeline.errors import WorkerError
@@ -56,6 +57,7 @@ def spread(
             check()
             yield function(job)
         return
+    others = multiprocessing.active_children()
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare)
     try:
@@ -69,7 +71,7 @@ def spread(
             "workers=1 needs the least memory"
         ) from None
     finally:
-        _stop(pool)
+        _stop(pool, others)
 
 
 def _wait(future: Future[Result], check: Callable[[], None]) -> Result:
@@ -92,9 +94,9 @@ def _end_with(sentinel: int) -> None:
     os._exit(1)
 
 
-def _stop(pool: ProcessPoolExecutor) -> None:
-    """End the processes of a pool, at work or not; parts that they have not finished are not there."""
-    processes = list((getattr(pool, "_processes", None) or {}).values())
+def _stop(pool: ProcessPoolExecutor, others: Sequence[BaseProcess]) -> None:
+    """End the processes of a pool, which are all but the others; parts that they have not finished are not there."""
+    processes = [each for each in multiprocessing.active_children() if each not in others]
     pool.shutdown(wait=False, cancel_futures=True)
     for process in processes:
         process.terminate()

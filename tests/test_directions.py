@@ -133,3 +133,14 @@ def test_matplotlib_is_imported_inside_functions_only():
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             guilty += [(path.name, name) for name in names if name.startswith("matplotlib")]
     assert not guilty
+
+
+def test_nothing_private_is_imported():
+    guilty = []
+    for path in [*(ROOT / "stages").rglob("*.py"), *(ROOT / "pipeline").rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [each.name for each in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+            names = [f"{getattr(node, 'module', None) or ''}.{each}" for each in names]
+            private = [each for each in names if any(part.startswith("_") for part in each.split("."))]
+            guilty += [(path.relative_to(ROOT).as_posix(), each) for each in private if "__future__" not in each]
+    assert not guilty

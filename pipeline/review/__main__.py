@@ -20,7 +20,7 @@ from pipeline.ledger import Ledger
 from pipeline.printing import print_frame
 from pipeline.review.selection import keep_rows, put_sort_together, read_condition, sort_rows
 from pipeline.runs import find_run, list_folders, live_status, runs_folder
-from pipeline.terminal import open_console
+from pipeline.terminal import complain, open_console, say
 
 ROWS_SHOWN = 20
 ROWS_OF_A_LIST = 40
@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return options.act(options, console) or 0
     except PipelineError as error:
-        open_console(stderr=True).print(str(error), soft_wrap=True, highlight=False, markup=False)
+        complain(str(error))
         return 2
 
 
@@ -44,7 +44,7 @@ def list_runs(options: argparse.Namespace, console: Console) -> None:
 
     folder = runs_folder(options.outputs)
     if not list_folders(options.outputs):
-        console.print(f"no runs in {folder}; make one with: {command_line([])}", soft_wrap=True, highlight=False)
+        say(f"no runs in {folder}; make one with: {command_line([])}", console)
         return
     conditions = [read_condition(each) for each in options.where]
     keys = [each.key for each in conditions] + ([options.sort.removeprefix("-")] if options.sort else [])
@@ -53,7 +53,7 @@ def list_runs(options: argparse.Namespace, console: Console) -> None:
     print_frame(f"Runs in {folder.parent}", frame, console, options.rows, "--rows")
     if not options.jobs and frame["run"].str.endswith("/").any():
         command = review_line(options.outputs, "sweep", "NAME")
-        console.print(f"a sweep's jobs: --jobs, or {command}", soft_wrap=True, highlight=False, markup=False)
+        say(f"a sweep's jobs: --jobs, or {command}", console)
 
 
 def show(options: argparse.Namespace, console: Console) -> None:
@@ -67,11 +67,11 @@ def show(options: argparse.Namespace, console: Console) -> None:
 
 def show_run(ledger: Ledger, outputs: str, console: Console) -> None:
     """Print how a run went and which tables it holds."""
-    console.print(f"{ledger.folder}  {live_status(ledger)}", soft_wrap=True, highlight=False, markup=False)
-    console.print(f"command: {ledger.facts['command']}", soft_wrap=True, highlight=False, markup=False)
+    say(f"{ledger.folder}  {live_status(ledger)}", console)
+    say(f"command: {ledger.facts['command']}", console)
     error = ledger.facts["error"]
     if error:
-        console.print(f"{error['stage']}: {error['message']}", soft_wrap=True, highlight=False, markup=False)
+        say(f"{error['stage']}: {error['message']}", console)
     width = max((len(name) for name in ledger.records), default=0)
     for name, record in ledger.records.items():
         seconds = f"{record['seconds']:.1f} s" if "seconds" in record else "-"
@@ -82,7 +82,7 @@ def show_run(ledger: Ledger, outputs: str, console: Console) -> None:
         for text in (f"because: {escape(record['reason'])}", f"tables (rows): {tables or '-'}"):
             console.print(Padding(text, (0, 0, 0, width + 2)), highlight=False)
     command = review_line(outputs, "show", ledger.name, "TABLE")
-    console.print(f"a table: {command}", soft_wrap=True, highlight=False, markup=False)
+    say(f"a table: {command}", console)
 
 
 def show_table(ledger: Ledger, name: str, rows: int, console: Console) -> None:

@@ -13,11 +13,12 @@ import pandas as pd
 from rich.console import Console
 
 from pipeline.errors import PipelineError
-from pipeline.files import hash_json, write_text
-from pipeline.page import make_grid, render
+from pipeline.files import hash_json
+from pipeline.page import Block, Section, make_grid, make_rows, write_page
 from pipeline.printing import print_frame
-from pipeline.review.comparison import Comparison, choose_runs
+from pipeline.review.comparison import Comparison, Difference, choose_runs
 from pipeline.review.curves import Curves, make_curves
+from pipeline.terminal import say
 
 COLUMNS_OF_A_TERMINAL = 6
 LONGEST_FILE_NAME = 80
@@ -46,30 +47,31 @@ def review(options: argparse.Namespace, console: Console) -> None:
     for each in replace(found, most=COLUMNS_OF_A_TERMINAL).differences():
         title = f"{each.name}: {each.told}" if each.told else each.name
         if each.frame.empty:
-            console.print(title, soft_wrap=True, highlight=False, markup=False)
+            say(title, console)
         else:
             print_frame(title, each.frame, console, options.rows, "--rows")
     for told in complaints:
-        console.print(told, soft_wrap=True, highlight=False, markup=False)
+        say(told, console)
     path = Path(options.html) if options.html else Path(options.outputs) / "reviews" / _name_file(names)
     if not path.name:
         raise PipelineError(f"cannot write {path}: Is a directory; name another file by --html PATH")
+    told = "Everything is listed." if options.all else "What is the same in all runs is left out (--all lists it)."
+    shown = [Section("Curves", _show_curves(curves, complaints))]
+    shown += [Section(_begin_upper(each.name), _show_difference(each)) for each in found.differences()]
+    named = ", ".join(names)
     try:
-        write_text(
+        write_page(
             path,
-            render(
-                "compare.html.j2",
-                names=list(names),
-                runs=len(found.ledgers),
-                everything=options.all,
-                differences=[(each, make_grid(each.frame)) for each in found.differences()],
-                curves=[_show_curves(each) for each in curves],
-                complaints=complaints,
-            ),
+            title=f"compare {named}",
+            heading="Comparison",
+            lead=f"{named}: {len(found.ledgers)} runs. {told}",
+            status="",
+            opening=[],
+            sections=shown,
         )
     except OSError as error:
         raise PipelineError(f"cannot write {path}: {error.strerror}; name another file by --html PATH") from None
-    console.print(f"page: {path}", soft_wrap=True, highlight=False, markup=False)
+    say(f"page: {path}", console)
 
 
 def _name_file(names: Sequence[str]) -> str:
@@ -77,19 +79,36 @@ def _name_file(names: Sequence[str]) -> str:
     return f"compare-{joined if len(joined) <= LONGEST_FILE_NAME else hash_json(list(names))[:12]}.html"
 
 
-def _show_curves(curves: Curves) -> dict[str, Any]:
+def _begin_upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _show_difference(difference: Difference) -> list[Block]:
+    blocks: list[Block] = [("note", f"{_begin_upper(difference.told)}.")] if difference.told else []
+    return blocks + ([] if difference.frame.empty else [("grid", make_grid(difference.frame))])
+
+
+def _show_curves(curves: Sequence[Curves], complaints: Sequence[str]) -> list[Block]:
     from pipeline.review.curve_drawing import draw_curves
 
+    blocks: list[Block] = []
+    for each in curves:
+        blocks += [("heading", each.name), ("pictures", [draw_curves(each)]), ("grid", _list_lines(each))]
+    blocks += [("note", f"{each}.") for each in complaints]
+    note = "Runs that differ in seeds alone are repeats: together they are one line."
+    return [("note", note), *blocks] if blocks else []
+
+
+def _list_lines(curves: Curves) -> dict[str, Any]:
     rows = []
     for line in curves.lines:
         first, last = line.points.iloc[0], line.points.iloc[-1]
         least, most = int(line.points["n"].min()), int(line.points["n"].max())
         number = f"{least}" if least == most else f"{least} to {most}"
-        rows.append([line.label, number, len(line.runs), *(_tell_mean(each) for each in (first, last))])
-    heads = ["line", "n at each point", "runs", f"first: {curves.y}", f"last: {curves.y}"]
-    return {"name": curves.name, "picture": draw_curves(curves), "lines": make_grid(pd.DataFrame(rows, columns=heads))}
+        rows.append([line.label, number, len(line.runs), *(_format_mean(each) for each in (first, last))])
+    return make_rows(["line", "n at each point", "runs", f"first: {curves.y}", f"last: {curves.y}"], rows)
 
 
-def _tell_mean(point: pd.Series) -> str:
+def _format_mean(point: pd.Series) -> str:
     band = "" if pd.isna(point["half"]) else f" ± {point['half']:.2g}"
     return f"{point['mean']:.4g}{band} at {point['x']:g}"

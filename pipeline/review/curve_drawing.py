@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from pipeline.page import Picture
 from pipeline.review.curves import Curves
-from pipeline.review.pictures import Picture, make_picture, new_figure, shorten_label
+from pipeline.review.pictures import make_picture, new_figure, shorten_label
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#1d2530", "#e69f00", "#56b4e9", "#8c6d31")
 STYLES = ("-", "--", ":", "-.")

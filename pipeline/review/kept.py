@@ -10,6 +10,7 @@ import pandas as pd
 
 from pipeline.errors import TableError
 from pipeline.ledger import Ledger
+from pipeline.renames import rename
 
 
 def read_config(folder: Path) -> dict[str, Any]:
@@ -21,7 +22,7 @@ def read_config(folder: Path) -> dict[str, Any]:
         found = yaml.load((folder / "config.yaml").read_text(encoding="utf-8"), loader)
     except (OSError, ValueError, yaml.YAMLError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return rename(found) if isinstance(found, dict) else {}
 
 
 def read_slices(ledger: Ledger) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.review.pictures import Picture, half_width, make_picture, new_figure, shorten_label
+from pipeline.page import Picture
+from pipeline.review.pictures import half_width, make_picture, new_figure, shorten_label
 from pipeline.review.selection import order_of, read_number
 from pipeline.review.sweep_view import Sweep, summarise
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from pipeline.page import Picture, encode
 from pipeline.printing import shorten
 
 if TYPE_CHECKING:
@@ -15,22 +14,6 @@ if TYPE_CHECKING:
 
 RESOLUTION = 130
 CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure on a page.
-
-    Parameters
-    ----------
-    data : str
-        The PNG, in base64.
-    caption : str
-        What it shows, and what its marks are.
-    """
-
-    data: str
-    caption: str
 
 
 def new_figure(width: float = 5.2, height: float = 3.3) -> tuple[Figure, Any]:
@@ -52,7 +35,7 @@ def make_picture(figure: Figure, caption: str) -> Picture:
     """Return a figure as a page holds it."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=RESOLUTION, pil_kwargs={"compress_level": 3})
-    return Picture(base64.b64encode(stream.getvalue()).decode(), caption)
+    return Picture(encode(stream.getvalue()), caption)
 
 
 def shorten_label(text: str, most: int) -> str:

@@ -25,7 +25,7 @@ from pipeline.config import find_target
 from pipeline.launch import is_launched
 from pipeline.ledger import Ledger
 from pipeline.runs import LOCK_NAME, is_running, list_folders, live_status, runs_folder, sweeps_folder
-from pipeline.terminal import open_console
+from pipeline.terminal import complain, say
 
 HIDDEN = ".pruned-"
 MOST_LOCKS = 200
@@ -96,9 +96,6 @@ def review(options: argparse.Namespace, console: Console) -> int:
         When the outputs folder cannot be read.
     """
 
-    def say(text: str) -> None:
-        console.print(text, soft_wrap=True, highlight=False, markup=False)
-
     def remove(folder: Path, files: Sequence[os.stat_result]) -> None:
         try:
             if not dry_run:
@@ -122,34 +119,34 @@ def review(options: argparse.Namespace, console: Console) -> int:
     freed, problems, removed = Freed(), [], 0
     for leftover in [*runs_folder(outputs).glob(f"{HIDDEN}*"), *sweeps_folder(outputs).glob(f"{HIDDEN}*")]:
         files = _list_files(leftover)
-        say(f"remove  {leftover}  {_size(files)}, left by a prune that was stopped")
+        say(f"remove  {leftover}  {_size(files)}, left by a prune that was stopped", console)
         remove(leftover, files)
     for unit in [*all_runs, *(all_sweeps if sweeps is not None else [])]:
         if unit.folder in reasons:
-            say(f"keep    {unit.folder}  {reasons[unit.folder]}")
+            say(f"keep    {unit.folder}  {reasons[unit.folder]}", console)
             continue
         files = _list_files(unit.folder)
         try:
             hidden = unit.folder if dry_run else _hide(unit)
         except Timeout:
-            say(f"keep    {unit.folder}  is at work since a moment ago")
+            say(f"keep    {unit.folder}  is at work since a moment ago", console)
             continue
         except OSError as error:
-            say(f"keep    {unit.folder}  cannot be removed")
+            say(f"keep    {unit.folder}  cannot be removed", console)
             problems.append(f"cannot remove {unit.folder} ({error.strerror}); make {unit.folder.parent} writable")
             continue
-        say(f"remove  {unit.folder}  {_size(files)}")
+        say(f"remove  {unit.folder}  {_size(files)}", console)
         removed += 1
         remove(hidden, files)
     told = f"{removed} {'folder' if removed == 1 else 'folders'}"
     left = freed.total(shared=True)
     shared = f"; {format_bytes(left)} more stay, as folders that are kept have them too" if left else ""
     would = "would be " if dry_run else ""
-    say(f"{told} {would}removed, {format_bytes(freed.total())} {would}freed{shared}")
+    say(f"{told} {would}removed, {format_bytes(freed.total())} {would}freed{shared}", console)
     if dry_run:
-        say("nothing was changed (--dry-run)")
+        say("nothing was changed (--dry-run)", console)
     for each in problems:
-        open_console(stderr=True).print(each, soft_wrap=True, highlight=False, markup=False)
+        complain(each)
     return 1 if problems else 0
 
 

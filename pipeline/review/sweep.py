@@ -8,13 +8,14 @@ from collections.abc import Iterator
 from rich.console import Console
 
 from pipeline.errors import PipelineError
-from pipeline.failures import list_commands, tell_reason
+from pipeline.failures import describe_reason, list_commands
 from pipeline.ledger import Ledger
 from pipeline.printing import print_frame
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
-from pipeline.review.sweep_page import FILE_NAME, tell_counts, write_page
+from pipeline.review.sweep_page import FILE_NAME, describe_counts, write_sweep_page
 from pipeline.review.sweep_view import Sweep, find_sweep
 from pipeline.sweep_table import write_frame
+from pipeline.terminal import say
 
 MOST_FAILURES = 20
 NOT_TOLD = ("done", "not begun", "running")
@@ -37,30 +38,26 @@ def review(options: argparse.Namespace, console: Console) -> None:
         When there is no such sweep, or its folder cannot be written.
     """
     found = find_sweep(options.outputs, options.sweep)
-
-    def say(text: str) -> None:
-        console.print(text, soft_wrap=True, highlight=False, markup=False)
-
     jobs = len(found.frame)
-    say(f"sweep {found.folder}: {jobs} {'job' if jobs == 1 else 'jobs'} ({tell_counts(found.counts)})")
+    say(f"sweep {found.folder}: {jobs} {'job' if jobs == 1 else 'jobs'} ({describe_counts(found.counts)})", console)
     if found.alike and not options.all:
-        say(f"the same in all: {', '.join(f'{key}={value}' for key, value in found.alike.items())}")
+        say(f"the same in all: {', '.join(f'{key}={value}' for key, value in found.alike.items())}", console)
     chosen = sort_rows(keep_rows(found.frame, [read_condition(each) for each in options.where]), options.sort)
     table = found.table(options.all).loc[chosen.index]
     if options.all:
         table = table.drop(columns="error")
     print_frame("Jobs", table.rename(columns=found.head), console, options.rows, "--rows")
     for line in _tell_failures(found):
-        say(line)
+        say(line, console)
     try:
-        say(f"table: {write_frame(found.folder, found.frame, found.units)}")
-        write_page(found)
+        say(f"table: {write_frame(found.folder, found.frame, found.units)}", console)
+        write_sweep_page(found)
     except OSError as error:
         raise PipelineError(
             f"cannot write {error.filename2 or error.filename or found.folder}: {error.strerror}; jobs' own folders "
             "are as they are; make the folder writable, or copy it to where it is"
         ) from None
-    say(f"page: {found.folder / FILE_NAME}")
+    say(f"page: {found.folder / FILE_NAME}", console)
 
 
 def _tell_failures(found: Sweep) -> Iterator[str]:
@@ -68,7 +65,7 @@ def _tell_failures(found: Sweep) -> Iterator[str]:
     unfinished = [job for job, status in statuses.items() if status != "done"]
     failed = [job for job in unfinished if statuses[job] not in NOT_TOLD]
     for job in failed[:MOST_FAILURES]:
-        yield f"  {job} {statuses[job]}: {tell_reason(Ledger.look(found.folder / job), statuses[job])}"
+        yield f"  {job} {statuses[job]}: {describe_reason(Ledger.look(found.folder / job), statuses[job])}"
     if len(failed) > MOST_FAILURES:
         yield f"  ... and {len(failed) - MOST_FAILURES} more"
     commands = list_commands(found.folder, unfinished)

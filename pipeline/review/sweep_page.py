@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import islice
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pandas as pd
 
-from pipeline.failures import list_commands, read_traceback, tell_reason
-from pipeline.files import write_text
+from pipeline.failures import describe_reason, list_commands, read_traceback
 from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
-from pipeline.page import link_to, make_grid, make_rows, render
-from pipeline.printing import is_prose
+from pipeline.page import (
+    Block,
+    Section,
+    link_to,
+    make_details,
+    make_grid,
+    make_rows,
+    show_frame,
+    show_traceback,
+    write_page,
+)
 from pipeline.review.comparison import Comparison
 from pipeline.review.kept import list_headlines, read_config, read_short_tables
 from pipeline.review.sweep_view import AS_CONFIGURED, Sweep
@@ -28,7 +35,7 @@ MOST_JOBS_OF_A_KIND = 20
 MOST_COMMANDS = 5
 
 
-def write_page(sweep: Sweep) -> None:
+def write_sweep_page(sweep: Sweep) -> None:
     """Write ``sweep.html`` into a sweep's folder.
 
     Raises
@@ -42,45 +49,60 @@ def write_page(sweep: Sweep) -> None:
     failed = {job: status for job, status in unfinished.items() if status not in ("not begun", "running")}
     kinds = _list_failures(sweep, ledgers, failed)
     done = [ledgers[job] for job, status in statuses.items() if status == "done"]
-    table = sweep.table(everything=False)
-    if table.columns[0] != "job":
-        table = table.assign(job=sweep.frame["job"])[["job", *table.columns]]
-    links = [_link(sweep, job) for job in table["job"]]
-    results = list(islice(_list_results(done), MOST_JOBS_WITH_RESULTS))
-    page = render(
-        "sweep.html.j2",
-        name=sweep.name,
-        jobs=len(sweep.frame),
-        told=tell_counts(sweep.counts),
-        unfinished=len(unfinished),
-        commands=[str(each.get("command", "-")) for each in list_launches(sweep.folder)][-MOST_COMMANDS:],
-        facts=_list_facts([*ledgers.values()]),
-        axes=_list_axes(sweep),
-        counts=make_rows(["status", "jobs"], sweep.counts.items()),
-        alike=sweep.alike,
-        metrics=_draw(sweep),
-        table=make_grid(table, sweep.units, links=links),
-        finishing=list_commands(sweep.folder, unfinished),
-        failures=kinds[:MOST_KINDS],
-        kinds_left=len(kinds[MOST_KINDS:]),
-        results=results,
-        results_left=len(done) > len(results),
-        differences=_list_differences(sweep, done or [*ledgers.values()]),
+    commands = [str(each.get("command", "-")) for each in list_launches(sweep.folder)][-MOST_COMMANDS:]
+    count = len(sweep.frame)
+    write_page(
+        sweep.folder / FILE_NAME,
+        title=f"sweep {sweep.name}",
+        heading=f"Sweep {sweep.name}",
+        lead=f"{count} {'job' if count == 1 else 'jobs'}: {describe_counts(sweep.counts)}",
+        status=f"{len(unfinished)} not done" if unfinished else "done",
+        opening=[*(("command", each) for each in commands), ("facts", _list_facts([*ledgers.values()]))],
+        sections=[
+            Section("Plan", _show_plan(sweep)),
+            Section("Metrics", _show_metrics(sweep)),
+            Section("Jobs", _show_jobs(sweep)),
+            Section("Failures", [*_show_commands(sweep, unfinished), *_show_failures(kinds)] if failed else []),
+            Section("Results", _show_results(done)),
+            Section("Differences", _show_differences(sweep, done or [*ledgers.values()])),
+        ],
     )
-    write_text(sweep.folder / FILE_NAME, page)
 
 
-def tell_counts(counts: dict[str, int]) -> str:
+def describe_counts(counts: dict[str, int]) -> str:
     """Return jobs by status in words."""
     return ", ".join(f"{count} {status}" for status, count in counts.items())
 
 
-def _draw(sweep: Sweep) -> list[Any]:
+def _show_plan(sweep: Sweep) -> list[Block]:
+    blocks: list[Block] = [("note", "No key varies between the jobs.")]
+    if sweep.varying:
+        blocks = [("note", "Keys that vary, and how many jobs have each value."), ("grid", _list_axes(sweep))]
+    blocks += [("heading", "Jobs by status"), ("grid", make_rows(["status", "jobs"], sweep.counts.items()))]
+    if sweep.alike:
+        blocks.append(make_details("the same in all jobs", [("facts", [*sweep.alike.items()])]))
+    return blocks
+
+
+def _show_metrics(sweep: Sweep) -> list[Block]:
     if not sweep.metrics:
         return []
     from pipeline.review.metric_drawing import draw_metrics
 
-    return list(draw_metrics(sweep))
+    blocks: list[Block] = []
+    for head, pictures, told in draw_metrics(sweep):
+        blocks += [("heading", head), ("pictures", pictures)]
+        blocks += [("note", f"{told}.")] if told else []
+    return blocks
+
+
+def _show_jobs(sweep: Sweep) -> list[Block]:
+    table = sweep.table(everything=False)
+    if table.columns[0] != "job":
+        table = table.assign(job=sweep.frame["job"])[["job", *table.columns]]
+    links = [_link(sweep, job) for job in table["job"]]
+    note = "A heading sorts by its column, again the other way round. A job's link leads to its own report."
+    return [("note", note), ("sortable", make_grid(table, sweep.units, links=links))]
 
 
 def _link(sweep: Sweep, job: str) -> str:
@@ -110,7 +132,7 @@ def _list_failures(sweep: Sweep, ledgers: dict[str, Ledger], failed: dict[str, s
     """Return failures by kind: status, stage, and the traceback up to its last line."""
     kinds: dict[tuple[str, ...], dict[str, Any]] = {}
     for job, status in failed.items():
-        reason = tell_reason(ledgers.get(job), status)
+        reason = describe_reason(ledgers.get(job), status)
         traceback = read_traceback(sweep.folder / job) if status == "failed" else ""
         where = traceback.rpartition("\n")[0] or reason
         found = kinds.setdefault((status, where), {"status": status, "traceback": traceback, "jobs": [], "reasons": {}})
@@ -124,20 +146,48 @@ def _list_failures(sweep: Sweep, ledgers: dict[str, Ledger], failed: dict[str, s
     return list(kinds.values())
 
 
-def _list_results(done: Sequence[Ledger]) -> Any:
+def _show_commands(sweep: Sweep, unfinished: Iterable[str]) -> list[Block]:
+    blocks: list[Block] = []
+    for command, count in list_commands(sweep.folder, unfinished):
+        told = f"{count} {'job' if count == 1 else 'jobs'}, when that is mended:"
+        blocks += [("note", f"This finishes {told}"), ("command", command)]
+    return blocks
+
+
+def _show_failures(kinds: Sequence[dict[str, Any]]) -> list[Block]:
+    blocks: list[Block] = []
+    for position, each in enumerate(kinds[:MOST_KINDS]):
+        shown: list[Block] = [("status", (each["status"], each["reason"])), ("links", each["jobs"])]
+        shown += [("note", f"and {each['more']} more")] if each["more"] else []
+        summary = "traceback of the first" if len(each["jobs"]) > 1 else "traceback"
+        blocks.append(("failure", shown + show_traceback(summary, each["traceback"], is_open=position == 0)))
+    left = len(kinds[MOST_KINDS:])
+    return blocks + ([("note", f"and {left} more kinds of failure: see the table")] if left else [])
+
+
+def _show_results(done: Sequence[Ledger]) -> list[Block]:
+    """Return the short tables that the reports of the first jobs begin with."""
+    results: list[Block] = []
     for ledger in done:
         names = list_headlines(read_config(ledger.folder))
-        tables = [
-            {**make_grid(frame, units), "title": title, "prose": is_prose(frame)}
-            for frame, units, title in read_short_tables(ledger, names, MOST_ROWS_OF_RESULTS)
-        ]
-        if tables:
-            yield ledger.folder.name, tables
+        found = read_short_tables(ledger, names, MOST_ROWS_OF_RESULTS)
+        blocks = [block for table in found for block in show_frame(*table)]
+        if blocks:
+            results.append(make_details(ledger.folder.name, blocks, is_open=not results))
+        if len(results) == MOST_JOBS_WITH_RESULTS:
+            break
+    if not results:
+        return []
+    part = f", of the first {len(results)} jobs that are done" if len(done) > len(results) else ""
+    return [("note", f"Short tables that each job's report begins with{part}."), *results]
 
 
-def _list_differences(sweep: Sweep, ledgers: Sequence[Ledger]) -> dict[str, Any]:
+def _show_differences(sweep: Sweep, ledgers: Sequence[Ledger]) -> list[Block]:
     """Return what jobs differ in beyond their overrides, each value with the number of jobs that have it."""
     found = Comparison(tuple(ledgers), most=0, whole=False)
     frame = found.configuration().set_axis(["key", "value (jobs)"], axis="columns")
     around = found.surroundings().set_axis(frame.columns, axis="columns")
-    return make_grid(pd.concat([frame[~frame["key"].isin(sweep.keys)], around]).head(MOST_DIFFERENCES))
+    rows = pd.concat([frame[~frame["key"].isin(sweep.keys)], around]).head(MOST_DIFFERENCES)
+    note = "Keys of the configuration that stages read and in which jobs differ, beyond what the command says; then "
+    note += "code, libraries and machines."
+    return [("note", note), ("grid", make_grid(rows)) if len(rows) else ("note", "None.")]

@@ -54,12 +54,12 @@ class Config(Section):
 @stage(SESSION_RECORDINGS, SESSION_MACHINE, SEAL)
 def blinded_session(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record a session, and seal what the rig hid in it."""
-    recorded = ctx.rig.record()
-    tables = tabulate_session(recorded.samples, recorded.meta, type(ctx.rig).__name__)
+    recorded = ctx.device.record()
+    tables = tabulate_session(recorded.samples, recorded.meta, type(ctx.device).__name__)
     starts = tables.measured_trials.set_index("trial")["start_s"]
     samples = tables.measured.assign(start_s=tables.measured["trial"].map(starts))
     told = {name: tables.measured_session[name].iloc[0] for name in ("sampling_rate_hz", "load_cell_site", "timing")}
-    seal = {"sha256": [seal_truth(recorded)], "rig": [type(ctx.rig).__name__]}
+    seal = {"sha256": [seal_truth(recorded)], "rig": [type(ctx.device).__name__]}
     return {
         SESSION_RECORDINGS.name: samples[list(SESSION_RECORDINGS.columns)],
         SESSION_MACHINE.name: tables.measured_muscles[list(MUSCLE_COLUMNS)].assign(**told),

@@ -111,7 +111,7 @@ class Config(Section):
 @stage(BLIND_SESSIONS, BLIND_TRUTH, BLIND_NAMED, BLIND_RANKING, stream="blind_tests")
 def blinded_suite(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Search every session of the catalogue, and only then look what was hidden."""
-    names = cfg.blinded_suite.sessions or list(ctx.rig.catalogue())
+    names = cfg.blinded_suite.sessions or list(ctx.device.catalogue())
     if len(set(names)) < len(names):
         raise ConfigError("blinded_suite.sessions: expected each name once; leave out what is there twice")
     jobs = [Job(cfg.discrepancy, ctx, name) for name in names]
@@ -137,7 +137,7 @@ class Job:
 
     def search(self) -> dict[str, pd.DataFrame]:
         """Return the rows of this session."""
-        recorded = self.ctx.rig.record(self.name)
+        recorded = self.ctx.device.record(self.name)
         tables = tabulate_session(recorded.samples, recorded.meta, self.name)
         outputs = build_muscle_channels(tables, self.settings)
         test = choose_verification(len(tables.measured_trials), self.settings.verification_share)

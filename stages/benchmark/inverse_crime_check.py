@@ -64,7 +64,7 @@ class Config(Section):
 def inverse_crime_check(cfg: Config, ctx: Context) -> pd.DataFrame:
     """Fit every form of its true name to each effect without noise."""
     chosen = cfg.inverse_crime_check.effects
-    told = [each for each in ctx.rig.effects() if not each["outsider"] and (chosen is None or each["key"] in chosen)]
+    told = [each for each in ctx.device.effects() if not each["outsider"] and (chosen is None or each["key"] in chosen)]
     jobs = [Job(cfg, ctx, str(each["key"]), str(each["name"]), bool(each["only_form"])) for each in told]
     with ctx.progress("effects", len(jobs)) as advance:
         for job, key in zip(jobs, ctx.spread(Job.run, jobs), strict=True):
@@ -90,7 +90,7 @@ class Job:
 
     def compare(self) -> pd.DataFrame:
         """Return a row for each form of the true name that acts in the effect's channel."""
-        with_it, without = self.ctx.rig.record_quietly(self.key)
+        with_it, without = self.ctx.device.record_quietly(self.key)
         channel = with_it.truth["effects"][0]["channel"]
         pairs = list(zip(self.build(with_it, channel), self.build(without, channel), strict=True))
         rows = [self.measure(form, pairs) for form in pairs[0][0].forms if form.name == self.name]

@@ -55,7 +55,7 @@ def unblinding(
     ctx: Context,
 ) -> dict[str, pd.DataFrame]:
     """Open the seal, and compare what was hidden with what was named."""
-    recorded = ctx.rig.record()
+    recorded = ctx.device.record()
     digest = seal_truth(recorded)
     if digest != seal["sha256"].iloc[0]:
         raise InputError("seal: the rig tells another truth than the one that was sealed; run blinded_session again")

@@ -230,9 +230,10 @@ def active_loop(
 ) -> dict[str, pd.DataFrame]:
     """Choose, execute and learn from one interaction after another, for every experiment and arm."""
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
-    arms = choose_arms(cfg.active_loop, ctx.rig.real)
+    rig: Rig = ctx.device
+    arms = choose_arms(cfg.active_loop, rig.real)
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
-    ctx.rig.check_bank(references, "trajectory")
+    rig.check_bank(references, "trajectory")
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
     loops: list[Loop] = []
     for (participant, experiment), initial in experiments:
@@ -256,7 +257,7 @@ def active_loop(
         f"References and pressure commands chosen for {first.participant}, experiment {first.experiment}, "
         f"by {arms[0]}, in the order of the trials."
     )
-    ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, group_muscles(ctx.rig)), caption)
+    ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, group_muscles(rig)), caption)
     return tables
 
 
@@ -310,7 +311,7 @@ class Loop:
         landed: list[dict[str, pd.DataFrame]] = []
         declined: list[pd.DataFrame] = []
         keys: list[str] = []
-        with self.ctx.rig as rig:
+        with self.ctx.device as rig:
             for trial in range(1, self.cfg.active_loop.trials + 1):
                 landed.append(self.land(trial, landed, declined, keys, rig))
         return keys

@@ -135,7 +135,7 @@ def unseen_bank(cfg: UnseenConfig, ctx: Context) -> dict[str, pd.DataFrame]:
 
 def record_movements(table: Table, section: FreeMovements, reason: str, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record every free movement of a bank, a part each."""
-    with ctx.rig as rig, ctx.progress("movements", section.trajectories) as advance:
+    with ctx.device as rig, ctx.progress("movements", section.trajectories) as advance:
         for trajectory in range(section.trajectories):
             make = partial(record_movement, table, section, reason, ctx, rig, trajectory)
             until_kept(partial(ctx.record.part, (trajectory,), make))

@@ -79,9 +79,10 @@ def hardware(
     protocol_commands: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Execute each experiment's initial trials, then those of the protocol."""
-    ctx.rig.check_bank(references, "trajectory")
-    passive = split_turns(protocol_commands, ctx.rig.real or ctx.is_attended)
-    with ctx.rig as rig, ctx.progress("trials", len(initial_trials) + len(passive)) as advance:
+    rig: Rig = ctx.device
+    rig.check_bank(references, "trajectory")
+    passive = split_turns(protocol_commands, rig.real or ctx.interactive)
+    with rig, ctx.progress("trials", len(initial_trials) + len(passive)) as advance:
         for number, row in enumerate(rows_of(initial_trials)):
             key = (row["participant"], row["experiment"], row["position"])
             make = partial(execute_tracked, row, number, len(initial_trials), references, rig, ctx)

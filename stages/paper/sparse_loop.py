@@ -205,12 +205,13 @@ def sparse_loop(
 ) -> dict[str, pd.DataFrame]:
     """Choose, execute and learn from every sample, for every experiment and arm."""
     section = cfg.sparse_loop
-    arms = choose_arms(section, ctx.rig.real)
+    rig: Rig = ctx.device
+    arms = choose_arms(section, rig.real)
     if not arms:
         return {table.name: pd.DataFrame(columns=list(table.columns)) for table in TABLES}
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     check_movements(section, len(muscles.trajectories), int(initial_trials["position"].max()))
-    ctx.rig.check_bank(references, "trajectory")
+    rig.check_bank(references, "trajectory")
     experiments = []
     for (participant, number), initial in initial_trials.groupby(["participant", "experiment"], sort=False):
         if int(str(number)) > section.experiments:
@@ -275,7 +276,7 @@ class Experiment:
     def run(self) -> list[str]:
         """Run all trials, each from what the earlier ones left on disk; return the keys of their parts."""
         keys = []
-        with self.ctx.rig as rig:
+        with self.ctx.device as rig:
             for arm in self.arms:
                 landed: list[dict[str, pd.DataFrame]] = []
                 for trial in range(1, self.cfg.sparse_loop.trials + 1):

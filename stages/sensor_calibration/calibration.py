@@ -189,7 +189,7 @@ def calibration(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     for turn in loop.turns:
         loop.take(turn)
     told = ctx.record.collect()
-    fitted = fit_lines(told, loop.turns, ctx.rig, cfg.calibration)
+    fitted = fit_lines(told, loop.turns, loop.rig, cfg.calibration)
     points, lines = fitted[CALIBRATION_POINTS.name], fitted[CALIBRATION_LINES.name]
     for kind in dict.fromkeys(split_name(each)[1] for each in lines["channel"]):
         chosen = lines[[split_name(each)[1] == kind for each in lines["channel"]]]
@@ -210,7 +210,7 @@ class Loop:
 
     def __init__(self, settings: CalibrationSettings, ctx: Context):
         self.settings, self.ctx = settings, ctx
-        self.rig: FestoCpx = ctx.rig
+        self.rig: FestoCpx = ctx.device
         self.turns = list_turns(settings.chosen)
         self.gauge = ctx.folder / "gauge.csv"
         self.news = ""

@@ -36,7 +36,7 @@ EXTREMES |= {other: name for name, other in EXTREMES.items()}
 UNSWAPPED = {*EXTREMES, "isinstance", "issubclass", "isclose", "allclose", "array_equal", "hypot", "gcd"}
 """Calls whose arguments change places to no effect, or never can."""
 DROPPABLE = {"abs", "sorted", "round", "reversed", "sqrt", "log", "exp", "square", "cumsum"}
-TELLING = {"debug", "info", "warning", "error", "critical", "print", "say", "_say", "_complain", "tell", "add_note"}
+TELLING = {"debug", "info", "warning", "error", "critical", "print", "say", "_say", "complain", "tell", "add_note"}
 TINY = 1e-4
 """Below which a number is a tolerance, which twice as large would be as good."""
 

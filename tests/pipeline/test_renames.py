@@ -1,14 +1,19 @@
-"""What version 0.1 measured is found under today's names."""
+"""What version 0.1 measured is found under today's names, which are told to whoever types the old ones."""
 
+import importlib
 import json
+import re
+import shlex
 from pathlib import Path
 
 import pytest
+import yaml
 
-from pipeline.config import read_study
+from pipeline.config import find_target, read_study
 from pipeline.plan import gather
 from pipeline.renames import update_facts
-from tests.composing import compose_values
+from pipeline.stage import load_stages
+from tests.composing import CONF, GROUPS, compose_values
 
 MEASURED = json.loads(Path(__file__).with_name("measured_by_0_1.json").read_text())
 """What it noted of each stage that drove ``rig=festo_cpx``; inputs left out."""
@@ -23,3 +28,61 @@ def test_a_measurement_of_the_first_version_has_the_fingerprint_of_today(name):
     assert found["config"] == json.loads(json.dumps(today.config))
     assert found["fingerprint"] == today.fingerprint != MEASURED[name]["fingerprint"]
     assert found["parts"] == MEASURED[name]["fingerprint"]
+
+
+MACHINE = "kind: first_order\ninput: u\noutput: y\noutput_scale: null\npace_s: null\nconstants: {}\neffects: []\n"
+METRIC = "{table:disguise,column:x,where:{},but:{},by:mean}"
+WORKFLOW = "defaults:\n  - identification\n  - /rivals: stated\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ("rivals.experiments=3", "unknown key 'rivals.experiments': it is called 'baselines.experiments' today"),
+        ("+rivals.experiments=3", "unknown key 'rivals', which no stage of workflow identification reads: {baselines}"),
+        ("-m rivals.experiments=3,4", "unknown key 'rivals.experiments': it is called 'baselines.experiments' today"),
+        ("rivals=stated", "unknown key 'rivals': {baselines}"),
+        ("rig=operator", "unknown rig 'operator': {manual}"),
+        ("active_loop=designed", "unknown active_loop 'designed': {default}"),
+        ("stages=[rivals]", "no stage 'rivals' in workflow identification; {baselines}"),
+        ("workflow.stages=[sealed_session]", "no stage 'sealed_session' in stages; {blinded_session}"),
+        ("workflow.headline=[rival_curve]", "writes 'rival_curve'; {baseline_curve}"),
+        ("+workflow.metrics.x=" + METRIC, "writes 'disguise'; {inverse_crime_check}"),
+        (
+            "rig._target_=stages.rig.sim.SimulatedRig",
+            "_target_ stages.rig.sim.SimulatedRig: {stages.science.rig.sim.SimulatedRig}",
+        ),
+        (
+            "workflow=discrepancy measured={folder} plant=first_order +plant.pace_s=1",
+            "unknown key 'plant.pace_s': {plant.time_scale_s}",
+        ),
+        (
+            "workflow=discrepancy measured={folder} plant={folder}/machine.yaml",
+            "unknown key 'plant.pace_s': {plant.time_scale_s}",
+        ),
+        ("--config-dir={folder} workflow=mine", "unknown group 'rivals': {baselines}"),
+    ],
+)
+def test_an_old_name_is_refused_with_todays(pamid, tmp_path, arguments, told):
+    (tmp_path / "machine.yaml").write_text(MACHINE)
+    (tmp_path / "workflow").mkdir()
+    (tmp_path / "workflow" / "mine.yaml").write_text(WORKFLOW)
+    result = pamid(*(each.replace("{folder}", str(tmp_path)) for each in shlex.split(arguments)))
+    assert result.returncode == 2
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert re.sub(r"{([\w.]+)}", r"it is called '\1' today", told) in result.stderr
+    assert not pamid.outputs.exists()
+
+
+def test_todays_names_are_those_of_today():
+    renames = yaml.safe_load((CONF / "renames.yaml").read_text())
+    tables = [table for stage in load_stages("stages") for table in stage.writes]
+    known = {each.name for each in [*load_stages("stages"), *tables]} | {
+        name for each in tables for name in each.columns
+    }
+    assert {*renames["names"].values()} <= known
+    assert {each.partition(".")[0] for each in renames["keys"].values()} <= GROUPS
+    for group, options in renames["options"].items():
+        assert all((CONF / group / f"{each}.yaml").is_file() for each in options.values())
+    for target in renames["targets"].values():
+        find_target(target) if target.rpartition(".")[2][0].isupper() else importlib.import_module(target)

@@ -297,7 +297,7 @@ def test_two_processes_share_a_sweep_and_what_the_other_begins_is_no_failure(swe
         (("--cfg", "job", "seed=0,1"), "Only one of"),
         (("on_failure=giveup", "seed=0,1"), "on_failure: "),
         (("hydra/sweeper=none", "seed=0,1"), "unknown"),
-        (("desk=terminal", "seed=0,1"), "desk: expected null in a sweep"),
+        (("operator_ui=terminal", "seed=0,1"), "operator_ui: expected null in a sweep"),
     ],
 )
 def test_a_sweep_that_cannot_be_is_refused_in_one_line(sweeping, arguments, told):

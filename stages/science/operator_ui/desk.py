@@ -124,7 +124,7 @@ class Desk:
             When there is nothing to point at.
         """
         if pointed and not self.drawn:
-            raise RigError("a participant who points at postures does so on a page: set desk=pages")
+            raise RigError("a participant who points at postures does so on a page: set operator_ui=pages")
         self._rate_hz = exoskeleton.sampling_rate_hz
         self._machine = {
             "pointer": pointed,

@@ -1,6 +1,6 @@
 """Where trials are attended: on pages in a browser, or in the terminal.
 
-The configuration's ``desk`` flows in; out flows the desk that rigs tell what they do, open until it is closed.
+The configuration's ``operator_ui`` flows in; out flows the desk that rigs tell what they do, open until it is closed.
 """
 
 from __future__ import annotations

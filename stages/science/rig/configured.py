@@ -78,7 +78,7 @@ class ConfiguredRig(Rig, BaseModel):
         """Whether a participant points at postures on a page."""
         return False
 
-    def be_attended(self, attendance: Attendance) -> None:
+    def connect_interface(self, attendance: Attendance) -> None:
         """Have somebody see its trials and decide on them."""
         attendance.describe(self.exoskeleton, self.pointed)
         self._attendance = attendance

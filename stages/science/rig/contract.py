@@ -58,7 +58,7 @@ class Rig(ABC):
         """Who sees its trials and decides on them, if somebody does."""
         return None
 
-    def be_attended(self, attendance: Attendance) -> None:
+    def connect_interface(self, attendance: Attendance) -> None:
         """Have somebody see its trials and decide on them.
 
         Raises
@@ -66,7 +66,7 @@ class Rig(ABC):
         RigError
             When this rig asks nobody.
         """
-        raise RigError(f"{type(self).__name__} asks nobody: leave desk= out, or choose another rig")
+        raise RigError(f"{type(self).__name__} asks nobody: leave operator_ui= out, or choose another rig")
 
     @property
     @abstractmethod

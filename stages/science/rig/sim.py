@@ -123,7 +123,7 @@ class SimulatedRig(ConfiguredRig):
             When a person is to point at postures and there is no page to do so.
         """
         if self.pointer is not None and self.attendance is None:
-            raise RigError(f"participant {self.pointer} points at postures on a page: set desk=pages")
+            raise RigError(f"participant {self.pointer} points at postures on a page: set operator_ui=pages")
         if self.pointer is not None:
             self._warm()
         super().connect()

@@ -16,4 +16,4 @@ class Config(Section):
 @stage(READINGS)
 def measuring(cfg: Config, ctx) -> pd.DataFrame:
     """Read the device once."""
-    return pd.DataFrame({"reading": [ctx.rig.read()]})
+    return pd.DataFrame({"reading": [ctx.device.read()]})

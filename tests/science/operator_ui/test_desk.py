@@ -24,9 +24,9 @@ SMALL = [
     "active_loop.trials=2",
     "active_loop.controls=[]",
     "stages=[bank,subsampling,hyperprior,hardware,active_loop]",
-    "desk=terminal",
-    "desk.countdown_s=0.0",
-    "desk.result_s=0.0",
+    "operator_ui=terminal",
+    "operator_ui.countdown_s=0.0",
+    "operator_ui.result_s=0.0",
 ]
 FIRST = "p1 experiment 1 y_y trial 1"
 DECISIONS = {
@@ -218,19 +218,21 @@ def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(turned, tmp_path):
     assert "stopped" in "".join(operator.printed)
 
 
-@pytest.mark.parametrize("desk", [("desk=terminal",), ()], ids=["terminal", "none"])
+@pytest.mark.parametrize("desk", [("operator_ui=terminal",), ()], ids=["terminal", "none"])
 def test_a_pointer_needs_a_page_before_anything_is_recorded(pamid, desk):
     result = Operator().attend(pamid, "budget=tiny", "participant=mouse", *desk)
     assert result.returncode == 1
     (line,) = [each for each in result.stderr.splitlines() if "failed" in each]
     assert "points at postures" in line
-    assert "set desk=pages" in line
+    assert "set operator_ui=pages" in line
     assert not list(pamid.outputs.glob("runs/*/parts/*/*"))
 
 
 def test_where_nothing_asks_an_operator_a_desk_is_refused(pamid):
-    result = pamid("workflow=hidden_effect", "desk=terminal")
+    result = pamid("workflow=hidden_effect", "operator_ui=terminal")
     assert result.returncode == 2
     (line,) = result.stderr.splitlines()
-    assert line.startswith("desk: expected null, as nothing that workflow hidden_effect drives asks an operator")
+    assert line.startswith(
+        "operator_ui: expected null, as workflow hidden_effect has no device that can be connected to it"
+    )
     assert not pamid.outputs.exists()

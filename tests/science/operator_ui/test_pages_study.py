@@ -25,11 +25,11 @@ STUDY = [
     "rig.lead_in_s=0.2",
     "rig.realtime=true",
     "stages=[bank,subsampling,hyperprior,hardware,active_loop,tracking_delay,comparison]",
-    "desk=pages",
-    "desk.port=0",
-    "desk.countdown_s=0.1",
-    "desk.lost_after_s=5.0",
-    "desk.result_s=0.0",
+    "operator_ui=pages",
+    "operator_ui.port=0",
+    "operator_ui.countdown_s=0.1",
+    "operator_ui.lost_after_s=5.0",
+    "operator_ui.result_s=0.0",
 ]
 KEYS = {"accept": "a", "skip": "s", "keep": "k", "repeat": "r", "reject": "x"}
 ANSWERS = {

@@ -196,8 +196,8 @@ def test_an_address_for_the_whole_network_is_one_that_others_reach():
 @pytest.mark.parametrize(
     ("host", "port", "told"),
     [
-        ("127.0.0.1", None, r"expected a free port, got \d+.*desk\.port=0"),
-        ("192.0.2.1", 0, "desk.host=127"),
+        ("127.0.0.1", None, r"expected a free port, got \d+.*operator_ui\.port=0"),
+        ("192.0.2.1", 0, "operator_ui.host=127"),
         ("127.0.0.1", 70000, "65535"),
     ],
 )

@@ -94,7 +94,7 @@ def test_a_trial_is_recorded_as_commanded(rig, emulator):
 
 def test_an_operators_stop_lets_the_muscles_down_and_the_trial_can_be_repeated(rig, emulator):
     watching, handed = Watching(stop_at_s=0.5), []
-    rig.be_attended(watching)
+    rig.connect_interface(watching)
     with rig:
         with pytest.raises(TrialDeclined, match="to be repeated"):
             rig.execute(wave(rig), np.random.default_rng(0), handed.append)
@@ -337,7 +337,7 @@ def test_a_command_after_missed_samples_is_no_larger_a_step(emulator, section, m
     limits = {name: its | {"slew_kpa_per_s": 800.0} for name, its in section["limits"].items()}
     rig = build_rig(section | {"limits": limits, "lead_in_s": 2.0}, emulator.port, emulator.control_port)
     watching = Watching()
-    rig.be_attended(watching)
+    rig.connect_interface(watching)
     monkeypatch.setattr(festo_cpx, "pace", pace_sleepily)
     command = np.full((rig.samples, 4), 100.0)
     command[20:, 1] = 500.0

@@ -36,7 +36,7 @@ def simulate(**changed):
 
 
 def attend(rig, given, watching):
-    rig.be_attended(watching)
+    rig.connect_interface(watching)
     return execute(rig, given)
 
 

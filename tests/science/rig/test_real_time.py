@@ -102,7 +102,7 @@ def test_a_hundred_turns_a_second_are_held(emulator, section):
 
 def test_an_operators_stop_lets_the_muscles_down_and_the_trial_can_be_repeated(rig, emulator):
     desk = Desk(DeskSettings(countdown_s=0.0, result_s=0.0, lost_after_s=1.0, needed=[]))
-    rig.be_attended(desk)
+    rig.connect_interface(desk)
     stops, words = [], iter(["accept", "repeat", "accept", "keep"])
 
     def attend():

@@ -142,7 +142,7 @@ class PageServer:
         )
         self._thread.start()
         if not opened.wait(10.0):
-            raise RigError(f"desk: expected pages at {self.host}:{self.port} within 10 s, got none")
+            raise RigError(f"operator_ui: expected pages at {self.host}:{self.port} within 10 s, got none")
 
     def close(self) -> None:
         """Show them no longer; harmless when not open."""
@@ -445,23 +445,24 @@ def _number(value: Any) -> float:
 def _listen(host: str, port: int) -> socket.socket:
     """Return a socket that listens."""
     if not 0 <= port <= 65535:
-        raise RigError(f"desk.port: expected 0 to 65535, got {port}; type desk.port=0 for any free one")
+        raise RigError(f"operator_ui.port: expected 0 to 65535, got {port}; type operator_ui.port=0 for any free one")
     try:
         return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
         told = error.strerror or error
         if error.errno == errno.EADDRINUSE:
             raise RigError(
-                f"desk.port: expected a free port, got {port}, which another program uses; "
-                "type desk.port=0 for any free one"
+                f"operator_ui.port: expected a free port, got {port}, which another program uses; "
+                "type operator_ui.port=0 for any free one"
             ) from error
         if error.errno == errno.EACCES:
             raise RigError(
-                f"desk.port: expected a port that this user may take, got {port} ({told}); "
-                "type desk.port=0 for any free one"
+                f"operator_ui.port: expected a port that this user may take, got {port} ({told}); "
+                "type operator_ui.port=0 for any free one"
             ) from error
         raise RigError(
-            f"desk.host: expected an address of this computer, got {host} ({told}); type desk.host=127.0.0.1"
+            f"operator_ui.host: expected an address of this computer, got {host} ({told}); "
+            "type operator_ui.host=127.0.0.1"
         ) from error
 
 
