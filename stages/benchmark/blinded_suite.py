@@ -22,7 +22,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.judgement import Judgement, judge, search_with_truth
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
-from stages.science.discrepancy.ranking import rank_first
+from stages.science.discrepancy.ranking import list_named, rank_first
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.science.recording.whole_sessions import tabulate_session
 
@@ -140,16 +140,18 @@ class Job:
         recorded = self.ctx.device.record(self.name)
         tables = tabulate_session(recorded.samples, recorded.meta, self.name)
         outputs = build_muscle_channels(tables, self.settings)
-        opened = choose_verification(len(tables.measured_trials), self.settings.verification_share)
+        test = choose_verification(len(tables.measured_trials), self.settings.verification_share)
         told = self.settings.search
-        judged = judge(outputs, opened, told, lambda purpose: self.ctx.generator(self.name, purpose))
+        judged = judge(outputs, test, told, lambda purpose: self.ctx.generator(self.name, purpose))
         row = {"session": self.name, "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0])}
         rows = {
             BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
             BLIND_TRUTH.name: list_hidden(recorded.truth),
-            BLIND_NAMED.name: list_named(judged),
+            BLIND_NAMED.name: list_named(judged.named, judged.doubt),
             BLIND_RANKING.name: list_ranking(judged, told.absorbed),
         }
+        for each in rows[BLIND_NAMED.name]:
+            each["not_excluded"] = each["indistinguishable_from"]
         return {
             table.name: pd.DataFrame(rows[table.name]).assign(session=self.name).reindex(columns=list(table.columns))
             for table in blinded_suite.writes
@@ -206,23 +208,6 @@ def list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
         }
         for order, each in enumerate(truth["effects"], start=1)
         for muscle in each["muscles"]
-    ]
-
-
-def list_named(judged: Judgement) -> list[dict[str, Any]]:
-    """Return a row for each named effect and muscle."""
-    return [
-        {
-            "order": order,
-            "name": each.name,
-            "form": form,
-            "channel": each.channel,
-            "muscle": muscle,
-            "probability": each.doubt(judged.doubt),
-            "not_excluded": ",".join(each.alternatives),
-        }
-        for order, each in enumerate(judged.named, start=1)
-        for muscle, form in zip(each.elements, each.forms, strict=True)
     ]
 
 

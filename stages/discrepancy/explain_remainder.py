@@ -32,7 +32,7 @@ REMAINDER = Table(
     "What stays unexplained in a channel of a muscle, and on what it depends",
     {
         "channel": column(str, "measured channel"),
-        "muscle": column(str, "whose"),
+        "muscle": column(str, "muscle, or name of the machine"),
         "unit": column(str, "unit of the channel"),
         "gap": column(float, "root mean square of what the amended model leaves", unit="of the channel", low=0),
         "noise_floor": column(float, "what of it nothing reproducible explains", unit="of the channel", low=0),

@@ -26,8 +26,8 @@ from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
 from stages.science.discrepancy.gaps import locate, upper_ratio
 from stages.science.discrepancy.parts import PURPOSES, Parts, list_parts
 from stages.science.discrepancy.plant_check import check_plant
-from stages.science.discrepancy.resampling import resample
-from stages.science.discrepancy.residuals import Seen, average_loops, average_plane
+from stages.science.discrepancy.resampling import find_interval, resample
+from stages.science.discrepancy.residuals import average_loops, average_plane
 from stages.science.discrepancy.restoring import list_residuals
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.figures.gap_bars import draw_gap_bars
@@ -53,13 +53,13 @@ NOMINAL_FIT = Table(
     "A nominal constant, fitted",
     {
         "channel": column(str, "measured channel"),
-        "muscle": column(str, "whose"),
+        "muscle": column(str, "muscle, or name of the machine"),
         "constant": column(str, "name of the constant"),
         "unit": column(str, "its unit"),
-        "start": column(float, "value to begin with", unit="as told"),
-        "value": column(float, "fitted", unit="as told"),
-        "low": column(float, "lower end of the interval over resampled trials", unit="as told"),
-        "high": column(float, "upper end of it", unit="as told"),
+        "start": column(float, "value to begin with", unit="of the row"),
+        "value": column(float, "fitted", unit="of the row"),
+        "low": column(float, "lower end of the interval over resampled trials", unit="of the row"),
+        "high": column(float, "upper end of it", unit="of the row"),
         "at_bound": column(bool, "whether its tolerance ends there"),
     },
     key=("channel", "muscle", "constant"),
@@ -69,7 +69,7 @@ CHANNELS = Table(
     "A channel of a muscle after the nominal fit, each trial left out in turn",
     {
         "channel": column(str, "measured channel"),
-        "muscle": column(str, "whose"),
+        "muscle": column(str, "muscle, or name of the machine"),
         "unit": column(str, "unit of the channel"),
         "trials": column(int, "fitted trials", low=1),
         "samples": column(int, "measured samples in them", low=1),
@@ -94,7 +94,7 @@ RESIDUALS = Table(
     "What is left of a sample, its trial left out of the fit",
     {
         "channel": column(str, "measured channel"),
-        "muscle": column(str, "whose"),
+        "muscle": column(str, "muscle, or name of the machine"),
         "trial": column(int, "trial of the session", low=0),
         "sample": column(int, "of the trial", low=0),
         "residual": column(float, "measured less simulated", unit="of the channel"),
@@ -107,7 +107,7 @@ GAP = Table(
     "A regime of motion or time, and the gap in it",
     {
         "channel": column(str, "measured channel"),
-        "muscle": column(str, "whose"),
+        "muscle": column(str, "muscle, or name of the machine"),
         "regime": column(str, "samples that are looked at, or band of frequencies"),
         "samples": column(int, "in the regime", low=0),
         "share_of_time": column(float, "share of all samples", low=0, high=1),
@@ -198,7 +198,6 @@ def draw(
     ctx: Context,
 ) -> None:
     """Draw how large the gap is, and where it lies."""
-    seen = [Seen(each.output, each.nominal.fit.residual, each.floor) for each in states]
     ctx.figure(
         "gap_bars",
         draw_gap_bars(channels, settings.search.smallest_gap),
@@ -212,10 +211,10 @@ def draw(
     )
     ctx.figure(
         "residual_loops",
-        draw_residual_loops(average_loops(seen)),
+        draw_residual_loops(average_loops(states)),
         "Residual of the fitted nominal model by direction of motion, with two standard errors over trials.",
     )
-    plane = average_plane(seen)
+    plane = average_plane(states)
     if len(plane):
         ctx.figure(
             "residual_plane",
@@ -227,8 +226,7 @@ def draw(
 def list_constants(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:
     """Return the rows of an output's constants."""
     found = state.nominal.fit
-    tail = 0.5 * (1.0 - settings.level)
-    low, high = np.quantile(found.drawn_values(weights), [tail, 1.0 - tail], axis=0)
+    low, high = find_interval(found.drawn_values(weights), settings.level)
     return [
         {
             "channel": state.output.channel,
@@ -236,12 +234,12 @@ def list_constants(state: FittedChannel, weights: Any, settings: DiscrepancySett
             "constant": each.name,
             "unit": each.unit,
             "start": each.prior_mean,
-            "value": value,
+            "value": float(value),
             "low": float(low[index]),
             "high": float(high[index]),
             "at_bound": not bool(found.free[index]),
         }
-        for index, (each, value) in enumerate(zip(state.output.constants, found.listed(), strict=True))
+        for index, (each, value) in enumerate(zip(state.output.constants, found.values, strict=True))
     ]
 
 

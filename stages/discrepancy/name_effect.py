@@ -17,7 +17,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
-from stages.science.discrepancy.ranking import rank_first
+from stages.science.discrepancy.ranking import list_named, rank_first
 from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.science.discrepancy.restoring import NominalTables, restore_states
 from stages.science.discrepancy.search import Search, search
@@ -78,7 +78,7 @@ STEPS = Table(
     {
         "step": column(int, "effects added", low=0),
         "channel": column(str, "measured channel"),
-        "muscle": column(str, "whose"),
+        "muscle": column(str, "muscle, or name of the machine"),
         "effect": column(str, "that the value belongs to; empty for a nominal constant"),
         "form": column(str, "its form"),
         "parameter": column(str, "name of the value"),
@@ -112,24 +112,9 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
         "First round: the probability of the candidates that change something, and the gap with each on trials left "
         "out of its fit.",
     )
-    named = [
-        {
-            "order": order,
-            "name": each.name,
-            "form": form,
-            "site": each.site,
-            "channel": each.channel,
-            "muscle": muscle,
-            "probability": each.doubt(doubt),
-            "shown": each.shown,
-            "indistinguishable_from": ",".join(each.alternatives),
-        }
-        for order, each in enumerate(found.named, start=1)
-        for muscle, form in zip(each.elements, each.forms, strict=True)
-    ]
     return {
         RANKING.name: ranking,
-        NAMED_EFFECTS.name: pd.DataFrame(named, columns=list(NAMED_EFFECTS.columns)),
+        NAMED_EFFECTS.name: pd.DataFrame(list_named(found.named, doubt), columns=list(NAMED_EFFECTS.columns)),
         UNEXPLAINED.name: pd.DataFrame(
             [
                 {

@@ -87,7 +87,7 @@ PREDICTIONS = Table(
         "trial": column(int, "trial of the session", low=0),
         "part": column(str, "fitted, opened once, or only reported", among=list(PURPOSES)),
         "time_s": column(float, "time from the trial's start", unit="s", low=0),
-        "muscle": column(str, "whose"),
+        "muscle": column(str, "muscle, or name of the machine"),
         "channel": column(str, "measured channel"),
         "measured": column(float, "sensor", unit="of the channel"),
         "before": column(float, "nominal model, fitted", unit="of the channel"),
@@ -129,7 +129,7 @@ def verify_gap(
     """Open the test trials, once, and report what was found."""
     settings, channels, named = cfg.discrepancy, found.channels, found.named_effects
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
-    opened = dataset.test
+    test = dataset.test
     verified = verify(dataset, found)
     added = named.drop_duplicates("order")
     concerned = list(dict.fromkeys(added["channel"])) or list(dict.fromkeys(channels["channel"]))
@@ -144,11 +144,11 @@ def verify_gap(
     places = locate_most(gap, channels, named, settings)
     status = found.read_status(settings.search.certain)
     last = len(labels) - 1 if status == "named" else 0
-    weights = resample(len(opened), settings.bootstraps, ctx.generator("resample", "verification"))
+    weights = resample(len(test), settings.bootstraps, ctx.generator("resample", "verification"))
     driven = select_judged(verification)
-    hidden = list_hidden(verified, channels, opened, settings.search.remainder)
+    hidden = list_hidden(verified, channels, test, settings.search.remainder)
     confirmed = confirm_effects(named, driven, settings, hidden)
-    over_floor = bound_ratio(verified, last, opened, weights, settings.level)
+    over_floor = bound_ratio(verified, last, test, weights, settings.level)
     left_over_std = float(driven["gap_over_std"].iloc[last])
     uninformative = left_over_std > settings.confirmation.uninformative_error
     blind = bool(hidden) or is_hidden(channels, settings.search.remainder) or uninformative
@@ -166,7 +166,7 @@ def verify_gap(
             **summarise_gap(driven, last, judged),
             "over_floor": {**over_floor, "smallest": settings.search.smallest_gap},
         },
-        "verification_trials": [dataset.trials[place] for place in opened],
+        "verification_trials": [dataset.trials[place] for place in test],
     }
     ctx.verdict(verdict)
     predictions = list_predictions(verified, dataset, last)
@@ -186,7 +186,7 @@ def verify_gap(
         *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
         *describe_odd_trials(odd.to_dict("records")),
         *describe_bounds(amended_values),
-        *describe_few_trials(len(dataset.fitted), len(opened), report.few_trials),
+        *describe_few_trials(len(dataset.fitted), len(test), report.few_trials),
         *describe_high_floor(channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf),
         describe_command(tables.measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
     ]
@@ -262,13 +262,13 @@ def draw(
     rows = channels[channels["channel"].isin(concerned)].sort_values("gap_over_floor", ascending=False)
     channel = str(rows["channel"].iloc[0])
     muscles = rows.loc[rows["channel"] == channel, "muscle"].head(MOST_SHOWN).tolist()
-    opened = predictions[(predictions["part"] == "verification") & (predictions["channel"] == channel)]
-    trials = sorted(opened["trial"].unique())
+    test = predictions[(predictions["part"] == "verification") & (predictions["channel"] == channel)]
+    trials = sorted(test["trial"].unique())
     if trials:
         chosen = sorted({trials[0], trials[len(trials) // 2], trials[-1]})
         ctx.figure(
             "verified_trials",
-            draw_verified_trials(opened, channel, muscles, chosen),
+            draw_verified_trials(test, channel, muscles, chosen),
             "Verification trials: measured, simulated before and after, and below them what is left.",
         )
 

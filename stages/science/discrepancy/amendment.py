@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.resampling import find_interval, resample
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import Noise
@@ -101,8 +101,7 @@ def estimate_intervals(
     """
     found = fit(model, noise, values, iterations=0)
     weights = resample(model.output.trials, settings.bootstraps, generator)
-    tail = 0.5 * (1.0 - settings.level)
-    low, high = np.quantile(found.drawn_values(weights), [tail, 1.0 - tail], axis=0)
+    low, high = find_interval(found.drawn_values(weights), settings.level)
     bounds = np.where(found.free, "", np.where(2.0 * values < sum(model.bounds), "low", "high"))
     owners: list[tuple[str, str, Parameter]] = [("", "", each) for each in model.output.constants]
     owners += [(form.name, form.form, each) for form in model.forms for each in form.parameters]

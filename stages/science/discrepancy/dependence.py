@@ -147,9 +147,7 @@ def _measure(values: Array) -> float:
     return float(np.sqrt((values**2).mean())) or 1.0
 
 
-def fit_gaussian_process(
-    inputs: Array, outputs: Array, pseudo_count: int, generator: np.random.Generator, iterations: int = ITERATIONS
-) -> SparseGP:
+def fit_gaussian_process(inputs: Array, outputs: Array, pseudo_count: int, generator: np.random.Generator) -> SparseGP:
     """Return a sparse GP of a residual, its hyperparameters the most probable ones.
 
     Parameters
@@ -162,8 +160,6 @@ def fit_gaussian_process(
         Pseudo-inputs; rows drawn at random, or all rows where there are no more.
     generator : numpy.random.Generator
         Draws them.
-    iterations : int
-        Of the climb to the most probable hyperparameters, at most.
 
     Raises
     ------
@@ -186,7 +182,7 @@ def fit_gaussian_process(
         starts=0,
         warm_starts=[(inputs[kept], start)],
         hold_pseudo=True,
-        iterations=iterations,
+        iterations=ITERATIONS,
     )
 
 
@@ -305,7 +301,7 @@ class Range:
     time: float
 
 
-def find_range(values: Array, taken: Array, least_part: float, parts: int = BINS) -> Range:
+def find_range(values: Array, taken: Array, least_part: float) -> Range:
     """Return the range of an input, shortest in time, that holds a part of what is taken away.
 
     Parameters
@@ -314,18 +310,16 @@ def find_range(values: Array, taken: Array, least_part: float, parts: int = BINS
         The input, and the fall of the squared residual, sample by sample.
     least_part : float
         Part of what is taken away that the range holds.
-    parts : int
-        Into which the samples are cut along the input, equal in number.
     """
-    edges = np.quantile(values, np.linspace(0.0, 1.0, parts + 1))
-    place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, parts - 1)
-    sums = np.bincount(place, taken, parts)
+    edges = np.quantile(values, np.linspace(0.0, 1.0, BINS + 1))
+    place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, BINS - 1)
+    sums = np.bincount(place, taken, BINS)
     total = max(float(sums.sum()), 1e-300)
     along = np.concatenate([[0.0], np.cumsum(sums)])
-    for width in range(1, parts + 1):
+    for width in range(1, BINS + 1):
         held = along[width:] - along[:-width]
         first = int(np.argmax(held))
-        if held[first] >= least_part * total or width == parts:
+        if held[first] >= least_part * total or width == BINS:
             break
     inside = (place >= first) & (place < first + width)
     part = min(float(held[first]) / total, 1.0)

@@ -16,6 +16,7 @@ import pandas as pd
 from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.dependence import Dependence, find_dependence, find_range
 from stages.science.discrepancy.description_settings import DescriptionSettings
+from stages.science.discrepancy.resampling import find_interval
 from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.signal_names import name_signal
@@ -47,8 +48,7 @@ def measure_share(before: Array, after: Array, weights: Array, level: float) -> 
     level : float
         Of the interval.
     """
-    tail = 0.5 * (1.0 - level)
-    low, high = np.quantile(1.0 - (weights @ after) / np.maximum(weights @ before, 1e-300), [tail, 1.0 - tail])
+    low, high = find_interval(1.0 - (weights @ after) / np.maximum(weights @ before, 1e-300), level)
     return Share(float(1.0 - after.sum() / max(before.sum(), 1e-300)), float(low), float(high))
 
 
@@ -59,7 +59,7 @@ class Description:
     Parameters
     ----------
     output : OutputChannel
-        Whose.
+        Channel of the residual.
     residual : (T, K) ndarray
         In the channel's unit.
     floor : float

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from stages.science.discrepancy.screening import screen
-from stages.science.output_channels.fitting import Fit, Model, begin, fit
+from stages.science.output_channels.fitting import Fit, Model, fit
 from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 
@@ -33,7 +33,7 @@ def explain_exactly(form: EffectForm, with_it: OutputChannel, without: OutputCha
     What the nominal model itself leaves without the effect, as of filters and geometry, is taken off both residuals.
     """
     noise = Noise(FINE * with_it.range, 1e-12, 0.03, 1e-12, 1.0)
-    nominal, plain = (fit(Model(output), noise, begin(Model(output)), STEPS) for output in (with_it, without))
+    nominal, plain = (fit(Model(output), noise, Model(output).start, STEPS) for output in (with_it, without))
     effect = _differ(nominal, plain)
     promised = screen(nominal, noise, [form])
     if not promised:

@@ -12,7 +12,7 @@ import numpy as np
 
 from stages.science.discrepancy.screening import Screened, screen
 from stages.science.output_channels.features import build_features
-from stages.science.output_channels.fitting import Fit, Model, begin, fit
+from stages.science.output_channels.fitting import Fit, Model, fit
 from stages.science.output_channels.flexible import (
     Leftover,
     explain_by_features,
@@ -125,9 +125,9 @@ def prepare(output: OutputChannel) -> FittedChannel:
 def _fit_constants(model: Model) -> Fitted:
     """Fit constants as if their residual were white, from where they begin, and from wherever else an output says."""
     output, names = model.output, [each.name for each in model.output.constants]
-    starts = [begin(model)]
+    starts = [model.start]
     for other in output.other_starts:
-        told = dict(zip(names, begin(model), strict=True)) | other
+        told = dict(zip(names, model.start, strict=True)) | other
         starts.append(np.array([told[name] for name in names]))
     return min((fit_plain(model, each, 0.01 * output.range) for each in starts), key=lambda each: float(each.raw.sum()))
 
@@ -138,7 +138,7 @@ def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, 
     Parameters
     ----------
     output : OutputChannel
-        The same.
+        Of the fitted trials.
     values : (P,) ndarray
         Its fitted constants.
     noise : Noise

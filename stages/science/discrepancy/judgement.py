@@ -31,7 +31,7 @@ class Judgement:
     ----------
     outputs : list of OutputChannel
         With all trials.
-    opened : list of int
+    test : list of int
         Positions of the trials that nothing was fitted to.
     prepared : list of FittedChannel
         After the nominal fit.
@@ -44,7 +44,7 @@ class Judgement:
     """
 
     outputs: list[OutputChannel]
-    opened: list[int]
+    test: list[int]
     prepared: list[FittedChannel]
     found: Search
     left: dict[str, Remainder]
@@ -81,27 +81,27 @@ class Judgement:
         for output, each in zip(self.outputs, fits, strict=True):
             if output.channel in channels:
                 simulated = replace(each.model, output=output).simulate(each.values)
-                squares.append(_mean_square(output, output.measured - simulated, self.opened))
+                squares.append(_mean_square(output, output.measured - simulated, self.test))
         return float(np.sqrt(np.mean(squares)))
 
     def floor(self, channels: Collection[str]) -> float:
         """Return what neither the last model nor a flexible one explains on the test trials, in the same unit."""
         learnt = np.ones(self.outputs[0].trials, dtype=bool)
-        learnt[self.opened] = False
+        learnt[self.test] = False
         squares = []
         for output, state in zip(self.outputs, self.found.outputs, strict=True):
             if output.channel in channels:
                 last = state.current.fit
                 whole = fit(replace(last.model, output=output), state.noise, last.values, iterations=0)
                 least = find_floor(whole, state.noise, learnt).residual
-                kept = (_mean_square(output, each, self.opened) for each in (least, whole.residual))
+                kept = (_mean_square(output, each, self.test) for each in (least, whole.residual))
                 squares.append(min(kept))
         return float(np.sqrt(np.mean(squares)))
 
 
 def judge(
     outputs: Sequence[OutputChannel],
-    opened: Sequence[int],
+    test: Sequence[int],
     settings: SearchSettings,
     draw: Callable[[str], np.random.Generator],
 ) -> Judgement:
@@ -111,18 +111,18 @@ def judge(
     ----------
     outputs : sequence of OutputChannel
         With all trials.
-    opened : sequence of int
+    test : sequence of int
         Positions of the trials that are not fitted.
     settings : SearchSettings
         When a gap matters and a name is accepted.
     draw : callable
         Returns the generator of a purpose.
     """
-    fitted = [trial for trial in range(outputs[0].trials) if trial not in set(opened)]
+    fitted = [trial for trial in range(outputs[0].trials) if trial not in set(test)]
     prepared = [prepare(output.take(fitted)) for output in outputs]
     found = search(prepared, settings, draw("trials"))
     left = weigh_remainder(found, settings, draw("unexplained"))
-    return Judgement(list(outputs), list(opened), prepared, found, left, settings)
+    return Judgement(list(outputs), list(test), prepared, found, left, settings)
 
 
 def search_with_truth(judged: Judgement, names: Collection[str], generator: np.random.Generator) -> Search:

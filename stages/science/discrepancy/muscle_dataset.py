@@ -34,7 +34,7 @@ def collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, st
     tables : MeasuredTables
         Trials are in the order of the arrays' last axis.
     muscle : str
-        Whose.
+        Name of the muscle.
     joints : mapping of str to str
         Joint of every muscle; another joint's angle is read from the first muscle on it.
     smoothing_s : float

@@ -72,10 +72,10 @@ def assign_parts(given: Sequence[str], parts: Parts, share: float, records: Sequ
     given : sequence of str
         Part of each trial, as recorded.
     parts : Parts
-        Which parts are fitted and opened.
+        Which parts are fitted, and which hold the test trials.
     share : float
-        Of the fitted parts' trials that are opened, where no part is named for that. Of a part with at least three
-        records, whole records are.
+        Of the fitted parts' trials that become test trials, where no part is named for that. Of a part with at least
+        three records, whole records are.
     records : sequence of str
         Record that each trial is a block of; empty where trials are no blocks.
 
@@ -87,9 +87,9 @@ def assign_parts(given: Sequence[str], parts: Parts, share: float, records: Sequ
     for name in [*(parts.fitted or []), *(parts.verification or [])]:
         if name not in given:
             raise ValueError(f"parts: no part '{name}' was recorded; {nearest(name, set(given))}")
-    opened = parts.verification or []
-    candidates = [k for k, part in enumerate(given) if part not in opened and part in (parts.fitted or given)]
-    chosen = [k for k, part in enumerate(given) if part in opened]
+    test = parts.verification or []
+    candidates = [k for k, part in enumerate(given) if part not in test and part in (parts.fitted or given)]
+    chosen = [k for k, part in enumerate(given) if part in test]
     if not chosen and parts.last_share is not None:
         chosen = candidates[len(candidates) - max(round(parts.last_share * len(candidates)), 1) :]
     if not chosen:

@@ -40,12 +40,12 @@ def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> 
             settings = dict(_list_settings(plant.model_dump(), name, "plant"))
             raise ValueError(
                 f"signal {name}, named by {' and '.join(settings)}: expected it to be measured; known are "
-                f"{', '.join(known) or 'none'}; type {_suggest_setting(settings, name, plant, known)}, or add "
+                f"{', '.join(known) or 'none'}; type {_suggest_setting(settings, plant, known)}, or add "
                 f"+columns.{name}=COLUMN"
             )
 
 
-def _suggest_setting(settings: Mapping[str, Any], name: str, plant: RecordPlant, known: Sequence[str]) -> str:
+def _suggest_setting(settings: Mapping[str, Any], plant: RecordPlant, known: Sequence[str]) -> str:
     """Return the setting that names another signal: the one that is left, if it is one."""
     left = [each for each in known if each not in (*plant.inputs, plant.output)]
     missing = [each for each in (*plant.inputs, plant.output) if each not in known]

@@ -1,11 +1,12 @@
-"""The rounds of a search as rows: each candidate's probability, and what it would leave."""
+"""The rounds of a search and the effects that it named, as rows."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from stages.science.discrepancy.evidence import NONE
-from stages.science.discrepancy.naming import Round
+from stages.science.discrepancy.naming import Named, Round
 from stages.science.discrepancy.search import Search
 
 UNKNOWN = "unknown"
@@ -51,3 +52,30 @@ def _rank_round(looked: Round, number: int, unknown: float, most_absorbed: float
     bare = {"form": "", "site": "", "absorbed_share": 0.0, "absorbed": False}
     rows.append({"round": number, "name": UNKNOWN, "probability": unknown, **left, **bare})
     return sorted(rows, key=lambda row: -float(row["probability"]))
+
+
+def list_named(named: Sequence[Named], doubt: float) -> list[dict[str, Any]]:
+    """Return a row for each effect that was added and each muscle that carries it.
+
+    Parameters
+    ----------
+    named : sequence of Named
+        In the order of addition.
+    doubt : float
+        Probability of an effect without a name.
+    """
+    return [
+        {
+            "order": order,
+            "name": each.name,
+            "form": form,
+            "site": each.site,
+            "channel": each.channel,
+            "muscle": muscle,
+            "probability": each.doubt(doubt),
+            "shown": each.shown,
+            "indistinguishable_from": ",".join(each.alternatives),
+        }
+        for order, each in enumerate(named, start=1)
+        for muscle, form in zip(each.elements, each.forms, strict=True)
+    ]

@@ -91,7 +91,7 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
 
 def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, over_floor = verdict["gap"], verdict["gap"]["over_floor"]
-    on_opened = (
+    on_test = (
         f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
         f"{_percent(gap['noise_floor'])}."
     )
@@ -100,7 +100,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
             f"Whether something is missing cannot be told: the gap is {over_floor['value']:.2f} times the noise floor, "
             "but so much counts as noise that it may hide what is there. Nothing is named, and the plant is not "
             "changed but for its fitted constants.",
-            on_opened,
+            on_test,
         ]
     share = min(max(float(verdict["unexplained_share"]), 0.0), 1.0)
     alone = next(each["heldout_gap"] for each in verdict["ranking"] if each["name"] == "none")
@@ -119,7 +119,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     return [
         f"A gap is real and no effect of the library explains it: {reproducible}.{near} Nothing is named, and the "
         "plant is not changed but for its fitted constants.",
-        on_opened,
+        on_test,
     ]
 
 
@@ -241,12 +241,12 @@ def describe_scales(plant: Plant | RecordPlant) -> list[str]:
     return [f"Where sizes are told in them, {_join([*told, *pace])}."] if told or pace else []
 
 
-def describe_few_trials(fitted: int, opened: int, least: int) -> list[str]:
+def describe_few_trials(fitted: int, test: int, least: int) -> list[str]:
     """Return that fewer than the least number of fitted trials say little, if they are."""
     if fitted >= least:
         return []
     return [
-        f"This rests on {fitted} fitted trials and {opened} opened at the end: intervals and probabilities say less "
+        f"This rests on {fitted} fitted trials and {test} opened at the end: intervals and probabilities say less "
         f"than they seem to; record {least} and more."
     ]
 

@@ -1,4 +1,4 @@
-"""Trials drawn again: the weights from which intervals come."""
+"""Trials drawn again with replacement, and intervals over them."""
 
 from __future__ import annotations
 
@@ -11,3 +11,18 @@ def resample(trials: int, draws: int, generator: np.random.Generator) -> Array:
     """Return how often each trial is drawn, (draws, trials) ndarray; rows sum to the number of trials."""
     weights: Array = generator.multinomial(trials, np.full(trials, 1.0 / trials), size=draws).astype(float)
     return weights
+
+
+def find_interval(drawn: Array, level: float) -> Array:
+    """Return lower and upper end of the central interval over resampled trials, (2, ...) ndarray.
+
+    Parameters
+    ----------
+    drawn : (B, ...) ndarray
+        A value in each of B resamplings.
+    level : float
+        Of the interval.
+    """
+    tail = 0.5 * (1.0 - level)
+    ends: Array = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
+    return ends

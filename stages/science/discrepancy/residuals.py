@@ -1,18 +1,18 @@
 """Residuals as figures show them: averaged over the state plane, and along loops by direction of motion.
 
-Outputs and their residuals flow in; tidy rows of averages flow out. The unit of every standard error is the trial.
+Output channels after the nominal fit flow in; tidy rows of averages flow out. Standard errors are over trials.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from operator import attrgetter
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from stages.science.discrepancy.fitted_channel import FittedChannel
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
@@ -21,16 +21,7 @@ LEAST_SHARE = 0.002
 """Least share of the samples in a bin whose average is shown."""
 
 
-@dataclass(frozen=True)
-class Seen:
-    """An output with what a model leaves of it, (T, K), and the noise floor, both in the channel's unit."""
-
-    output: OutputChannel
-    residual: Array
-    floor: float
-
-
-def average_plane(seen: Sequence[Seen]) -> pd.DataFrame:
+def average_plane(states: Sequence[FittedChannel]) -> pd.DataFrame:
     """Return the mean residual over two signals, over the noise floor.
 
     Returns
@@ -38,34 +29,34 @@ def average_plane(seen: Sequence[Seen]) -> pd.DataFrame:
     DataFrame
         Columns ``channel muscle across along x y over_floor``: the signals' names and the bins' centres.
     """
-    return pd.concat([_average_plane(each) for each in seen], ignore_index=True)
+    return pd.concat([_average_plane(each) for each in states], ignore_index=True)
 
 
-def _average_plane(seen: Seen) -> pd.DataFrame:
-    own = [each for each in seen.output.drivers() if each.own]
-    signals, rates = list_signals(seen.output), {each.name for each in own if each.rate}
-    across, along = seen.output.plane
-    present = seen.output.present
+def _average_plane(state: FittedChannel) -> pd.DataFrame:
+    own = [each for each in state.output.drivers() if each.own]
+    signals, rates = list_signals(state.output), {each.name for each in own if each.rate}
+    across, along = state.output.plane
+    present = state.output.present
     x, y = signals[across][present], signals[along][present]
     edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else equal_edges(y, PLANE_BINS)]
     counts = np.histogram2d(x, y, bins=edges)[0]
-    sums = np.histogram2d(x, y, bins=edges, weights=seen.residual[present])[0]
+    sums = np.histogram2d(x, y, bins=edges, weights=state.nominal.fit.residual[present])[0]
     column, row = np.nonzero(counts >= max(LEAST_SHARE * 0.1 * x.size, 3.0))
     centres = [0.5 * (each[1:] + each[:-1]) for each in edges]
     return pd.DataFrame(
         {
-            "channel": seen.output.channel,
-            "muscle": seen.output.element,
+            "channel": state.output.channel,
+            "muscle": state.output.element,
             "across": across,
             "along": along,
             "x": centres[0][column],
             "y": centres[1][row],
-            "over_floor": sums[column, row] / counts[column, row] / seen.floor,
+            "over_floor": sums[column, row] / counts[column, row] / state.floor,
         }
     )
 
 
-def average_loops(seen: Sequence[Seen]) -> pd.DataFrame:
+def average_loops(states: Sequence[FittedChannel]) -> pd.DataFrame:
     """Return the mean residual along a signal, apart for the two directions of motion.
 
     Returns
@@ -73,17 +64,17 @@ def average_loops(seen: Sequence[Seen]) -> pd.DataFrame:
     DataFrame
         Columns ``channel muscle unit variable direction x mean error``; the last is the standard error over trials.
     """
-    return pd.concat([_average_loop(each) for each in seen], ignore_index=True)
+    return pd.concat([_average_loop(each) for each in states], ignore_index=True)
 
 
-def _average_loop(seen: Seen) -> pd.DataFrame:
-    signals = list_signals(seen.output)
-    variable, rate = seen.output.loop
-    rows = average_by_direction(signals[variable], signals[rate], seen.residual, seen.output)
+def _average_loop(state: FittedChannel) -> pd.DataFrame:
+    signals = list_signals(state.output)
+    variable, rate = state.output.loop
+    rows = average_by_direction(signals[variable], signals[rate], state.nominal.fit.residual, state.output)
     told = {
-        "channel": seen.output.channel,
-        "muscle": seen.output.element,
-        "unit": seen.output.unit,
+        "channel": state.output.channel,
+        "muscle": state.output.element,
+        "unit": state.output.unit,
         "variable": variable,
     }
     return rows.assign(**told)

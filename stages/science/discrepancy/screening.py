@@ -30,7 +30,7 @@ class Screened:
     Parameters
     ----------
     form : EffectForm
-        Which.
+        Effect form.
     start : dict of str to float
         The best of its starts, its magnitude scaled to the residual.
     gain : float

@@ -66,7 +66,7 @@ def confirm_status(status: Status, over_floor: float, smallest_gap: float, blind
     status : str
         By the fitted trials.
     over_floor : float
-        Gap of the opened trials over their noise floor.
+        Gap of the test trials over their noise floor.
     smallest_gap : float
         That matters.
     blind : bool
@@ -185,7 +185,7 @@ def confirm_effects(
         Significance level of the fall from the step before, above whose p-value an effect is not confirmed; with so few
         trials that none could be less, the least that there can be. What is not confirmed loses probability.
     hidden : collection of str
-        Channels whose noise floor on the opened trials hides what there is.
+        Channels whose noise floor on the test trials hides what there is.
 
     Returns
     -------

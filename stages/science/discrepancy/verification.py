@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
+from stages.science.discrepancy.resampling import find_interval
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import RemainderSettings
 from stages.science.output_channels.fitting import Model, fit
@@ -119,7 +120,7 @@ def pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[i
 def compare_steps(
     found: Sequence[Verified],
     labels: Sequence[str],
-    opened: Sequence[int],
+    trials: Sequence[int],
     weights: Array,
     level: float,
     generator: np.random.Generator,
@@ -132,9 +133,9 @@ def compare_steps(
         Outputs that count.
     labels : sequence of str
         Of the steps.
-    opened : sequence of int
+    trials : sequence of int
         Positions of the test trials.
-    weights : (B, len(opened)) ndarray
+    weights : (B, len(trials)) ndarray
         Resampled trials.
     level : float
         Of the intervals.
@@ -148,21 +149,21 @@ def compare_steps(
         before: Array | None = None
         for step, label in enumerate(labels):
             chosen = [each.squares((each.steps if kind == "measured upstream" else each.free)[step]) for each in found]
-            gaps = pool(found, chosen, opened)
+            gaps = pool(found, chosen, trials)
             first = gaps if first is None else first
             rows.append(_row(kind, step, label, gaps, (first, before), weights, level, generator))
-            rows[-1]["gap_over_std"] = _pool_over_std(found, chosen, opened)
+            rows[-1]["gap_over_std"] = _pool_over_std(found, chosen, trials)
             before = gaps
         if kind == "measured upstream":
             least = [each.floor for each in found]
-            floor = pool(found, least, opened)
+            floor = pool(found, least, trials)
             rows.append(_row(kind, len(labels), "noise floor", floor, (first, before), weights, level, generator))
-            rows[-1]["gap_over_std"] = _pool_over_std(found, least, opened)
+            rows[-1]["gap_over_std"] = _pool_over_std(found, least, trials)
     return rows
 
 
 def bound_ratio(
-    found: Sequence[Verified], step: int, opened: Sequence[int], weights: Array, level: float
+    found: Sequence[Verified], step: int, trials: Sequence[int], weights: Array, level: float
 ) -> dict[str, float]:
     """Return the gap over the noise floor in the channel where it is largest, with one-sided limits over trials.
 
@@ -172,9 +173,9 @@ def bound_ratio(
         All outputs.
     step : int
         Effects added.
-    opened : sequence of int
+    trials : sequence of int
         Positions of the test trials.
-    weights : (B, len(opened)) ndarray
+    weights : (B, len(trials)) ndarray
         Resampled trials.
     level : float
         Of each limit.
@@ -182,8 +183,8 @@ def bound_ratio(
     ratios = []
     for channel in dict.fromkeys(each.output.channel for each in found):
         outputs = [each for each in found if each.output.channel == channel]
-        gap = pool(outputs, [each.squares(each.steps[step]) for each in outputs], opened) ** 2
-        floor = np.maximum(pool(outputs, [each.floor for each in outputs], opened) ** 2, 1e-300)
+        gap = pool(outputs, [each.squares(each.steps[step]) for each in outputs], trials) ** 2
+        floor = np.maximum(pool(outputs, [each.floor for each in outputs], trials) ** 2, 1e-300)
         drawn = np.sqrt((weights @ gap) / (weights @ floor))
         low, high = np.quantile(drawn, [1.0 - level, level])
         ratios.append({"value": float(np.sqrt(gap.sum() / floor.sum())), "low": float(low), "high": float(high)})
@@ -205,7 +206,7 @@ def is_hidden(channels: pd.DataFrame, settings: RemainderSettings) -> bool:
 
 
 def list_hidden(
-    found: Sequence[Verified], channels: pd.DataFrame, opened: Sequence[int], settings: RemainderSettings
+    found: Sequence[Verified], channels: pd.DataFrame, trials: Sequence[int], settings: RemainderSettings
 ) -> list[str]:
     """Return the channels whose noise floor on the test trials hides what there is, each once.
 
@@ -215,7 +216,7 @@ def list_hidden(
         All outputs.
     channels : DataFrame
         Noise of each output.
-    opened : sequence of int
+    trials : sequence of int
         Positions of the test trials.
     settings : RemainderSettings
         When a floor hides.
@@ -223,7 +224,7 @@ def list_hidden(
     white = channels.set_index(["channel", "muscle"])["white"]
     hidden = []
     for each in found:
-        floor = float(np.sqrt(np.mean(pool([each], [each.floor], opened) ** 2)))
+        floor = float(np.sqrt(np.mean(pool([each], [each.floor], trials) ** 2)))
         if settings.hides(floor, float(white[each.output.channel, each.output.element]) / each.output.range):
             hidden.append(each.output.channel)
     return list(dict.fromkeys(hidden))
@@ -247,8 +248,7 @@ def _row(
 ) -> dict[str, Any]:
     trials, (first, before) = len(gaps), earlier
     drawn = np.sqrt(weights @ gaps**2 / trials)
-    tail = 0.5 * (1.0 - level)
-    low, high = np.quantile(drawn, [tail, 1.0 - tail])
+    low, high = find_interval(drawn, level)
     return {
         "simulation": kind,
         "step": step,

@@ -7,7 +7,6 @@ simulations.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
 
@@ -51,6 +50,12 @@ class Model:
     def prior(self) -> tuple[Array, Array]:
         """Means and standard deviations of the priors."""
         return np.array([p.prior_mean for p in self.parameters]), np.array([p.prior_sd for p in self.parameters])
+
+    @property
+    def start(self) -> Array:
+        """Values at which a fit starts: the prior means of the constants, the first start of each parameter."""
+        means = [each.prior_mean for each in self.output.constants]
+        return np.array([*means, *(each.starts[0] for form in self.forms for each in form.parameters)], dtype=float)
 
     def name_values(self, values: Array) -> tuple[dict[str, float], list[tuple[EffectForm, dict[str, float]]]]:
         """Return values by name: the constants', and each effect's."""
@@ -163,10 +168,6 @@ class Fit:
         mean, sd = self.model.prior
         return float((white**2).sum() + (((self.values - mean) / sd) ** 2).sum())
 
-    def listed(self) -> list[float]:
-        """Return the values as plain numbers."""
-        return [float(each) for each in self.values]
-
     def drawn_values(self, weights: Array) -> Array:
         """Return the fitted values, (B, P), under weights of resampled trials (B, K); equal weights give these values.
 
@@ -194,15 +195,6 @@ def collect_grams(slopes: Array, residual: Array, present: NDArray[np.bool_]) ->
         (columns**2).sum(axis=1),
         present.sum(axis=0).astype(float),
     )
-
-
-def begin(model: Model, start: Mapping[int, Mapping[str, float]] | None = None) -> Array:
-    """Return starting values: the prior means, and the given start of each effect by its place in the list."""
-    values = [each.prior_mean for each in model.output.constants]
-    for place, form in enumerate(model.forms):
-        chosen = (start or {}).get(place, {})
-        values += [chosen.get(each.name, each.starts[0]) for each in form.parameters]
-    return np.array(values, dtype=float)
 
 
 def fit(model: Model, noise: Noise, start: Array, iterations: int = ITERATIONS) -> Fit:

@@ -62,7 +62,7 @@ def keep_least(
     left : sequence of (T, K) ndarray
         Residuals of trials left out.
     output : OutputChannel
-        Whose.
+        Channel of the residuals.
     learnt : (K,) ndarray of bool, optional
         Trials by which the least is told; all, unless told.
     by_memory : (T, K) ndarray, optional

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from stages.science.output_channels.detection import DetectionSettings
 from stages.science.output_channels.exact_values import Levels, find_levels
-from stages.science.output_channels.fitting import Model, begin, fit
+from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import (
     LONG,
@@ -225,7 +225,7 @@ class WholeRecordChannel(OutputChannel):
     def _linear(self) -> dict[str, float]:
         """Constants of the nominal model, fitted as if the residual were white."""
         model = Model(self)
-        return model.name_values(fit(model, make_plain(max(0.01 * self.range, 1e-9)), begin(model)).values)[0]
+        return model.name_values(fit(model, make_plain(max(0.01 * self.range, 1e-9)), model.start).values)[0]
 
     def drivers(self) -> list[Driver]:
         """Return what the plant watches, cut into blocks."""

@@ -12,7 +12,7 @@ from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.report_text import describe_remainder
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.symbolic_regression import sketch_residual
-from stages.science.output_channels.fitting import Model, begin, fit
+from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import make_plain
 from tests.science.discrepancy.searches import DESCRIPTION, DISCREPANCY
 from tests.science.discrepancy.toys import make_toy
@@ -31,7 +31,7 @@ def fit_line(seed, shape=None, trials=10):
         x, rate = output.x, np.gradient(output.x, output.step_s, axis=0)
         output = replace(output, measured=output.measured + shape(x, rate))
     model = Model(output)
-    return fit(model, make_plain(NOISE), begin(model)), output.drivers()
+    return fit(model, make_plain(NOISE), model.start), output.drivers()
 
 
 @pytest.mark.parametrize("regression", REGRESSIONS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from stages.science.output_channels.fitting import Model, begin, fit
+from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import Noise, whiten
 from tests.science.discrepancy.toys import KINK, WAVE, make_toy
 
@@ -21,14 +21,14 @@ def test_the_largest_posterior_is_that_of_scipy(forms):
         gap = whiten((toy.measured - model.simulate(values))[:, :, None], toy.present, NOISE, toy.step_s)
         return np.concatenate([gap.ravel(), (values - mean) / sd])
 
-    found = fit(model, NOISE, begin(model))
-    expected = least_squares(residuals, begin(model), bounds=model.bounds, xtol=1e-12, ftol=1e-12)
+    found = fit(model, NOISE, model.start)
+    expected = least_squares(residuals, model.start, bounds=model.bounds, xtol=1e-12, ftol=1e-12)
     np.testing.assert_allclose(found.values, expected.x, rtol=1e-5, atol=1e-6)
 
 
 def test_bounds_hold_and_are_told():
     toy = make_toy(2, [(WAVE.effect, -1.0)])
-    found = fit(Model(toy, (WAVE,)), NOISE, begin(Model(toy, (WAVE,))))
+    found = fit(Model(toy, (WAVE,)), NOISE, Model(toy, (WAVE,)).start)
     assert found.values[-1] == 0.0
     assert found.free.tolist() == [True, True, False]
 
@@ -36,7 +36,7 @@ def test_bounds_hold_and_are_told():
 def test_a_trial_left_out_is_a_fit_without_it():
     toy = make_toy(3, [(WAVE.effect, 0.4)], trials=5)
     model = Model(toy, (WAVE,))
-    found = fit(model, NOISE, begin(model))
+    found = fit(model, NOISE, model.start)
     left = found.leave_each_out()
     for k in range(5):
         kept = [each for each in range(5) if each != k]
@@ -55,5 +55,5 @@ def test_gaps_take_no_part():
 
     broken = replace(toy, present=holes, measured=wrong)
     clean = replace(toy, present=holes)
-    values = [fit(Model(each), NOISE, begin(Model(each))).values for each in (broken, clean)]
+    values = [fit(Model(each), NOISE, Model(each).start).values for each in (broken, clean)]
     np.testing.assert_array_equal(*values)

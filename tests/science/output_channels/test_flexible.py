@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stages.science.output_channels.features import build_features
-from stages.science.output_channels.fitting import Model, begin, fit
+from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.flexible import explain_by_features, explain_by_trees, find_floor, keep_least
 from stages.science.output_channels.noise import Noise, make_plain
 from tests.science.discrepancy.toys import make_toy
@@ -20,7 +20,7 @@ def measure(residual, output):
 
 def fit_line(output):
     model = Model(output)
-    return fit(model, make_plain(NOISE), begin(model))
+    return fit(model, make_plain(NOISE), model.start)
 
 
 @pytest.mark.parametrize("seed", range(3))
