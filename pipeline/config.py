@@ -24,13 +24,12 @@ from pydantic.errors import PydanticSchemaGenerationError
 
 from pipeline.errors import ConfigError, suggest
 from pipeline.files import hash_json
+from pipeline.flat import INCIDENTAL
 from pipeline.renames import find_key, find_name, find_target_name
 from pipeline.stage import Stage, load_stages, order_stages
 
 LONGEST_QUOTE = 80
 LONGEST_SWEEP = 100
-INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "interface")
-"""Keys that change no result; nor does the section that ``interface`` names."""
 BEGINS_WITH_KEY = r"[\w.]+: "
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 ABSENT = "absent"
+INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "interface")
+"""Keys that change no result; nor does the section that ``interface`` names."""
 
 
 def flatten(values: Any, path: str = "", tell: Callable[[Any], str] | None = None) -> dict[str, str]:

@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pipeline.files import hash_json, write_json, write_text
+from pipeline.flat import INCIDENTAL
 from pipeline.ledger import now
 
 FOLDER = ".launches"
 FACTS = "launch.json"
-INCIDENTAL_KEYS = ("sweep", "on_failure", "on_finished", "plan", "workers", "figures", "outputs")
-"""Overrides that say nothing of what a job computes."""
 LONGEST_NAME = 140
 STRANGE = re.compile(r"[^\w.,=+\[\]()-]")
 STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL = "failure", "signal"
@@ -183,4 +182,4 @@ def name_job(overrides: Sequence[str]) -> str:
 def is_telling(override: str) -> bool:
     """Tell whether an override says something of what a job computes."""
     key = override.partition("=")[0].lstrip("+~")
-    return key not in INCIDENTAL_KEYS and not key.startswith("hydra")
+    return key not in INCIDENTAL and not key.startswith("hydra")

@@ -15,9 +15,10 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from pipeline.config import INCIDENTAL, read_study
+from pipeline.config import read_study
 from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import hash_file, hash_json
+from pipeline.flat import INCIDENTAL
 from pipeline.ledger import FILE_NAME, Ledger
 from pipeline.plan import Ingredients, Step, choose_stages, decide, gather
 from pipeline.renames import rename

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from pipeline.flat import is_seed, list_differences
-from pipeline.launch import INCIDENTAL_KEYS
+from pipeline.flat import INCIDENTAL, is_seed, list_differences
 from pipeline.ledger import Ledger
 from pipeline.printing import add_unit, shorten
 from pipeline.review.kept import list_tables, read_whole_table
@@ -76,7 +75,7 @@ class Curves:
 def is_incidental(key: str) -> bool:
     """Tell whether runs that differ in a key compute the same nevertheless."""
     parts = key.split(".")
-    return parts[0] in (*INCIDENTAL_KEYS, "stages") or ".".join(parts[:2]) in SHOWN
+    return parts[0] in (*INCIDENTAL, "stages") or ".".join(parts[:2]) in SHOWN
 
 
 def group_runs(configs: Sequence[Mapping[str, str]]) -> list[int]:

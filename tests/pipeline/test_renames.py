@@ -14,6 +14,7 @@ from pipeline.plan import gather
 from pipeline.renames import update_facts
 from pipeline.stage import load_stages
 from tests.composing import CONF, GROUPS, compose_values
+from tests.conftest import Command
 
 MEASURED = json.loads(Path(__file__).with_name("measured_by_0_1.json").read_text())
 """What it noted of each stage that drove ``rig=festo_cpx``; inputs left out."""
@@ -72,6 +73,16 @@ def test_an_old_name_is_refused_with_todays(pamid, tmp_path, arguments, told):
     assert len(result.stderr.strip().splitlines()) == 1
     assert re.sub(r"{([\w.]+)}", r"it is called '\1' today", told) in result.stderr
     assert not pamid.outputs.exists()
+
+
+def test_a_run_whose_configuration_has_old_names_is_repeated(done):
+    path = done.runs[0] / "config.yaml"
+    text = path.read_text().replace("operator_ui: null", "desk: null").replace("interface: operator_ui\n", "")
+    assert "desk: null" in text
+    path.write_text(text)
+    result = Command(done.outputs)("rerun=latest")
+    assert result.returncode == 0, result.stderr
+    assert "4 of 4 tables have the same bytes" in result.stdout
 
 
 def test_todays_names_are_those_of_today():
