@@ -92,7 +92,7 @@ class Ingredients:
 
     def input_changes(self, record: Mapping[str, Any]) -> list[str]:
         """Say how tables and files differ from those of an earlier record."""
-        return [f"input {name} {self._tell_input(name, record)}" for name in self._changed_inputs(record)]
+        return [f"input {name} {self._describe_input(name, record)}" for name in self._changed_inputs(record)]
 
     def count_changes(self, record: Mapping[str, Any]) -> int:
         """Count the keys, inputs, source files and versions that differ from those of an earlier record."""
@@ -122,7 +122,7 @@ class Ingredients:
         names = [*self.inputs, *gone]
         return [name for name in names if record["inputs"].get(name) != self.inputs.get(name)]
 
-    def _tell_input(self, name: str, record: Mapping[str, Any]) -> str:
+    def _describe_input(self, name: str, record: Mapping[str, Any]) -> str:
         if name not in record["inputs"]:
             return "is new"
         return "changed" if name in self.inputs else "is no longer there"

@@ -38,7 +38,7 @@ def print_frame(
 
 
 def is_prose(frame: pd.DataFrame) -> bool:
-    """Tell whether a table is a list of sentences: one column of text."""
+    """Return whether a table is a list of sentences: one column of text."""
     return len(frame.columns) == 1 and not pd.api.types.is_numeric_dtype(frame.iloc[:, 0])
 
 

@@ -49,11 +49,11 @@ def compare_tables(now: Ledger, then: Ledger, stages: Sequence[str]) -> dict[str
                 found[table] = None
             else:
                 path = Path("tables") / f"{table}.parquet"
-                found[table] = _tell_difference(then.folder / path, now.folder / path, old[table], new[table])
+                found[table] = _describe_difference(then.folder / path, now.folder / path, old[table], new[table])
     return found
 
 
-def tell_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterator[str]:
+def describe_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterator[str]:
     """Yield what differs between what two runs were made from, and on which machines."""
     pairs = [(then.records.get(each, {}), now.records[each]) for each in stages]
     if any(old.get("config") != new["config"] for old, new in pairs):
@@ -84,7 +84,7 @@ def _gather_changes(pairs: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]
     return found
 
 
-def _tell_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+def _describe_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     rows = f"{old.get('rows')} rows then, {new.get('rows')} now" if old.get("rows") != new.get("rows") else ""
     if max(old["bytes"], new["bytes"]) > LARGEST_READ:
         return rows or "other bytes (too large to look further)"
@@ -100,8 +100,9 @@ def _tell_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping
         if names:
             told.append(f"{phrase} {'column' if len(names) == 1 else 'columns'} {_some(names)}")
     if not rows:
-        shared = [each for each in before if each in after]
-        told += [each for name in shared if (each := _tell_values(str(name), before[name], after[name]))][:MOST_TOLD]
+        shared = [name for name in before if name in after]
+        differing = [_describe_values(str(name), before[name], after[name]) for name in shared]
+        told += [*filter(None, differing)][:MOST_TOLD]
     if told:
         return "; ".join(told)
     writers = [pyarrow.parquet.read_metadata(each).created_by for each in (then, now)]
@@ -110,7 +111,7 @@ def _tell_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping
     return "the same values, in other bytes (units, descriptions or order of columns)"
 
 
-def _tell_values(name: str, before: pd.Series, after: pd.Series) -> str | None:
+def _describe_values(name: str, before: pd.Series, after: pd.Series) -> str | None:
     if before.dtype != after.dtype:
         return f"{name}: {before.dtype} -> {after.dtype}"
     unequal = ~((before == after) | (before.isna() & after.isna()))

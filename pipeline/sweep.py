@@ -122,7 +122,7 @@ def run_sweep(
     folder = sweeps_folder(settings.outputs) / settings.sweep
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
     _refuse_twins(jobs)
-    for line in tell_plan(folder, jobs, settings.on_finished):
+    for line in describe_plan(folder, jobs, settings.on_finished):
         say(line)
     if settings.plan:
         say(f"to run it: {command_line([each for each in typed if not each.startswith('plan=')])}")
@@ -146,10 +146,10 @@ def run_sweep(
         ) from None
     with _stopping(launch) as stopped:
         _supervise(launch, lambda: _launch(launch, base, lists, config_folder), stopped)
-    return _tell_end(launch, list(typed), stopped)
+    return _print_end(launch, list(typed), stopped)
 
 
-def tell_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> Iterator[str]:
+def describe_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> Iterator[str]:
     """Yield what a launch of a sweep would do, in lines."""
     counts = Counter(each.state for each in jobs)
     told = ", ".join(f"{count} {state}" for state, count in counts.items())
@@ -297,7 +297,7 @@ def _stopping(launch: Launch) -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _tell_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
+def _print_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
     from pipeline.sweep_table import write_sweep
 
     states = {job: _state(launch.sweep / job) for job in launch.jobs}

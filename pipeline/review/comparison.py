@@ -256,7 +256,7 @@ def _compare_rows(
         for place, name in enumerate(rest):
             values = [each[row][place] for each in indexed.values()]
             if len({repr(value) for value in values}) > 1:
-                change = [_tell_change(*values)] if len(values) == 2 else []
+                change = [_format_change(*values)] if len(values) == 2 else []
                 rows.append([*row, add_unit(name, units.get(name, "1")), *map(format_value, values), *change])
     heads = [*key, "column", *labels.values(), *(["change"] if len(frames) == 2 else [])]
     if not common:
@@ -292,7 +292,7 @@ def _find_key(frames: Sequence[pd.DataFrame]) -> list[str] | None:
     return None
 
 
-def _tell_change(before: Any, after: Any) -> str:
+def _format_change(before: Any, after: Any) -> str:
     if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in (before, after)):
         return ""
     share = f" ({(after - before) / abs(before):+.1%})" if before else ""

@@ -73,7 +73,7 @@ class Curves:
 
 
 def is_incidental(key: str) -> bool:
-    """Tell whether runs that differ in a key compute the same nevertheless."""
+    """Return whether runs that differ in a key compute the same nevertheless."""
     parts = key.split(".")
     return parts[0] in (*INCIDENTAL, "stages") or ".".join(parts[:2]) in SHOWN
 
@@ -87,7 +87,7 @@ def group_runs(configs: Sequence[Mapping[str, str]]) -> list[int]:
         Flat configuration of each run.
     """
     kinds: dict[tuple[tuple[str, str], ...], int] = {}
-    return [kinds.setdefault(tuple(sorted(_telling(each).items())), len(kinds)) for each in configs]
+    return [kinds.setdefault(tuple(sorted(_select_meaningful(each).items())), len(kinds)) for each in configs]
 
 
 def name_groups(
@@ -111,7 +111,7 @@ def name_groups(
 
 
 def _name_groups(configs: Sequence[Mapping[str, str]], groups: Sequence[int]) -> dict[int, str]:
-    firsts = {group: _telling(config) for group, config in reversed([*zip(groups, configs, strict=True)])}
+    firsts = {group: _select_meaningful(config) for group, config in reversed([*zip(groups, configs, strict=True)])}
     keys = list_differences(list(firsts.values()))
     ends = [key.rpartition(".")[2] for key in keys]
     short = {key: end if ends.count(end) == 1 else key for key, end in zip(keys, ends, strict=True)}
@@ -256,5 +256,5 @@ def _read_overrides(ledger: Ledger) -> dict[str, str]:
         return {}
 
 
-def _telling(config: Mapping[str, str]) -> dict[str, str]:
+def _select_meaningful(config: Mapping[str, str]) -> dict[str, str]:
     return {key: value for key, value in config.items() if not is_seed(key) and not is_incidental(key)}

@@ -198,11 +198,11 @@ def _protect(unit: Unit) -> str | None:
         return "is at work"
     if any(each.status == "paused" for each in unit.ledgers):
         return "is paused, and waits for a person"
-    measured = (_tell_measured(*each) for ledger in unit.ledgers for each in ledger.records.items())
+    measured = (_describe_measured(*each) for ledger in unit.ledgers for each in ledger.records.items())
     return next((each for each in measured if each), None)
 
 
-def _tell_measured(stage: str, record: Mapping[str, Any]) -> str | None:
+def _describe_measured(stage: str, record: Mapping[str, Any]) -> str | None:
     """Return that a stage was measured on real hardware, or may have been, or None."""
     real = record.get("measured")
     if real is None:  # a ledger of an earlier version

@@ -47,7 +47,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
     if options.all:
         table = table.drop(columns="error")
     print_frame("Jobs", table.rename(columns=found.head), console, options.rows, "--rows")
-    for line in _tell_failures(found):
+    for line in _describe_failures(found):
         say(line, console)
     try:
         say(f"table: {write_frame(found.folder, found.frame, found.units)}", console)
@@ -60,7 +60,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
     say(f"page: {found.folder / FILE_NAME}", console)
 
 
-def _tell_failures(found: Sweep) -> Iterator[str]:
+def _describe_failures(found: Sweep) -> Iterator[str]:
     statuses = dict(zip(found.frame["job"], found.frame["status"], strict=True))
     unfinished = [job for job, status in statuses.items() if status != "done"]
     failed = [job for job in unfinished if statuses[job] not in NOT_TOLD]
