@@ -16,6 +16,7 @@ from pipeline.checkout import describe_commit
 from pipeline.errors import TableError
 from pipeline.files import hash_file
 from pipeline.ledger import Ledger
+from pipeline.printing import join_some
 from pipeline.table import read_frame
 
 LARGEST_READ = 200_000_000
@@ -63,7 +64,7 @@ def describe_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterat
         found = {name: each for name, each in _gather_changes(pairs, key).items() if name not in tables}
         if found:
             versions = [f"{name} {old} -> {new}" for name, (old, new) in found.items()]
-            yield f"{word}: {_some(versions if key == 'libraries' else list(found))}"
+            yield f"{word}: {join_some(versions if key == 'libraries' else list(found), MOST_TOLD)}"
     commits = [describe_commit(each.facts.get("git")) for each in (then, now)]
     if commits[0] != commits[1]:
         yield f"commit: {commits[0]} -> {commits[1]}"
@@ -98,7 +99,7 @@ def _describe_difference(then: Path, now: Path, old: Mapping[str, Any], new: Map
     for phrase, one, other in (("without", before, after), ("with new", after, before)):
         names = [str(each) for each in one if each not in other]
         if names:
-            told.append(f"{phrase} {'column' if len(names) == 1 else 'columns'} {_some(names)}")
+            told.append(f"{phrase} {'column' if len(names) == 1 else 'columns'} {join_some(names, MOST_TOLD)}")
     if not rows:
         shared = [name for name in before if name in after]
         differing = [_describe_values(str(name), before[name], after[name]) for name in shared]
@@ -122,7 +123,3 @@ def _describe_values(name: str, before: pd.Series, after: pd.Series) -> str | No
     if pd.api.types.is_float_dtype(before):
         return f"{told}, by at most {(before - after)[unequal].abs().max():.3g}"
     return told
-
-
-def _some(items: Sequence[str]) -> str:
-    return ", ".join(items[:MOST_TOLD]) + (f" and {len(items) - MOST_TOLD} more" if len(items) > MOST_TOLD else "")

@@ -34,10 +34,12 @@ from omegaconf import DictConfig, OmegaConf
 from pipeline.command import command_line
 from pipeline.config import Settings, read_settings
 from pipeline.errors import ConfigError
+from pipeline.failures import list_reasons
 from pipeline.interruption import WORDS
 from pipeline.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
 from pipeline.ledger import Ledger
 from pipeline.options import read_options
+from pipeline.printing import format_count
 from pipeline.runs import is_running, live_status, sweeps_folder
 from pipeline.terminal import complain, say
 
@@ -153,7 +155,7 @@ def describe_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> It
     """Yield what a launch of a sweep would do, in lines."""
     counts = Counter(each.state for each in jobs)
     told = ", ".join(f"{count} {state}" for state, count in counts.items())
-    yield f"sweep {folder}: {len(jobs)} {'job' if len(jobs) == 1 else 'jobs'} ({told})"
+    yield f"sweep {folder}: {format_count(len(jobs), 'job')} ({told})"
     axes: dict[str, list[str]] = {}
     for job in jobs:
         for key, _, value in (each.partition("=") for each in job.overrides):
@@ -308,19 +310,13 @@ def _print_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
     except OSError as error:
         told = f"cannot write {error.filename or launch.sweep}: {error.strerror}; the jobs' own folders are as they are"
         complain(told)
-    failures = [job for job, state in states.items() if state in ("failed", "killed", "paused")]
-    for job in failures[:MOST_LISTED]:
-        ledger = Ledger.look(launch.sweep / job)
-        why = (ledger.facts["error"] if ledger else None) or {"stage": "-", "message": "no reason was noted"}
-        line = f"  {job} {states[job]}: {why['stage']}: {why['message']}"
+    failed = {job: state for job, state in states.items() if state in ("failed", "killed", "paused")}
+    for line in list_reasons(launch.sweep, failed):
         complain(line)
-    if len(failures) > MOST_LISTED:
-        complain(f"  ... and {len(failures) - MOST_LISTED} more")
     unfinished = sum(state != "done" for state in states.values())
     if unfinished:
         when = "to continue" if stopped else "when that is mended"
-        line = f"{unfinished} of {len(states)} jobs are not done; {when}, type: {command_line(typed)}"
-        complain(line)
+        complain(f"{unfinished} of {len(states)} jobs are not done; {when}, type: {command_line(typed)}")
     if stopped:
         return 128 + stopped[0]
     return 1 if unfinished else 0

@@ -13,7 +13,7 @@ from pipeline.command import review_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import ABSENT, flatten, list_differences
 from pipeline.ledger import Ledger
-from pipeline.printing import add_unit, format_value, is_prose, shorten
+from pipeline.printing import add_unit, format_count, format_value, is_prose, join_some, shorten
 from pipeline.review.curves import is_incidental
 from pipeline.review.kept import (
     list_headlines,
@@ -185,9 +185,8 @@ class Comparison:
         counted = []
         for key, values in rows:
             counts = pd.Series(values).value_counts()
-            more = f" and {len(counts) - 8} more" if len(counts) > 8 else ""
-            told = [f"{shorten(str(value), LONGEST_VALUE)} ({count})" for value, count in counts.head(8).items()]
-            counted.append([key, ", ".join(told) + more])
+            told = [f"{shorten(str(value), LONGEST_VALUE)} ({count})" for value, count in counts.items()]
+            counted.append([key, join_some(told, 8)])
         return pd.DataFrame(counted, columns=[head, "value (runs)"])
 
 
@@ -260,17 +259,12 @@ def _compare_rows(
                 rows.append([*row, add_unit(name, units.get(name, "1")), *map(format_value, values), *change])
     heads = [*key, "column", *labels.values(), *(["change"] if len(frames) == 2 else [])]
     if not common:
-        return f"no row is in all runs; {_count(alone, 'row is', 'rows are')} in some alone", pd.DataFrame()
-    told = (
-        f"{_count(len(rows), 'value differs', 'values differ')} in {_count(len(common), 'row', 'rows')} that all have"
-    )
+        return f"no row is in all runs; {format_count(alone, 'row is', 'rows are')} in some alone", pd.DataFrame()
+    told = f"{format_count(len(rows), 'value differs', 'values differ')} in {format_count(len(common), 'row')}"
+    told += " that all have"
     told += f", the first {MOST_ROWS} here" if len(rows) > MOST_ROWS else ""
-    told += f"; {_count(alone, 'row is', 'rows are')} in some runs alone" if alone else ""
+    told += f"; {format_count(alone, 'row is', 'rows are')} in some runs alone" if alone else ""
     return told, pd.DataFrame(rows[:MOST_ROWS], columns=heads)
-
-
-def _count(number: int, one: str, many: str) -> str:
-    return f"{number} {one if number == 1 else many}"
 
 
 def _rows(frame: pd.DataFrame, key: Sequence[str], columns: Sequence[str]) -> list[tuple[Any, ...]]:

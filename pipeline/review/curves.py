@@ -16,7 +16,7 @@ import pandas as pd
 
 from pipeline.flat import INCIDENTAL, is_seed, list_differences
 from pipeline.ledger import Ledger
-from pipeline.printing import add_unit, shorten
+from pipeline.printing import add_unit, join_some, shorten
 from pipeline.review.kept import list_tables, read_whole_table
 from pipeline.review.pictures import half_width
 from pipeline.sweep_table import split_overrides
@@ -118,7 +118,7 @@ def _name_groups(configs: Sequence[Mapping[str, str]], groups: Sequence[int]) ->
     named = {}
     for group, config in firsts.items():
         parts = [f"{short[key]}={shorten(config.get(key, NOT_SET), LONGEST_VALUE)}" for key in keys]
-        named[group] = ", ".join(parts[:3]) + (f" and {len(parts) - 3} more" if len(parts) > 3 else "")
+        named[group] = join_some(parts, 3)
     return dict(sorted(named.items()))
 
 

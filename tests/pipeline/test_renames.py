@@ -93,7 +93,7 @@ def test_todays_names_are_those_of_today():
     }
     assert {*renames["names"].values()} <= known
     assert {each.partition(".")[0] for each in renames["keys"].values()} <= GROUPS
-    for group, options in renames["options"].items():
-        assert all((CONF / group / f"{each}.yaml").is_file() for each in options.values())
+    for option, today in renames["options"].items():
+        assert (CONF / option.partition("=")[0] / f"{today}.yaml").is_file()
     for target in renames["targets"].values():
         find_target(target) if target.rpartition(".")[2][0].isupper() else importlib.import_module(target)
