@@ -148,7 +148,7 @@ class Job:
             BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
             BLIND_TRUTH.name: list_hidden(recorded.truth),
             BLIND_NAMED.name: list_named(judged.named, judged.doubt),
-            BLIND_RANKING.name: list_ranking(judged, told.absorbed),
+            BLIND_RANKING.name: list_ranking(judged, told.most_confounded),
         }
         for each in rows[BLIND_NAMED.name]:
             each["not_excluded"] = each["indistinguishable_from"]
@@ -211,9 +211,9 @@ def list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def list_ranking(judged: Judgement, most_absorbed: float) -> list[dict[str, Any]]:
+def list_ranking(judged: Judgement, most_confounded: float) -> list[dict[str, Any]]:
     """Return a row for each candidate of the first round."""
-    rows = [row for row in rank_first(judged.found, judged.doubt, most_absorbed) if row["round"] == 1]
+    rows = [row for row in rank_first(judged.found, judged.doubt, most_confounded) if row["round"] == 1]
     return [
         {**row, "probability": min(row["probability"], 1.0), "place": place} for place, row in enumerate(rows, start=1)
     ]

@@ -136,7 +136,7 @@ class Scorecard(Section):
     """Config group ``scorecard``."""
 
     smallest_gap: Annotated[float, Field(gt=1.0, le=10.0)]
-    absorbed_share: Annotated[float, Field(gt=0.5, lt=1.0)]
+    most_confounded: Annotated[float, Field(gt=0.5, lt=1.0)]
     magnitudes: dict[str, Annotated[float, Field(ge=1.0)]]
     least_closable: Annotated[float, Field(ge=0.0, lt=1.0)]
     confident: Share
@@ -162,7 +162,7 @@ class Scorecard(Section):
         """As scoring takes them."""
         return Rules(
             self.smallest_gap,
-            self.absorbed_share,
+            self.most_confounded,
             self.magnitudes,
             self.least_closable,
             tuple(frozenset(each.names) for each in self.classes),

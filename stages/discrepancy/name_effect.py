@@ -105,7 +105,7 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
     found = search(states, settings.search, ctx.generator("trials"))
     left = weigh_remainder(found, settings.search, ctx.generator("unexplained"))
     doubt = sum_doubt(left, settings.search.remainder)
-    ranking = pd.DataFrame(rank_first(found, doubt, settings.search.absorbed), columns=list(RANKING.columns))
+    ranking = pd.DataFrame(rank_first(found, doubt, settings.search.most_confounded), columns=list(RANKING.columns))
     ctx.figure(
         "ranking",
         draw_candidate_ranking(ranking[ranking["round"] == 1]),

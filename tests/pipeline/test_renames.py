@@ -58,6 +58,10 @@ WORKFLOW = "defaults:\n  - identification\n  - /rivals: stated\n"
             "unknown key 'plant.pace_s': {plant.time_scale_s}",
         ),
         (
+            "workflow=discrepancy measured={folder} discrepancy.search.absorbed=0.9",
+            "unknown key 'discrepancy.search.absorbed': {discrepancy.search.most_confounded}",
+        ),
+        (
             "workflow=discrepancy measured={folder} plant={folder}/machine.yaml",
             "unknown key 'plant.pace_s': {plant.time_scale_s}",
         ),

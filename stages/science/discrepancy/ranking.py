@@ -12,7 +12,7 @@ from stages.science.discrepancy.search import Search
 UNKNOWN = "unknown"
 
 
-def rank_first(found: Search, unknown: float, most_absorbed: float) -> list[dict[str, Any]]:
+def rank_first(found: Search, unknown: float, most_confounded: float) -> list[dict[str, Any]]:
     """Return a row for each candidate of each round, the most probable first.
 
     Parameters
@@ -21,17 +21,17 @@ def rank_first(found: Search, unknown: float, most_absorbed: float) -> list[dict
         Ended.
     unknown : float
         Probability of something without a name; it takes its part of every round.
-    most_absorbed : float
+    most_confounded : float
         Share of an effect's change that the constants may imitate.
     """
     return [
         row
         for number, each in enumerate(found.rounds, start=1)
-        for row in _rank_round(each, number, unknown, most_absorbed)
+        for row in _rank_round(each, number, unknown, most_confounded)
     ]
 
 
-def _rank_round(looked: Round, number: int, unknown: float, most_absorbed: float) -> list[dict[str, Any]]:
+def _rank_round(looked: Round, number: int, unknown: float, most_confounded: float) -> list[dict[str, Any]]:
     rows = []
     for name, probability in looked.verdicts.names.items():
         confounded = float(min(max(looked.confounded_with_constants.get(name, 0.0), 0.0), 1.0))
@@ -45,7 +45,7 @@ def _rank_round(looked: Round, number: int, unknown: float, most_absorbed: float
                 "heldout_gap": looked.heldout[name],
                 "gap_over_floor": looked.gaps[name],
                 "absorbed_share": confounded,
-                "absorbed": confounded > most_absorbed,
+                "absorbed": confounded > most_confounded,
             }
         )
     left = {"heldout_gap": looked.heldout[NONE], "gap_over_floor": looked.gaps[NONE]}

@@ -56,7 +56,7 @@ def weigh_remainder(found: Search, settings: SearchSettings, generator: np.rando
         share = np.where(seen, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
         unknown = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
         named = any(state.current.forms for state in states)
-        ambiguous = float((share > settings.imitation_share).mean()) if named else 0.0
+        ambiguous = float((share > settings.ambiguous_share).mean()) if named else 0.0
         sure = float(unknown.mean())
         if any(_is_hidden(state, settings.remainder) for state in states):
             ambiguous = 1.0 if named else 0.0
