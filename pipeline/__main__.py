@@ -43,7 +43,7 @@ from pipeline.command import command_line
 from pipeline.config_files import read_choices
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.interruption import Interrupted, ignore_from_now_on
-from pipeline.options import put_options_first, read_options, shows_something
+from pipeline.options import put_options_first, read_options
 from pipeline.places import CONFIG_FOLDER
 from pipeline.renames import find_today
 from pipeline.terminal import complain
@@ -87,7 +87,7 @@ def main() -> int:
         sys.argv[1:], found = read_choices(typed, list_groups(typed))
         files.update(found)
         options = read_options(sys.argv[1:])
-        asks = shows_something(options)
+        asks = options.help or options.hydra_help or options.cfg or options.info or options.shell_completion
         if options.multirun and not asks:
             from pipeline.sweep import name_sweep, run_sweep
 

@@ -142,11 +142,6 @@ class Settings(Section):
     on_finished: Literal["keep", "refresh"]
     interface: Text
 
-    @property
-    def incidental(self) -> tuple[str, ...]:
-        """Names of the keys that change no result."""
-        return (*INCIDENTAL, self.interface)
-
 
 @dataclass(frozen=True)
 class Study:
@@ -165,8 +160,8 @@ class Study:
 
     @property
     def identity(self) -> str:
-        """Hash of everything that says what this study computes: all but what is incidental."""
-        incidental = self.settings.incidental
+        """Hash of everything that says what this study computes: all but what changes no result."""
+        incidental = (*INCIDENTAL, self.settings.interface)
         return hash_json({key: value for key, value in self.values.items() if key not in incidental})
 
     def slice(self, stage: Stage) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from pipeline.report import try_report
 from pipeline.runner import Runner
 from pipeline.runs import claim_job, is_running, list_ledgers
 from pipeline.stage import Stage
-from pipeline.subprocess_job import Ending, run_apart
+from pipeline.subprocess_job import Ending, run_in_subprocess
 from pipeline.terminal import complain, open_console
 
 ONE_WORKER = 1
@@ -64,16 +64,16 @@ class JobTask:
             return 0
         given = [self.launch.files[each] for each in config.runtime.choices.values() if each in self.launch.files]
         try:
-            outcome, told = self._do(composed, job, self._retype(overrides), given)
+            outcome, told = self._run_if_needed(composed, job, self._list_arguments(overrides), given)
             self.launch.note(job, outcome)
         except (PipelineError, OSError) as error:  # such as a full disk; the others may still find room
             outcome, told = Outcome("failed", 1), str(error)
-        self._say(job, outcome, told)
+        self._print_outcome(job, outcome, told)
         if outcome.code and outcome.word != "interrupted" and self.launch.on_failure == "stop":
             self.launch.ask_to_stop(STOPPED_BY_FAILURE)
         return outcome.code
 
-    def _do(
+    def _run_if_needed(
         self, composed: DictConfig, job: str, arguments: list[str], given: list[dict[str, str]]
     ) -> tuple[Outcome, str]:
         folder = self.launch.sweep / job
@@ -91,7 +91,7 @@ class JobTask:
             same = before.facts["identity"] == study.identity
             return Outcome("kept"), "" if same else "with another configuration; on_finished=refresh runs it again"
         _warm_up(study, stages)
-        ending = run_apart(
+        ending = run_in_subprocess(
             lambda: self._run(study, stages, job, arguments, given),
             lambda: self.launch.stop == STOPPED_BY_SIGNAL,
             follow_parent=os.getpid() != self.launch.pid,
@@ -135,7 +135,7 @@ class JobTask:
         word = ledger.status if ledger is not None and error else "failed"
         return Outcome(word, ending.code, ending.seconds), why
 
-    def _retype(self, overrides: list[str]) -> list[str]:
+    def _list_arguments(self, overrides: list[str]) -> list[str]:
         """Return what to type to run a job by itself."""
         telling = [each for each in overrides if is_meaningful(each)]
         files = {option: facts["file"] for option, facts in self.launch.files.items()}
@@ -144,7 +144,7 @@ class JobTask:
         others = [each for each in overrides if each.partition("=")[0] in ("outputs", "figures")]
         return [*self.launch.options, f"sweep={self.launch.sweep.name}", *typed, *others]
 
-    def _say(self, job: str, outcome: Outcome, told: str) -> None:
+    def _print_outcome(self, job: str, outcome: Outcome, told: str) -> None:
         number = self.launch.jobs.index(job) + 1 if job in self.launch.jobs else 0
         width = len(str(len(self.launch.jobs)))
         colour = COLOURS.get(outcome.word, "dim")

@@ -47,11 +47,6 @@ def read_options(arguments: Sequence[str]) -> Namespace:
     return parser.parse_intermixed_args(list(arguments))
 
 
-def shows_something(options: Namespace) -> bool:
-    """Return whether options ask to show something instead of running."""
-    return bool(options.help or options.hydra_help or options.cfg or options.info or options.shell_completion)
-
-
 def put_options_first(arguments: Sequence[str]) -> list[str]:
     """Return the command line with its options before the overrides, as Hydra reads it.
 

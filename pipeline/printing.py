@@ -58,6 +58,12 @@ def format_count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
+def format_range(numbers: Any) -> str:
+    """Return the least and the most of an array of whole numbers, or the one that they all are."""
+    least, most = int(numbers.min()), int(numbers.max())
+    return f"{least}" if least == most else f"{least} to {most}"
+
+
 def format_value(value: Any) -> str:
     """Return a table cell's text: four significant digits for a float, a dash for a missing value."""
     if value is None or value is pd.NA or (isinstance(value, float) and value != value):

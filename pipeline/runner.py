@@ -35,7 +35,7 @@ from pipeline.ledger import FILE_NAME, Ledger, files_of, now
 from pipeline.metrics import read_metrics
 from pipeline.plan import Ingredients, Step, decide, gather, make_plan
 from pipeline.report import PAGE_NAME, is_whole_page, print_headline, try_report, write_report
-from pipeline.runs import Claim, claim, list_ledgers, make_alone, sweeps_folder
+from pipeline.runs import Claim, claim, list_ledgers, make_exclusively, sweeps_folder
 from pipeline.stage import Stage
 from pipeline.table import measure_file
 from pipeline.terminal import complain, open_console, say
@@ -148,7 +148,7 @@ class Runner:
             for each in self.given:
                 log.info("%s is %s (SHA-256 %s)", each["group"], each["file"], each["sha256"])
             for stage in stages:
-                self._do(stage, ledger, signals)
+                self._process_stage(stage, ledger, signals)
                 signals.check()
             ledger.facts["metrics"] = read_metrics(ledger, self.study, self.stages)
             write_report(ledger, self.study, self.stages, "done")
@@ -190,7 +190,7 @@ class Runner:
         where = f"(traceback: {ledger.folder / 'log.txt'})"
         return self._end(ledger, stage, "failed", 1, f"{message} {where}", "when that is mended")
 
-    def _do(self, stage: Stage, ledger: Ledger, signals: Watch) -> None:
+    def _process_stage(self, stage: Stage, ledger: Ledger, signals: Watch) -> None:
         inputs = {
             table.name: ledger.records[each.name]["tables"][table.name]["sha256"]
             for each in self.stages
@@ -200,7 +200,9 @@ class Runner:
         ingredients = gather(self.study, stage, inputs)
         step = self._decide(stage, ingredients, ledger)
         if step.source is None:
-            with make_alone(self.outputs, ingredients.fingerprint, signals.check, lambda: self._print_wait(stage)):
+            wait = Step(stage, "wait", "another run is making it")
+            fingerprint = ingredients.fingerprint
+            with make_exclusively(self.outputs, fingerprint, signals.check, lambda: self._print_step(wait)):
                 step = self._decide(stage, ingredients, ledger)  # another run may have made it meanwhile
                 if step.source is None:
                     self._run_stage(stage, ledger, ingredients, step.reason, signals)
@@ -211,7 +213,7 @@ class Runner:
             except FileNotFoundError:
                 if (step.source.folder / FILE_NAME).exists():
                     raise
-                self._do(stage, ledger, signals)  # that run was removed meanwhile
+                self._process_stage(stage, ledger, signals)  # that run was removed meanwhile
                 return
         self._print_step(step)
         log.info("%s: %s, %s", stage.name, step.action, step.reason)
@@ -242,9 +244,6 @@ class Runner:
 
     def _conclude(self, ledger: Ledger) -> None:
         """Note what is to be noted once every stage is done."""
-
-    def _print_wait(self, stage: Stage) -> None:
-        self._print_step(Step(stage, "wait", "another run is making it"))
 
     def _run_stage(self, stage: Stage, ledger: Ledger, ingredients: Ingredients, reason: str, signals: Watch) -> None:
         record: dict[str, Any] = {

@@ -182,7 +182,7 @@ def claim(outputs: str | Path, identity: str, arguments: Sequence[str], place: P
 
 
 @contextmanager
-def make_alone(
+def make_exclusively(
     outputs: str | Path, fingerprint: str, check: Callable[[], None], tell: Callable[[], None]
 ) -> Iterator[None]:
     """Wait until no other process makes the same, and let none begin it meanwhile.

@@ -51,7 +51,7 @@ class Ending:
     output: str
 
 
-def run_apart(work: Callable[[], int], wants_stop: Callable[[], bool], follow_parent: bool) -> Ending:
+def run_in_subprocess(work: Callable[[], int], wants_stop: Callable[[], bool], follow_parent: bool) -> Ending:
     """Run a function in a process of its own.
 
     Parameters
@@ -71,7 +71,7 @@ def run_apart(work: Callable[[], int], wants_stop: Callable[[], bool], follow_pa
         own = os.getpid()
         child = os.fork()
         if child == 0:
-            _live(work, printed.fileno(), own)
+            _run_child(work, printed.fileno(), own)
         wait_s, asked = SOONEST_S, False
         while True:
             pid, status, usage = os.wait4(child, os.WNOHANG)
@@ -101,7 +101,7 @@ def _parent_of(pid: int) -> int:
     return os.getppid()
 
 
-def _live(work: Callable[[], int], printed: int, parent: int) -> NoReturn:
+def _run_child(work: Callable[[], int], printed: int, parent: int) -> NoReturn:
     code = 1
     try:
         _end_with(parent)

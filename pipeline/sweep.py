@@ -123,7 +123,7 @@ def run_sweep(
         raise ConfigError(f"{name}: expected null in a sweep, whose jobs run at the same time; leave {name}= or -m out")
     folder = sweeps_folder(settings.outputs) / settings.sweep
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
-    _refuse_twins(jobs)
+    _refuse_duplicates(jobs)
     for line in describe_plan(folder, jobs, settings.on_finished):
         say(line)
     if settings.plan:
@@ -233,7 +233,7 @@ def _state(folder: Path) -> str:
     return "not begun" if ledger is None else live_status(ledger)
 
 
-def _refuse_twins(jobs: Sequence[Planned]) -> None:
+def _refuse_duplicates(jobs: Sequence[Planned]) -> None:
     twice = [name for name, count in Counter(each.name for each in jobs).items() if count > 1]
     if twice:
         raise ConfigError(

@@ -15,7 +15,7 @@ from rich.console import Console
 from pipeline.errors import PipelineError
 from pipeline.files import hash_json
 from pipeline.page import Block, Section, make_grid, make_rows, write_page
-from pipeline.printing import print_frame
+from pipeline.printing import format_range, print_frame
 from pipeline.review.comparison import Comparison, Difference, choose_runs
 from pipeline.review.curves import Curves, make_curves
 from pipeline.terminal import say
@@ -103,8 +103,7 @@ def _list_lines(curves: Curves) -> dict[str, Any]:
     rows = []
     for line in curves.lines:
         first, last = line.points.iloc[0], line.points.iloc[-1]
-        least, most = int(line.points["n"].min()), int(line.points["n"].max())
-        number = f"{least}" if least == most else f"{least} to {most}"
+        number = format_range(line.points["n"])
         rows.append([line.label, number, len(line.runs), *(_format_mean(each) for each in (first, last))])
     return make_rows(["line", "n at each point", "runs", f"first: {curves.y}", f"last: {curves.y}"], rows)
 

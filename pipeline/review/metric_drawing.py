@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.page import Picture
+from pipeline.printing import format_range
 from pipeline.review.pictures import half_width, make_picture, new_figure, shorten_label
 from pipeline.review.selection import order_of, read_number
 from pipeline.review.sweep_view import Sweep, summarise
@@ -83,13 +84,12 @@ def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str]
         _name_ticks(axes.xaxis, labels)
         axes.margins(x=0.5 / len(labels) + 0.05)
     axes.set(xlabel=shorten_label(axis, 60), ylabel=shorten_label(head, 40))
-    least, most = int(summary["count"].min()), int(summary["count"].max())
-    number = f"{least}" if least == most else f"{least} to {most}"
+    number = format_range(summary["count"])
     bars = f"bars reach from least to most over {_join([*others, *seeds])}"
     if not others:
         bars = f"bars are the mean's 95 % interval (t) over {_join(seeds) or 'jobs'}"
     caption = f"{head} over {axis}: diamonds are means, circles jobs ({number} for each value)"
-    return make_picture(figure, f"{caption}{f'; {bars}' if most > 1 else ''}.")
+    return make_picture(figure, f"{caption}{f'; {bars}' if summary['count'].max() > 1 else ''}.")
 
 
 def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Sequence[str]) -> Picture:
@@ -111,11 +111,10 @@ def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Se
             dark = np.isnan(mean) or image.norm(mean) > 0.6
             axes.text(column, row, text, ha="center", va="center", size=size, color=DARK if dark else "white")
     figure.colorbar(image, ax=axes, label=shorten_label(head, 40))
-    least, most = int(counts.to_numpy().min()), int(counts.to_numpy().max())
-    number = f"{least}" if least == most else f"{least} to {most}"
+    number = format_range(counts.to_numpy())
     over = f", over all of {_join(others)}" if others else ""
-    caption = f"{head}: mean of the jobs in each cell ({number}{over}); white cells have none."
-    return make_picture(figure, caption if least == 0 else caption.replace("; white cells have none", ""))
+    white = "; white cells have none" if counts.to_numpy().min() == 0 else ""
+    return make_picture(figure, f"{head}: mean of the jobs in each cell ({number}{over}){white}.")
 
 
 def _name_ticks(axis: Any, labels: Sequence[str], below: bool = True) -> None:

@@ -142,9 +142,8 @@ def review(options: argparse.Namespace, console: Console) -> int:
     left = freed.total(shared=True)
     shared = f"; {format_bytes(left)} more stay, as folders that are kept have them too" if left else ""
     would = "would be " if dry_run else ""
-    say(
-        f"{format_count(removed, 'folder')} {would}removed, {format_bytes(freed.total())} {would}freed{shared}", console
-    )
+    folders = format_count(removed, "folder")
+    say(f"{folders} {would}removed, {format_bytes(freed.total())} {would}freed{shared}", console)
     if dry_run:
         say("nothing was changed (--dry-run)", console)
     for each in problems:

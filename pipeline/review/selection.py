@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import pandas as pd
 from pipeline.errors import ConfigError, suggest
 
 SIGNS = re.compile(r"!=|<=|>=|==?|~|<|>")
+COMPARISONS = {"<": operator.lt, ">": operator.gt, "<=": operator.le, ">=": operator.ge}
 
 
 @dataclass(frozen=True)
@@ -43,12 +45,7 @@ class Condition:
             return same == (self.sign == "=")
         if number is None or wanted is None:
             return False
-        return {
-            "<": number < wanted,
-            ">": number > wanted,
-            "<=": number <= wanted,
-            ">=": number >= wanted,
-        }[self.sign]
+        return bool(COMPARISONS[self.sign](number, wanted))
 
 
 def read_condition(text: str) -> Condition:
