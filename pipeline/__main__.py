@@ -45,7 +45,7 @@ from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.interruption import Interrupted, ignore_from_now_on
 from pipeline.options import put_options_first, read_options, shows_something
 from pipeline.places import CONFIG_FOLDER
-from pipeline.renames import find_key, find_option
+from pipeline.renames import find_today
 from pipeline.terminal import complain
 
 
@@ -167,18 +167,19 @@ def explain(error: Exception) -> str:
     option = re.search(r"Could not find '([^']+)'[\s\S]*Available options in '[^']+':\s*([\s\S]*?)(?:\n\S|\Z)", text)
     if option:
         group, _, name = option.group(1).rpartition("/")
-        return f"unknown {group} '{name}': {suggest(name, option.group(2).split(), find_option(group, name))}"
+        today = find_today("options", f"{group}={name}")
+        return f"unknown {group} '{name}': {suggest(name, option.group(2).split(), today)}"
     unknown_group = re.search(r"Could not (?:override '?([\w/]+)'?\.?\s*No match|find '(\w+)/)", text)
     if unknown_group:
         group = unknown_group[1] or unknown_group[2]
-        return f"unknown group '{group}': {suggest(group, _known_keys(''), find_key(group))}"
+        return f"unknown group '{group}': {suggest(group, _known_keys(''), find_today('keys', group))}"
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return "; ".join(lines[:2])
 
 
 def _explain_unknown(path: str, known: Mapping[str, object]) -> str:
     """Return what is wrong with a key: the section that is not there, the option without it, or its last word."""
-    today = find_key(path)
+    today = find_today("keys", path)
     if today is not None:
         return f"unknown key '{path}': {suggest(path, known, today)}"
     parts = path.split(".")

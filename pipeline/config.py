@@ -24,13 +24,12 @@ from pydantic.errors import PydanticSchemaGenerationError
 
 from pipeline.errors import ConfigError, suggest
 from pipeline.files import hash_json
-from pipeline.renames import find_key, find_name, find_target_name
+from pipeline.flat import INCIDENTAL
+from pipeline.renames import find_today
 from pipeline.stage import Stage, load_stages, order_stages
 
 LONGEST_QUOTE = 80
 LONGEST_SWEEP = 100
-INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "interface")
-"""Keys that change no result; nor does the section that ``interface`` names."""
 BEGINS_WITH_KEY = r"[\w.]+: "
 
 
@@ -266,7 +265,7 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
         if name not in declared:
             raise ConfigError(
                 f"unknown key '{name}', which no stage of workflow {settings.workflow.name} reads: "
-                f"{suggest(str(name), declared, find_key(str(name)))}"
+                f"{suggest(str(name), declared, find_today('keys', str(name)))}"
             )
     study = Study(settings, values)
     if study.has_interface:
@@ -296,14 +295,14 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
         if name not in names:
             raise ConfigError(
                 f"stages: no stage '{name}' in workflow {settings.workflow.name}; "
-                f"{suggest(name, names, find_name(name))}"
+                f"{suggest(name, names, find_today('names', name))}"
             )
     tables = [table.name for each in stages for table in each.writes]
     for name in settings.workflow.headline:
         if name not in tables:
             raise ConfigError(
                 f"workflow.headline: no stage of workflow {settings.workflow.name} writes '{name}'; "
-                f"{suggest(name, tables, find_name(name))}"
+                f"{suggest(name, tables, find_today('names', name))}"
             )
     columns = {table.name: [*table.columns] for each in stages for table in each.writes}
     for path, table, named in _list_named_columns(settings.workflow):
@@ -312,7 +311,7 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
         elif named not in columns[table]:
             raise ConfigError(
                 f"workflow.{path}: table {table} has no column '{named}'; "
-                f"{suggest(named, columns[table], find_name(named))}"
+                f"{suggest(named, columns[table], find_today('names', named))}"
             )
 
 
@@ -322,7 +321,7 @@ def _check_left_out(workflow: Workflow, path: str, table: str) -> None:
     if table not in known:
         raise ConfigError(
             f"workflow.{path}.table: no stage of {workflow.package} writes '{table}'; "
-            f"{suggest(table, known, find_name(table))}"
+            f"{suggest(table, known, find_today('names', table))}"
         )
 
 
@@ -362,7 +361,7 @@ def find_target(path: str) -> type:
     try:
         module = importlib.import_module(module_name)
     except (ImportError, ValueError) as error:
-        today = find_target_name(path)
+        today = find_today("targets", path)
         if today is not None:
             raise ConfigError(f"_target_ {path}: {suggest(path, (), today)}") from None
         raise ConfigError(f"_target_ {path}: cannot import {module_name or path} ({error})") from None
@@ -411,7 +410,8 @@ def _describe(model: type, error: ValidationError, prefix: tuple[str, ...]) -> s
     location = [part for part in first["loc"] if part != "__root__"]
     path = ".".join(str(part) for part in (*prefix, *location))
     if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        text = f"unknown key '{path}': {suggest(str(location[-1]), _known_names(model, location[:-1]), find_key(path))}"
+        known = _known_names(model, location[:-1])
+        text = f"unknown key '{path}': {suggest(str(location[-1]), known, find_today('keys', path))}"
     elif first["type"] in ("missing", "missing_argument"):
         text = f"missing key '{path}': set it in conf/ or as {path}=..."
     elif first["type"] == "value_error":

@@ -47,7 +47,7 @@ Result = TypeVar("Result")
 
 @dataclass
 class Record:
-    """The record of a long loop: one part per turn, on disk as soon as the turn is over.
+    """The record of a long loop: one part per iteration, on disk as soon as it is over.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Record:
     tables : mapping of str to Table
         Those that the stage writes.
     check : callable
-        Raises between two turns if the run is to stop.
+        Raises between two iterations if the run is to stop.
     """
 
     folder: Path
@@ -67,21 +67,21 @@ class Record:
     journals: dict[str, Journal] = field(default_factory=dict)
 
     def watch(self, key: tuple[object, ...]) -> Journal:
-        """Return what takes the rows of a turn while it runs.
+        """Return what takes the rows of an iteration while it runs.
 
-        They are kept, with the reason, as ``interrupted/STAGE~TURN~1.parquet`` in the run's folder if the turn does not
-        land, and go when it does.
+        They are kept, with the reason, as ``interrupted/STAGE~PART~1.parquet`` in the run's folder if the part is not
+        written, and removed when it is.
         """
         name = self.name(key)
         return self.journals.setdefault(name, Journal(self._journal_path(name)))
 
     def part(self, key: tuple[object, ...], make: Callable[[], Mapping[str, pd.DataFrame]]) -> dict[str, pd.DataFrame]:
-        """Return the tables of one turn of the loop: read if an earlier process landed them, else made and landed.
+        """Return the tables of one part of the loop: read if an earlier process wrote them, else made and written.
 
         Parameters
         ----------
         key : tuple
-            Names the turn.
+            Names the part.
         make : callable
             Returns a frame for each table that the stage writes.
 
@@ -115,7 +115,7 @@ class Record:
         except OSError:
             if not place.is_dir():
                 raise
-            shutil.rmtree(temporary, ignore_errors=True)  # a worker of an earlier process landed the same part
+            shutil.rmtree(temporary, ignore_errors=True)  # a worker of an earlier process wrote the same part
         sync_folder(self.folder)
         if name in self.journals:
             self.journals.pop(name).discard()
@@ -124,15 +124,15 @@ class Record:
 
     @staticmethod
     def name(key: tuple[object, ...]) -> str:
-        """Return the name of a turn's part."""
+        """Return a part's name."""
         return "~".join(str(each) for each in key)
 
-    def landed(self, key: tuple[object, ...]) -> bool:
-        """Return whether a turn's part is on disk."""
+    def holds(self, key: tuple[object, ...]) -> bool:
+        """Return whether a part is on disk."""
         return (self.folder / self.name(key)).is_dir()
 
     def include(self, keys: Iterable[str]) -> None:
-        """Count parts that other processes landed among those of this loop, in the order given."""
+        """Count parts that other processes wrote among those of this loop, in the order given."""
         self.keys.update(dict.fromkeys(keys))
 
     def collect(self) -> dict[str, pd.DataFrame]:
@@ -148,7 +148,7 @@ class Record:
         return self.folder.parent.parent / "interrupted" / f"{stage}~{name}{JOURNAL_SUFFIX}"
 
     def _keep_interrupted(self, name: str, reason: str) -> Path | None:
-        """Keep what a turn measured that did not land, in this process or in an earlier one."""
+        """Keep the rows of a part that was not written, in this process or in an earlier one."""
         if name in self.journals:
             self.journals.pop(name).close()
         return keep_interrupted(self._journal_path(name), reason)
@@ -163,7 +163,7 @@ class Record:
             return {name: table.read_sealed(place / f"{name}.parquet") for name, table in self.tables.items()}
         except TableError as error:
             told = str(error).split("; remove it")[0]
-            raise TableError(f"{told}; remove the folder {place}, and this turn of the loop is made again") from None
+            raise TableError(f"{told}; remove the folder {place}, and this part of the loop is made again") from None
 
 
 @dataclass
@@ -195,7 +195,7 @@ class Context:
 
     Notes
     -----
-    A copy in another process draws the same random numbers and lands parts in the same record; it shows nothing.
+    A copy in another process draws the same random numbers and writes parts to the same record; it shows nothing.
     """
 
     stage: str
@@ -232,7 +232,7 @@ class Context:
         Yields
         ------
         callable
-            Call it with a note at the end of each turn.
+            Call it with a note at the end of each iteration.
         """
         if not self.console.is_terminal or self.interactive:
             yield lambda note: log.debug("%s: %s", self.stage, note)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
 
+MOST_LISTED = 20
 END_OF_LOG = 400_000
 """Bytes at the end of a log that are looked at."""
 ATTEMPT = re.compile(r"^\S+ \S+ INFO (?:begun|resumed): ", re.MULTILINE)
@@ -28,6 +29,14 @@ def describe_reason(ledger: Ledger | None, status: str) -> str:
         message = POINTER.sub("", " ".join(str(error.get("message", "-")).split()))
         return f"{error.get('stage', '-')}: {message}"
     return REASONS.get(status, "no reason was noted")
+
+
+def list_reasons(sweep: Path, statuses: Mapping[str, str]) -> Iterator[str]:
+    """Yield in lines why jobs of a sweep are not done, of many the first; their names and statuses flow in."""
+    for job, status in list(statuses.items())[:MOST_LISTED]:
+        yield f"  {job} {status}: {describe_reason(Ledger.look(sweep / job), status)}"
+    if len(statuses) > MOST_LISTED:
+        yield f"  ... and {len(statuses) - MOST_LISTED} more"
 
 
 def read_traceback(folder: Path) -> str:

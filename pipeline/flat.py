@@ -7,9 +7,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 ABSENT = "absent"
+INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "interface")
+"""Keys that change no result; nor does the section that ``interface`` names."""
 
 
-def flatten(values: Any, path: str = "", tell: Callable[[Any], str] | None = None) -> dict[str, str]:
+def flatten(values: Any, path: str = "", form: Callable[[Any], str] | None = None) -> dict[str, str]:
     """Return each value as text, by its dotted key; an item of a list of sections has its number in the key.
 
     Parameters
@@ -18,7 +20,7 @@ def flatten(values: Any, path: str = "", tell: Callable[[Any], str] | None = Non
         Nested.
     path : str
         Key that stands before theirs.
-    tell : callable, optional
+    form : callable, optional
         Makes a text of what is no section; `show` by default.
     """
     if isinstance(values, Mapping) and values:
@@ -26,11 +28,11 @@ def flatten(values: Any, path: str = "", tell: Callable[[Any], str] | None = Non
     elif isinstance(values, list) and any(isinstance(each, Mapping) for each in values):
         pairs = enumerate(values)
     else:
-        return {path: (tell or show)(values)}
+        return {path: (form or show)(values)}
     return {
         key: text
         for name, value in pairs
-        for key, text in flatten(value, f"{path}.{name}" if path else str(name), tell).items()
+        for key, text in flatten(value, f"{path}.{name}" if path else str(name), form).items()
     }
 
 
@@ -40,7 +42,7 @@ def show(value: Any) -> str:
 
 
 def is_seed(key: str) -> bool:
-    """Tell whether a key says which repeat of the same a run is."""
+    """Return whether a key says which repeat of the same a run is."""
     return key.rpartition(".")[2].endswith("seed")
 
 

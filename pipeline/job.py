@@ -21,7 +21,7 @@ from omegaconf import DictConfig
 from pipeline.checkout import look_at_checkout
 from pipeline.config import Study, read_study
 from pipeline.errors import PipelineError, TakenError
-from pipeline.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_telling, name_job
+from pipeline.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_meaningful, name_job
 from pipeline.ledger import Ledger
 from pipeline.page import read_templates
 from pipeline.plan import make_plan
@@ -99,7 +99,7 @@ class JobTask:
         if ending.code == TAKEN:
             return ELSEWHERE
         ended = Ledger.read(folder)
-        told = self._tell(ended, job, ending)
+        told = self._describe(ended, job, ending)
         if ended is not None and ended.status == "killed":
             try_report(ended, study, stages)
         return told
@@ -116,7 +116,7 @@ class JobTask:
             complain(str(error))
             return 2
 
-    def _tell(self, ledger: Ledger | None, job: str, ending: Ending) -> tuple[Outcome, str]:
+    def _describe(self, ledger: Ledger | None, job: str, ending: Ending) -> tuple[Outcome, str]:
         """Return what became of a job that was run, and why; note in its ledger what it could not note itself."""
         if ending.signal is not None:
             why = f"killed by {signal.Signals(ending.signal).name} after {ending.seconds:.1f} s"
@@ -137,7 +137,7 @@ class JobTask:
 
     def _retype(self, overrides: list[str]) -> list[str]:
         """Return what to type to run a job by itself."""
-        telling = [each for each in overrides if is_telling(each)]
+        telling = [each for each in overrides if is_meaningful(each)]
         files = {option: facts["file"] for option, facts in self.launch.files.items()}
         named = [(key, files.get(value, value)) for key, _, value in (each.partition("=") for each in telling)]
         typed = [f"{key}={value}" for key, value in named]

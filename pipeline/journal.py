@@ -1,6 +1,6 @@
-"""What a turn of a long loop measures, on disk while it is being measured.
+"""What an iteration of a long loop measures, on disk while it is being measured.
 
-Rows flow in while the turn runs; where it does not land, one Parquet file flows out that holds them and says why. Rows
+Rows flow in while it runs; where its part is not written, one Parquet file flows out that holds them and says why. Rows
 are written beside the loop, so that no disk makes the loop wait; what was handed over half a second ago outlives a
 killed process.
 """
@@ -26,7 +26,7 @@ SUFFIX = ".arrows"
 """Of a journal that is being written: an Arrow stream, which can be read up to its last whole batch."""
 
 REASON = "stopped_by"
-"""Column that says why the turn did not land."""
+"""Column that says why the part was not written."""
 
 log = logging.getLogger("pamid")
 
@@ -34,7 +34,7 @@ Rows = Mapping[str, NDArray[Any]]
 
 
 class Journal:
-    """The rows of one turn.
+    """The rows of one iteration.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Journal:
                 log.warning("%s: not all that was measured could be written (%s)", self.path, self._problem)
 
     def discard(self) -> None:
-        """Remove what was written: the turn landed."""
+        """Remove the rows: the part holds them."""
         self.close()
         self.path.unlink(missing_ok=True)
         if self.path.parent.is_dir() and not any(self.path.parent.iterdir()):
@@ -87,14 +87,14 @@ class Journal:
 
 
 def keep_interrupted(path: Path, reason: str) -> Path | None:
-    """Turn the journal of a turn that did not land into a Parquet file that says so.
+    """Make a Parquet file of the journal of an iteration whose part was not written.
 
     Parameters
     ----------
     path : Path
         Of the journal.
     reason : str
-        Why the turn did not land, for the column `REASON`.
+        Why the part was not written, for the column `REASON`.
 
     Returns
     -------

@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pipeline.files import hash_json, write_json, write_text
+from pipeline.flat import INCIDENTAL
 from pipeline.ledger import now
 
 FOLDER = ".launches"
 FACTS = "launch.json"
-INCIDENTAL_KEYS = ("sweep", "on_failure", "on_finished", "plan", "workers", "figures", "outputs")
-"""Overrides that say nothing of what a job computes."""
 LONGEST_NAME = 140
 STRANGE = re.compile(r"[^\w.,=+\[\]()-]")
 STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL = "failure", "signal"
@@ -144,7 +143,7 @@ def list_launches(sweep: Path) -> Iterator[dict[str, Any]]:
 
 
 def is_launched(sweep: Path) -> bool:
-    """Tell whether a process that launched the sweep lives, as far as this machine can tell."""
+    """Return whether a process that launched the sweep lives, as far as this machine can tell."""
     names = (each.name.rpartition("_")[2] for each in (sweep / FOLDER).glob("*"))
     return any(_lives(int(each)) for each in names if each.isdigit())
 
@@ -172,7 +171,7 @@ def name_job(overrides: Sequence[str]) -> str:
     str
         Where that is no name for a folder, or too long, as near to it as can be, and a hash.
     """
-    telling = sorted(each for each in overrides if is_telling(each))
+    telling = sorted(each for each in overrides if is_meaningful(each))
     plain = ",".join(telling) or "defaults"
     name = STRANGE.sub("_", plain)
     if name == plain and len(name) <= LONGEST_NAME:
@@ -180,7 +179,7 @@ def name_job(overrides: Sequence[str]) -> str:
     return f"{name[:LONGEST_NAME]}-{hash_json(plain)[:8]}"
 
 
-def is_telling(override: str) -> bool:
-    """Tell whether an override says something of what a job computes."""
+def is_meaningful(override: str) -> bool:
+    """Return whether an override says something of what a job computes."""
     key = override.partition("=")[0].lstrip("+~")
-    return key not in INCIDENTAL_KEYS and not key.startswith("hydra")
+    return key not in INCIDENTAL and not key.startswith("hydra")

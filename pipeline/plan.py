@@ -18,12 +18,14 @@ from pipeline.errors import ConfigError
 from pipeline.files import hash_json
 from pipeline.inputs import hash_inputs
 from pipeline.ledger import Ledger
-from pipeline.printing import shorten
+from pipeline.printing import join_some, shorten
 from pipeline.sources import hash_sources, library_versions, list_imported_by_name
 from pipeline.stage import Stage
 
 LONGEST_VALUE = 60
 """Characters of a value in a reason."""
+MOST_NAMED = 2
+"""Changes of one kind that a reason names."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +89,12 @@ class Ingredients:
         told = []
         differences = _config_differences(record["config"], self.config)
         if differences:
-            told.append(f"config changed ({_some(differences)})")
+            told.append(f"config changed ({join_some(differences, MOST_NAMED)})")
         return [*told, *self.input_changes(record), *self.code_changes(record)]
 
     def input_changes(self, record: Mapping[str, Any]) -> list[str]:
         """Say how tables and files differ from those of an earlier record."""
-        return [f"input {name} {self._tell_input(name, record)}" for name in self._changed_inputs(record)]
+        return [f"input {name} {self._describe_input(name, record)}" for name in self._changed_inputs(record)]
 
     def count_changes(self, record: Mapping[str, Any]) -> int:
         """Count the keys, inputs, source files and versions that differ from those of an earlier record."""
@@ -108,13 +110,13 @@ class Ingredients:
         told = []
         files = _differing(record["code"], self.code)
         if files:
-            told.append(f"code changed ({_some(files)})")
+            told.append(f"code changed ({join_some(files, MOST_NAMED)})")
         versions = [
             f"{name} {record['libraries'].get(name, 'absent')} -> {self.libraries.get(name, 'absent')}"
             for name in _differing(record["libraries"], self.libraries)
         ]
         if versions:
-            told.append(f"library changed ({_some(versions)})")
+            told.append(f"library changed ({join_some(versions, MOST_NAMED)})")
         return told
 
     def _changed_inputs(self, record: Mapping[str, Any]) -> list[str]:
@@ -122,7 +124,7 @@ class Ingredients:
         names = [*self.inputs, *gone]
         return [name for name in names if record["inputs"].get(name) != self.inputs.get(name)]
 
-    def _tell_input(self, name: str, record: Mapping[str, Any]) -> str:
+    def _describe_input(self, name: str, record: Mapping[str, Any]) -> str:
         if name not in record["inputs"]:
             return "is new"
         return "changed" if name in self.inputs else "is no longer there"
@@ -295,10 +297,6 @@ def _config_differences(old: Any, new: Any, path: str = "") -> list[str]:
 
 def _short(value: Any) -> str:
     return shorten("absent" if value is None else str(value), LONGEST_VALUE)
-
-
-def _some(items: Sequence[str]) -> str:
-    return ", ".join(items[:2]) + (f" and {len(items) - 2} more" if len(items) > 2 else "")
 
 
 def _bracket(names: Sequence[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import pandas as pd
@@ -38,13 +39,23 @@ def print_frame(
 
 
 def is_prose(frame: pd.DataFrame) -> bool:
-    """Tell whether a table is a list of sentences: one column of text."""
+    """Return whether a table is a list of sentences: one column of text."""
     return len(frame.columns) == 1 and not pd.api.types.is_numeric_dtype(frame.iloc[:, 0])
 
 
 def shorten(text: str, most: int) -> str:
     """Return a text that is not longer than so many characters, dots in place of its end."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def join_some(items: Sequence[str], most: int) -> str:
+    """Return the first items in one phrase, with the number of those left out."""
+    return ", ".join(items[:most]) + (f" and {len(items) - most} more" if len(items) > most else "")
+
+
+def format_count(number: int, one: str, many: str = "") -> str:
+    """Return a number with its noun, in the plural (`one` and an s unless it is given) but for 1."""
+    return f"{number} {one if number == 1 else many or one + 's'}"
 
 
 def format_value(value: Any) -> str:

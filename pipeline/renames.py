@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import yaml
 
@@ -50,47 +50,34 @@ def rename(values: Any, path: str = "") -> Any:
     if isinstance(values, list):
         return [rename(each, path) for each in values]
     if isinstance(values, str) and path.rpartition(".")[2] == "_target_":
-        return find_target_name(values) or values
+        return find_today("targets", values) or values
     if not isinstance(values, Mapping):
         return values
     renamed = {}
     for name, each in values.items():
         key = f"{path}.{name}" if path else str(name)
-        today = find_key(key)
+        today = find_today("keys", key)
         renamed[today.rpartition(".")[2] if today else name] = rename(each, key)
     return renamed
 
 
-def find_target_name(target: str) -> str | None:
-    """Return today's name of a class that a ``_target_`` named before, or None."""
-    return _find_path("targets", target)
+def find_today(kind: Literal["targets", "keys", "options", "names"], name: str) -> str | None:
+    """Return today's name of what was renamed, or None.
 
-
-def find_key(path: str) -> str | None:
-    """Return today's name of a config key (dotted) that was renamed, or None."""
-    return _find_path("keys", path)
-
-
-def find_option(group: str, option: str) -> str | None:
-    """Return today's name of a config group's option that was renamed, or None."""
-    new = _read_names()["options"].get(group, {}).get(option)
-    return None if new is None else str(new)
-
-
-def find_name(name: str) -> str | None:
-    """Return today's name of a stage, table or column that was renamed, or None."""
-    return _read_names()["names"].get(name)
-
-
-def _find_path(kind: str, path: str) -> str | None:
-    """Return a dotted name whose beginning was renamed; the longest old name decides."""
+    Parameters
+    ----------
+    kind : str
+        ``targets`` (modules and classes), ``keys`` (of the configuration), ``options`` (of config groups, as
+        ``group=option``) or ``names`` (of stages, tables and columns).
+    name : str
+        The old name; of a dotted one, the longest beginning that was renamed decides.
+    """
     names = _read_names()[kind]
-    before = max((each for each in names if f"{path}.".startswith(f"{each}.")), key=len, default=None)
-    return None if before is None else str(names[before]) + path.removeprefix(before)
+    before = max((each for each in names if f"{name}.".startswith(f"{each}.")), key=len, default=None)
+    return None if before is None else names[before] + name.removeprefix(before)
 
 
 @cache
-def _read_names() -> dict[str, dict[str, Any]]:
+def _read_names() -> dict[str, dict[str, str]]:
     """Return today's name by the old one, for each kind of name."""
-    text = (CONFIG_FOLDER / "renames.yaml").read_text(encoding="utf-8")
-    return dict(yaml.safe_load(text))
+    return dict(yaml.safe_load((CONFIG_FOLDER / "renames.yaml").read_text(encoding="utf-8")))

@@ -69,7 +69,7 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: 
     reached = _list_reached(ledger, stages)
     done = [each for each in reached if ledger.finished(each.name)]
     headline = headline_tables(study, done)
-    telling = [each.name for each in done if any(table in headline for table in each.writes)]
+    shown_first = [each.name for each in done if any(table in headline for table in each.writes)]
     workflow = study.settings.workflow.name
     path = ledger.folder / PAGE_NAME
     write_page(
@@ -80,10 +80,10 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: 
         status=status,
         opening=[("command", ledger.facts["command"]), ("facts", _list_facts(ledger)), *_show_failure(ledger, status)],
         sections=[
-            Section("Result", _show_result(ledger, headline, telling)),
+            Section("Result", _show_result(ledger, headline, shown_first)),
             Section("Verdict", [block for each in done for block in _show_verdict(ledger, each)]),
             Section("Plan", [("grid", _make_plan(ledger, stages, reached))]),
-            *(Section(each.name, _show_stage(ledger, each, each.name in telling)) for each in done),
+            *(Section(each.name, _show_stage(ledger, each, each.name in shown_first)) for each in done),
             Section("Configuration", [("text", OmegaConf.to_yaml(OmegaConf.create(study.values)))]),
         ],
     )
@@ -100,7 +100,7 @@ def try_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path | 
 
 
 def is_whole_page(path: Path) -> bool:
-    """Tell whether a report is there to its last line."""
+    """Return whether a report is there to its last line."""
     return path.is_file() and path.read_bytes().rstrip().endswith(b"</html>")
 
 
@@ -160,11 +160,11 @@ def _show_failure(ledger: Ledger, status: str) -> list[Block]:
     return [("failure", blocks + show_traceback("traceback", traceback, is_open=True))]
 
 
-def _show_result(ledger: Ledger, headline: Sequence[Table], telling: Sequence[str]) -> list[Block]:
+def _show_result(ledger: Ledger, headline: Sequence[Table], shown_first: Sequence[str]) -> list[Block]:
     """Return the sentences that the workflow wants seen first, then the figures, then the other tables."""
     frames = [(table, _read(ledger, table)) for table in headline]
     prose: list[Block] = [("prose", list_sentences(frame)) for _, frame in frames if is_prose(frame)]
-    pictures: list[Block] = [("pictures", [each]) for name in telling for each in _list_pictures(ledger, name)]
+    pictures: list[Block] = [("pictures", [each]) for name in shown_first for each in _list_pictures(ledger, name)]
     others: list[Block] = []
     for table, frame in frames:
         if not is_prose(frame) and len(frame):
@@ -179,7 +179,7 @@ def _show_verdict(ledger: Ledger, stage: Stage) -> list[Block]:
     values = json.loads((ledger.folder / VERDICT).read_text(encoding="utf-8"))
     lists = {key: each for key, each in values.items() if _is_grid(each)}
     rest = {key: each for key, each in values.items() if key not in lists}
-    blocks: list[Block] = [("facts", [*flatten(rest, tell=_format).items()] if rest else [])]
+    blocks: list[Block] = [("facts", [*flatten(rest, form=_format).items()] if rest else [])]
     for key, rows in lists.items():
         heads = list(dict.fromkeys(name for row in rows for name in row))
         cells = [[each if _is_plain(each := row.get(name)) else _list_lines(each) for name in heads] for row in rows]
@@ -190,7 +190,7 @@ def _show_verdict(ledger: Ledger, stage: Stage) -> list[Block]:
 
 def _list_lines(section: Any) -> str:
     """Return the values of a section, one a line."""
-    return "\n".join(f"{key}: {text}" if key else text for key, text in flatten(section, tell=_format).items())
+    return "\n".join(f"{key}: {text}" if key else text for key, text in flatten(section, form=_format).items())
 
 
 def _format(value: Any) -> str:
@@ -208,15 +208,15 @@ def _is_plain(value: Any) -> bool:
     return value is None or isinstance(value, int | float | str)
 
 
-def _show_stage(ledger: Ledger, stage: Stage, told_above: bool) -> list[Block]:
+def _show_stage(ledger: Ledger, stage: Stage, shown_above: bool) -> list[Block]:
     record = ledger.records[stage.name]
     made = f"Made in {record.get('seconds')} s: {record['reason']}."
     if record["origin"] != ledger.name:
         made = f"Made in run {record['origin']} and reused."
     blocks: list[Block] = [("note", stage.summary), ("note", made)]
     pictures = _list_pictures(ledger, stage.name)
-    blocks += [("note", f"{each.caption}: see the result.") for each in pictures if told_above]
-    blocks += [("pictures", [each]) for each in pictures if not told_above]
+    blocks += [("note", f"{each.caption}: see the result.") for each in pictures if shown_above]
+    blocks += [("pictures", [each]) for each in pictures if not shown_above]
     for table in stage.writes:
         frame = _read(ledger, table)
         part = "" if len(frame) <= ROWS_SHOWN_WHOLE else f", the first {ROWS_OF_A_LONG_TABLE} here"

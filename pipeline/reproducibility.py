@@ -16,6 +16,7 @@ from pipeline.checkout import describe_commit
 from pipeline.errors import TableError
 from pipeline.files import hash_file
 from pipeline.ledger import Ledger
+from pipeline.printing import join_some
 from pipeline.table import read_frame
 
 LARGEST_READ = 200_000_000
@@ -49,11 +50,11 @@ def compare_tables(now: Ledger, then: Ledger, stages: Sequence[str]) -> dict[str
                 found[table] = None
             else:
                 path = Path("tables") / f"{table}.parquet"
-                found[table] = _tell_difference(then.folder / path, now.folder / path, old[table], new[table])
+                found[table] = _describe_difference(then.folder / path, now.folder / path, old[table], new[table])
     return found
 
 
-def tell_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterator[str]:
+def describe_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterator[str]:
     """Yield what differs between what two runs were made from, and on which machines."""
     pairs = [(then.records.get(each, {}), now.records[each]) for each in stages]
     if any(old.get("config") != new["config"] for old, new in pairs):
@@ -63,7 +64,7 @@ def tell_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterator[s
         found = {name: each for name, each in _gather_changes(pairs, key).items() if name not in tables}
         if found:
             versions = [f"{name} {old} -> {new}" for name, (old, new) in found.items()]
-            yield f"{word}: {_some(versions if key == 'libraries' else list(found))}"
+            yield f"{word}: {join_some(versions if key == 'libraries' else list(found), MOST_TOLD)}"
     commits = [describe_commit(each.facts.get("git")) for each in (then, now)]
     if commits[0] != commits[1]:
         yield f"commit: {commits[0]} -> {commits[1]}"
@@ -84,7 +85,7 @@ def _gather_changes(pairs: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]
     return found
 
 
-def _tell_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+def _describe_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     rows = f"{old.get('rows')} rows then, {new.get('rows')} now" if old.get("rows") != new.get("rows") else ""
     if max(old["bytes"], new["bytes"]) > LARGEST_READ:
         return rows or "other bytes (too large to look further)"
@@ -98,10 +99,11 @@ def _tell_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping
     for phrase, one, other in (("without", before, after), ("with new", after, before)):
         names = [str(each) for each in one if each not in other]
         if names:
-            told.append(f"{phrase} {'column' if len(names) == 1 else 'columns'} {_some(names)}")
+            told.append(f"{phrase} {'column' if len(names) == 1 else 'columns'} {join_some(names, MOST_TOLD)}")
     if not rows:
-        shared = [each for each in before if each in after]
-        told += [each for name in shared if (each := _tell_values(str(name), before[name], after[name]))][:MOST_TOLD]
+        shared = [name for name in before if name in after]
+        differing = [_describe_values(str(name), before[name], after[name]) for name in shared]
+        told += [*filter(None, differing)][:MOST_TOLD]
     if told:
         return "; ".join(told)
     writers = [pyarrow.parquet.read_metadata(each).created_by for each in (then, now)]
@@ -110,7 +112,7 @@ def _tell_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping
     return "the same values, in other bytes (units, descriptions or order of columns)"
 
 
-def _tell_values(name: str, before: pd.Series, after: pd.Series) -> str | None:
+def _describe_values(name: str, before: pd.Series, after: pd.Series) -> str | None:
     if before.dtype != after.dtype:
         return f"{name}: {before.dtype} -> {after.dtype}"
     unequal = ~((before == after) | (before.isna() & after.isna()))
@@ -121,7 +123,3 @@ def _tell_values(name: str, before: pd.Series, after: pd.Series) -> str | None:
     if pd.api.types.is_float_dtype(before):
         return f"{told}, by at most {(before - after)[unequal].abs().max():.3g}"
     return told
-
-
-def _some(items: Sequence[str]) -> str:
-    return ", ".join(items[:MOST_TOLD]) + (f" and {len(items) - MOST_TOLD} more" if len(items) > MOST_TOLD else "")

@@ -15,13 +15,14 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from pipeline.config import INCIDENTAL, read_study
+from pipeline.config import read_study
 from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import hash_file, hash_json
+from pipeline.flat import INCIDENTAL
 from pipeline.ledger import FILE_NAME, Ledger
 from pipeline.plan import Ingredients, Step, choose_stages, decide, gather
 from pipeline.renames import rename
-from pipeline.reproducibility import compare_tables, tell_changes
+from pipeline.reproducibility import compare_tables, describe_changes
 from pipeline.runner import Runner
 from pipeline.runs import find_run, live_status
 from pipeline.stage import Stage
@@ -87,7 +88,7 @@ class Rerun(Runner):
                 "measured on real hardware to be whole, as it cannot be made again; restore it"
             )
 
-    def tell(self) -> int:
+    def print_comparison(self) -> int:
         """Print what came of it; return the exit code: 0 where all tables agree, else 1."""
         tables, measured = self.comparison["tables"], self.comparison["measured"]
         same = sum(each is None for each in tables.values())
@@ -126,7 +127,7 @@ class Rerun(Runner):
         made = [name for name in names if name not in taken]
         measured = [table for name in taken for table in ledger.records[name]["tables"]]
         tables = compare_tables(ledger, self.origin, made)
-        changes = list(tell_changes(ledger, self.origin, made))
+        changes = list(describe_changes(ledger, self.origin, made))
         self.comparison = {"tables": tables, "measured": measured, "changes": changes}
         ledger.facts["rerun_of"] = {"run": self.label, "folder": str(self.origin.folder)}
         ledger.facts["comparison"] = self.comparison
@@ -166,13 +167,13 @@ def rerun(arguments: Sequence[str], config_folder: Path) -> int:
     try:
         study, stages = read_study(OmegaConf.create({**values, **settings, **kept, **typed}))
     except (PipelineError, OmegaConfBaseException) as error:
-        raise ConfigError(f"rerun={origin.name}: {error}{_tell_origin(origin)}") from None
+        raise ConfigError(f"rerun={origin.name}: {error}{_describe_origin(origin)}") from None
     given = origin.facts.get("given", ())
     again = name if Path(name).exists() else origin.name  # as latest is another run then
     retyped = [f"rerun={again}", *(each for each in arguments if each.partition("=")[0] in BESIDE)]
     runner = Rerun(study, stages, retyped, open_console(), given, origin=origin)
     runner.prepare()
-    return runner.run() or runner.tell()
+    return runner.run() or runner.print_comparison()
 
 
 def read_arguments(arguments: Sequence[str]) -> tuple[str, dict[str, Any]]:
@@ -251,7 +252,7 @@ def _read_config(origin: Ledger) -> dict[str, Any]:
     return {str(key): value for key, value in rename(values).items()}
 
 
-def _tell_origin(origin: Ledger) -> str:
+def _describe_origin(origin: Ledger) -> str:
     """Return where and with what code a run ran, if that is not here and with this."""
     git, directory = origin.facts.get("git"), origin.facts.get("directory")
     commit = f" with commit {git['commit'][:10]}" if git else ""

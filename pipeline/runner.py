@@ -200,7 +200,7 @@ class Runner:
         ingredients = gather(self.study, stage, inputs)
         step = self._decide(stage, ingredients, ledger)
         if step.source is None:
-            with make_alone(self.outputs, ingredients.fingerprint, signals.check, lambda: self._tell_wait(stage)):
+            with make_alone(self.outputs, ingredients.fingerprint, signals.check, lambda: self._print_wait(stage)):
                 step = self._decide(stage, ingredients, ledger)  # another run may have made it meanwhile
                 if step.source is None:
                     self._run_stage(stage, ledger, ingredients, step.reason, signals)
@@ -243,7 +243,7 @@ class Runner:
     def _conclude(self, ledger: Ledger) -> None:
         """Note what is to be noted once every stage is done."""
 
-    def _tell_wait(self, stage: Stage) -> None:
+    def _print_wait(self, stage: Stage) -> None:
         self._print_step(Step(stage, "wait", "another run is making it"))
 
     def _run_stage(self, stage: Stage, ledger: Ledger, ingredients: Ingredients, reason: str, signals: Watch) -> None:

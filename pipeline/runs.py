@@ -123,7 +123,7 @@ def find_run(outputs: str | Path, name: str) -> Ledger:
 
 
 def is_running(ledger: Ledger) -> bool:
-    """Tell whether a living process holds the run."""
+    """Return whether a living process holds the run."""
     if not (ledger.folder / LOCK_NAME).exists():
         return False
     lock = FileLock(ledger.folder / LOCK_NAME)
@@ -144,7 +144,7 @@ def live_status(ledger: Ledger) -> str:
     return ledger.status
 
 
-def tell_status(folder: Path, ledger: Ledger | None, empty: str = "no ledger") -> str:
+def describe_status(folder: Path, ledger: Ledger | None, empty: str = "no ledger") -> str:
     """Return the status of a run or, where its ledger cannot be read, why; `empty` where there is none."""
     if ledger is not None:
         return live_status(ledger)

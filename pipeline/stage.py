@@ -21,7 +21,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from pipeline.errors import ConfigError, WiringError, suggest
-from pipeline.renames import find_name
+from pipeline.renames import find_today
 from pipeline.table import Table
 
 
@@ -155,7 +155,7 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
         elif name in known:
             raise WiringError(f"{known[name].replace('.', '/')}.py: expected a stage function named {name}")
         else:
-            offered = suggest(name, known, find_name(name))
+            offered = suggest(name, known, find_today("names", name))
             raise ConfigError(f"workflow.stages: no stage '{name}' in {package}; {offered}")
     return stages
 

@@ -34,10 +34,12 @@ from omegaconf import DictConfig, OmegaConf
 from pipeline.command import command_line
 from pipeline.config import Settings, read_settings
 from pipeline.errors import ConfigError
+from pipeline.failures import list_reasons
 from pipeline.interruption import WORDS
 from pipeline.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
 from pipeline.ledger import Ledger
 from pipeline.options import read_options
+from pipeline.printing import format_count
 from pipeline.runs import is_running, live_status, sweeps_folder
 from pipeline.terminal import complain, say
 
@@ -122,7 +124,7 @@ def run_sweep(
     folder = sweeps_folder(settings.outputs) / settings.sweep
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
     _refuse_twins(jobs)
-    for line in tell_plan(folder, jobs, settings.on_finished):
+    for line in describe_plan(folder, jobs, settings.on_finished):
         say(line)
     if settings.plan:
         say(f"to run it: {command_line([each for each in typed if not each.startswith('plan=')])}")
@@ -146,14 +148,14 @@ def run_sweep(
         ) from None
     with _stopping(launch) as stopped:
         _supervise(launch, lambda: _launch(launch, base, lists, config_folder), stopped)
-    return _tell_end(launch, list(typed), stopped)
+    return _print_end(launch, list(typed), stopped)
 
 
-def tell_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> Iterator[str]:
+def describe_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> Iterator[str]:
     """Yield what a launch of a sweep would do, in lines."""
     counts = Counter(each.state for each in jobs)
     told = ", ".join(f"{count} {state}" for state, count in counts.items())
-    yield f"sweep {folder}: {len(jobs)} {'job' if len(jobs) == 1 else 'jobs'} ({told})"
+    yield f"sweep {folder}: {format_count(len(jobs), 'job')} ({told})"
     axes: dict[str, list[str]] = {}
     for job in jobs:
         for key, _, value in (each.partition("=") for each in job.overrides):
@@ -297,7 +299,7 @@ def _stopping(launch: Launch) -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _tell_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
+def _print_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
     from pipeline.sweep_table import write_sweep
 
     states = {job: _state(launch.sweep / job) for job in launch.jobs}
@@ -308,19 +310,13 @@ def _tell_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
     except OSError as error:
         told = f"cannot write {error.filename or launch.sweep}: {error.strerror}; the jobs' own folders are as they are"
         complain(told)
-    failures = [job for job, state in states.items() if state in ("failed", "killed", "paused")]
-    for job in failures[:MOST_LISTED]:
-        ledger = Ledger.look(launch.sweep / job)
-        why = (ledger.facts["error"] if ledger else None) or {"stage": "-", "message": "no reason was noted"}
-        line = f"  {job} {states[job]}: {why['stage']}: {why['message']}"
+    failed = {job: state for job, state in states.items() if state in ("failed", "killed", "paused")}
+    for line in list_reasons(launch.sweep, failed):
         complain(line)
-    if len(failures) > MOST_LISTED:
-        complain(f"  ... and {len(failures) - MOST_LISTED} more")
     unfinished = sum(state != "done" for state in states.values())
     if unfinished:
         when = "to continue" if stopped else "when that is mended"
-        line = f"{unfinished} of {len(states)} jobs are not done; {when}, type: {command_line(typed)}"
-        complain(line)
+        complain(f"{unfinished} of {len(states)} jobs are not done; {when}, type: {command_line(typed)}")
     if stopped:
         return 128 + stopped[0]
     return 1 if unfinished else 0

@@ -18,9 +18,9 @@ import pyarrow.parquet
 from pipeline.checkout import describe_commit
 from pipeline.errors import ConfigError
 from pipeline.files import write_atomically
-from pipeline.launch import is_telling, list_launches
+from pipeline.launch import is_meaningful, list_launches
 from pipeline.ledger import Ledger
-from pipeline.runs import tell_status
+from pipeline.runs import describe_status
 
 FILE_NAME = "sweep.parquet"
 UNITS = {"wall_s": "s", "peak_memory_mb": "MB"}
@@ -64,12 +64,13 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
         measured = facts.get("metrics") or {}
         metrics.update({name: each["unit"] for name, each in measured.items()})
         error = facts.get("error") or {}
+        absent = "not begun" if job in overrides else "no ledger"
         rows.append(
             {
                 **values,
                 **{name: each["value"] for name, each in measured.items()},
                 "job": job,
-                "status": _tell_status(sweep / job, ledger, job in overrides, job in found),
+                "status": describe_status(sweep / job, ledger, absent) if job in found else "not begun",
                 "wall_s": facts.get("seconds"),
                 "peak_memory_mb": facts.get("peak_memory_mb"),
                 "stage": error.get("stage"),
@@ -104,12 +105,8 @@ def write_frame(sweep: Path, frame: pd.DataFrame, units: Mapping[str, str]) -> P
 
 def split_overrides(overrides: Sequence[str]) -> dict[str, str]:
     """Return the telling overrides of a job by key, without the marks by which a key is added."""
-    pairs = (each.partition("=") for each in overrides if is_telling(each))
+    pairs = (each.partition("=") for each in overrides if is_meaningful(each))
     return {key.lstrip("+"): value for key, sign, value in pairs if sign}
-
-
-def _tell_status(folder: Path, ledger: Ledger | None, planned: bool, is_there: bool) -> str:
-    return tell_status(folder, ledger, "not begun" if planned else "no ledger") if is_there else "not begun"
 
 
 def _has_text(values: pd.Series) -> bool:

@@ -13,7 +13,7 @@ from pipeline.command import review_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import ABSENT, flatten, list_differences
 from pipeline.ledger import Ledger
-from pipeline.printing import add_unit, format_value, is_prose, shorten
+from pipeline.printing import add_unit, format_count, format_value, is_prose, join_some, shorten
 from pipeline.review.curves import is_incidental
 from pipeline.review.kept import (
     list_headlines,
@@ -185,9 +185,8 @@ class Comparison:
         counted = []
         for key, values in rows:
             counts = pd.Series(values).value_counts()
-            more = f" and {len(counts) - 8} more" if len(counts) > 8 else ""
-            told = [f"{shorten(str(value), LONGEST_VALUE)} ({count})" for value, count in counts.head(8).items()]
-            counted.append([key, ", ".join(told) + more])
+            told = [f"{shorten(str(value), LONGEST_VALUE)} ({count})" for value, count in counts.items()]
+            counted.append([key, join_some(told, 8)])
         return pd.DataFrame(counted, columns=[head, "value (runs)"])
 
 
@@ -256,21 +255,16 @@ def _compare_rows(
         for place, name in enumerate(rest):
             values = [each[row][place] for each in indexed.values()]
             if len({repr(value) for value in values}) > 1:
-                change = [_tell_change(*values)] if len(values) == 2 else []
+                change = [_format_change(*values)] if len(values) == 2 else []
                 rows.append([*row, add_unit(name, units.get(name, "1")), *map(format_value, values), *change])
     heads = [*key, "column", *labels.values(), *(["change"] if len(frames) == 2 else [])]
     if not common:
-        return f"no row is in all runs; {_count(alone, 'row is', 'rows are')} in some alone", pd.DataFrame()
-    told = (
-        f"{_count(len(rows), 'value differs', 'values differ')} in {_count(len(common), 'row', 'rows')} that all have"
-    )
+        return f"no row is in all runs; {format_count(alone, 'row is', 'rows are')} in some alone", pd.DataFrame()
+    told = f"{format_count(len(rows), 'value differs', 'values differ')} in {format_count(len(common), 'row')}"
+    told += " that all have"
     told += f", the first {MOST_ROWS} here" if len(rows) > MOST_ROWS else ""
-    told += f"; {_count(alone, 'row is', 'rows are')} in some runs alone" if alone else ""
+    told += f"; {format_count(alone, 'row is', 'rows are')} in some runs alone" if alone else ""
     return told, pd.DataFrame(rows[:MOST_ROWS], columns=heads)
-
-
-def _count(number: int, one: str, many: str) -> str:
-    return f"{number} {one if number == 1 else many}"
 
 
 def _rows(frame: pd.DataFrame, key: Sequence[str], columns: Sequence[str]) -> list[tuple[Any, ...]]:
@@ -292,7 +286,7 @@ def _find_key(frames: Sequence[pd.DataFrame]) -> list[str] | None:
     return None
 
 
-def _tell_change(before: Any, after: Any) -> str:
+def _format_change(before: Any, after: Any) -> str:
     if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in (before, after)):
         return ""
     share = f" ({(after - before) / abs(before):+.1%})" if before else ""

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from pipeline.flat import is_seed, list_differences
-from pipeline.launch import INCIDENTAL_KEYS
+from pipeline.flat import INCIDENTAL, is_seed, list_differences
 from pipeline.ledger import Ledger
-from pipeline.printing import add_unit, shorten
+from pipeline.printing import add_unit, join_some, shorten
 from pipeline.review.kept import list_tables, read_whole_table
 from pipeline.review.pictures import half_width
 from pipeline.sweep_table import split_overrides
@@ -74,9 +73,9 @@ class Curves:
 
 
 def is_incidental(key: str) -> bool:
-    """Tell whether runs that differ in a key compute the same nevertheless."""
+    """Return whether runs that differ in a key compute the same nevertheless."""
     parts = key.split(".")
-    return parts[0] in (*INCIDENTAL_KEYS, "stages") or ".".join(parts[:2]) in SHOWN
+    return parts[0] in (*INCIDENTAL, "stages") or ".".join(parts[:2]) in SHOWN
 
 
 def group_runs(configs: Sequence[Mapping[str, str]]) -> list[int]:
@@ -88,7 +87,7 @@ def group_runs(configs: Sequence[Mapping[str, str]]) -> list[int]:
         Flat configuration of each run.
     """
     kinds: dict[tuple[tuple[str, str], ...], int] = {}
-    return [kinds.setdefault(tuple(sorted(_telling(each).items())), len(kinds)) for each in configs]
+    return [kinds.setdefault(tuple(sorted(_select_meaningful(each).items())), len(kinds)) for each in configs]
 
 
 def name_groups(
@@ -112,14 +111,14 @@ def name_groups(
 
 
 def _name_groups(configs: Sequence[Mapping[str, str]], groups: Sequence[int]) -> dict[int, str]:
-    firsts = {group: _telling(config) for group, config in reversed([*zip(groups, configs, strict=True)])}
+    firsts = {group: _select_meaningful(config) for group, config in reversed([*zip(groups, configs, strict=True)])}
     keys = list_differences(list(firsts.values()))
     ends = [key.rpartition(".")[2] for key in keys]
     short = {key: end if ends.count(end) == 1 else key for key, end in zip(keys, ends, strict=True)}
     named = {}
     for group, config in firsts.items():
         parts = [f"{short[key]}={shorten(config.get(key, NOT_SET), LONGEST_VALUE)}" for key in keys]
-        named[group] = ", ".join(parts[:3]) + (f" and {len(parts) - 3} more" if len(parts) > 3 else "")
+        named[group] = join_some(parts, 3)
     return dict(sorted(named.items()))
 
 
@@ -257,5 +256,5 @@ def _read_overrides(ledger: Ledger) -> dict[str, str]:
         return {}
 
 
-def _telling(config: Mapping[str, str]) -> dict[str, str]:
+def _select_meaningful(config: Mapping[str, str]) -> dict[str, str]:
     return {key: value for key, value in config.items() if not is_seed(key) and not is_incidental(key)}

@@ -12,8 +12,9 @@ import pandas as pd
 from pipeline.errors import ConfigError, suggest
 from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
+from pipeline.printing import format_count
 from pipeline.review.kept import read_slices
-from pipeline.runs import list_folders, live_status, sweeps_folder, tell_status
+from pipeline.runs import describe_status, list_folders, live_status, sweeps_folder
 
 COLUMNS = ["run", "status", "started", "wall_s", "finished", "command"]
 WORST_FIRST = ("running", "failed", "killed", "paused", "interrupted", "unreadable", "no ledger", "not begun", "done")
@@ -64,7 +65,7 @@ def list_everything(outputs: str | Path, with_jobs: bool, keys: Sequence[str] = 
 def _describe(folder: Path, ledger: Ledger | None, is_job: bool) -> dict[str, Any]:
     name = f"{folder.parent.name}/{folder.name}" if is_job else folder.name
     if ledger is None:
-        status = tell_status(folder, None)
+        status = describe_status(folder, None)
         return {"run": name, "status": status, "finished": None, "command": None, "age": (-1, name), "found": []}
     done = sum(ledger.finished(each) is not None for each in ledger.records)
     return {
@@ -72,7 +73,7 @@ def _describe(folder: Path, ledger: Ledger | None, is_job: bool) -> dict[str, An
         "status": live_status(ledger),
         "started": ledger.facts["started"],
         "wall_s": ledger.facts.get("seconds"),
-        "finished": f"{done} {'stage' if done == 1 else 'stages'}",
+        "finished": format_count(done, "stage"),
         "command": ledger.facts["command"],
         "age": ledger.age,
         "found": [ledger],
@@ -80,10 +81,9 @@ def _describe(folder: Path, ledger: Ledger | None, is_job: bool) -> dict[str, An
 
 
 def _summarise(sweep: Path, jobs: Sequence[tuple[Path, Ledger | None]]) -> dict[str, Any]:
-    counts = Counter(tell_status(folder, ledger) for folder, ledger in jobs)
+    counts = Counter(describe_status(folder, ledger) for folder, ledger in jobs)
     planned = {each["job"] for launch in list_launches(sweep) for each in launch["jobs"]}
     counts["not begun"] += len(planned - {folder.name for folder, _ in jobs})
-    total = counts.total()
     states = [each for each in WORST_FIRST if counts[each]]
     ledgers = [ledger for _, ledger in jobs if ledger]
     others = "".join(f", {counts[each]} {each}" for each in states if each != "done")
@@ -93,7 +93,7 @@ def _summarise(sweep: Path, jobs: Sequence[tuple[Path, Ledger | None]]) -> dict[
         "status": states[0],
         "started": min((each.facts["started"] for each in ledgers), default=None),
         "wall_s": sum(seconds) if seconds else None,
-        "finished": f"{counts['done']} of {total} {'job' if total == 1 else 'jobs'}{others}",
+        "finished": f"{counts['done']} of {format_count(counts.total(), 'job')}{others}",
         "command": None,
         "age": max((each.age for each in ledgers), default=(-1, sweep.name)),
         "found": ledgers,

@@ -24,6 +24,7 @@ from rich.console import Console
 from pipeline.config import find_target
 from pipeline.launch import is_launched
 from pipeline.ledger import Ledger
+from pipeline.printing import format_count
 from pipeline.runs import LOCK_NAME, is_running, list_folders, live_status, runs_folder, sweeps_folder
 from pipeline.terminal import complain, say
 
@@ -138,11 +139,12 @@ def review(options: argparse.Namespace, console: Console) -> int:
         say(f"remove  {unit.folder}  {_size(files)}", console)
         removed += 1
         remove(hidden, files)
-    told = f"{removed} {'folder' if removed == 1 else 'folders'}"
     left = freed.total(shared=True)
     shared = f"; {format_bytes(left)} more stay, as folders that are kept have them too" if left else ""
     would = "would be " if dry_run else ""
-    say(f"{told} {would}removed, {format_bytes(freed.total())} {would}freed{shared}", console)
+    say(
+        f"{format_count(removed, 'folder')} {would}removed, {format_bytes(freed.total())} {would}freed{shared}", console
+    )
     if dry_run:
         say("nothing was changed (--dry-run)", console)
     for each in problems:
@@ -198,11 +200,11 @@ def _protect(unit: Unit) -> str | None:
         return "is at work"
     if any(each.status == "paused" for each in unit.ledgers):
         return "is paused, and waits for a person"
-    measured = (_tell_measured(*each) for ledger in unit.ledgers for each in ledger.records.items())
+    measured = (_describe_measured(*each) for ledger in unit.ledgers for each in ledger.records.items())
     return next((each for each in measured if each), None)
 
 
-def _tell_measured(stage: str, record: Mapping[str, Any]) -> str | None:
+def _describe_measured(stage: str, record: Mapping[str, Any]) -> str | None:
     """Return that a stage was measured on real hardware, or may have been, or None."""
     real = record.get("measured")
     if real is None:  # a ledger of an earlier version

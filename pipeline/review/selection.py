@@ -33,7 +33,7 @@ class Condition:
     value: str
 
     def holds(self, value: object) -> bool:
-        """Tell whether a value fulfils the condition; a missing one equals nothing but ``-``."""
+        """Return whether a value fulfils the condition; a missing one equals nothing but ``-``."""
         text = "-" if _is_missing(value) else str(value)
         if self.sign == "~":
             return self.value.lower() in text.lower()

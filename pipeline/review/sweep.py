@@ -8,16 +8,14 @@ from collections.abc import Iterator
 from rich.console import Console
 
 from pipeline.errors import PipelineError
-from pipeline.failures import describe_reason, list_commands
-from pipeline.ledger import Ledger
-from pipeline.printing import print_frame
+from pipeline.failures import list_commands, list_reasons
+from pipeline.printing import format_count, print_frame
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
 from pipeline.review.sweep_page import FILE_NAME, describe_counts, write_sweep_page
 from pipeline.review.sweep_view import Sweep, find_sweep
 from pipeline.sweep_table import write_frame
 from pipeline.terminal import say
 
-MOST_FAILURES = 20
 NOT_TOLD = ("done", "not begun", "running")
 
 
@@ -38,8 +36,8 @@ def review(options: argparse.Namespace, console: Console) -> None:
         When there is no such sweep, or its folder cannot be written.
     """
     found = find_sweep(options.outputs, options.sweep)
-    jobs = len(found.frame)
-    say(f"sweep {found.folder}: {jobs} {'job' if jobs == 1 else 'jobs'} ({describe_counts(found.counts)})", console)
+    jobs = format_count(len(found.frame), "job")
+    say(f"sweep {found.folder}: {jobs} ({describe_counts(found.counts)})", console)
     if found.alike and not options.all:
         say(f"the same in all: {', '.join(f'{key}={value}' for key, value in found.alike.items())}", console)
     chosen = sort_rows(keep_rows(found.frame, [read_condition(each) for each in options.where]), options.sort)
@@ -47,7 +45,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
     if options.all:
         table = table.drop(columns="error")
     print_frame("Jobs", table.rename(columns=found.head), console, options.rows, "--rows")
-    for line in _tell_failures(found):
+    for line in _describe_failures(found):
         say(line, console)
     try:
         say(f"table: {write_frame(found.folder, found.frame, found.units)}", console)
@@ -60,21 +58,17 @@ def review(options: argparse.Namespace, console: Console) -> None:
     say(f"page: {found.folder / FILE_NAME}", console)
 
 
-def _tell_failures(found: Sweep) -> Iterator[str]:
+def _describe_failures(found: Sweep) -> Iterator[str]:
     statuses = dict(zip(found.frame["job"], found.frame["status"], strict=True))
     unfinished = [job for job, status in statuses.items() if status != "done"]
-    failed = [job for job in unfinished if statuses[job] not in NOT_TOLD]
-    for job in failed[:MOST_FAILURES]:
-        yield f"  {job} {statuses[job]}: {describe_reason(Ledger.look(found.folder / job), statuses[job])}"
-    if len(failed) > MOST_FAILURES:
-        yield f"  ... and {len(failed) - MOST_FAILURES} more"
+    yield from list_reasons(found.folder, {job: statuses[job] for job in unfinished if statuses[job] not in NOT_TOLD})
     commands = list_commands(found.folder, unfinished)
     for command, count in commands:
-        yield f"{count} of {len(statuses)} jobs {_are(count)} not done; to finish, type: {command}"
+        yield f"{_describe_unfinished(count, statuses)}; to finish, type: {command}"
     left = len(unfinished) - sum(count for _, count in commands)
     if left:
-        yield f"{left} of {len(statuses)} jobs {_are(left)} not done, and nothing says by which command"
+        yield f"{_describe_unfinished(left, statuses)}, and nothing says by which command"
 
 
-def _are(count: int) -> str:
-    return "is" if count == 1 else "are"
+def _describe_unfinished(count: int, statuses: dict[str, str]) -> str:
+    return f"{count} of {len(statuses)} jobs {'is' if count == 1 else 'are'} not done"

@@ -21,6 +21,7 @@ from pipeline.page import (
     show_traceback,
     write_page,
 )
+from pipeline.printing import format_count, join_some
 from pipeline.review.comparison import Comparison
 from pipeline.review.kept import list_headlines, read_config, read_short_tables
 from pipeline.review.sweep_view import AS_CONFIGURED, Sweep
@@ -50,12 +51,11 @@ def write_sweep_page(sweep: Sweep) -> None:
     kinds = _list_failures(sweep, ledgers, failed)
     done = [ledgers[job] for job, status in statuses.items() if status == "done"]
     commands = [str(each.get("command", "-")) for each in list_launches(sweep.folder)][-MOST_COMMANDS:]
-    count = len(sweep.frame)
     write_page(
         sweep.folder / FILE_NAME,
         title=f"sweep {sweep.name}",
         heading=f"Sweep {sweep.name}",
-        lead=f"{count} {'job' if count == 1 else 'jobs'}: {describe_counts(sweep.counts)}",
+        lead=f"{format_count(len(sweep.frame), 'job')}: {describe_counts(sweep.counts)}",
         status=f"{len(unfinished)} not done" if unfinished else "done",
         opening=[*(("command", each) for each in commands), ("facts", _list_facts([*ledgers.values()]))],
         sections=[
@@ -122,9 +122,8 @@ def _list_axes(sweep: Sweep) -> dict[str, Any]:
     rows = []
     for key, values in sweep.varying.items():
         counts = sweep.frame[key].where(sweep.frame[key].notna(), AS_CONFIGURED).astype(str).value_counts()
-        shown = ", ".join(f"{value} ({counts[value]})" for value in values[:MOST_VALUES])
-        more = f" and {len(values) - MOST_VALUES} more" if len(values) > MOST_VALUES else ""
-        rows.append([key, len(values), shown + more, "repeats" if key in sweep.seeds else "axis"])
+        shown = join_some([f"{value} ({counts[value]})" for value in values], MOST_VALUES)
+        rows.append([key, len(values), shown, "repeats" if key in sweep.seeds else "axis"])
     return make_rows(["key", "values", "value (jobs)", "taken for"], rows)
 
 
@@ -149,8 +148,8 @@ def _list_failures(sweep: Sweep, ledgers: dict[str, Ledger], failed: dict[str, s
 def _show_commands(sweep: Sweep, unfinished: Iterable[str]) -> list[Block]:
     blocks: list[Block] = []
     for command, count in list_commands(sweep.folder, unfinished):
-        told = f"{count} {'job' if count == 1 else 'jobs'}, when that is mended:"
-        blocks += [("note", f"This finishes {told}"), ("command", command)]
+        note = f"This finishes {format_count(count, 'job')}, when that is mended:"
+        blocks += [("note", note), ("command", command)]
     return blocks
 
 

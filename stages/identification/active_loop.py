@@ -328,7 +328,7 @@ class Loop:
         record = self.ctx.record
         for attempt in count(1):
             aside, told = self.key(trial, attempt), None
-            if not record.landed(aside):
+            if not record.holds(aside):
                 try:
                     part = record.part(self.key(trial), partial(self.run_trial, trial, attempt, landed, declined, rig))
                     keys.append(record.name(self.key(trial)))

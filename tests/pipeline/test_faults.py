@@ -234,7 +234,7 @@ def test_damaged_part_is_told_and_not_taken(killed, reference, damage):
     assert result.returncode == 1
     line = the_only_line(result.stderr)
     assert f"{part}/doubles.parquet" in line
-    assert f"remove the folder {part}, and this turn of the loop is made again" in line
+    assert f"remove the folder {part}, and this part of the loop is made again" in line
     shutil.rmtree(part)
     finish(killed, reference, SLOWLY)
     assert len(killed.runs) == 1

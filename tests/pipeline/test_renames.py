@@ -14,6 +14,7 @@ from pipeline.plan import gather
 from pipeline.renames import update_facts
 from pipeline.stage import load_stages
 from tests.composing import CONF, GROUPS, compose_values
+from tests.conftest import Command
 
 MEASURED = json.loads(Path(__file__).with_name("measured_by_0_1.json").read_text())
 """What it noted of each stage that drove ``rig=festo_cpx``; inputs left out."""
@@ -78,6 +79,16 @@ def test_an_old_name_is_refused_with_todays(pamid, tmp_path, arguments, told):
     assert not pamid.outputs.exists()
 
 
+def test_a_run_whose_configuration_has_old_names_is_repeated(done):
+    path = done.runs[0] / "config.yaml"
+    text = path.read_text().replace("operator_ui: null", "desk: null").replace("interface: operator_ui\n", "")
+    assert "desk: null" in text
+    path.write_text(text)
+    result = Command(done.outputs)("rerun=latest")
+    assert result.returncode == 0, result.stderr
+    assert "4 of 4 tables have the same bytes" in result.stdout
+
+
 def test_todays_names_are_those_of_today():
     renames = yaml.safe_load((CONF / "renames.yaml").read_text())
     tables = [table for stage in load_stages("stages") for table in stage.writes]
@@ -86,7 +97,7 @@ def test_todays_names_are_those_of_today():
     }
     assert {*renames["names"].values()} <= known
     assert {each.partition(".")[0] for each in renames["keys"].values()} <= GROUPS
-    for group, options in renames["options"].items():
-        assert all((CONF / group / f"{each}.yaml").is_file() for each in options.values())
+    for option, today in renames["options"].items():
+        assert (CONF / option.partition("=")[0] / f"{today}.yaml").is_file()
     for target in renames["targets"].values():
         find_target(target) if target.rpartition(".")[2][0].isupper() else importlib.import_module(target)

@@ -1,4 +1,4 @@
-"""The operator at the terminal: what a desk asks flows out as lines, letters that are typed flow back as decisions."""
+"""The operator at the terminal: a session's questions flow out as lines, typed letters flow back as decisions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import threading
 from typing import Any, TextIO
 
-from stages.science.operator_ui.desk import Desk, Refused
+from stages.science.operator_ui.operator_session import OperatorSession, Refused
 from stages.science.rig import clock
 
 LETTERS = {"a": "accept", "s": "skip", "k": "keep", "r": "repeat", "x": "reject", "q": "pause"}
@@ -28,14 +28,14 @@ class Terminal:
 
     Parameters
     ----------
-    desk : Desk
+    session : OperatorSession
         What is asked.
     source, sink : TextIO or None
         Where lines come from and go to; the process's own if not given.
     """
 
-    def __init__(self, desk: Desk, source: TextIO | None = None, sink: TextIO | None = None):
-        self.desk = desk
+    def __init__(self, session: OperatorSession, source: TextIO | None = None, sink: TextIO | None = None):
+        self.session = session
         self._source, self._sink = source or sys.stdin, sink or sys.stdout
         self._closed = threading.Event()
         self._told: tuple[Any, ...] = ()
@@ -52,8 +52,8 @@ class Terminal:
     def _watch(self) -> None:
         seen = -1
         while not self._closed.is_set():
-            if self.desk.number != seen:
-                scene = self.desk.see()
+            if self.session.number != seen:
+                scene = self.session.see()
                 seen = scene["number"]
                 self._tell(scene)
             clock.sleep(POLL_S)
@@ -92,33 +92,33 @@ class Terminal:
             self._take(line)
 
     def _take(self, line: str) -> None:
-        scene = self.desk.see()
+        scene = self.session.see()
         if scene["phase"] in ("countdown", "running") or scene["automatic"]:
-            self.desk.stop("the operator pressed Enter")
+            self.session.stop("the operator pressed Enter")
             return
         letter, _, note = line.strip().partition(" ")
         letter = letter.lower()
         if letter == "g" and scene["phase"] == "proposed":
-            self.desk.go_on(True)
+            self.session.go_on(True)
         elif not scene["choices"]:
             self._say("nothing is asked now")
         else:
             try:
                 if letter not in LETTERS:
                     raise Refused(f"expected one of the letters, got {letter!r}")
-                self.desk.decide(LETTERS[letter], note, scene["question"])
+                self.session.decide(LETTERS[letter], note, scene["question"])
             except Refused as error:
                 self._say(f"{error}", self._offer(scene))
 
     def _lose(self) -> None:
         """Nobody can type any more: stop what runs, and the study at the next question."""
-        self.desk.stop("the terminal's input has ended")
+        self.session.stop("the terminal's input has ended")
         while not self._closed.is_set():
-            scene = self.desk.see()
+            scene = self.session.see()
             if "pause" in scene["choices"] or "keep" in scene["choices"]:
                 word = "pause" if "pause" in scene["choices"] else "keep"
                 with contextlib.suppress(Refused):
-                    self.desk.decide(word, "the terminal's input had ended", scene["question"])
+                    self.session.decide(word, "the terminal's input had ended", scene["question"])
             clock.sleep(POLL_S)
 
     def _say(self, *lines: str) -> None:

@@ -1,6 +1,6 @@
 """Where trials are attended: on pages in a browser, or in the terminal.
 
-The configuration's ``operator_ui`` flows in; out flows the desk that rigs tell what they do, open until it is closed.
+The configuration's ``operator_ui`` flows in; out flows the operator session to which rigs report, until it is closed.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 from pydantic import Field, PrivateAttr
 
-from stages.science.operator_ui.desk import Desk, DeskSettings
+from stages.science.operator_ui.operator_session import OperatorSession, OperatorSettings
 from stages.science.operator_ui.pages.server import PageServer
 from stages.science.operator_ui.terminal import Terminal
 
 
-class OperatorUi(DeskSettings):
+class OperatorUi(OperatorSettings):
     """What the operator, and perhaps the participant, sits at."""
 
     @property
@@ -24,8 +24,8 @@ class OperatorUi(DeskSettings):
         """Lines that say where it is, once it is open."""
 
     @abstractmethod
-    def open(self) -> Desk:
-        """Return the desk behind it."""
+    def open(self) -> OperatorSession:
+        """Return the operator session behind it."""
 
     @abstractmethod
     def close(self) -> None:
@@ -55,7 +55,7 @@ class Pages(OperatorUi):
             f"participant's page: {self._server.participant_url}",
         ]
 
-    def open(self) -> Desk:
+    def open(self) -> OperatorSession:
         """Serve the pages.
 
         Raises
@@ -63,11 +63,11 @@ class Pages(OperatorUi):
         RigError
             When the port is taken, or the library that serves pages is not there.
         """
-        desk = Desk(self)
-        server = PageServer(desk, self.host, self.port)
+        session = OperatorSession(self)
+        server = PageServer(session, self.host, self.port)
         server.open()
         self._server = server
-        return desk
+        return session
 
     def close(self) -> None:
         """Serve no more."""
@@ -86,12 +86,12 @@ class TerminalUi(OperatorUi):
         """What to type."""
         return ["trials are decided on here: type the letter, perhaps a note after it, and Enter"]
 
-    def open(self) -> Desk:
+    def open(self) -> OperatorSession:
         """Begin to ask."""
-        desk = Desk(self, drawn=False)
-        self._terminal = Terminal(desk)
+        session = OperatorSession(self, drawn=False)
+        self._terminal = Terminal(session)
         self._terminal.open()
-        return desk
+        return session
 
     def close(self) -> None:
         """Ask no more."""

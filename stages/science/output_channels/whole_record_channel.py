@@ -326,7 +326,9 @@ def build_whole_records(
     names = (*plant.inputs, plant.output)
     records, step_s = spread_records(signals, names)
     _check_records(records, trials, plant)
-    settled = plant.settle([{name: bridge(rows[name]) for name in names} for rows in records.values()], step_s)
+    settled = plant.resolve_from_data(
+        [{name: bridge(rows[name]) for name in names} for rows in records.values()], step_s
+    )
     stride = max(int(settled.finest_s / step_s), 1)
     order = {name: k for k, name in enumerate(records)}
     thinned = [

@@ -36,7 +36,7 @@ class NominalConstant(Declared):
             raise ValueError(f"expected low <= start <= high, low < high and sd > 0, got {low}, {start}, {high}, {sd}")
         return self
 
-    def settle(self, start: float, low: float, high: float, sd: float) -> Self:
+    def with_defaults(self, start: float, low: float, high: float, sd: float) -> Self:
         """Return the constant with these, where it has none of its own."""
         if self.start is not None:
             return self

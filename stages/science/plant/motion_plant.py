@@ -155,8 +155,8 @@ class MotionPlant(RecordPlant):
             How records begin.
         """
 
-    def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
-        """Return the plant with scales and constants, where they were left open; see `RecordPlant.settle`."""
+    def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+        """Return the plant with the scales and constants that were left open; see `RecordPlant.resolve_from_data`."""
         outputs = [each[self.output] for each in records]
         spans = [float(np.ptp(each)) for each in outputs]
         usual_s = self.time_scale_s or max(find_pace(outputs, step_s), step_s)
@@ -191,7 +191,7 @@ class MotionPlant(RecordPlant):
         filtered[""] = [filter_derivatives(np.ones(len(each[self.output])), 2, tau_s, step_s) for each in records]
         guessed = self.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)), begun)
         guessed["input_delay_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
-        told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
+        told = {name: each.with_defaults(*guessed[name]) for name, each in self.nominal.items()}
         return self.model_copy(update={"constants": type(self.constants)(**told)})
 
     def _follow_nature(self, records: Sequence[Mapping[str, Array]]) -> Self:

@@ -217,7 +217,7 @@ class RecordPlant(Declared):
         """Where a fit of the constants begins."""
         return {each.name: each.prior_mean for each in self.parameters}
 
-    def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+    def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
         """Return the plant with scales and constants, where they were left open, from recorded signals.
 
         Parameters
@@ -246,7 +246,9 @@ class RecordPlant(Declared):
                 f"{type(self).__name__}.guess: expected (start, low, high, sd) of {', '.join(untold)}, got none; tell "
                 f"them there, or as plant.constants.{untold[0]}={{unit: ..., start: ..., low: ..., high: ..., sd: ...}}"
             )
-        told = {name: each.settle(*guessed[name]) if name in left else each for name, each in self.nominal.items()}
+        told = {
+            name: each.with_defaults(*guessed[name]) if name in left else each for name, each in self.nominal.items()
+        }
         constants = told if isinstance(self.constants, dict) else type(self.constants)(**told)
         return settled.model_copy(update={"constants": constants})
 

@@ -12,7 +12,7 @@ from stages.science.rig.attendance import TrialDeclined
 from tests import browsing
 from tests.browsing import HOSTILE
 from tests.browsing import browser as browser
-from tests.science.rig.attended import Study, make_desk, make_trial, wait_until
+from tests.science.operator_ui.attended import Study, make_session, make_trial, wait_until
 
 pytest.importorskip("aiohttp", reason="aiohttp is not installed")
 SIZES = {"wide": (1280, 800), "tall": (720, 1280), "small": (720, 450), "phone": (390, 844)}
@@ -83,23 +83,23 @@ class Look(browsing.Look):
 
 
 class Room:
-    """A desk with its server, and the pages that look at it; both go by a clock that is turned, if there is one."""
+    """An operator session with its server and the pages that show it; both go by a clock that is turned, if any."""
 
     def __init__(self, browser, turned, **settings):
         self.browser, self.turned = browser, turned
-        self.desk = make_desk(**settings)
-        self.server = PageServer(self.desk, "127.0.0.1", 0)
+        self.session = make_session(**settings)
+        self.server = PageServer(self.session, "127.0.0.1", 0)
         self.server.open()
         self.looks, self.studies = [], []
 
     def look(self, role, **how):
         self.looks.append(Look(self, role, **how))
-        self.wait(lambda: self.desk.see()["pages"][role])
+        self.wait(lambda: self.session.see()["pages"][role])
         return self.looks[-1]
 
     def start(self, *kinds, **how):
-        trials = [make_trial(self.desk.machine, kind, position, **how) for position, kind in enumerate(kinds, 4)]
-        study = Study(self.desk, *trials, fill_s=0.3)
+        trials = [make_trial(self.session.machine, kind, position, **how) for position, kind in enumerate(kinds, 4)]
+        study = Study(self.session, *trials, fill_s=0.3)
         self.studies.append(study)
         if self.turned:
             self.turned.start(study)
@@ -150,7 +150,7 @@ def still(turned, room):
 def test_a_browser_draws_frames_as_they_are_offered_and_soon(room):
     room = room(countdown_s=0.0, trial_s=2.0, result_s=0.0)
     participant, _ = room.look("participant"), room.look("operator")
-    room.desk.go_on(True)
+    room.session.go_on(True)
     study = room.start("tracked", "free", "passive")
     participant.wait_text("Follow the red arm")
     offered, drawn = participant.page.evaluate(OFFERED)
@@ -196,10 +196,10 @@ def test_a_trial_is_stopped_within_a_fifth_of_a_second(room):
         assert room.wait(lambda: study.stopped_s) - pressed_s < within_s
         operator.wait_phase("judging")
         if within_s < 1.0:
-            assert room.desk.why_stop() == f"the {role} pressed stop"
+            assert room.session.why_stop() == f"the {role} pressed stop"
             participant.wait_text("Stopped")
             operator.wait_text(f"stopped: the {role} pressed stop")
-        assert "page" in room.desk.why_stop() or within_s < 1.0
+        assert "page" in room.session.why_stop() or within_s < 1.0
         operator.press("r")
         room.wait(lambda count=count: len(study.ended) == count)
         assert isinstance(study.ended[-1], TrialDeclined)
@@ -244,7 +244,7 @@ def test_a_trial_from_its_proposal_to_its_result(still):
     assert operator.page.locator("#note").input_value() == ""
     operator.page.locator("button.keep").click()
     room.wait(lambda: study.ended)
-    assert room.desk.see()["history"] == [{"trial": "trial 4", "decision": "keep", "note": "arm at rest"}]
+    assert room.session.see()["history"] == [{"trial": "trial 4", "decision": "keep", "note": "arm at rest"}]
     operator.wait_text("arm at rest")
     for look in room.looks:
         assert look.complaints + look.errors == []
@@ -267,11 +267,11 @@ def test_what_is_written_is_shown_as_it_is_and_presses_no_keys(still):
         operator.press(key)
     room.pass_time(0.2)
     assert operator.page.locator("#choices button").first.is_enabled()
-    assert room.desk.see()["phase"] == "proposed"
+    assert room.session.see()["phase"] == "proposed"
     assert operator.page.locator("#note").input_value() == note
     operator.press("s")
-    room.wait(lambda: room.desk.see()["history"])
-    assert room.desk.see()["history"][0] == {"trial": HOSTILE, "decision": "skip", "note": note}
+    room.wait(lambda: room.session.see()["history"])
+    assert room.session.see()["history"][0] == {"trial": HOSTILE, "decision": "skip", "note": note}
     room.wait(operator.page.locator("#history td").first.is_visible)
     assert operator.page.locator("#history td").all_inner_texts() == [HOSTILE, "skip", note]
     assert operator.page.title() == "Operator"
@@ -297,7 +297,7 @@ def test_trials_follow_by_themselves_until_somebody_stops(still):
 def test_without_a_reference_only_the_own_arm_is_shown(still, kind, told):
     room = still(countdown_s=0.0, trial_s=1.5)
     participant = room.look("participant")
-    room.desk.go_on(True)
+    room.session.go_on(True)
     study = room.start(kind)
     participant.wait_text(told)
     assert not participant.page.get_by_text("target").is_visible()
@@ -314,10 +314,10 @@ def test_a_pointer_becomes_a_posture_within_the_limits(still, joints):
     for share in (0.45, 0.6, 0.8):
         box = participant.page.locator("canvas").bounding_box()
         participant.page.mouse.move(box["x"] + share * box["width"], box["y"] + 0.5 * box["height"])
-        room.wait(lambda: room.desk.ask_pointer() is not found[-1])
+        room.wait(lambda: room.session.ask_pointer() is not found[-1])
         room.pass_time(0.2)
-        found.append(room.desk.ask_pointer())
-    limits = [(each.lower_rad, each.upper_rad) for each in room.desk.machine.joints]
+        found.append(room.session.ask_pointer())
+    limits = [(each.lower_rad, each.upper_rad) for each in room.session.machine.joints]
     for posture in found[1:]:
         assert len(posture) == joints
         assert all(low <= angle <= high for angle, (low, high) in zip(posture, limits, strict=True))

@@ -11,7 +11,7 @@ import pytest
 from tests import browsing
 from tests.browsing import browser as browser
 from tests.conftest import Command
-from tests.science.rig.attended import wait_until
+from tests.science.operator_ui.attended import wait_until
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed")
 
@@ -85,7 +85,7 @@ def test_what_an_operator_never_saw_is_not_begun_and_a_signal_closes_the_study(s
     address = study.find("participant").replace("/participant?", "/ws/participant?")
 
     async def see_proposed():
-        async with aiohttp.ClientSession() as session, session.ws_connect(address) as socket:
+        async with aiohttp.ClientSession() as client, client.ws_connect(address) as socket:
             while (await socket.receive_json(timeout=60.0)).get("phase") != "proposed":
                 pass
             until = time.monotonic() + 0.5

@@ -16,8 +16,8 @@ from stages.science.operator_ui.pages import server as pages
 from stages.science.operator_ui.pages.server import PageServer, encode
 from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import RigError
-from tests.science.rig.attended import begin as begin
-from tests.science.rig.attended import make_desk, make_trial, wait_until
+from tests.science.operator_ui.attended import begin as begin
+from tests.science.operator_ui.attended import make_session, make_trial, wait_until
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed")
 LONGEST_S = 30.0
@@ -26,11 +26,11 @@ LONGEST_S = 30.0
 
 @contextlib.contextmanager
 def shown(host="127.0.0.1", port=0, **settings):
-    desk = make_desk(**settings)
-    server = PageServer(desk, host, port)
+    session = make_session(**settings)
+    server = PageServer(session, host, port)
     server.open()
     try:
-        yield desk, server
+        yield session, server
     finally:
         server.close()
 
@@ -51,8 +51,8 @@ def ask(server, path, method="GET", **headers):
 
     async def asked():
         async with (
-            aiohttp.ClientSession() as session,
-            session.request(method, f"http://127.0.0.1:{server.port}{path}", headers=headers) as answer,
+            aiohttp.ClientSession() as client,
+            client.request(method, f"http://127.0.0.1:{server.port}{path}", headers=headers) as answer,
         ):
             return answer.status, answer.headers, await answer.text()
 
@@ -64,7 +64,7 @@ def path_of(url):
 
 
 async def connect(url, **headers):
-    async with aiohttp.ClientSession() as session, session.ws_connect(url, headers=headers):
+    async with aiohttp.ClientSession() as client, client.ws_connect(url, headers=headers):
         pass
 
 
@@ -108,10 +108,10 @@ def converse(server, talk, *roles):
 
     async def run():
         async with contextlib.AsyncExitStack() as stack:
-            session = await stack.enter_async_context(aiohttp.ClientSession())
+            client = await stack.enter_async_context(aiohttp.ClientSession())
             addresses = [address(server, role, True) for role in roles]
-            sockets = [await stack.enter_async_context(session.ws_connect(each)) for each in addresses]
-            wait_until(lambda: sum(server.desk.see()["pages"].values()) == len(roles))
+            sockets = [await stack.enter_async_context(client.ws_connect(each)) for each in addresses]
+            wait_until(lambda: sum(server.session.see()["pages"].values()) == len(roles))
             return await asyncio.wait_for(talk(*map(Page, sockets)), 2 * LONGEST_S)
 
     return asyncio.run(run())
@@ -138,7 +138,7 @@ def test_what_pages_ask_for_is_there_and_nothing_else(opened):
     for name, kind in (("shared.js", "text/javascript"), ("style.css", "text/css"), ("operator.js", "text/javascript")):
         status, headers, _ = ask(server, f"/{name}")
         assert (status, headers["Content-Type"]) == (200, f"{kind}; charset=utf-8")
-    for name in ("", "operator.html", "server.py", "..%2Fdesk.py", "%2e%2e/desk.py", "ws/other", "favicon.ico"):
+    for name in ("", "operator.html", "server.py", "..%2Fdesk.py", "%2e%2e/session.py", "ws/other", "favicon.ico"):
         assert ask(server, f"/{name}")[0] == 404
     for method in ("POST", "PUT", "DELETE", "HEAD", "OPTIONS"):
         assert ask(server, path_of(server.operator_url), method)[0] == 405
@@ -202,9 +202,9 @@ def test_an_address_for_the_whole_network_is_one_that_others_reach():
     ],
 )
 def test_an_address_that_cannot_be_taken_is_told_in_one_line(opened, host, port, told):
-    desk, server = opened
+    session, server = opened
     with pytest.raises(RigError, match=told) as caught:
-        PageServer(desk, host, server.port if port is None else port).open()
+        PageServer(session, host, server.port if port is None else port).open()
     assert "\n" not in str(caught.value)
 
 
@@ -218,26 +218,26 @@ def test_what_to_install_is_told(monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", missing)
     with pytest.raises(RigError, match=r'pip install "pamid\[pages\]"'):
-        PageServer(make_desk(), "127.0.0.1", 0).open()
+        PageServer(make_session(), "127.0.0.1", 0).open()
 
 
 def test_closing_ends_it_and_frees_the_port(opened):
-    desk, server = opened
+    session, server = opened
     server.close()
     server.close()
-    again = PageServer(desk, "127.0.0.1", server.port)
+    again = PageServer(session, "127.0.0.1", server.port)
     again.open()
     again.close()
 
 
 def test_scenes_come_whenever_something_changes(opened, begin, turned):
-    desk, server = opened
-    trial = make_trial(desk.machine)
+    session, server = opened
+    trial = make_trial(session.machine)
 
     async def talk(participant, operator):
         first = await operator.hear("scene")
         assert (first["phase"], first["trial"]) == ("busy", None)
-        begin(desk, trial)
+        begin(session, trial)
         proposed = await operator.hear_phase("proposed")
         await operator.send("decide", word="accept", note="calm", question=proposed["question"])
         for phase, lasts_s in (("countdown", 0.31), ("running", 1.11), ("judging", 0.0)):
@@ -275,17 +275,17 @@ REFUSED = [
 
 @pytest.mark.parametrize(("role", "message", "why"), REFUSED, ids=range(len(REFUSED)))
 def test_a_decision_that_does_not_fit_is_refused(begin, role, message, why):
-    with shown(needed=["participant"]) as (desk, server):
+    with shown(needed=["participant"]) as (session, server):
 
         async def talk(page):
-            begin(desk)
+            begin(session)
             assert (await page.hear_phase("proposed"))["question"] == DECIDE["question"]
             await page.send(**message)
             return await page.hear("refused")
 
         assert why in converse(server, talk, role)["why"]
-        assert desk.see()["phase"] == "proposed"
-        assert not desk.see()["automatic"]
+        assert session.see()["phase"] == "proposed"
+        assert not session.see()["automatic"]
 
 
 STOPS = {
@@ -299,11 +299,11 @@ STOPS = {
 @pytest.mark.parametrize("way", STOPS)
 def test_a_stop_or_a_page_that_is_closed_ends_the_trial_with_its_next_sample(begin, turned, way):
     message, told = STOPS[way]
-    with shown(trial_s=5.0, countdown_s=0.0, needed=["participant"]) as (desk, server):
+    with shown(trial_s=5.0, countdown_s=0.0, needed=["participant"]) as (session, server):
 
         async def talk(participant, operator):
-            desk.go_on(True)
-            study = begin(desk)
+            session.go_on(True)
+            study = begin(session)
             await operator.hear_phase("running")
             turned.sleep(0.2)
             await operator.hear("moment", lambda each: each["time_s"] > 0.05)
@@ -314,13 +314,13 @@ def test_a_stop_or_a_page_that_is_closed_ends_the_trial_with_its_next_sample(beg
                 await page.settle()
             else:
                 await page.socket.close()
-                wait_until(lambda: desk.see()["pages"]["participant"] == 0)
+                wait_until(lambda: session.see()["pages"]["participant"] == 0)
             turned.sleep(0.1)
             return study.stopped_s - pressed_s, await operator.hear_phase("judging")
 
         took_s, scene = converse(server, talk, "participant", "operator")
         assert took_s < 0.011
-        assert desk.why_stop() == told
+        assert session.why_stop() == told
         assert scene["outcome"]["stopped"] == f"stopped: {told}"
         assert not scene["automatic"]
 
@@ -330,12 +330,12 @@ def moment_at(time_s):
 
 
 def test_a_slow_reader_gets_the_newest_sample_and_no_queue(opened):
-    desk, server = opened
+    session, server = opened
     last = 5 * pages.MOST_ON_THE_WAY
 
     async def talk(slow, quick):
         for index in range(last + 1):
-            desk.show(moment_at(float(index)))
+            session.show(moment_at(float(index)))
             told = await quick.hear("moment")
             assert told["time_s"] == index
         for _ in range(pages.MOST_ON_THE_WAY):
@@ -349,12 +349,12 @@ def test_a_slow_reader_gets_the_newest_sample_and_no_queue(opened):
 
 
 def test_samples_come_no_faster_than_shown(opened):
-    desk, server = opened
+    session, server = opened
     heard, over = 15, threading.Event()
 
     def show():
         for index in itertools.takewhile(lambda _: not over.wait(0.001), itertools.count()):
-            desk.show(moment_at(float(index)))
+            session.show(moment_at(float(index)))
 
     async def talk(page):
         begun_s = time.monotonic()
@@ -409,12 +409,12 @@ MALFORMED = [
 
 @pytest.mark.parametrize(("role", "text"), MALFORMED, ids=range(len(MALFORMED)))
 def test_a_malformed_message_closes_its_page_alone(opened, role, text):
-    desk, server = opened
+    session, server = opened
 
     async def talk(bad, good):
         await (bad.socket.send_bytes if isinstance(text, bytes) else bad.socket.send_str)(text)
         code, why = await bad.hear_end()
-        wait_until(lambda: desk.see()["pages"] == {"participant": 1, "operator": 0})
+        wait_until(lambda: session.see()["pages"] == {"participant": 1, "operator": 0})
         await good.settle()
         return code, why
 
@@ -438,29 +438,29 @@ def test_the_number_of_open_pages_is_bounded(opened, monkeypatch):
 
 
 def test_a_page_that_is_silent_stops_the_trial(begin, turned):
-    with shown(trial_s=5.0, needed=["participant"], lost_after_s=0.3) as (desk, server):
+    with shown(trial_s=5.0, needed=["participant"], lost_after_s=0.3) as (session, server):
 
         async def talk(participant):
-            desk.go_on(True)
-            study = begin(desk)
+            session.go_on(True)
+            study = begin(session)
             for _ in range(4):
                 await participant.send("alive")
                 await participant.settle()
                 turned.sleep(0.29)
-                assert desk.why_stop() == ""
+                assert session.why_stop() == ""
             turned.sleep(0.1)
             return study.stopped_s - turned.now_s() + 0.39
 
         assert 0.3 < converse(server, talk, "participant") < 0.32
-        assert "was not heard for 0.3 s" in desk.why_stop()
+        assert "was not heard for 0.3 s" in session.why_stop()
 
 
 def test_what_was_drawn_becomes_part_of_the_recording(begin, turned):
-    with shown(trial_s=0.4) as (desk, server):
+    with shown(trial_s=0.4) as (session, server):
 
         async def talk(participant):
-            desk.go_on(True)
-            study = begin(desk)
+            session.go_on(True)
+            study = begin(session)
             turned.sleep(0.35)
             starts_at_s = (await participant.hear_phase("running"))["starts_at_s"]
             while (shown_s := turned.now_s()) < starts_at_s + 0.4:
@@ -479,14 +479,14 @@ def test_what_was_drawn_becomes_part_of_the_recording(begin, turned):
 
 
 def test_a_pointer_is_kept_within_the_joints_limits(opened):
-    desk, server = opened
+    session, server = opened
 
     async def talk(participant):
         await participant.send("pointer", angle_rad=[0.3, 99.0])
         await participant.settle()
 
     converse(server, talk, "participant")
-    np.testing.assert_allclose(desk.ask_pointer(), [0.3, desk.machine.joints[1].upper_rad])
+    np.testing.assert_allclose(session.ask_pointer(), [0.3, session.machine.joints[1].upper_rad])
 
 
 def test_what_is_no_finite_number_becomes_null():

@@ -60,7 +60,7 @@ def test_where_the_sum_of_pressures_never_changes_the_stiffness_is_shared_out():
     signals, step_s = joint(5)
     differ = 0.5 * (signals["pressure_1_kpa"] - signals["pressure_2_kpa"])
     held = {**signals, "pressure_1_kpa": 200.0 + differ, "pressure_2_kpa": 200.0 - differ}
-    starts = read_joint(output_scale=None, time_scale_s=None).settle([held], step_s).starts
+    starts = read_joint(output_scale=None, time_scale_s=None).resolve_from_data([held], step_s).starts
     assert starts["stiffness"] == pytest.approx(400.0 * starts["stiffening"])
 
 
@@ -76,7 +76,7 @@ def test_a_joint_that_rubs_and_is_moved_slowly_is_known_for_as_quick_as_it_is(se
     slider = ("coulomb_friction", "slider", {"share": 0.1, "sliding": 0.02})
     angle = turn(up, down, [slider]) + 1e-4 * generator.standard_normal(len(time))
     signals = {"pressure_1_kpa": up, "pressure_2_kpa": down, "angle_rad": angle}
-    settled = read_joint(output_scale=None, time_scale_s=None).settle([signals], STEP_S)
+    settled = read_joint(output_scale=None, time_scale_s=None).resolve_from_data([signals], STEP_S)
     assert 0.5 < settled.time_scale_s * np.sqrt(20.0 + 0.1 * 400.0) < 2.5
     for name, told in settled.nominal.items():
         assert told.low <= CONSTANTS[name] <= told.high

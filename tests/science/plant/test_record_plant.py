@@ -41,7 +41,7 @@ def test_all_that_may_be_left_open_is_the_data_s_own():
     way = np.array([0.0, 0.6, -0.8])
     plant = Spring.model_validate({**SECTION, "constants": None})
     assert plant.constants.stiffness.unit == "N/m"
-    settled = plant.settle([{"position_m": way, "force_n": 30.0 * way}], 0.1)
+    settled = plant.resolve_from_data([{"position_m": way, "force_n": 30.0 * way}], 0.1)
     assert settled.starts == {"stiffness": pytest.approx(30.0)}
     assert settled.along_scale == pytest.approx(0.7)
     assert Spring.model_validate(settled.model_dump()) == settled
@@ -144,7 +144,7 @@ def test_an_amended_plant_simulates_as_fitted_and_reads_back(kind, generator):
     plant, step_s = (configured_oscillator(kind), 0.0016) if kind == "silverbox" else (read_plant(kind), 4.0)
     values, (name, form, given) = AMENDED[kind]
     signals = {each: 4.0 + np.cumsum(generator.standard_normal(400)) / 9.0 for each in plant.inputs}
-    settled = plant.settle([{**signals, plant.output: 900.0 * signals[plant.inputs[0]]}], step_s)
+    settled = plant.resolve_from_data([{**signals, plant.output: 900.0 * signals[plant.inputs[0]]}], step_s)
     constants = {**settled.starts, **values}
     amended = settled.amend(constants, [(name, form, given)])
     assert amended.model_dump()["effects"] in ([{"name": name, **given}], [{"name": name, "form": form, **given}])
@@ -182,7 +182,7 @@ GUESSES = [
 def test_constants_are_guessed_from_a_noisy_record_and_friction_does_not_mislead(kind, seed, how, shares):
     record, truth = RECORDED[kind]
     signals, step_s = record(seed, **how)
-    plant = read_plant(kind, output_scale=None, time_scale_s=None).settle([signals], step_s)
+    plant = read_plant(kind, output_scale=None, time_scale_s=None).resolve_from_data([signals], step_s)
     for name, share in shares.items():
         assert plant.starts[name] == pytest.approx(truth[name], rel=share, abs=1e-9)
     assert plant.constants.input_delay_s.high == pytest.approx(step_s)
@@ -195,7 +195,7 @@ def test_constants_are_guessed_from_a_noisy_record_and_friction_does_not_mislead
 def test_a_record_that_begins_unsettled_is_taken_up_there(kind, late, near, far):
     record, constants = RECORDED[kind]
     signals, step_s = record(5, samples=1600)
-    plant = read_plant(kind).settle([signals], step_s)
+    plant = read_plant(kind).resolve_from_data([signals], step_s)
     signals = {name: values[late:] for name, values in signals.items()}
     truth = signals[plant.output]
     begun = read_initial_state([truth[:50]], step_s)
@@ -248,7 +248,7 @@ FORMS = [form for name in list_effects() for form in list_forms(name) if form.si
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.name}-{form.form}")
 def test_zero_magnitude_is_absence_and_each_start_is_not(form):
     plant, signals, step_s, constants = SITES[form.site]()
-    settled = plant.settle([signals], step_s)
+    settled = plant.resolve_from_data([signals], step_s)
     first, values = form.parameters[0], {each.name: each.starts[0] for each in form.parameters}
 
     def answer(*effects):

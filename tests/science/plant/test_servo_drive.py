@@ -94,11 +94,11 @@ def test_values_of_the_configuration_are_kept():
     mass = {"unit": "kg", "start": 30.0, "low": 10.0, "high": 90.0, "sd": 5.0}
     told = read_drive().model_dump()["constants"] | {"mass": mass}
     signals, step_s = drive(5)
-    assert read_drive(constants=told).settle([signals], step_s).starts["mass"] == 30.0
+    assert read_drive(constants=told).resolve_from_data([signals], step_s).starts["mass"] == 30.0
 
 
 def test_it_never_forgets_how_it_began():
-    plant = read_drive(output_scale=None).settle([drive(5)[0]], 0.005)
+    plant = read_drive(output_scale=None).resolve_from_data([drive(5)[0]], 0.005)
     assert plant.memory_s == np.inf
     assert plant.drifts
 
@@ -115,5 +115,5 @@ def test_the_mass_is_guessed_although_friction_takes_up_most_of_the_force(genera
             velocity = np.sign(free) * max(abs(free) - STEP_S / 20 * 10.0 / 4.0, 0.0)
             place += STEP_S / 20 * velocity
     record = {"force_n": force, "position_m": np.array(places) + 1e-6 * generator.standard_normal(len(force))}
-    settled = read_plant("servo_drive").settle([record], STEP_S)
+    settled = read_plant("servo_drive").resolve_from_data([record], STEP_S)
     assert settled.constants.mass.start == pytest.approx(4.0, rel=0.4)

@@ -21,7 +21,9 @@ def sweep(samples=2000):
 
 def settled(**changes):
     signals = sweep()
-    return read_plant(**changes).settle([{**signals, "force_n": 900.0 * signals["position_m"] - 4.0}], STEP_S)
+    return read_plant(**changes).resolve_from_data(
+        [{**signals, "force_n": 900.0 * signals["position_m"] - 4.0}], STEP_S
+    )
 
 
 def add(plant, *effect):

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.science.operator_ui.desk import Desk, DeskSettings
+from stages.science.operator_ui.operator_session import OperatorSession, OperatorSettings
 from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.contract import TrialStopped, tidy
 from stages.science.rig.pacing import measure_pace
@@ -101,20 +101,20 @@ def test_a_hundred_turns_a_second_are_held(emulator, section):
 
 
 def test_an_operators_stop_lets_the_muscles_down_and_the_trial_can_be_repeated(rig, emulator):
-    desk = Desk(DeskSettings(countdown_s=0.0, result_s=0.0, lost_after_s=1.0, needed=[]))
-    rig.connect_interface(desk)
+    session = OperatorSession(OperatorSettings(countdown_s=0.0, result_s=0.0, lost_after_s=1.0, needed=[]))
+    rig.connect_interface(session)
     stops, words = [], iter(["accept", "repeat", "accept", "keep"])
 
     def attend():
         word = next(words)
         while word:
-            scene = desk.see()
+            scene = session.see()
             if word in scene["choices"]:
-                desk.decide(word, "", scene["question"])
+                session.decide(word, "", scene["question"])
                 word = next(words, None)
-            elif not stops and desk.moment is not None and desk.moment.time_s > 0.5:
+            elif not stops and session.moment is not None and session.moment.time_s > 0.5:
                 stops.append(time.monotonic())
-                desk.stop("the operator stopped it")
+                session.stop("the operator stopped it")
             time.sleep(0.002)
 
     operator = threading.Thread(target=attend, daemon=True)

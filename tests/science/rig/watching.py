@@ -1,4 +1,4 @@
-"""Trials by themselves, and somebody who lets every one begin and sees all of it, without a desk."""
+"""Trials by themselves, and somebody who lets every one begin and sees all of it, without an operator session."""
 
 import numpy as np
 

@@ -1,8 +1,7 @@
 """A server of two pages: one shows a participant what to follow, the other lets an operator decide.
 
-Scenes and the newest sample flow from a `Desk` to the pages; decisions, stops, what was drawn and where a pointer is
-flow back to it. It runs in a thread of its own, on this computer alone unless told otherwise, and asks nothing of any
-other one.
+Scenes and the newest sample flow from an `OperatorSession` to the pages; decisions, stops, what was drawn and where a
+pointer is flow back to it. The server runs in a thread of its own, on this computer only unless configured otherwise.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from stages.science.operator_ui.desk import ROLES, Desk, Frame, Refused
+from stages.science.operator_ui.operator_session import ROLES, Frame, OperatorSession, Refused
 from stages.science.rig import clock
 from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import RigError
@@ -83,11 +82,11 @@ class Socket:
 
 
 class PageServer:
-    """Shows the pages of a desk.
+    """Shows the pages of an operator session.
 
     Parameters
     ----------
-    desk : Desk
+    session : OperatorSession
         Whose scenes are shown.
     host : str
         Address at which pages are shown; ``127.0.0.1`` keeps them to this computer.
@@ -95,8 +94,8 @@ class PageServer:
         Port; 0 takes any free one.
     """
 
-    def __init__(self, desk: Desk, host: str, port: int):
-        self.desk, self.host, self.port = desk, host, port
+    def __init__(self, session: OperatorSession, host: str, port: int):
+        self.session, self.host, self.port = session, host, port
         self._tokens = {role: secrets.token_urlsafe(24) for role in ROLES}
         self._files: dict[str, bytes] = {}
         self._keys = itertools.count()
@@ -247,19 +246,19 @@ class PageServer:
         await connection.prepare(request)
         key, page = next(self._keys), Socket(role, connection)
         self._sockets.add(page)
-        self.desk.join(key, role)
+        self.session.join(key, role)
         telling = asyncio.create_task(self._tell(page))
         problem = ""
         try:
             async for message in connection:
-                self.desk.join(key, role)
+                self.session.join(key, role)
                 if message.type is not WSMsgType.TEXT:
                     raise Malformed("expected text")
                 self._hear(page, message.data)
         except Malformed as error:
             problem = str(error)
         finally:
-            self.desk.leave(key)
+            self.session.leave(key)
             self._sockets.discard(page)
             telling.cancel()
         if problem:
@@ -283,10 +282,10 @@ class PageServer:
                 if answer["kind"] == "clock":
                     answer["sent_s"] = clock.now_s()
                 await page.connection.send_str(encode(answer))
-            if self.desk.number != number:
+            if self.session.number != number:
                 number, scene = self._tell_scene(page.role)
                 await page.connection.send_str(scene)
-            newest = self.desk.moment
+            newest = self.session.moment
             if newest is not moment and page.on_the_way < MOST_ON_THE_WAY:
                 moment = newest
                 if newest is not None:
@@ -301,9 +300,9 @@ class PageServer:
     def _tell_scene(self, role: str) -> tuple[int, str]:
         """Return the scene's number and text; what is long in it is written once, as a rig waits for no page."""
         told = self._told.get(role)
-        if told is not None and told[0] == self.desk.number:
+        if told is not None and told[0] == self.session.number:
             return told
-        scene = {"kind": "scene", **self.desk.see()}
+        scene = {"kind": "scene", **self.session.see()}
         if role == "operator":
             scene["participant_url"] = self.participant_url
         parts = []
@@ -332,7 +331,7 @@ class PageServer:
         if kind == "stop":
             why = message.get("why")
             told = why.strip()[:MOST_CHARACTERS] if isinstance(why, str) else ""
-            self.desk.stop(told or f"the {page.role} pressed stop")
+            self.session.stop(told or f"the {page.role} pressed stop")
         elif kind == "alive":
             pass
         elif kind == "seen":
@@ -358,7 +357,7 @@ class PageServer:
         if message["kind"] == "automatic":
             if not isinstance(message.get("on"), bool):
                 raise Malformed("automatic: expected on as true or false")
-            self.desk.go_on(message["on"])
+            self.session.go_on(message["on"])
             return
         word, note, question = message.get("word"), message.get("note", ""), message.get("question")
         if not isinstance(word, str) or not isinstance(note, str) or type(question) is not int:
@@ -368,7 +367,7 @@ class PageServer:
             page.answers.append({"kind": "refused", "why": why})
             return
         try:
-            self.desk.decide(word[:MOST_CHARACTERS], note, question)
+            self.session.decide(word[:MOST_CHARACTERS], note, question)
         except Refused as error:
             page.answers.append({"kind": "refused", "why": str(error)})
 
@@ -384,15 +383,15 @@ class PageServer:
             for shown_s, *times in drawn
         ]
         near = [each for each in frames if abs(each.shown_s - now_s) < MOST_OFF_S]
-        self.desk.draw(near, _number(message.get("starts_at_s")))
+        self.session.draw(near, _number(message.get("starts_at_s")))
 
     def _point(self, message: dict[str, Any]) -> None:
-        joints = self.desk.see()["machine"].get("joints", [])
+        joints = self.session.see()["machine"].get("joints", [])
         angles = message.get("angle_rad")
         if not isinstance(angles, list) or len(angles) != len(joints):
             raise Malformed(f"pointer: expected {len(joints)} angles")
         low, high = ([each[end] for each in joints] for end in ("lower_rad", "upper_rad"))
-        self.desk.point(np.clip(np.array([_number(each) for each in angles]), low, high))
+        self.session.point(np.clip(np.array([_number(each) for each in angles]), low, high))
 
 
 def describe_moment(moment: Moment) -> dict[str, Any]:

@@ -177,10 +177,10 @@ class CascadedTanks(RecordPlant):
         """Time in which levels forget what was pumped, s; assumed: five times that in which one follows."""
         return 5.0 * self.time_scale_s
 
-    def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+    def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
         """Return the plant with bounds of its timing, where they were left open; a fit begins at an input held."""
         guessed = (0.5 * step_s, -step_s, step_s, 0.5 * step_s)
-        told = {**self.nominal, "input_delay_s": self.constants.input_delay_s.settle(*guessed)}
+        told = {**self.nominal, "input_delay_s": self.constants.input_delay_s.with_defaults(*guessed)}
         return self.model_copy(update={"constants": TankConstants(**told)})
 
     def simulate(

@@ -141,8 +141,8 @@ class FirstOrder(RecordPlant):
         """Time in which a step comes to a thousandth of where it ends, s."""
         return float(np.log(1e3)) * self.starts["time_constant_s"]
 
-    def settle(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
-        """Return the plant with scales and constants, where they were left open; see `RecordPlant.settle`."""
+    def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+        """Return the plant with the scales and constants that were left open; see `RecordPlant.resolve_from_data`."""
         outputs = [each[self.output] for each in records]
         scale = self.output_scale or max(0.5 * max(float(np.ptp(each)) for each in outputs), 1e-12)
         pace = self.time_scale_s or max(find_pace(outputs, step_s), step_s)
@@ -166,7 +166,7 @@ class FirstOrder(RecordPlant):
             "time_constant_s": (lag, 0.01 * lag, 100.0 * lag, lag),
             "input_delay_s": (0.0, -step_s, step_s, 0.5 * step_s),
         }
-        told = {name: each.settle(*guessed[name]) for name, each in self.nominal.items()}
+        told = {name: each.with_defaults(*guessed[name]) for name, each in self.nominal.items()}
         return self.model_copy(update={"output_scale": scale, "time_scale_s": pace, "constants": LagConstants(**told)})
 
     def simulate(

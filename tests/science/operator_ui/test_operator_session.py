@@ -14,7 +14,7 @@ from stages.science.operator_ui import ui
 from stages.science.operator_ui.terminal import Terminal
 from stages.science.rig import clock
 from tests.conftest import Command
-from tests.science.rig.attended import wait_until
+from tests.science.operator_ui.attended import wait_until
 
 SMALL = [
     "budget=tiny",
@@ -58,9 +58,9 @@ class Operator:
             watchdog.cancel()
             self.type("")
 
-    def sit_at(self, desk):
-        self.desk = desk
-        return Terminal(desk, source=self, sink=self)
+    def sit_at(self, session):
+        self.session = session
+        return Terminal(session, source=self, sink=self)
 
     def attend_process(self, command):
         """Sit at the terminal of a command in a process of its own, where ^C is a signal."""
@@ -196,7 +196,7 @@ class Impatient(Operator):
         if text.startswith("running") and self.answers["bank 1"] == [self.answer_then]:
             clock.sleep(1.6)
             self.type("\n")
-            wait_until(lambda: self.desk.see()["stop"])
+            wait_until(lambda: self.session.see()["stop"])
 
 
 def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(turned, tmp_path):
@@ -218,9 +218,9 @@ def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(turned, tmp_path):
     assert "stopped" in "".join(operator.printed)
 
 
-@pytest.mark.parametrize("desk", [("operator_ui=terminal",), ()], ids=["terminal", "none"])
-def test_a_pointer_needs_a_page_before_anything_is_recorded(pamid, desk):
-    result = Operator().attend(pamid, "budget=tiny", "participant=mouse", *desk)
+@pytest.mark.parametrize("interface", [("operator_ui=terminal",), ()], ids=["terminal", "none"])
+def test_a_pointer_needs_a_page_before_anything_is_recorded(pamid, interface):
+    result = Operator().attend(pamid, "budget=tiny", "participant=mouse", *interface)
     assert result.returncode == 1
     (line,) = [each for each in result.stderr.splitlines() if "failed" in each]
     assert "points at postures" in line
@@ -228,7 +228,7 @@ def test_a_pointer_needs_a_page_before_anything_is_recorded(pamid, desk):
     assert not list(pamid.outputs.glob("runs/*/parts/*/*"))
 
 
-def test_where_nothing_asks_an_operator_a_desk_is_refused(pamid):
+def test_where_nothing_asks_an_operator_an_interface_is_refused(pamid):
     result = pamid("workflow=hidden_effect", "operator_ui=terminal")
     assert result.returncode == 2
     (line,) = result.stderr.splitlines()

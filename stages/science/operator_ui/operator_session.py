@@ -1,4 +1,4 @@
-"""The desk between a rig, which runs in one thread, and the pages or the terminal, which run in another one.
+"""The session between a rig, which runs in one thread, and the pages or the terminal, which run in another one.
 
 Trials, samples and recordings flow in from the rig; what is to be seen flows out as one scene, and each decision of the
 operator flows back. No page makes the rig wait while a trial runs, and the newest sample wins.
@@ -40,7 +40,7 @@ ACCEPTED: tuple[Word, str] = ("accept", "")
 KEPT: tuple[Word, str] = ("keep", "by itself")
 
 
-class DeskSettings(Declared):
+class OperatorSettings(Declared):
     """How trials are attended."""
 
     countdown_s: float = Field(ge=0.0, le=60.0, description="from the operator's word to the filling of muscles, s")
@@ -79,18 +79,18 @@ class Refused(Exception):
     """A decision does not fit what is asked now; the message says what does."""
 
 
-class Desk:
+class OperatorSession:
     """Attends the trials of a rig.
 
     Parameters
     ----------
-    settings : DeskSettings
+    settings : OperatorSettings
         How.
     drawn : bool
         Whether the participant sees trials, and can point at postures.
     """
 
-    def __init__(self, settings: DeskSettings, drawn: bool = True):
+    def __init__(self, settings: OperatorSettings, drawn: bool = True):
         self.settings, self.drawn = settings, drawn
         self.note = ""
         self._changed = threading.Condition()

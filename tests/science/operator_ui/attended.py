@@ -1,4 +1,4 @@
-"""A rig without a machine: what it tells a desk, in a thread, at a hundred samples a second."""
+"""A rig without a machine: what it tells an operator session, in a thread, at a hundred samples a second."""
 
 import contextlib
 import threading
@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from stages.science.operator_ui.desk import Desk, DeskSettings, Refused
+from stages.science.operator_ui.operator_session import OperatorSession, OperatorSettings, Refused
 from stages.science.rig import clock
 from stages.science.rig.attendance import Moment, StudyPaused, TrialDeclined
 from stages.science.rig.trial import Proposal, Recording, Trial
@@ -17,12 +17,12 @@ RATE_HZ = 100.0
 NOBODY_NEEDED = {"countdown_s": 0.3, "result_s": 0.5, "lost_after_s": 1.0, "needed": []}
 
 
-def make_desk(joints=2, trial_s=1.0, **settings):
-    """A desk that shows a machine of that many joints with two muscles each."""
-    desk = Desk(DeskSettings(**NOBODY_NEEDED | settings))
-    desk.machine = other_machine([2] * joints, RATE_HZ, trial_s)
-    desk.describe(desk.machine, pointed=False)
-    return desk
+def make_session(joints=2, trial_s=1.0, **settings):
+    """An operator session that shows a machine of that many joints with two muscles each."""
+    session = OperatorSession(OperatorSettings(**NOBODY_NEEDED | settings))
+    session.machine = other_machine([2] * joints, RATE_HZ, trial_s)
+    session.describe(session.machine, pointed=False)
+    return session
 
 
 def make_trial(machine, kind="tracked", position=1, label="", total=12):
@@ -67,9 +67,9 @@ class Study(threading.Thread):
     What became of each stands in `ended`: a recording, or the exception that said why there is none.
     """
 
-    def __init__(self, desk, *trials, fill_s=0.1):
+    def __init__(self, session, *trials, fill_s=0.1):
         super().__init__(daemon=True)
-        self.desk, self.trials, self.fill_s = desk, trials, fill_s
+        self.session, self.trials, self.fill_s = session, trials, fill_s
         self.ended, self.stopped_s = [], None
 
     def run(self):
@@ -84,34 +84,34 @@ class Study(threading.Thread):
 
     def leave(self):
         """Stop, and pause at the next question."""
-        self.desk.stop("the test is over")
+        self.session.stop("the test is over")
         while self.is_alive():
-            scene = self.desk.see()
+            scene = self.session.see()
             with contextlib.suppress(Refused):
-                self.desk.decide(scene["choices"][-1] if scene["choices"] else "", "", scene["question"])
+                self.session.decide(scene["choices"][-1] if scene["choices"] else "", "", scene["question"])
             clock.sleep(0.01)
 
     def execute(self, trial):
-        self.desk.propose(trial)
+        self.session.propose(trial)
         moments, why = self.move(trial, clock.now_s() + self.fill_s)
         if why:
-            self.desk.judge(trial, None, f"stopped: {why}")
+            self.session.judge(trial, None, f"stopped: {why}")
             raise AssertionError("a stopped trial was kept")
         recording = self.gather(moments)
-        self.desk.judge(trial, recording, "")
-        return self.desk.add_display(recording)
+        self.session.judge(trial, recording, "")
+        return self.session.add_display(recording)
 
     def move(self, trial, starts_at_s):
-        self.desk.begin(trial, starts_at_s)
+        self.session.begin(trial, starts_at_s)
         moments = []
         first = -round(self.fill_s * RATE_HZ)
-        for index in range(first, self.desk.machine.samples):
+        for index in range(first, self.session.machine.samples):
             clock.sleep(starts_at_s + index / RATE_HZ - clock.now_s())
-            if why := self.desk.why_stop():
+            if why := self.session.why_stop():
                 self.stopped_s = clock.now_s()
                 return moments, why
-            moment = take(trial, self.desk.machine, index / RATE_HZ)
-            self.desk.show(moment)
+            moment = take(trial, self.session.machine, index / RATE_HZ)
+            self.session.show(moment)
             moments.append(moment)
         return [each for each in moments if each.time_s >= 0], ""
 
@@ -135,8 +135,8 @@ def begin(turned):
     turned.sleep(0.001)
     begun = []
 
-    def begin(desk, *trials):
-        begun.append(Study(desk, *(trials or [make_trial(desk.machine)])))
+    def begin(session, *trials):
+        begun.append(Study(session, *(trials or [make_trial(session.machine)])))
         turned.start(begun[-1])
         return begun[-1]
 
