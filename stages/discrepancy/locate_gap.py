@@ -41,7 +41,7 @@ TRIAL_PARTS = Table(
     "trial_parts",
     "A trial and what it is for",
     {
-        "trial": column(int, "trial of the session", low=0),
+        "trial": column(int, "trial of the dataset", low=0),
         "part": column(str, "fitted, opened once at the end, or only reported", among=list(PURPOSES)),
         "left_before": column(int, "samples at its beginning that are not judged, next to one that is opened", low=0),
         "left_after": column(int, "the same at its end", low=0),
@@ -95,7 +95,7 @@ RESIDUALS = Table(
     {
         "channel": column(str, "measured channel"),
         "muscle": column(str, "muscle, or name of the machine"),
-        "trial": column(int, "trial of the session", low=0),
+        "trial": column(int, "trial of the dataset", low=0),
         "sample": column(int, "of the trial", low=0),
         "residual": column(float, "measured less simulated", unit="of the channel"),
         "left": column(float, "what a flexible model leaves of it", unit="of the channel"),

@@ -66,7 +66,7 @@ MEASURED = Table(
     "measured",
     "A sample of a muscle in a measured trial",
     {
-        "trial": column(int, "trial of the session", low=0),
+        "trial": column(int, "trial of the dataset", low=0),
         "muscle": column(str, "name of the muscle"),
         "time_s": column(float, "time from the trial's start", unit="s", low=0),
         "pressure_command_kpa": column(

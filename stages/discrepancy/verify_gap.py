@@ -84,7 +84,7 @@ PREDICTIONS = Table(
     "predictions",
     "A sample as measured and as simulated",
     {
-        "trial": column(int, "trial of the session", low=0),
+        "trial": column(int, "trial of the dataset", low=0),
         "part": column(str, "fitted, opened once, or only reported", among=list(PURPOSES)),
         "time_s": column(float, "time from the trial's start", unit="s", low=0),
         "muscle": column(str, "muscle, or name of the machine"),

@@ -26,7 +26,7 @@ def amend_plant(
     Parameters
     ----------
     plant : Plant, or one of records
-        What was configured; what it left to the data is settled.
+        What was configured; what it left open is resolved from the data.
     values : DataFrame
         Columns ``muscle effect form parameter value``; an empty effect marks a nominal constant.
     channels : DataFrame

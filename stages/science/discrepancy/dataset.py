@@ -36,7 +36,7 @@ class Dataset:
     Parameters
     ----------
     plant : Plant or RecordPlant
-        As configured; what it left to the data is settled.
+        As configured; what it left open is resolved from the data.
     outputs : sequence of OutputChannel
         With all trials.
     trials : list of int

@@ -1,6 +1,6 @@
 """How well one form reproduces an effect that was simulated elsewhere, without noise.
 
-Two outputs of the same session, with the effect and without, flow in; out flow the effect's size beyond the nominal
+Two outputs of the same dataset, with the effect and without, flow in; out flow the effect's size beyond the nominal
 constants and what the fitted form leaves of it.
 """
 
@@ -26,7 +26,7 @@ def explain_exactly(form: EffectForm, with_it: OutputChannel, without: OutputCha
     form : EffectForm
         Offered by the output.
     with_it, without : OutputChannel
-        Of one session without noise, with the effect and without.
+        Of one dataset without noise, with the effect and without.
 
     Notes
     -----

@@ -131,7 +131,7 @@ def search_with_truth(judged: Judgement, names: Collection[str], generator: np.r
     Parameters
     ----------
     judged : Judgement
-        Of the session.
+        Of the dataset.
     names : collection of str
         True names; the library is restricted to them.
     generator : numpy.random.Generator

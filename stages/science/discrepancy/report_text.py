@@ -224,7 +224,7 @@ def describe_scales(plant: Plant | RecordPlant) -> list[str]:
     Parameters
     ----------
     plant : Plant, or one of records
-        Settled; muscles tell sizes in units.
+        Resolved from the data; sizes of muscles have units.
     """
     if not isinstance(plant, RecordPlant):
         return []

@@ -65,7 +65,7 @@ class WholeRecordChannel(OutputChannel):
     Parameters
     ----------
     plant : RecordPlant
-        Settled; effects that it lists already act.
+        Resolved from the data; effects that it lists already act.
     step_s : float
         Time between samples, s.
     records : tuple of mapping of str to (N_r,) ndarray
@@ -326,18 +326,18 @@ def build_whole_records(
     names = (*plant.inputs, plant.output)
     records, step_s = spread_records(signals, names)
     _check_records(records, trials, plant)
-    settled = plant.resolve_from_data(
+    resolved = plant.resolve_from_data(
         [{name: bridge(rows[name]) for name in names} for rows in records.values()], step_s
     )
-    stride = max(int(settled.finest_s / step_s), 1)
+    stride = max(int(resolved.finest_s / step_s), 1)
     order = {name: k for k, name in enumerate(records)}
     thinned = [
-        thin_out(_bridge_short(rows[list(names)], plant.output, stride), stride, settled.pushing)
+        thin_out(_bridge_short(rows[list(names)], plant.output, stride), stride, resolved.pushing)
         for rows in records.values()
     ]
     first_s, step_s = step_s, step_s * stride
     filled = [{name: bridge(rows[name]) for name in names} for rows in thinned]
-    known = [_find_known(rows, plant, settled.memory_s / step_s) for rows in thinned]
+    known = [_find_known(rows, plant, resolved.memory_s / step_s) for rows in thinned]
     samples = int(trials["samples"].max()) // stride
     places, measured, present = [], [], []
     for name, start, count, before, after in list_blocks(trials):
@@ -349,16 +349,16 @@ def build_whole_records(
         places.append((record, first))
         measured.append(filled[record][plant.output][at])
         present.append(inside & known[record][at])
-    _check_present(np.stack(present, axis=1), records, settled)
+    _check_present(np.stack(present, axis=1), records, resolved)
     return WholeRecordChannel(
-        settled.thin_out(stride),
+        resolved.thin_out(stride),
         step_s,
         tuple(filled),
         tuple(places),
         np.stack(measured, axis=1),
         np.stack(present, axis=1),
         trials["start_s"].to_numpy(dtype=float),
-        settled.element,
+        resolved.element,
         tuple(
             read_initial_state([bridge(rows[plant.output])[:HEAD]], first_s, 0.5 * (step_s - first_s))
             for rows in records.values()
