@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-import pyarrow
 import pyarrow.parquet
 
 from stages.science.recording.files.bags import is_bag, read_bag
@@ -152,10 +151,16 @@ def _suffix(path: Path) -> str:
 
 @contextmanager
 def _explained(path: Path) -> Iterator[None]:
-    """Tell in one line why a file cannot be read."""
+    """State in one line why a file cannot be read."""
     try:
         yield
-    except (OSError, ValueError, KeyError, TypeError, MemoryError, pyarrow.ArrowException) as error:
+    except FileError:
+        raise
+    except ModuleNotFoundError as error:
+        library = str(error.name).partition(".")[0]
+        remedy = 'type: pip install "pamid[bags]"'
+        raise FileError(f"{path}: expected the library {library}, which reads such files; {remedy}") from None
+    except Exception as error:  # a library raises whatever the bytes of a broken file lead to
         told = (str(error).splitlines() or [type(error).__name__])[0]
         kind = "CSV" if path.suffix.lower() in TEXT_SUFFIXES else path.suffix[1:].upper() or "a ROS 2 bag"
         raise FileError(f"{path}: cannot be read as {kind} ({told[:200]})") from None
