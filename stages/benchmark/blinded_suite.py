@@ -24,7 +24,7 @@ from stages.science.discrepancy.judgement import Judgement, judge, tell_truth
 from stages.science.discrepancy.ranking import rank_first
 from stages.science.discrepancy.session import build_channels
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
-from stages.science.recording.whole_sessions import tabulate_session
+from stages.science.recording.datasets import tabulate_session
 
 KINDS = ["none", "one_effect", "one_muscle", "two_effects", "outsider"]
 

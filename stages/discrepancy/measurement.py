@@ -28,20 +28,24 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import list_signals
-from stages.science.recording.adoption import adopt_rows
 from stages.science.recording.assembly import Notes, choose_muscles, complete, read_parts
 from stages.science.recording.blocks import WHOLE, arrange_records, list_blocks, split_records
 from stages.science.recording.clock import count_time, find_rate, regularise
-from stages.science.recording.column_map import ColumnMap
+from stages.science.recording.column_map import ColumnMap, join_parts
 from stages.science.recording.columns import RecordingError, check_rows, name_rows
+from stages.science.recording.datasets import find_starts, list_trials
 from stages.science.recording.description import describe, list_arguments, quote
-from stages.science.recording.endings import join_parts
 from stages.science.recording.files.bags import is_bag
-from stages.science.recording.files.errors import FileError
-from stages.science.recording.files.readers import Header, UnequalColumns, read_columns, read_foreign, read_header
+from stages.science.recording.files.readers import (
+    FileError,
+    Header,
+    UnequalColumns,
+    read_columns,
+    read_foreign,
+    read_header,
+)
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.science.recording.plausibility import check_plausible
-from stages.science.recording.trials import find_starts, list_trials
 from stages.science.recording.uneven import even_out
 from stages.science.recording.wide import is_one_trial
 
@@ -206,7 +210,7 @@ class Config(Section):
         given = self.measurement
         names = NEEDED if given.kind == "muscles" else [name for name in self.columns if name not in NAMES]
         needed = [name for name in names if name != "time_s" or given.rate_hz is None]
-        return ColumnMap(self.columns, self.units, needed, given.part_endings or [], given.rate_hz, muscles)
+        return ColumnMap(self.columns, self.units, NAMES, needed, given.part_endings or [], given.rate_hz, muscles)
 
 
 @dataclass(frozen=True)
@@ -338,34 +342,32 @@ def is_folder(path: InputPath) -> bool:
 
 def read_known(path: InputPath, cfg: Config) -> pd.DataFrame:
     """Return the muscles that may be there, under `MUSCLE_COLUMNS`."""
-    meta = Path(path) / META
-    if not is_folder(path) or not meta.is_file():
-        return describe_muscles(cfg.exoskeleton)
-    with about(str(meta)):
-        return read_session(read_json(meta)).describe()
+    session = read_meta(Path(path)) if is_folder(path) else None
+    return session.describe() if session else describe_muscles(cfg.exoskeleton)
+
+
+def read_meta(folder: Path) -> Session:
+    """Read how a folder describes its own machine."""
+    for name in (SAMPLES, META):
+        if not (folder / name).is_file():
+            raise InputError(f"{folder}: expected {SAMPLES} and {META} in this folder, {name} is missing")
+    with about(str(folder / META)):
+        return read_session(read_json(folder / META))
 
 
 def read_muscles(path: InputPath, cfg: Config) -> Source:
     """Read a folder with samples and meta.json, or one file for the configured exoskeleton."""
-    if is_folder(path):
-        return read_folder(Path(path), cfg)
-    known, site = describe_muscles(cfg.exoskeleton), cfg.exoskeleton.load_cell_site
-    samples, name, rate = adopt_muscles(Path(path), cfg, known), Path(path).name, cfg.measurement.rate_hz
-    return Source(name, path, samples, known, "exoskeleton.muscles", site, "", rate, None)
-
-
-def read_folder(folder: Path, cfg: Config) -> Source:
-    """Read a folder that describes its own machine."""
-    file, meta = folder / SAMPLES, folder / META
-    for each in (file, meta):
-        if not each.is_file():
-            raise InputError(f"{folder}: expected {SAMPLES} and {META} in this folder, {each.name} is missing")
-    with about(str(meta)):
-        session = read_session(read_json(meta))
-    known = session.describe()
+    if not is_folder(path):
+        file, machine, rate = Path(path), cfg.exoskeleton, cfg.measurement.rate_hz
+        known, told_in = describe_muscles(machine), "exoskeleton.muscles"
+        samples = adopt_muscles(file, cfg, known)
+        return Source(file.name, path, samples, known, told_in, machine.load_cell_site, "", rate, None)
+    folder, file = Path(path), Path(path) / SAMPLES
+    session = read_meta(folder)
+    known, told_in = session.describe(), str(folder / META)
     name, samples = folder.resolve().name, adopt_muscles(file, cfg, known)
     site, timing, rate = session.load_cell_site, session.timing, session.sampling_rate_hz
-    return Source(name, str(file), samples, known, str(meta), site, timing, rate, session)
+    return Source(name, str(file), samples, known, told_in, site, timing, rate, session)
 
 
 def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
@@ -387,9 +389,7 @@ def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame)
     with about(str(file)):
         header = read_header(file)
         given = cfg.map(known)
-        columns = cfg.columns | ({"part": "part"} if cfg.measurement.part_endings else {})
-        frame = read_wanted(file, given, header)
-        samples = adopt_rows(frame, header.names, header.units, columns, cfg.units, NAMES, given.needed, known)
+        samples = given.adopt(read_wanted(file, given, header), header.names, header.units)
         if "time_s" not in samples and cfg.measurement.rate_hz is not None:
             samples = count_time(samples, [*key[:-1], "part"], cfg.measurement.rate_hz)
         if "record" in key:
@@ -456,11 +456,12 @@ def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     window = cfg.exoskeleton.velocity_filter
     samples = complete(samples, muscles, READINGS, rate, window.window_s, window.order, notes)
     trials = list_trials(samples, rate).assign(part=parts.to_numpy(), start_s=find_starts(source.session, starts))
+    row = (source.name, "muscles", rate, source.load_cell_site, source.timing, len(trials), len(muscles))
     return {
         MEASURED.name: samples[list(MEASURED.columns)],
         MEASURED_TRIALS.name: trials[list(MEASURED_TRIALS.columns)],
         MEASURED_MUSCLES.name: muscles,
-        MEASURED_SESSION.name: describe_session(source, rate, len(trials), len(muscles)),
+        MEASURED_SESSION.name: pd.DataFrame([row], columns=list(MEASURED_SESSION.columns)),
         MEASURED_NOTES.name: pd.DataFrame(notes, columns=list(MEASURED_NOTES.columns)),
     }
 
@@ -483,12 +484,6 @@ def note_gaps(recorded: pd.Series, samples: pd.DataFrame) -> Notes:
         for trial, count in lost.items()
         if count
     ]
-
-
-def describe_session(source: Source, rate: float, trials: int, muscles: int) -> pd.DataFrame:
-    """Return the one row of `MEASURED_SESSION` for muscles."""
-    row = (source.name, "muscles", rate, source.load_cell_site, source.timing, trials, muscles)
-    return pd.DataFrame([row], columns=list(MEASURED_SESSION.columns))
 
 
 def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:

@@ -58,10 +58,15 @@ def choose_muscles(
         raise RecordingError(
             f"columns {' and '.join(INDISPENSABLE)}: expected values of both for some muscle, got none"
         )
-    chosen = samples[samples["muscle"].isin(used)]
-    place = chosen["muscle"].map({name: index for index, name in enumerate(used)})
-    chosen = chosen.assign(place=place).sort_values(["trial", "place"], kind="stable").drop(columns="place")
+    chosen = order_rows(samples[samples["muscle"].isin(used)], used)
     return chosen, muscles.set_index("muscle").loc[used].reset_index()
+
+
+def order_rows(samples: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
+    """Return samples by trial, by muscle in a given order, and by time."""
+    place = samples["muscle"].map({name: index for index, name in enumerate(muscles)})
+    ordered = samples.assign(place=place).sort_values(["trial", "place", "time_s"], kind="stable")
+    return ordered.drop(columns="place")
 
 
 def read_parts(samples: pd.DataFrame, without: str) -> pd.Series:

@@ -17,20 +17,6 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationErro
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.recording.columns import RecordingError
 
-NOMINAL = ("valve_tau_s", "braid_angle_deg", "contraction_factor", "damping_n_s")
-"""Constants of a muscle from which a fit may start."""
-
-GEOMETRY = (
-    "joint",
-    "role",
-    "type",
-    "rest_length_m",
-    "nominal_diameter_m",
-    "moment_arm_m",
-    "contraction_at_angle_0",
-    "sign",
-)
-
 
 def _column(dtype: type, description: str, unit: str = "1", check: pa.Check | None = None) -> pa.Column:
     """Return a column; a constant that a fit may start from may be missing."""
@@ -88,6 +74,10 @@ class Nominal(Told):
         told = getattr(self, name)
         value = told.get(muscle) if isinstance(told, dict) else told
         return np.nan if value is None else float(value)
+
+
+GEOMETRY, NOMINAL = tuple(ToldMuscle.model_fields), tuple(Nominal.model_fields)
+"""What describes a muscle, and the constants from which a fit may start."""
 
 
 class Session(Told):

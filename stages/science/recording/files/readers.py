@@ -16,12 +16,15 @@ import pyarrow.parquet
 
 from stages.science.recording.files.bags import is_bag, read_bag
 from stages.science.recording.files.delimited import find_dialect, read_delimited
-from stages.science.recording.files.errors import FileError
 from stages.science.recording.files.matlab import Variables, Vector, list_unequal, read_variables
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 TABLE_SUFFIXES = (".parquet", ".mat", ".mcap", *TEXT_SUFFIXES)
 REMEDIES = {".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV"}
+
+
+class FileError(Exception):
+    """A file cannot be read, or does not hold what it should; the message fits on one line and names the file."""
 
 
 class UnequalColumns(FileError):

@@ -8,8 +8,7 @@ import pytest
 
 from pipeline.columns import main
 from pipeline.errors import InputError
-from stages.science.recording.files.errors import FileError
-from stages.science.recording.files.readers import read_foreign, read_header
+from stages.science.recording.files.readers import FileError, read_foreign, read_header
 from tests.bags import START_NS, write_bag, write_mcap
 from tests.measured_data import GEOMETRY, make_samples, read_measured
 

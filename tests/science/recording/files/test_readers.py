@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from stages.science.recording.files.errors import FileError
-from stages.science.recording.files.readers import UnequalColumns, read_columns, read_foreign, read_header
+from stages.science.recording.files.readers import FileError, UnequalColumns, read_columns, read_foreign, read_header
 
 TIMES, FORCES = [0.0, 0.5, 1.0], [1.5, -2.25, 1000.0]
 
