@@ -45,7 +45,7 @@ from stages.science.recording.files.readers import (
     read_header,
 )
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
-from stages.science.recording.plausibility import check_plausible
+from stages.science.recording.plausibility import check_readings
 from stages.science.recording.uneven import even_out
 from stages.science.recording.wide import is_one_trial
 
@@ -378,9 +378,7 @@ def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
         wrong = (samples["trial"] % 1.0 != 0.0) | (samples["trial"] < 0.0)
         if wrong.any():
             raise RecordingError(f"column trial: expected whole numbers from 0, got others in {name_rows(wrong)}")
-        for name in READINGS:
-            if name in samples:
-                check_plausible(samples[name], name, *bounds_of(name), cfg.units.get(name))
+        check_readings(samples, READINGS, MEASURED.columns, cfg.units)
     return samples.astype({"trial": int})
 
 
@@ -409,12 +407,6 @@ def read_wanted(file: Path, given: ColumnMap, header: Header) -> pd.DataFrame:
             ) from None
     parts = given.part_columns(header.names)
     return join_parts({end: read_foreign(file, own).rename(columns=own) for end, own in parts.items()})
-
-
-def bounds_of(name: str) -> tuple[float, float]:
-    """Return the range that `MEASURED` declares for a column."""
-    low, high = (check.statistics for check in MEASURED.columns[name].checks)
-    return float(low["min_value"]), float(high["max_value"])
 
 
 def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:

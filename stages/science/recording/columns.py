@@ -96,8 +96,9 @@ def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
     """
     *stream, time = key
     for name in key:
-        if frame[name].isna().any():
-            raise RecordingError(f"column {name}: expected a value in every row, got none in {_rows(frame[name])}")
+        empty = frame[name].isna()
+        if empty.any():
+            raise RecordingError(f"column {name}: expected a value in every row, got none in {name_rows(empty)}")
     repeated = frame.duplicated(list(key))
     if repeated.any():
         told = _describe_first(frame, repeated, key)
@@ -151,10 +152,6 @@ def _read_dates(values: pd.Series) -> pd.Series | None:
         return read_dates(values)
     except ValueError as error:
         raise RecordingError(f"column {values.name}: {error}") from None
-
-
-def _rows(values: pd.Series) -> str:
-    return name_rows(values.isna())
 
 
 def _offer(name: str, known: Sequence[str]) -> str:

@@ -264,16 +264,18 @@ def _describe_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: f
     usual = float(steps.median())
     rounded = None if muscles else _find_rounded(told, stream, largest_jitter)
     if rounded is not None:
-        return f"steps rounded to {rounded[0]:g} s; the samples will be counted, at {_digits(rounded[1])} Hz"
+        return f"steps rounded to {rounded[0]:g} s; the samples will be counted, at {rounded[1]:.6g} Hz"
     if usual <= 0.0:
         return "stands still"
-    if stream and (rates := _rates(told, stream)) and max(rates) > 1.01 * min(rates):
-        return f"{_digits(min(rates))} to {_digits(max(rates))} Hz, by record; they are resampled to the lowest"
+    own = told.groupby(list(stream), sort=False)[TIME].agg(lambda each: each.diff().median()) if stream else steps[:0]
+    rates = 1.0 / own[own > 0.0]
+    if len(rates) and max(rates) > 1.01 * min(rates):
+        return f"{min(rates):.6g} to {max(rates):.6g} Hz, by record; they are resampled to the lowest"
     whole = (steps / usual).round()
     gaps = int((whole > 1.0).sum())
     uneven = (steps / usual - whole).abs() > largest_jitter * whole.clip(lower=1.0)
     beside = f", but for {gaps} gap{'s' * (gaps > 1)}" if gaps else ""
-    rate = _digits(find_rate(told.assign(all=""), [*stream, "all"], None))
+    rate = f"{find_rate(told.assign(all=''), [*stream, 'all'], None):.6g}"
     if not uneven.any():
         return f"even steps, {rate} Hz{beside}"
     return (
@@ -290,15 +292,6 @@ def _find_rounded(told: pd.DataFrame, stream: Sequence[str], largest_jitter: flo
     found = [count_rounded(its) for its in times if np.isfinite(its).all() and is_uneven(its, largest_jitter)]
     rounded = [one for one in found if one is not None]
     return (rounded[0][0], rounded[0][2]) if rounded and len(rounded) == len(found) else None
-
-
-def _rates(told: pd.DataFrame, stream: Sequence[str]) -> list[float]:
-    usual = told.groupby(list(stream), sort=False)[TIME].agg(lambda each: each.diff().median())
-    return [1.0 / float(each) for each in usual[usual > 0.0]]
-
-
-def _digits(rate: float) -> str:
-    return f"{rate:.6g}"
 
 
 def _describe_groups(told: pd.DataFrame, name: str) -> str:

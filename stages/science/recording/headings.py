@@ -105,7 +105,8 @@ def _is_compound(name: str, unit: str, gap: str) -> bool:
 
 def _is_written_so(piece: str, kind: str) -> bool:
     """Return whether a piece of a name is spelled as its unit is; a small n before a length is one of force too."""
-    return piece == read_unit(piece) or piece in OTHER_SPELLINGS or (piece == "n" and kind == "length")
+    unit = read_unit(piece) or ""
+    return piece in (unit, unit.replace(" ", ""), *OTHER_SPELLINGS) or (piece == "n" and kind == "length")
 
 
 def check_headings(

@@ -67,10 +67,6 @@ OTHER_SPELLINGS = {
     "°/s": "deg/s",
     "°C": "degC",
     "°F": "degF",
-    "Nm": "N m",
-    "mNm": "mN m",
-    "Ncm": "N cm",
-    "kNm": "kN m",
     "rev/min": "rpm",
     "1/min": "rpm",
     "volt": "V",
@@ -129,6 +125,8 @@ def read_unit(text: str) -> str | None:
     told = told.replace("^", "").replace("²", "2").replace("³", "3")
     told = OTHER_SPELLINGS.get(told, OTHER_SPELLINGS.get(told.replace(" ", ""), told))
     known = [unit for units in KINDS.values() for unit in units]
+    products = {unit.replace(" ", ""): unit for unit in known if " " in unit}
+    told = products.get(told.replace(" ", ""), told)
     if told in known:
         return told
     alike = {unit.lower(): unit for unit in known}

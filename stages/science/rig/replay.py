@@ -27,7 +27,7 @@ from stages.science.recording.completion import derive_velocity
 from stages.science.recording.files.bags import is_bag
 from stages.science.recording.files.readers import TABLE_SUFFIXES, FileError, read_foreign, read_header
 from stages.science.recording.muscles import describe_muscles
-from stages.science.recording.plausibility import check_plausible
+from stages.science.recording.plausibility import check_readings
 from stages.science.recording.wide import is_wide
 from stages.science.rig.configured import ConfiguredRig
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, Watch
@@ -225,11 +225,7 @@ class ReplayRig(ConfiguredRig):
                 return []
             samples = given.adopt(frame, header.names, header.units)
             samples["force_n"] = samples["force_n"].mask(samples["force_n"].between(SLACK_N, 0.0), 0.0)
-            for name in READINGS:
-                if name in samples:
-                    low, high = (check.statistics for check in MEASUREMENT_COLUMNS[name].checks)
-                    bounds = low["min_value"], high["max_value"]
-                    check_plausible(samples[name], name, *bounds, self.units.get(name))
+            check_readings(samples, READINGS, MEASUREMENT_COLUMNS, self.units)
         keys = keys or [each for each in ("trial",) if is_wide(columns)]
         placed = {}
         for values, rows in samples.groupby(keys, sort=False) if keys else [((), samples)]:

@@ -8,22 +8,17 @@ such files are imported where one is read, as most studies read none.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
-import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from mcap.reader import McapReader
 
 SUFFIX, METADATA = ".mcap", "metadata.yaml"
 TIME = "time_s"
@@ -32,6 +27,7 @@ MOST_ENTRIES = 64
 SAME_CLOCK_S = 1.0
 """Usual difference of a message's stamp from when it was logged, beyond which the two are different clocks."""
 
+ARRAYS = (list, tuple, np.ndarray)
 Nanoseconds = NDArray[np.int64]
 Message = tuple[str, int, Any]
 """Topic, when it was logged (ns), and what it says."""
@@ -151,15 +147,9 @@ def _list_bag(path: Path) -> Iterator[Message]:
 
 
 def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
-    from mcap.reader import NonSeekingReader, make_reader
-
     stores: dict[int, Any] = {}
     with path.open("rb") as handle:
-        if _has_end(handle):
-            records = make_reader(handle).iter_messages()
-        else:
-            records = _read_to_cut(NonSeekingReader(handle), left)
-        for schema, channel, message in records:
+        for schema, channel, message in sorted(_list_records(handle, left), key=lambda each: each[2].log_time):
             if channel.message_encoding == "json":
                 yield channel.topic, message.log_time, json.loads(message.data)
             elif channel.message_encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
@@ -169,23 +159,15 @@ def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
                 left[channel.topic] = told
 
 
-def _has_end(handle: BinaryIO) -> bool:
-    """Return whether an MCAP file ends as it should, which one of a recorder that was killed does not."""
-    from mcap.stream_reader import MAGIC_SIZE
-
-    magic = handle.read(MAGIC_SIZE)
-    handle.seek(max(handle.seek(0, os.SEEK_END) - MAGIC_SIZE, 0))
-    ended = handle.read() == magic
-    handle.seek(0)
-    return ended
-
-
-def _read_to_cut(reader: McapReader, left: dict[str, str]) -> Iterator[tuple[Any, Any, Any]]:
+def _list_records(handle: BinaryIO, left: dict[str, str]) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield schemas, channels and messages of an MCAP file, as far as it was written."""
     from mcap.exceptions import EndOfFile
+    from mcap.reader import NonSeekingReader
 
-    with contextlib.suppress(EndOfFile):
-        yield from reader.iter_messages(log_time_order=False)
-    left["what comes after the last whole chunk"] = "the file is cut off, as one of a recorder that was killed"
+    try:
+        yield from NonSeekingReader(handle).iter_messages(log_time_order=False)
+    except EndOfFile:
+        left["what comes after the last whole chunk"] = "the file is cut off, as one of a recorder that was killed"
 
 
 def _decode(schema: Any, data: bytes, stores: dict[int, Any]) -> Any:
@@ -223,18 +205,22 @@ def _flatten(name: str, value: Any, left: dict[str, str]) -> Iterator[tuple[str,
     if _is_message(value):
         fields = _fields(value)
         named = fields.get("name")
-        named = list(named) if isinstance(named, list | tuple) and _are_texts(named) else None
-        beside = {each for each, told in fields.items() if each != "name" and named and _length(told) == len(named)}
+        named = named if isinstance(named, list | tuple) and _are_texts(named) else []
+        beside = {
+            each
+            for each, told in fields.items()
+            if named and each != "name" and isinstance(told, ARRAYS) and len(told) == len(named)
+        }
         for each, told in fields.items():
             if each == "header" or (each == "name" and beside):
                 continue
-            if each in beside and named is not None:
+            if each in beside:
                 yield from ((f"{name}.{each}[{its}]", one) for its, one in zip(named, _native(told), strict=True))
             else:
                 yield from _flatten(f"{name}.{each}", told, left)
     elif isinstance(value, bool | int | float | str) or value is None:
         yield name, value
-    elif isinstance(value, list | tuple | np.ndarray):
+    elif isinstance(value, ARRAYS):
         if len(value) > MOST_ENTRIES:
             left[name] = f"{len(value)} entries"
             return
@@ -246,10 +232,6 @@ def _flatten(name: str, value: Any, left: dict[str, str]) -> Iterator[tuple[str,
 
 def _are_texts(values: Sequence[Any]) -> bool:
     return len(values) > 0 and all(isinstance(each, str) for each in values) and len(set(values)) == len(values)
-
-
-def _length(value: Any) -> int | None:
-    return len(value) if isinstance(value, list | tuple | np.ndarray) else None
 
 
 def _native(values: Any) -> list[Any]:

@@ -67,8 +67,8 @@ def read_header(path: Path) -> Header:
             return Header(bag.names, {}, {}, bag.remarks)
         suffix = _suffix(path)
         if suffix == ".parquet":
-            names = [str(name) for name in pyarrow.parquet.read_schema(path).names if not _is_index(str(name))]
-            return Header(names, {}, {}, [])
+            names = [str(name) for name in pyarrow.parquet.read_schema(path).names]
+            return Header([name for name in names if not name.startswith("__index_level_")], {}, {}, [])
         if suffix == ".mat":
             found = read_variables(path)
             left = [f"{name} is left alone: {why}" for name, why in found.left.items()]
@@ -137,10 +137,6 @@ def _align(path: Path, found: Variables, names: Collection[str] | None) -> pd.Da
 def _native(values: Vector) -> Vector:
     """Return an array in this machine's order of bytes, which pandas demands."""
     return values.astype(values.dtype.newbyteorder("="))
-
-
-def _is_index(name: str) -> bool:
-    return name.startswith("__index_level_")
 
 
 def _suffix(path: Path) -> str:
