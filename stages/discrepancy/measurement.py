@@ -41,8 +41,8 @@ from stages.science.recording.files.readers import (
     Header,
     UnequalColumns,
     read_columns,
-    read_foreign,
     read_header,
+    read_samples,
 )
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.science.recording.plausibility import check_readings
@@ -227,7 +227,7 @@ class Source:
         This project's columns; its index counts the file's rows.
     muscles : DataFrame
         A row for each that may be there.
-    told_in : str
+    described_in : str
         What describes the muscles, for messages.
     load_cell_site, timing : str
         As told.
@@ -243,7 +243,7 @@ class Source:
     file: str
     samples: pd.DataFrame
     muscles: pd.DataFrame
-    told_in: str
+    described_in: str
     load_cell_site: str
     timing: str
     rate_hz: float | None
@@ -267,9 +267,7 @@ def describe_file(path: InputPath) -> list[str]:
     file = find_samples(path)
     with about(str(file)):
         header = read_header(file)
-        lines, guess = describe(
-            read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER, list_signals()
-        )
+        lines, guess = describe(read_columns(file), header, USUAL_JITTER, list_signals())
     kind = [] if guess.muscles else ["measurement=records"]
     told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles]), "plan=true"]
     last = "to see how it would be read (complete it with what is not told; plan=true writes nothing):"
@@ -359,15 +357,15 @@ def read_muscles(path: InputPath, cfg: Config) -> Source:
     """Read a folder with samples and meta.json, or one file for the configured exoskeleton."""
     if not is_folder(path):
         file, machine, rate = Path(path), cfg.exoskeleton, cfg.measurement.rate_hz
-        known, told_in = describe_muscles(machine), "exoskeleton.muscles"
+        known, described_in = describe_muscles(machine), "exoskeleton.muscles"
         samples = adopt_muscles(file, cfg, known)
-        return Source(file.name, path, samples, known, told_in, machine.load_cell_site, "", rate, None)
+        return Source(file.name, path, samples, known, described_in, machine.load_cell_site, "", rate, None)
     folder, file = Path(path), Path(path) / SAMPLES
     session = read_meta(folder)
-    known, told_in = session.describe(), str(folder / META)
+    known, described_in = session.describe(), str(folder / META)
     name, samples = folder.resolve().name, adopt_muscles(file, cfg, known)
     site, timing, rate = session.load_cell_site, session.timing, session.sampling_rate_hz
-    return Source(name, str(file), samples, known, told_in, site, timing, rate, session)
+    return Source(name, str(file), samples, known, described_in, site, timing, rate, session)
 
 
 def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
@@ -399,14 +397,14 @@ def read_wanted(file: Path, given: ColumnMap, header: Header) -> pd.DataFrame:
     """Read the columns that the map names, of each part behind each other where the ends of names tell parts."""
     if not given.endings:
         try:
-            return read_foreign(file, set(given.wanted))
+            return read_samples(file, set(given.wanted))
         except UnequalColumns as error:
             raise InputError(
                 f"{error}; if the ends of their names tell parts, as in uEst and uVal, map u and set "
                 "measurement.part_endings=[Est,Val]; else write them as one table"
             ) from None
     parts = given.part_columns(header.names)
-    return join_parts({end: read_foreign(file, own).rename(columns=own) for end, own in parts.items()})
+    return join_parts({end: read_samples(file, own).rename(columns=own) for end, own in parts.items()})
 
 
 def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
@@ -421,8 +419,8 @@ def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
     notes = [(str(row["muscle"]), f"{row['count']} samples left out: {row['status']}") for _, row in counts.iterrows()]
     known, machine = describe_muscles(cfg.exoskeleton), cfg.exoskeleton
     site, rate = machine.load_cell_site, machine.sampling_rate_hz
-    file, told_in = "hardware_recordings", "exoskeleton.muscles"
-    return Source("hardware", file, samples, known, told_in, site, HELD, rate, None, notes)
+    file, described_in = "hardware_recordings", "exoskeleton.muscles"
+    return Source("hardware", file, samples, known, described_in, site, HELD, rate, None, notes)
 
 
 def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:
@@ -439,7 +437,7 @@ def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     notes: Notes = list(source.notes)
     if cfg.measured is not None:
         notes.extend(note_reading(find_samples(cfg.measured), cfg, source.muscles))
-    samples, muscles = choose_muscles(source.samples, source.muscles, source.told_in, notes)
+    samples, muscles = choose_muscles(source.samples, source.muscles, source.described_in, notes)
     rate = find_rate(samples, ("trial", "muscle"), source.rate_hz)
     parts = read_parts(samples, WHOLE)
     recorded = samples.groupby("trial", sort=False).size()

@@ -23,7 +23,7 @@ INDISPENSABLE = ("pressure_kpa", "force_n")
 
 
 def choose_muscles(
-    samples: pd.DataFrame, muscles: pd.DataFrame, told_in: str, notes: Notes
+    samples: pd.DataFrame, muscles: pd.DataFrame, described_in: str, notes: Notes
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return samples and descriptions of the muscles that have data; samples by trial, muscle and time.
 
@@ -33,7 +33,7 @@ def choose_muscles(
         From `adopt`.
     muscles : DataFrame
         Under `MUSCLE_COLUMNS`, in the order wanted.
-    told_in : str
+    described_in : str
         What describes the muscles, for messages.
     notes : list
         Receives the muscles that are left out.
@@ -49,7 +49,7 @@ def choose_muscles(
         name = str(samples.loc[strange, "muscle"].iloc[0])
         near = get_close_matches(name, known, n=1) or known
         raise RecordingError(
-            f"column muscle: {told_in} has no muscle '{name}' of {name_rows(strange)}; it has {', '.join(near)}"
+            f"column muscle: {described_in} has no muscle '{name}' of {name_rows(strange)}; it has {', '.join(near)}"
         )
     missing = {name: _describe_missing(samples[samples["muscle"] == name]) for name in known}
     notes.extend((name, f"left out: {reason}") for name, reason in missing.items() if reason)

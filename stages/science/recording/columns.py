@@ -1,4 +1,4 @@
-"""Foreign columns under this project's names: found, read as numbers, converted, and each row named once.
+"""Recorded columns under this project's names: found, read as numbers, converted, and each row named once.
 
 A frame as it was read flows in, with the map of columns and units; a frame of this project's columns flows out, whose
 index counts the rows of the file. Every refusal names the column and the rows, counted from 0.
@@ -39,14 +39,14 @@ def adopt(
     needed: Sequence[str],
     header: Sequence[str] = (),
 ) -> pd.DataFrame:
-    """Return the columns of this project that a foreign frame has, as numbers in this project's units.
+    """Return the columns of this project that a recorded frame has, as numbers in this project's units.
 
     Parameters
     ----------
     frame : DataFrame
         As read; each row has its number.
     columns : mapping of str to str or None
-        Of this project's columns, the foreign one that holds it; one of the same name where there is none.
+        Of this project's columns, the file's column that holds it; one of the same name where there is none.
     units : mapping of str to str or None
         Of this project's columns, the unit in which it is recorded; its own where there is none.
     names : sequence of str

@@ -1,4 +1,4 @@
-"""A foreign file described: what its columns hold, how its clock runs, and how much of each record and part there is.
+"""A recorded file described: what its columns hold, how its clock runs, and how much of each record and part there is.
 
 Columns as they were read flow in, with the map that `guess_map` makes of their headings; lines of text and the
 arguments of a command flow out.
@@ -15,6 +15,7 @@ import pandas as pd
 from stages.science.recording.clock import find_rate
 from stages.science.recording.columns import TIME, RecordingError, adopt
 from stages.science.recording.dates import is_dates
+from stages.science.recording.files.readers import Header
 from stages.science.recording.guessing import Guess, guess_map, pair_parts
 from stages.science.recording.headings import read_heading
 from stages.science.recording.labels import list_labels, restarts, stays
@@ -32,9 +33,7 @@ OF_ONE = re.compile(r"^(.+)\[[A-Za-z_]\w*\]$")
 
 def describe(
     columns: Mapping[str, pd.Series],
-    units: Mapping[str, str],
-    single: Mapping[str, float],
-    remarks: Sequence[str],
+    header: Header,
     largest_jitter: float,
     machines: Mapping[str, Mapping[str, int]],
 ) -> tuple[list[str], Guess]:
@@ -44,12 +43,8 @@ def describe(
     ----------
     columns : mapping of str to Series
         As they were read.
-    units : mapping of str to str
-        From a row of their own, by column.
-    single : mapping of str to float
-        Numbers that stand alone.
-    remarks : sequence of str
-        How the file is read.
+    header : Header
+        What the file says of them.
     largest_jitter : float
         Deviation of a step of time from whole periods that is borne, in periods.
     machines : mapping of str to mapping of str to int
@@ -62,11 +57,11 @@ def describe(
     """
     rows = sorted({len(values) for values in columns.values()})
     if not rows or rows[-1] == 0:
-        raise RecordingError("; ".join(["expected columns with values, got none", *remarks]))
-    guess = guess_columns(columns, units, single)
-    lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in remarks)]
-    lines += [f"  {name} = {value:g}, a single number" for name, value in single.items()]
-    lines += ["", *describe_columns(columns, units, guess), "", *describe_clock(columns, guess, largest_jitter)]
+        raise RecordingError("; ".join(["expected columns with values, got none", *header.remarks]))
+    guess = guess_columns(columns, header.units, header.single)
+    lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in header.remarks)]
+    lines += [f"  {name} = {value:g}, a single number" for name, value in header.single.items()]
+    lines += ["", *describe_columns(columns, header.units, guess), "", *describe_clock(columns, guess, largest_jitter)]
     unknown = describe_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
 

@@ -1,4 +1,4 @@
-"""What the heading of a foreign column says: the quantity's name, its unit, and whether that fits the column's use.
+"""What the heading of a recorded column says: the quantity's name, its unit, and whether that fits the column's use.
 
 Headings flow in, with units from a row of their own; names and units flow out, or a `RecordingError`.
 """
@@ -119,9 +119,9 @@ def check_headings(
     columns, units : mapping of str to str or None
         As of `adopt`; a unit that is given is believed.
     told : mapping of str to str
-        Units from a row of their own, by foreign column.
+        Units from a row of their own, by column of the file.
     present : set of str
-        Foreign columns that are there.
+        Columns that the file has.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which column of a foreign file tells its records apart: one that stays as it is until time begins anew.
+"""Which column of a recorded file tells its records apart: one that stays as it is until time begins anew.
 
 Columns flow in, with the one that is time; those that label records flow out. Names say less than values do: a column
 ``Nr`` may count records or rows.

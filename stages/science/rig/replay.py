@@ -25,7 +25,7 @@ from stages.science.recording.column_map import ColumnMap
 from stages.science.recording.columns import RecordingError, check_rows
 from stages.science.recording.completion import derive_velocity
 from stages.science.recording.files.bags import is_bag
-from stages.science.recording.files.readers import TABLE_SUFFIXES, FileError, read_foreign, read_header
+from stages.science.recording.files.readers import TABLE_SUFFIXES, FileError, read_header, read_samples
 from stages.science.recording.muscles import describe_muscles
 from stages.science.recording.plausibility import check_readings
 from stages.science.recording.wide import is_wide
@@ -220,7 +220,7 @@ class ReplayRig(ConfiguredRig):
         needed = [*(["time_s"] if self.rate_hz is None else []), "muscle", *NEEDED]
         given = ColumnMap(columns, self.units, texts, needed, [], self.rate_hz, muscles)
         with _about(str(file)):
-            frame = _select(read_foreign(file, set(given.wanted)), columns, kind)
+            frame = _select(read_samples(file, set(given.wanted)), columns, kind)
             if frame.empty:
                 return []
             samples = given.adopt(frame, header.names, header.units)

@@ -126,10 +126,10 @@ def _read(path: Path, state: object) -> Bag:
     if not tables:
         raise ValueError("; ".join(["expected messages with numbers, got none", *_describe_left(left)]))
     stamped = {topic: all(stamps[topic]) for topic in tables}
-    foreign = [topic for topic in tables if stamped[topic] and not _agree(stamps[topic], logged[topic])]
-    if foreign and not all(stamped.values()):
+    offset = [topic for topic in tables if stamped[topic] and not _agree(stamps[topic], logged[topic])]
+    if offset and not all(stamped.values()):
         stamped = dict.fromkeys(tables, False)
-        why = f"; header.stamp of {foreign[0]} is of another clock, and not every topic has one"
+        why = f"; header.stamp of {offset[0]} is of another clock, and not every topic has one"
     else:
         why = ""
     times = {topic: np.array((stamps if stamped[topic] else logged)[topic], dtype=np.int64) for topic in tables}

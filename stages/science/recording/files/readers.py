@@ -59,7 +59,7 @@ def read_header(path: Path) -> Header:
     Raises
     ------
     FileError
-        As of `read_foreign`.
+        As of `read_samples`.
     """
     with _explained(path):
         if is_bag(path):
@@ -78,7 +78,7 @@ def read_header(path: Path) -> Header:
         return Header([name for name in dialect.names if name], units, {}, dialect.remarks)
 
 
-def read_foreign(path: Path, names: Collection[str] | None = None) -> pd.DataFrame:
+def read_samples(path: Path, names: Collection[str] | None = None) -> pd.DataFrame:
     """Read a table that others wrote; its rows are counted from 0.
 
     Parameters
@@ -114,10 +114,10 @@ def read_columns(path: Path) -> dict[str, pd.Series]:
     Raises
     ------
     FileError
-        As of `read_foreign`.
+        As of `read_samples`.
     """
     if path.suffix.lower() != ".mat":
-        frame = read_foreign(path)
+        frame = read_samples(path)
         return {str(name): frame[name] for name in frame}
     with _explained(path):
         return {name: pd.Series(_native(values), name=name) for name, values in read_variables(path).vectors.items()}
