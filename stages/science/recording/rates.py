@@ -52,9 +52,7 @@ def find_rates(frame: pd.DataFrame, stated_hz: float | None) -> dict[str, float]
     for name in names:
         alike = [each for each in names if abs(own[each] / own[name] - 1.0) <= SAME_RATE]
         shared = next((found[each] for each in alike if each in found), None)
-        if shared is None:
-            shared = find_rate(frame[frame["record"].isin(alike)], ("record",), None)
-        found[name] = shared
+        found[name] = shared or find_rate(frame[frame["record"].isin(alike)], ("record",), None)
     return found
 
 

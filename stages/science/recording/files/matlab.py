@@ -6,7 +6,6 @@ scipy is imported where a file is read, as most studies read none.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -121,12 +120,3 @@ def _stack(name: str, structs: list[Any], found: Variables) -> None:
         return
     found.vectors[name] = np.repeat([f"{k + 1}" for k in range(len(structs))], [each.pop() for each in sizes])
     found.vectors |= {key: np.concatenate([each.vectors[key] for each in told]) for key in shared}
-
-
-def list_unequal(lengths: dict[str, int]) -> Iterator[tuple[str, int]]:
-    """Yield the first vector of each length."""
-    seen: set[int] = set()
-    for name, length in lengths.items():
-        if length not in seen:
-            seen.add(length)
-            yield name, length

@@ -16,7 +16,7 @@ import pyarrow.parquet
 
 from stages.science.recording.files.bags import is_bag, read_bag
 from stages.science.recording.files.delimited import find_dialect, read_delimited
-from stages.science.recording.files.matlab import Variables, Vector, list_unequal, read_variables
+from stages.science.recording.files.matlab import Variables, Vector, read_variables
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 TABLE_SUFFIXES = (".parquet", ".mat", ".mcap", *TEXT_SUFFIXES)
@@ -128,9 +128,11 @@ def _align(path: Path, found: Variables, names: Collection[str] | None) -> pd.Da
     if len(set(lengths.values())) > 1 and names is None:
         usual = max(lengths.values(), key=list(lengths.values()).count)
         lengths = {name: length for name, length in lengths.items() if length == usual}
-    told = [f"{name} ({length})" for name, length in list_unequal(lengths)]
-    if len(told) > 1:
-        raise UnequalColumns(f"{path}: expected columns of one length, got {' and '.join(told)}")
+    firsts: dict[int, str] = {}
+    for name, length in lengths.items():
+        firsts.setdefault(length, f"{name} ({length})")
+    if len(firsts) > 1:
+        raise UnequalColumns(f"{path}: expected columns of one length, got {' and '.join(firsts.values())}")
     return pd.DataFrame({name: _native(found.vectors[name]) for name in lengths})
 
 

@@ -140,9 +140,11 @@ def test_vectors_of_unequal_length_are_refused_together_only(tmp_path):
 def test_what_is_no_vector_is_left_alone_and_said(tmp_path):
     cells = np.empty(2, dtype=object)
     cells[:] = [np.arange(3.0), np.arange(4.0)]
-    path = tmp_path / "x.mat"
-    savemat(path, {"u": np.arange(3.0), "c": cells, "z": np.array([1j, 2.0]), "cube": np.zeros((2, 3, 4))})
+    path, mixed = tmp_path / "x.mat", np.array([{"t": np.arange(3.0)}, 1.0], dtype=object)
+    others = {"z": np.array([1j, 2.0]), "cube": np.zeros((2, 3, 4)), "mixed": mixed}
+    savemat(path, {"u": np.arange(3.0), "c": cells, **others})
     told = "; ".join(read_header(path).remarks)
+    assert "mixed is left alone" in told
     assert "c is left alone: a cell array; write its numbers as vectors" in told
     assert "z is left alone: complex numbers" in told
     assert "cube is left alone: 2 x 3 x 4 numbers; write one vector for each signal" in told
