@@ -442,7 +442,9 @@ def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     parts = read_parts(samples, WHOLE)
     recorded = samples.groupby("trial", sort=False).size()
     samples, starts = regularise(samples, "trial", ["muscle"], rate, cfg.measurement.largest_jitter)
-    notes.extend(note_gaps(recorded, samples))
+    lost = samples.groupby("trial", sort=False).size() - recorded
+    told = "of its rows were missing: samples without values"
+    notes.extend((f"trial {trial}", f"{count} {told}") for trial, count in lost.items() if count)
     window = cfg.exoskeleton.velocity_filter
     samples = complete(samples, muscles, READINGS, rate, window.window_s, window.order, notes)
     trials = list_trials(samples, rate).assign(part=parts.to_numpy(), start_s=find_starts(source.session, starts))
@@ -464,16 +466,6 @@ def note_reading(file: Path, cfg: Config, known: pd.DataFrame) -> Notes:
     if is_one_trial(cfg.columns, header.names):
         notes.append(("trial", "the whole file is one, number 0"))
     return notes + ([(file.name, each) for each in header.remarks] if is_bag(file) else [])
-
-
-def note_gaps(recorded: pd.Series, samples: pd.DataFrame) -> Notes:
-    """Return a note for each trial that lacked rows: now they are there, without values."""
-    lost = samples.groupby("trial", sort=False).size() - recorded
-    return [
-        (f"trial {trial}", f"{count} of its rows were missing: samples without values")
-        for trial, count in lost.items()
-        if count
-    ]
 
 
 def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
