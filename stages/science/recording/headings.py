@@ -24,11 +24,11 @@ from stages.science.recording.units import (
 
 BRACKETED = re.compile(r"^(.*?)\s*[\[({]\s*([^\[({\])}]+?)\s*[\])}]\s*$")
 BETWEEN = re.compile(r"\s+in\s+|\s*[/,;]\s*|[\s_.]+|(?<=\w)(?=[%°])")
-"""What may stand between a quantity and its unit."""
+"""Separators between a quantity and its unit."""
 SIGNS = ("in", "/", ",", ";")
-"""Of these, those that set a unit apart."""
+"""Separators after which a unit is unmistakable."""
 NAMES_BESIDES = ("k", "g", "w", "a", "in", "-")
-"""What ends more names than it states units."""
+"""Endings that are more often part of a name than a unit."""
 ONLY_IN_COMPOUNDS = (
     "l",
     "ml",
@@ -47,9 +47,9 @@ ONLY_IN_COMPOUNDS = (
     "m2",
     "m3",
 )
-"""Pieces of units that are none of those that convert."""
+"""Pieces of compound units that cannot be converted."""
 CLOCK = re.compile(r"(.*[\W_])?(t|\w*time\w*|\w*zeit\w*|temps|elapsed|duration|delay)", re.IGNORECASE)
-"""A name whose unit is one of time alone, and not a part of another one."""
+"""Names of quantities in units of time; after other names, a unit of time is part of a compound unit."""
 
 
 class Heading(NamedTuple):

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from stages.science.recording.dates import is_dates, read_dates
 
 FIELD = re.compile(r"\.[A-Za-z].*")
-"""What stands behind an array's name in that of a field; a number is that of a name which comes again."""
+"""Field behind the name of an array of structs; a number there counts repeated column names instead."""
 FEWEST_ROWS = 2.0
-"""Rows of a record, on average, from which on a column labels records and counts no rows."""
+"""Smallest mean number of rows per record; a column whose values change more often counts rows."""
 
 
 def list_labels(columns: Mapping[str, pd.Series], time: str | None) -> list[str]:

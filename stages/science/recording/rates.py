@@ -1,4 +1,4 @@
-"""Records of unequal rates brought to the lowest of them, behind a filter that keeps what is too quick for it out.
+"""Records of unequal rates, resampled to the lowest of them behind a low-pass filter against aliasing.
 
 Tidy frames with signals side by side flow in, each record on a uniform clock of its own; one frame on one clock flows
 out, with notes of what was resampled.
