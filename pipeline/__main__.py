@@ -202,7 +202,8 @@ def list_groups(arguments: list[str]) -> list[str]:
     """Return the names of all config groups, those of ``--config-dir`` among them."""
     own = read_options(arguments).config_dir
     folders = [CONFIG_FOLDER, *([Path(own)] if own and Path(own).is_dir() else [])]
-    return [each.name for folder in folders for each in folder.iterdir() if each.is_dir() and each.name != "hydra"]
+    groups = [each for folder in folders for each in folder.iterdir() if each.is_dir() and any(each.iterdir())]
+    return [each.name for each in groups if each.name != "hydra"]
 
 
 def _known_keys(path: str) -> dict[str, object]:

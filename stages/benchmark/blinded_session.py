@@ -12,8 +12,8 @@ from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.recording.datasets import tabulate_session
 from stages.science.recording.muscles import MUSCLE_COLUMNS
-from stages.science.recording.whole_sessions import tabulate_session
 from stages.science.rig.contract import MEASUREMENT_COLUMNS
 from stages.science.rig.sessions import seal_truth
 

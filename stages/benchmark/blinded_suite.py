@@ -24,7 +24,7 @@ from stages.science.discrepancy.judgement import Judgement, judge, search_with_t
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.ranking import list_named, rank_first
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
-from stages.science.recording.whole_sessions import tabulate_session
+from stages.science.recording.datasets import tabulate_session
 
 KINDS = ["none", "one_effect", "one_muscle", "two_effects", "outsider"]
 

@@ -23,7 +23,7 @@ from stages.science.discrepancy.exactness import explain_exactly
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel
-from stages.science.recording.whole_sessions import tabulate_session
+from stages.science.recording.datasets import tabulate_session
 
 INVERSE_CRIME_CHECK = Table(
     "inverse_crime_check",

@@ -28,20 +28,24 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import list_signals
-from stages.science.recording.adoption import adopt_rows
 from stages.science.recording.assembly import Notes, choose_muscles, complete, read_parts
 from stages.science.recording.blocks import WHOLE, arrange_records, list_blocks, split_records
 from stages.science.recording.clock import count_time, find_rate, regularise
-from stages.science.recording.column_map import ColumnMap
+from stages.science.recording.column_map import ColumnMap, join_parts
 from stages.science.recording.columns import RecordingError, check_rows, name_rows
+from stages.science.recording.datasets import find_starts, list_trials
 from stages.science.recording.description import describe, list_arguments, quote
-from stages.science.recording.endings import join_parts
 from stages.science.recording.files.bags import is_bag
-from stages.science.recording.files.errors import FileError
-from stages.science.recording.files.readers import Header, UnequalColumns, read_columns, read_foreign, read_header
+from stages.science.recording.files.readers import (
+    FileError,
+    Header,
+    UnequalColumns,
+    read_columns,
+    read_header,
+    read_samples,
+)
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
-from stages.science.recording.plausibility import check_plausible
-from stages.science.recording.trials import find_starts, list_trials
+from stages.science.recording.plausibility import check_readings
 from stages.science.recording.uneven import even_out
 from stages.science.recording.wide import is_one_trial
 
@@ -206,7 +210,7 @@ class Config(Section):
         given = self.measurement
         names = NEEDED if given.kind == "muscles" else [name for name in self.columns if name not in NAMES]
         needed = [name for name in names if name != "time_s" or given.rate_hz is None]
-        return ColumnMap(self.columns, self.units, needed, given.part_endings or [], given.rate_hz, muscles)
+        return ColumnMap(self.columns, self.units, NAMES, needed, given.part_endings or [], given.rate_hz, muscles)
 
 
 @dataclass(frozen=True)
@@ -223,7 +227,7 @@ class Source:
         This project's columns; its index counts the file's rows.
     muscles : DataFrame
         A row for each that may be there.
-    told_in : str
+    described_in : str
         What describes the muscles, for messages.
     load_cell_site, timing : str
         As told.
@@ -239,7 +243,7 @@ class Source:
     file: str
     samples: pd.DataFrame
     muscles: pd.DataFrame
-    told_in: str
+    described_in: str
     load_cell_site: str
     timing: str
     rate_hz: float | None
@@ -263,9 +267,7 @@ def describe_file(path: InputPath) -> list[str]:
     file = find_samples(path)
     with about(str(file)):
         header = read_header(file)
-        lines, guess = describe(
-            read_columns(file), header.units, header.single, header.remarks, USUAL_JITTER, list_signals()
-        )
+        lines, guess = describe(read_columns(file), header, USUAL_JITTER, list_signals())
     kind = [] if guess.muscles else ["measurement=records"]
     told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles]), "plan=true"]
     last = "to see how it would be read (complete it with what is not told; plan=true writes nothing):"
@@ -338,34 +340,32 @@ def is_folder(path: InputPath) -> bool:
 
 def read_known(path: InputPath, cfg: Config) -> pd.DataFrame:
     """Return the muscles that may be there, under `MUSCLE_COLUMNS`."""
-    meta = Path(path) / META
-    if not is_folder(path) or not meta.is_file():
-        return describe_muscles(cfg.exoskeleton)
-    with about(str(meta)):
-        return read_session(read_json(meta)).describe()
+    session = read_meta(Path(path)) if is_folder(path) else None
+    return session.describe() if session else describe_muscles(cfg.exoskeleton)
+
+
+def read_meta(folder: Path) -> Session:
+    """Read how a folder describes its own machine."""
+    for name in (SAMPLES, META):
+        if not (folder / name).is_file():
+            raise InputError(f"{folder}: expected {SAMPLES} and {META} in this folder, {name} is missing")
+    with about(str(folder / META)):
+        return read_session(read_json(folder / META))
 
 
 def read_muscles(path: InputPath, cfg: Config) -> Source:
     """Read a folder with samples and meta.json, or one file for the configured exoskeleton."""
-    if is_folder(path):
-        return read_folder(Path(path), cfg)
-    known, site = describe_muscles(cfg.exoskeleton), cfg.exoskeleton.load_cell_site
-    samples, name, rate = adopt_muscles(Path(path), cfg, known), Path(path).name, cfg.measurement.rate_hz
-    return Source(name, path, samples, known, "exoskeleton.muscles", site, "", rate, None)
-
-
-def read_folder(folder: Path, cfg: Config) -> Source:
-    """Read a folder that describes its own machine."""
-    file, meta = folder / SAMPLES, folder / META
-    for each in (file, meta):
-        if not each.is_file():
-            raise InputError(f"{folder}: expected {SAMPLES} and {META} in this folder, {each.name} is missing")
-    with about(str(meta)):
-        session = read_session(read_json(meta))
-    known = session.describe()
+    if not is_folder(path):
+        file, machine, rate = Path(path), cfg.exoskeleton, cfg.measurement.rate_hz
+        known, described_in = describe_muscles(machine), "exoskeleton.muscles"
+        samples = adopt_muscles(file, cfg, known)
+        return Source(file.name, path, samples, known, described_in, machine.load_cell_site, "", rate, None)
+    folder, file = Path(path), Path(path) / SAMPLES
+    session = read_meta(folder)
+    known, described_in = session.describe(), str(folder / META)
     name, samples = folder.resolve().name, adopt_muscles(file, cfg, known)
     site, timing, rate = session.load_cell_site, session.timing, session.sampling_rate_hz
-    return Source(name, str(file), samples, known, str(meta), site, timing, rate, session)
+    return Source(name, str(file), samples, known, described_in, site, timing, rate, session)
 
 
 def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
@@ -376,9 +376,7 @@ def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
         wrong = (samples["trial"] % 1.0 != 0.0) | (samples["trial"] < 0.0)
         if wrong.any():
             raise RecordingError(f"column trial: expected whole numbers from 0, got others in {name_rows(wrong)}")
-        for name in READINGS:
-            if name in samples:
-                check_plausible(samples[name], name, *bounds_of(name), cfg.units.get(name))
+        check_readings(samples, READINGS, MEASURED.columns, cfg.units)
     return samples.astype({"trial": int})
 
 
@@ -387,9 +385,7 @@ def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame)
     with about(str(file)):
         header = read_header(file)
         given = cfg.map(known)
-        columns = cfg.columns | ({"part": "part"} if cfg.measurement.part_endings else {})
-        frame = read_wanted(file, given, header)
-        samples = adopt_rows(frame, header.names, header.units, columns, cfg.units, NAMES, given.needed, known)
+        samples = given.adopt(read_wanted(file, given, header), header.names, header.units)
         if "time_s" not in samples and cfg.measurement.rate_hz is not None:
             samples = count_time(samples, [*key[:-1], "part"], cfg.measurement.rate_hz)
         if "record" in key:
@@ -401,20 +397,14 @@ def read_wanted(file: Path, given: ColumnMap, header: Header) -> pd.DataFrame:
     """Read the columns that the map names, of each part behind each other where the ends of names tell parts."""
     if not given.endings:
         try:
-            return read_foreign(file, set(given.wanted))
+            return read_samples(file, set(given.wanted))
         except UnequalColumns as error:
             raise InputError(
                 f"{error}; if the ends of their names tell parts, as in uEst and uVal, map u and set "
                 "measurement.part_endings=[Est,Val]; else write them as one table"
             ) from None
     parts = given.part_columns(header.names)
-    return join_parts({end: read_foreign(file, own).rename(columns=own) for end, own in parts.items()})
-
-
-def bounds_of(name: str) -> tuple[float, float]:
-    """Return the range that `MEASURED` declares for a column."""
-    low, high = (check.statistics for check in MEASURED.columns[name].checks)
-    return float(low["min_value"]), float(high["max_value"])
+    return join_parts({end: read_samples(file, own).rename(columns=own) for end, own in parts.items()})
 
 
 def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
@@ -429,8 +419,8 @@ def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
     notes = [(str(row["muscle"]), f"{row['count']} samples left out: {row['status']}") for _, row in counts.iterrows()]
     known, machine = describe_muscles(cfg.exoskeleton), cfg.exoskeleton
     site, rate = machine.load_cell_site, machine.sampling_rate_hz
-    file, told_in = "hardware_recordings", "exoskeleton.muscles"
-    return Source("hardware", file, samples, known, told_in, site, HELD, rate, None, notes)
+    file, described_in = "hardware_recordings", "exoskeleton.muscles"
+    return Source("hardware", file, samples, known, described_in, site, HELD, rate, None, notes)
 
 
 def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:
@@ -447,20 +437,23 @@ def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     notes: Notes = list(source.notes)
     if cfg.measured is not None:
         notes.extend(note_reading(find_samples(cfg.measured), cfg, source.muscles))
-    samples, muscles = choose_muscles(source.samples, source.muscles, source.told_in, notes)
+    samples, muscles = choose_muscles(source.samples, source.muscles, source.described_in, notes)
     rate = find_rate(samples, ("trial", "muscle"), source.rate_hz)
     parts = read_parts(samples, WHOLE)
     recorded = samples.groupby("trial", sort=False).size()
     samples, starts = regularise(samples, "trial", ["muscle"], rate, cfg.measurement.largest_jitter)
-    notes.extend(note_gaps(recorded, samples))
+    lost = samples.groupby("trial", sort=False).size() - recorded
+    told = "of its rows were missing: samples without values"
+    notes.extend((f"trial {trial}", f"{count} {told}") for trial, count in lost.items() if count)
     window = cfg.exoskeleton.velocity_filter
     samples = complete(samples, muscles, READINGS, rate, window.window_s, window.order, notes)
     trials = list_trials(samples, rate).assign(part=parts.to_numpy(), start_s=find_starts(source.session, starts))
+    row = (source.name, "muscles", rate, source.load_cell_site, source.timing, len(trials), len(muscles))
     return {
         MEASURED.name: samples[list(MEASURED.columns)],
         MEASURED_TRIALS.name: trials[list(MEASURED_TRIALS.columns)],
         MEASURED_MUSCLES.name: muscles,
-        MEASURED_SESSION.name: describe_session(source, rate, len(trials), len(muscles)),
+        MEASURED_SESSION.name: pd.DataFrame([row], columns=list(MEASURED_SESSION.columns)),
         MEASURED_NOTES.name: pd.DataFrame(notes, columns=list(MEASURED_NOTES.columns)),
     }
 
@@ -473,22 +466,6 @@ def note_reading(file: Path, cfg: Config, known: pd.DataFrame) -> Notes:
     if is_one_trial(cfg.columns, header.names):
         notes.append(("trial", "the whole file is one, number 0"))
     return notes + ([(file.name, each) for each in header.remarks] if is_bag(file) else [])
-
-
-def note_gaps(recorded: pd.Series, samples: pd.DataFrame) -> Notes:
-    """Return a note for each trial that lacked rows: now they are there, without values."""
-    lost = samples.groupby("trial", sort=False).size() - recorded
-    return [
-        (f"trial {trial}", f"{count} of its rows were missing: samples without values")
-        for trial, count in lost.items()
-        if count
-    ]
-
-
-def describe_session(source: Source, rate: float, trials: int, muscles: int) -> pd.DataFrame:
-    """Return the one row of `MEASURED_SESSION` for muscles."""
-    row = (source.name, "muscles", rate, source.load_cell_site, source.timing, trials, muscles)
-    return pd.DataFrame([row], columns=list(MEASURED_SESSION.columns))
 
 
 def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:

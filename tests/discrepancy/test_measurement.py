@@ -312,3 +312,11 @@ def test_the_plan_tells_each_column_and_the_command_what_is_missing_in_a_line(pa
     assert result.returncode == 1
     (line,) = result.stderr.strip().splitlines()
     assert line.startswith(f"measurement failed: {folder}/samples.parquet: no column force_n; ")
+
+
+def test_the_plan_of_a_folder_without_meta_is_refused_as_its_run_is(pamid, tmp_path):
+    folder = write_dataset(tmp_path / "dataset")
+    (folder / "meta.json").unlink()
+    plan = pamid("workflow=discrepancy", f"measured={folder}", "plan=true")
+    assert plan.returncode != 0
+    assert "expected samples.parquet and meta.json in this folder, meta.json is missing" in plan.stderr

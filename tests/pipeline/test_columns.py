@@ -1,4 +1,4 @@
-"""The command that looks at a foreign file: what it prints, and that what it prints can be typed."""
+"""The command that looks at a recorded file: what it prints, and that what it prints can be typed."""
 
 import re
 import shlex

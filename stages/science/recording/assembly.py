@@ -23,7 +23,7 @@ INDISPENSABLE = ("pressure_kpa", "force_n")
 
 
 def choose_muscles(
-    samples: pd.DataFrame, muscles: pd.DataFrame, told_in: str, notes: Notes
+    samples: pd.DataFrame, muscles: pd.DataFrame, described_in: str, notes: Notes
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return samples and descriptions of the muscles that have data; samples by trial, muscle and time.
 
@@ -33,7 +33,7 @@ def choose_muscles(
         From `adopt`.
     muscles : DataFrame
         Under `MUSCLE_COLUMNS`, in the order wanted.
-    told_in : str
+    described_in : str
         What describes the muscles, for messages.
     notes : list
         Receives the muscles that are left out.
@@ -49,7 +49,7 @@ def choose_muscles(
         name = str(samples.loc[strange, "muscle"].iloc[0])
         near = get_close_matches(name, known, n=1) or known
         raise RecordingError(
-            f"column muscle: {told_in} has no muscle '{name}' of {name_rows(strange)}; it has {', '.join(near)}"
+            f"column muscle: {described_in} has no muscle '{name}' of {name_rows(strange)}; it has {', '.join(near)}"
         )
     missing = {name: _describe_missing(samples[samples["muscle"] == name]) for name in known}
     notes.extend((name, f"left out: {reason}") for name, reason in missing.items() if reason)
@@ -58,10 +58,15 @@ def choose_muscles(
         raise RecordingError(
             f"columns {' and '.join(INDISPENSABLE)}: expected values of both for some muscle, got none"
         )
-    chosen = samples[samples["muscle"].isin(used)]
-    place = chosen["muscle"].map({name: index for index, name in enumerate(used)})
-    chosen = chosen.assign(place=place).sort_values(["trial", "place"], kind="stable").drop(columns="place")
+    chosen = order_rows(samples[samples["muscle"].isin(used)], used)
     return chosen, muscles.set_index("muscle").loc[used].reset_index()
+
+
+def order_rows(samples: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
+    """Return samples by trial, by muscle in a given order, and by time."""
+    place = samples["muscle"].map({name: index for index, name in enumerate(muscles)})
+    ordered = samples.assign(place=place).sort_values(["trial", "place", "time_s"], kind="stable")
+    return ordered.drop(columns="place")
 
 
 def read_parts(samples: pd.DataFrame, without: str) -> pd.Series:

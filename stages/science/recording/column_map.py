@@ -1,6 +1,8 @@
-"""The map from a foreign file's columns to this project's, as the configuration gives it.
+"""The map from a file's columns to this project's, as the configuration gives it.
 
-The file's columns flow in; which of them are wanted, and where every column comes from, in words, flow out.
+A file's columns flow in, and the rows read from them; which columns are wanted, where every column comes from, in
+words, and rows under this project's names and units flow out, or a `RecordingError`. Parts may stand side by side,
+identified by the endings of their columns' names: uEst, yEst, uVal, yVal become u, y and a part.
 """
 
 from __future__ import annotations
@@ -10,24 +12,25 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from stages.science.recording.columns import TIME
-from stages.science.recording.endings import name_parts
+from stages.science.recording.columns import TIME, RecordingError, adopt
+from stages.science.recording.headings import check_headings
 from stages.science.recording.units import own_unit
-from stages.science.recording.wide import is_one_trial, is_pattern, is_wide, list_sources
+from stages.science.recording.wide import expand, is_one_trial, is_pattern, is_wide, lengthen, list_sources
 
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Which foreign column is what.
+    """Which column of a file holds which quantity.
 
     Parameters
     ----------
     columns, units : mapping of str to str or None
-        By this project's name, the foreign column and its unit; None stands for the name itself and its own unit.
-    needed : sequence of str
-        This project's names that must be there.
+        By this project's name, the file's column and its unit; None stands for the name itself and its own unit. A
+        column may be a pattern with ``{muscle}`` or ``{joint}``.
+    texts, needed : sequence of str
+        This project's names whose values are text, and those that must be there.
     endings : sequence of str
-        Ends of the foreign names that tell parts; empty where none do.
+        Endings of the file's column names that identify parts; empty where none do.
     rate_hz : float or None
         Samples per second, for a file without a column of time.
     muscles : DataFrame
@@ -36,6 +39,7 @@ class ColumnMap:
 
     columns: Mapping[str, str | None]
     units: Mapping[str, str | None]
+    texts: Sequence[str]
     needed: Sequence[str]
     endings: Sequence[str]
     rate_hz: float | None
@@ -43,17 +47,34 @@ class ColumnMap:
 
     @property
     def sources(self) -> dict[str, str]:
-        """The foreign column of every name."""
+        """The file's column of every name."""
         return {name: column or name for name, column in self.columns.items()}
 
     @property
     def wanted(self) -> list[str]:
-        """The foreign columns that may be read."""
+        """The file's columns that may be read."""
         return list_sources(self.sources.values(), self.muscles)
 
     def part_columns(self, names: Sequence[str]) -> dict[str, dict[str, str]]:
-        """Return as `name_parts`, of a file's columns."""
-        return name_parts(list(self.sources.values()), names, self.endings)
+        """Return for each ending the file's columns and their names without it, as far as they are wanted.
+
+        A column without any of the endings belongs to all parts.
+
+        Raises
+        ------
+        RecordingError
+            When no wanted column has one of the endings.
+        """
+        wanted, found = list(self.sources.values()), {}
+        for end in self.endings:
+            own = {f"{name}{end}": name for name in wanted if f"{name}{end}" in names}
+            if not own:
+                raise RecordingError(
+                    f"measurement.part_endings: expected columns such as {wanted[0]}{end}, got none that is mapped and "
+                    f"ends in {end}; there are: {', '.join(names)}"
+                )
+            found[end] = own | {name: name for name in wanted if name in names and name not in own.values()}
+        return found
 
     def list_columns(self, names: Sequence[str]) -> list[str]:
         """Return the columns that a file gives, those that the ends of their names tell apart under one name."""
@@ -64,6 +85,37 @@ class ColumnMap:
     def counts_samples(self, names: Sequence[str]) -> bool:
         """Return whether time follows from the rate, as a file has no column of it."""
         return self.rate_hz is not None and self.sources[TIME] not in self.list_columns(names)
+
+    def adopt(self, frame: pd.DataFrame, names: Sequence[str], stated_units: Mapping[str, str]) -> pd.DataFrame:
+        """Return this project's columns of a file's rows, a row for each muscle and time where the file is wide.
+
+        Parameters
+        ----------
+        frame : DataFrame
+            As read, with the columns that the map names.
+        names : sequence of str
+            All columns of the file.
+        stated_units : mapping of str to str
+            Units from a row of their own, by column.
+
+        Raises
+        ------
+        RecordingError
+            As of `columns.adopt` and `check_headings`, and where there are no rows.
+        """
+        columns = {**self.columns, "part": "part"} if self.endings else self.columns
+        for muscle in self.muscles["muscle"] if is_wide(columns) else [""]:
+            own = {
+                name: expand(column, self.muscles)[muscle] if column is not None and is_pattern(column) else column
+                for name, column in columns.items()
+            }
+            check_headings(own, self.units, stated_units, set(names))
+        if frame.empty:
+            raise RecordingError("expected samples, got no rows")
+        known = [*dict.fromkeys([*names, *map(str, frame.columns)])]
+        if is_wide(columns):
+            frame = lengthen(frame, columns, self.muscles)
+        return adopt(frame, columns, self.units, self.texts, self.needed, known)
 
     def describe(self, names: Sequence[str]) -> list[str]:
         """Return a line for each column: where it comes from, and in which unit; then what is not used."""
@@ -95,3 +147,13 @@ class ColumnMap:
         source += f", without {', '.join(absent)}" if absent else ""
         unit, own = self.units.get(name), own_unit(name)
         return f"{source}, {unit} -> {own}" if unit and unit != own else source
+
+
+def join_parts(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return the rows of all parts, each with its ending as ``part``; empty rows at a part's end are left out."""
+    joined = []
+    for end, frame in frames.items():
+        present = frame.notna().any(axis=1).to_numpy()
+        last = len(frame) - int(present[::-1].argmax()) if present.any() else 0
+        joined.append(frame.iloc[:last].assign(part=end.strip("_- .")))
+    return pd.concat(joined, ignore_index=True)

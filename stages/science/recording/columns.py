@@ -1,4 +1,4 @@
-"""Foreign columns under this project's names: found, read as numbers, converted, and each row named once.
+"""Recorded columns under this project's names: found, read as numbers, converted, and each row named once.
 
 A frame as it was read flows in, with the map of columns and units; a frame of this project's columns flows out, whose
 index counts the rows of the file. Every refusal names the column and the rows, counted from 0.
@@ -39,14 +39,14 @@ def adopt(
     needed: Sequence[str],
     header: Sequence[str] = (),
 ) -> pd.DataFrame:
-    """Return the columns of this project that a foreign frame has, as numbers in this project's units.
+    """Return the columns of this project that a recorded frame has, as numbers in this project's units.
 
     Parameters
     ----------
     frame : DataFrame
         As read; each row has its number.
     columns : mapping of str to str or None
-        Of this project's columns, the foreign one that holds it; one of the same name where there is none.
+        Of this project's columns, the file's column that holds it; one of the same name where there is none.
     units : mapping of str to str or None
         Of this project's columns, the unit in which it is recorded; its own where there is none.
     names : sequence of str
@@ -96,8 +96,9 @@ def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
     """
     *stream, time = key
     for name in key:
-        if frame[name].isna().any():
-            raise RecordingError(f"column {name}: expected a value in every row, got none in {_rows(frame[name])}")
+        empty = frame[name].isna()
+        if empty.any():
+            raise RecordingError(f"column {name}: expected a value in every row, got none in {name_rows(empty)}")
     repeated = frame.duplicated(list(key))
     if repeated.any():
         told = _describe_first(frame, repeated, key)
@@ -151,10 +152,6 @@ def _read_dates(values: pd.Series) -> pd.Series | None:
         return read_dates(values)
     except ValueError as error:
         raise RecordingError(f"column {values.name}: {error}") from None
-
-
-def _rows(values: pd.Series) -> str:
-    return name_rows(values.isna())
 
 
 def _offer(name: str, known: Sequence[str]) -> str:

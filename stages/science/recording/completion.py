@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stages.science.signals.filtering import differentiate, window_length
 from stages.science.signals.trajectories import Array
@@ -49,16 +48,8 @@ def derive_velocity(
     shortest = window_length(rate_hz, window_s, order)
     number = frame.groupby(stream, sort=False).ngroup().to_numpy()
     for rows in np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1]):
-        for stretch in _unbroken(rows, np.isfinite(values[rows])):
+        for present in np.ma.flatnotmasked_contiguous(np.ma.masked_invalid(values[rows])):
+            stretch = rows[present]
             if len(stretch) >= shortest:
                 velocity[stretch] = differentiate(values[stretch], rate_hz, window_s, order)
     return velocity
-
-
-def _unbroken(rows: NDArray[np.intp], present: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
-    edges = np.flatnonzero(np.diff(present)) + 1
-    return [
-        part
-        for part, there in zip(np.split(rows, edges), np.split(present, edges), strict=True)
-        if there.all() and len(part)
-    ]

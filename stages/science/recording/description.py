@@ -1,4 +1,4 @@
-"""A foreign file described: what its columns hold, how its clock runs, and how much of each record and part there is.
+"""A recorded file described: what its columns hold, how its clock runs, and how much of each record and part there is.
 
 Columns as they were read flow in, with the map that `guess_map` makes of their headings; lines of text and the
 arguments of a command flow out.
@@ -15,6 +15,7 @@ import pandas as pd
 from stages.science.recording.clock import find_rate
 from stages.science.recording.columns import TIME, RecordingError, adopt
 from stages.science.recording.dates import is_dates
+from stages.science.recording.files.readers import Header
 from stages.science.recording.guessing import Guess, guess_map, pair_parts
 from stages.science.recording.headings import read_heading
 from stages.science.recording.labels import list_labels, restarts, stays
@@ -32,9 +33,7 @@ OF_ONE = re.compile(r"^(.+)\[[A-Za-z_]\w*\]$")
 
 def describe(
     columns: Mapping[str, pd.Series],
-    units: Mapping[str, str],
-    single: Mapping[str, float],
-    remarks: Sequence[str],
+    header: Header,
     largest_jitter: float,
     machines: Mapping[str, Mapping[str, int]],
 ) -> tuple[list[str], Guess]:
@@ -44,12 +43,8 @@ def describe(
     ----------
     columns : mapping of str to Series
         As they were read.
-    units : mapping of str to str
-        From a row of their own, by column.
-    single : mapping of str to float
-        Numbers that stand alone.
-    remarks : sequence of str
-        How the file is read.
+    header : Header
+        What the file says of them.
     largest_jitter : float
         Deviation of a step of time from whole periods that is borne, in periods.
     machines : mapping of str to mapping of str to int
@@ -62,11 +57,11 @@ def describe(
     """
     rows = sorted({len(values) for values in columns.values()})
     if not rows or rows[-1] == 0:
-        raise RecordingError("; ".join(["expected columns with values, got none", *remarks]))
-    guess = guess_columns(columns, units, single)
-    lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in remarks)]
-    lines += [f"  {name} = {value:g}, a single number" for name, value in single.items()]
-    lines += ["", *describe_columns(columns, units, guess), "", *describe_clock(columns, guess, largest_jitter)]
+        raise RecordingError("; ".join(["expected columns with values, got none", *header.remarks]))
+    guess = guess_columns(columns, header.units, header.single)
+    lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in header.remarks)]
+    lines += [f"  {name} = {value:g}, a single number" for name, value in header.single.items()]
+    lines += ["", *describe_columns(columns, header.units, guess), "", *describe_clock(columns, guess, largest_jitter)]
     unknown = describe_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
 
@@ -264,16 +259,18 @@ def _describe_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: f
     usual = float(steps.median())
     rounded = None if muscles else _find_rounded(told, stream, largest_jitter)
     if rounded is not None:
-        return f"steps rounded to {rounded[0]:g} s; the samples will be counted, at {_digits(rounded[1])} Hz"
+        return f"steps rounded to {rounded[0]:g} s; the samples will be counted, at {rounded[1]:.6g} Hz"
     if usual <= 0.0:
         return "stands still"
-    if stream and (rates := _rates(told, stream)) and max(rates) > 1.01 * min(rates):
-        return f"{_digits(min(rates))} to {_digits(max(rates))} Hz, by record; they are resampled to the lowest"
+    own = told.groupby(list(stream), sort=False)[TIME].agg(lambda each: each.diff().median()) if stream else steps[:0]
+    rates = 1.0 / own[own > 0.0]
+    if len(rates) and max(rates) > 1.01 * min(rates):
+        return f"{min(rates):.6g} to {max(rates):.6g} Hz, by record; they are resampled to the lowest"
     whole = (steps / usual).round()
     gaps = int((whole > 1.0).sum())
     uneven = (steps / usual - whole).abs() > largest_jitter * whole.clip(lower=1.0)
     beside = f", but for {gaps} gap{'s' * (gaps > 1)}" if gaps else ""
-    rate = _digits(find_rate(told.assign(all=""), [*stream, "all"], None))
+    rate = f"{find_rate(told.assign(all=''), [*stream, 'all'], None):.6g}"
     if not uneven.any():
         return f"even steps, {rate} Hz{beside}"
     return (
@@ -290,15 +287,6 @@ def _find_rounded(told: pd.DataFrame, stream: Sequence[str], largest_jitter: flo
     found = [count_rounded(its) for its in times if np.isfinite(its).all() and is_uneven(its, largest_jitter)]
     rounded = [one for one in found if one is not None]
     return (rounded[0][0], rounded[0][2]) if rounded and len(rounded) == len(found) else None
-
-
-def _rates(told: pd.DataFrame, stream: Sequence[str]) -> list[float]:
-    usual = told.groupby(list(stream), sort=False)[TIME].agg(lambda each: each.diff().median())
-    return [1.0 / float(each) for each in usual[usual > 0.0]]
-
-
-def _digits(rate: float) -> str:
-    return f"{rate:.6g}"
 
 
 def _describe_groups(told: pd.DataFrame, name: str) -> str:

@@ -1,4 +1,4 @@
-"""Which column of a foreign file may be what: time, record, part, what drives a machine and what answers.
+"""Which column of a recorded file may be what: time, record, part, what drives a machine and what answers.
 
 Headings flow in, with what kind of values stand below; a map of columns and units flows out, as far as names make it
 plain. What is not plain is left to the person.
@@ -46,7 +46,7 @@ class Guess:
     Parameters
     ----------
     columns, units : dict of str to str
-        Foreign column and its unit, by this project's name; a unit is there where it is not the name's own.
+        The file's column and its unit, by this project's name; a unit is there where it is not the name's own.
     muscles : bool
         Whether the file tells muscles apart.
     input, output : str or None

@@ -1,4 +1,4 @@
-"""What the heading of a foreign column says: the quantity's name, its unit, and whether that fits the column's use.
+"""What the heading of a recorded column says: the quantity's name, its unit, and whether that fits the column's use.
 
 Headings flow in, with units from a row of their own; names and units flow out, or a `RecordingError`.
 """
@@ -24,11 +24,11 @@ from stages.science.recording.units import (
 
 BRACKETED = re.compile(r"^(.*?)\s*[\[({]\s*([^\[({\])}]+?)\s*[\])}]\s*$")
 BETWEEN = re.compile(r"\s+in\s+|\s*[/,;]\s*|[\s_.]+|(?<=\w)(?=[%°])")
-"""What may stand between a quantity and its unit."""
+"""Separators between a quantity and its unit."""
 SIGNS = ("in", "/", ",", ";")
-"""Of these, those that set a unit apart."""
+"""Separators after which a unit is unmistakable."""
 NAMES_BESIDES = ("k", "g", "w", "a", "in", "-")
-"""What ends more names than it states units."""
+"""Endings that are more often part of a name than a unit."""
 ONLY_IN_COMPOUNDS = (
     "l",
     "ml",
@@ -47,9 +47,9 @@ ONLY_IN_COMPOUNDS = (
     "m2",
     "m3",
 )
-"""Pieces of units that are none of those that convert."""
+"""Pieces of compound units that cannot be converted."""
 CLOCK = re.compile(r"(.*[\W_])?(t|\w*time\w*|\w*zeit\w*|temps|elapsed|duration|delay)", re.IGNORECASE)
-"""A name whose unit is one of time alone, and not a part of another one."""
+"""Names of quantities in units of time; after other names, a unit of time is part of a compound unit."""
 
 
 class Heading(NamedTuple):
@@ -105,7 +105,8 @@ def _is_compound(name: str, unit: str, gap: str) -> bool:
 
 def _is_written_so(piece: str, kind: str) -> bool:
     """Return whether a piece of a name is spelled as its unit is; a small n before a length is one of force too."""
-    return piece == read_unit(piece) or piece in OTHER_SPELLINGS or (piece == "n" and kind == "length")
+    unit = read_unit(piece) or ""
+    return piece in (unit, unit.replace(" ", ""), *OTHER_SPELLINGS) or (piece == "n" and kind == "length")
 
 
 def check_headings(
@@ -118,9 +119,9 @@ def check_headings(
     columns, units : mapping of str to str or None
         As of `adopt`; a unit that is given is believed.
     told : mapping of str to str
-        Units from a row of their own, by foreign column.
+        Units from a row of their own, by column of the file.
     present : set of str
-        Foreign columns that are there.
+        Columns that the file has.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which column of a foreign file tells its records apart: one that stays as it is until time begins anew.
+"""Which column of a recorded file tells its records apart: one that stays as it is until time begins anew.
 
 Columns flow in, with the one that is time; those that label records flow out. Names say less than values do: a column
 ``Nr`` may count records or rows.
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from stages.science.recording.dates import is_dates, read_dates
 
 FIELD = re.compile(r"\.[A-Za-z].*")
-"""What stands behind an array's name in that of a field; a number is that of a name which comes again."""
+"""Field behind the name of an array of structs; a number there counts repeated column names instead."""
 FEWEST_ROWS = 2.0
-"""Rows of a record, on average, from which on a column labels records and counts no rows."""
+"""Smallest mean number of rows per record; a column whose values change more often counts rows."""
 
 
 def list_labels(columns: Mapping[str, pd.Series], time: str | None) -> list[str]:

@@ -17,20 +17,6 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationErro
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.recording.columns import RecordingError
 
-NOMINAL = ("valve_tau_s", "braid_angle_deg", "contraction_factor", "damping_n_s")
-"""Constants of a muscle from which a fit may start."""
-
-GEOMETRY = (
-    "joint",
-    "role",
-    "type",
-    "rest_length_m",
-    "nominal_diameter_m",
-    "moment_arm_m",
-    "contraction_at_angle_0",
-    "sign",
-)
-
 
 def _column(dtype: type, description: str, unit: str = "1", check: pa.Check | None = None) -> pa.Column:
     """Return a column; a constant that a fit may start from may be missing."""
@@ -56,13 +42,13 @@ MUSCLE_COLUMNS: dict[str, pa.Column] = {
 """What every table of a recorded machine holds of each muscle."""
 
 
-class Told(BaseModel):
-    """Part of meta.json; what else stands there is left alone."""
+class MetaSection(BaseModel):
+    """A section of meta.json; other keys in it are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
 
 
-class ToldMuscle(Told):
+class MuscleMeta(MetaSection):
     """A muscle as meta.json describes it."""
 
     joint: str
@@ -75,8 +61,8 @@ class ToldMuscle(Told):
     sign: Literal[-1, 1]
 
 
-class Nominal(Told):
-    """Starting values, of all muscles or by muscle."""
+class Nominal(MetaSection):
+    """Starting values, for all muscles or by muscle."""
 
     valve_tau_s: PositiveFloat | dict[str, PositiveFloat] | None = None
     braid_angle_deg: PositiveFloat | dict[str, PositiveFloat] | None = None
@@ -84,20 +70,24 @@ class Nominal(Told):
     damping_n_s: float | dict[str, float] | None = None
 
     def of(self, muscle: str, name: str) -> float:
-        """Return a muscle's starting value, or nan where none is told."""
+        """Return a muscle's starting value, or nan where meta.json has none."""
         told = getattr(self, name)
         value = told.get(muscle) if isinstance(told, dict) else told
         return np.nan if value is None else float(value)
 
 
-class Session(Told):
+GEOMETRY, NOMINAL = tuple(MuscleMeta.model_fields), tuple(Nominal.model_fields)
+"""What describes a muscle, and the constants from which a fit may start."""
+
+
+class Session(MetaSection):
     """A recorded session as meta.json describes it."""
 
     sampling_rate_hz: float = Field(gt=0.0, le=1e6)
     trial_start_s: list[float | None] | None = None
     load_cell_site: Literal["muscle_tip", "joint_end", "unknown"] = "unknown"
     timing: str = ""
-    muscles: dict[str, ToldMuscle] = Field(min_length=1)
+    muscles: dict[str, MuscleMeta] = Field(min_length=1)
     nominal: Nominal = Nominal()
 
     @model_validator(mode="after")
@@ -108,7 +98,7 @@ class Session(Told):
         return self
 
     def starts_of(self, trials: list[int]) -> list[float]:
-        """Return when each trial started in the session, s; nan where it is not told.
+        """Return when each trial started in the session, s; nan where meta.json does not say.
 
         Raises
         ------
@@ -131,7 +121,7 @@ class Session(Told):
         )
 
 
-def read_session(told: Any) -> Session:
+def read_session(meta: Any) -> Session:
     """Check what meta.json holds.
 
     Raises
@@ -139,19 +129,19 @@ def read_session(told: Any) -> Session:
     RecordingError
         For the first key that is missing or wrong.
     """
-    if not isinstance(told, Mapping):
+    if not isinstance(meta, Mapping):
         raise RecordingError("expected a mapping with sampling_rate_hz and muscles")
     try:
-        return Session.model_validate(told)
+        return Session.model_validate(meta)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         if first["type"] == "missing":
             raise RecordingError(f"lacks {key}") from None
         text = first["msg"].removeprefix("Value error, ")
-        told_key = f"{key}: " if key else ""
+        prefix = f"{key}: " if key else ""
         value = "" if first["type"] == "value_error" else f", got {str(first['input'])[:40]!r}"
-        raise RecordingError(f"{told_key}{text[:1].lower()}{text[1:]}{value}") from None
+        raise RecordingError(f"{prefix}{text[:1].lower()}{text[1:]}{value}") from None
 
 
 def describe_muscles(exoskeleton: Exoskeleton) -> pd.DataFrame:

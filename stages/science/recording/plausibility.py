@@ -5,8 +5,11 @@ A column's values flow in; a refusal that offers the unit that would fit flows o
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+
 import numpy as np
 import pandas as pd
+import pandera.pandas as pa
 
 from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.recording.units import known_units, own_unit
@@ -19,6 +22,16 @@ USUAL = {"pressure_command_kpa": 200.0, "pressure_kpa": 200.0, "force_n": 300.0,
 
 FEW = 0.1
 """Share of the rows below which those out of range are faults, not another unit."""
+
+
+def check_readings(
+    samples: pd.DataFrame, names: Iterable[str], columns: Mapping[str, pa.Column], units: Mapping[str, str | None]
+) -> None:
+    """Check columns against the ranges that a table declares, as `check_plausible`; names may be missing."""
+    for name in names:
+        if name in samples:
+            low, high = (check.statistics for check in columns[name].checks)
+            check_plausible(samples[name], name, low["min_value"], high["max_value"], units.get(name))
 
 
 def check_plausible(values: pd.Series, name: str, low: float, high: float, unit: str | None) -> None:

@@ -1,4 +1,4 @@
-"""Records of unequal rates brought to the lowest of them, behind a filter that keeps what is too quick for it out.
+"""Records of unequal rates, resampled to the lowest of them behind a low-pass filter against aliasing.
 
 Tidy frames with signals side by side flow in, each record on a uniform clock of its own; one frame on one clock flows
 out, with notes of what was resampled.
@@ -52,9 +52,7 @@ def find_rates(frame: pd.DataFrame, stated_hz: float | None) -> dict[str, float]
     for name in names:
         alike = [each for each in names if abs(own[each] / own[name] - 1.0) <= SAME_RATE]
         shared = next((found[each] for each in alike if each in found), None)
-        if shared is None:
-            shared = find_rate(frame[frame["record"].isin(alike)], ("record",), None)
-        found[name] = shared
+        found[name] = shared or find_rate(frame[frame["record"].isin(alike)], ("record",), None)
     return found
 
 

@@ -1,7 +1,7 @@
-"""Clocks that do not tick evenly: rounded ones are counted anew, all others give way to an even one.
+"""Clocks with uneven steps: samples of a rounded clock are counted, other records are resampled to an even clock.
 
-Rows of a record flow in with the times that its recorder wrote; they flow out on an even clock, with notes of what was
-made of them.
+Rows of a record flow in with the times that its recorder wrote; they flow out on an even clock, with notes on what was
+done.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from stages.science.recording.columns import RecordingError
 from stages.science.signals.trajectories import Array
 
 FEWEST = 10
-"""Samples of a record from which on its clock is judged."""
+"""Smallest number of samples of a record whose clock is examined."""
 FINEST_DECIMAL = 9
 """Decimals of a second to which a clock may be rounded."""
 ROUNDED_OFF = 0.75
 """Largest distance of a rounded time from an even clock, in units of its last digit: half, and what a fit adds."""
 AROUND, MOST_GAPS = 50, 1000
-"""Samples on each side of a gap by whose mean time its length is counted, and gaps beyond which a clock is uneven."""
+"""Samples on each side of a gap whose mean time gives its length, and largest number of gaps in a rounded clock."""
 ONE_PERIOD = 1.75
-"""Steps, in usual ones, below which no sample is missing in between."""
+"""Largest step without a missing sample, in median steps."""
 LONGEST_BRIDGE = 3.0
-"""Longest step, in usual ones, between two samples that a straight line joins."""
+"""Longest step between two samples that is interpolated, in samples of the even clock."""
 MOST_LOST = 0.5
-"""Share of an even clock's samples without values from which a record is too uneven for it."""
+"""Largest share of samples without values after resampling; a record with more is refused."""
 
 
 def even_out(frame: pd.DataFrame, signals: Sequence[str], largest_jitter: float, notes: Notes) -> pd.DataFrame:

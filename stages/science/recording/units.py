@@ -1,6 +1,6 @@
-"""Units in which others record, and how they convert to this project's.
+"""Units of recorded columns, and their conversion to this project's units.
 
-A column's name and a unit flow in; factor and offset flow out. The end of a column's name says its own unit.
+A column's name and a unit flow in; factor and offset flow out. The ending of a column's name states its own unit.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ KINDS: dict[str, dict[str, float]] = {
     "ratio": {"ratio": 1.0, "percent": 0.01},
     "rate of a ratio": {"1/s": 1.0, "percent/s": 0.01},
 }
-"""By kind of quantity: each unit's multiple of the first. Pressures are gauge pressures in all of them."""
+"""By kind of quantity: each unit as a multiple of the first. Pressures are gauge pressures in every unit."""
 
 ZEROS = {"degC": 273.15, "degF": 459.67 * 5.0 / 9.0}
-"""Where a unit's zero lies, in the first unit of its kind; at zero for the others."""
+"""Zero point of a unit, in the first unit of its kind; 0 for units that are not listed."""
 
 OTHER_SPELLINGS = {
     "%": "percent",
@@ -67,10 +67,6 @@ OTHER_SPELLINGS = {
     "°/s": "deg/s",
     "°C": "degC",
     "°F": "degF",
-    "Nm": "N m",
-    "mNm": "mN m",
-    "Ncm": "N cm",
-    "kNm": "kN m",
     "rev/min": "rpm",
     "1/min": "rpm",
     "volt": "V",
@@ -79,15 +75,15 @@ OTHER_SPELLINGS = {
 
 
 def _spell(unit: str) -> str:
-    """Return a unit as it stands at the end of a column's name."""
+    """Return a unit as the ending of a column's name spells it."""
     return re.sub(r"^_", "", unit.lower().replace(" ", "").replace("1/", "/").replace("/", "_per_"))
 
 
 ENDS = {_spell(unit): (kind, unit) for kind, units in KINDS.items() for unit in units if unit != "in"}
-"""Unit that a name's end states. None ends in inches, as too many names end in the word."""
+"""Kind and unit by a name's ending. Inches are left out, as too many names end in the word in."""
 
 WITHOUT_END = ("ratio", "ratio")
-"""Kind and unit of a column whose name ends in none."""
+"""Kind and unit of a column whose name ends in no unit."""
 
 
 def _state(name: str) -> tuple[str, str]:
@@ -101,14 +97,14 @@ def own_unit(name: str) -> str:
 
 
 def known_units(name: str) -> dict[str, float]:
-    """Return the units in which a column may be recorded, its own first, each with the factor to its own."""
+    """Return the units in which a column may be recorded, its own first, each with its factor to that one."""
     kind, own = _state(name)
     units = KINDS[kind]
     return {own: 1.0} | {unit: factor / units[own] for unit, factor in units.items() if unit != own}
 
 
 def convert(values: pd.Series, name: str, unit: str) -> pd.Series:
-    """Return values of a column, recorded in a unit that `known_units` lists, in its own."""
+    """Return a column's values in its own unit, from a unit that `known_units` lists."""
     own = own_unit(name)
     if unit == own:
         return values
@@ -124,19 +120,21 @@ def spell_per(name: str) -> str:
 
 
 def read_unit(text: str) -> str | None:
-    """Return the unit that a text means, however it is spelled; None where it is none."""
-    told = re.sub(r"\s+", " ", text.strip().replace("µ", "u").replace("μ", "u").replace("·", " ").replace("*", " "))
-    told = told.replace("^", "").replace("²", "2").replace("³", "3")
-    told = OTHER_SPELLINGS.get(told, OTHER_SPELLINGS.get(told.replace(" ", ""), told))
+    """Return the unit that a text spells, in any usual spelling; None where it is no unit."""
+    spelled = re.sub(r"\s+", " ", text.strip().replace("µ", "u").replace("μ", "u").replace("·", " ").replace("*", " "))
+    spelled = spelled.replace("^", "").replace("²", "2").replace("³", "3")
+    spelled = OTHER_SPELLINGS.get(spelled, OTHER_SPELLINGS.get(spelled.replace(" ", ""), spelled))
     known = [unit for units in KINDS.values() for unit in units]
-    if told in known:
-        return told
+    products = {unit.replace(" ", ""): unit for unit in known if " " in unit}
+    spelled = products.get(spelled.replace(" ", ""), spelled)
+    if spelled in known:
+        return spelled
     alike = {unit.lower(): unit for unit in known}
-    return alike.get(told.lower()) if len(told) > 1 or told.lower() in "snvaw" else None
+    return alike.get(spelled.lower()) if len(spelled) > 1 or spelled.lower() in "snvaw" else None
 
 
 def end_of(unit: str) -> str:
-    """Return how a column's name ends that states a unit."""
+    """Return the ending of a column's name that states a unit."""
     return next(end for end, (_, each) in ENDS.items() if each == unit)
 
 
@@ -146,12 +144,12 @@ def find_kind(unit: str) -> str:
 
 
 def choose_unit(name: str, unit: str | None) -> str:
-    """Return the unit in which a column is recorded; its own where none is told.
+    """Return the unit in which a column is recorded; its own where none is given.
 
     Raises
     ------
     ValueError
-        When it is none of those that `known_units` lists, however it is spelled.
+        When it is no spelling of a unit that `known_units` lists.
     """
     known = known_units(name)
     meant = own_unit(name) if unit is None else unit if unit in known else read_unit(unit)

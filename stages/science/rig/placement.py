@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.science.recording.clock import find_rate, regularise
+from stages.science.recording.clock import SAME_RATE, find_rate, regularise
 from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.rig.contract import MEASUREMENT_COLUMNS
 from stages.science.rig.rows import PUNCTUAL
@@ -19,8 +19,6 @@ from stages.science.signals.trajectories import Array
 READINGS = tuple(MEASUREMENT_COLUMNS)[2:]
 HELD = ("pressure_command_kpa", *PUNCTUAL)
 """Columns whose values hold until the next sample."""
-SAME_RATE = 0.01
-"""Relative difference of two rates that are the same."""
 A_GAP = 1.5
 """Steps of time, over the usual one, from which on samples are missing in between."""
 

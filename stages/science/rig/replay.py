@@ -19,17 +19,16 @@ from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from pipeline.inputs import InputPath
 from stages.science.plant.declaration import Declared, nearest
-from stages.science.recording.adoption import adopt_rows
 from stages.science.recording.assembly import complete
 from stages.science.recording.clock import count_time
+from stages.science.recording.column_map import ColumnMap
 from stages.science.recording.columns import RecordingError, check_rows
 from stages.science.recording.completion import derive_velocity
 from stages.science.recording.files.bags import is_bag
-from stages.science.recording.files.errors import FileError
-from stages.science.recording.files.readers import TABLE_SUFFIXES, read_foreign, read_header
+from stages.science.recording.files.readers import TABLE_SUFFIXES, FileError, read_header, read_samples
 from stages.science.recording.muscles import describe_muscles
-from stages.science.recording.plausibility import check_plausible
-from stages.science.recording.wide import is_wide, list_sources
+from stages.science.recording.plausibility import check_readings
+from stages.science.recording.wide import is_wide
 from stages.science.rig.configured import ConfiguredRig
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, Watch
 from stages.science.rig.placement import READINGS, keep, resample
@@ -217,22 +216,16 @@ class ReplayRig(ConfiguredRig):
             keys = [each for each in ("participant", "trial") if self.columns.get(each)]
         columns = {**dict.fromkeys(keys), **self.columns}
         muscles = describe_muscles(self.exoskeleton)
-        wanted = set(list_sources([its or name for name, its in columns.items()], muscles))
-        with _about(str(file)):
-            frame = read_foreign(file, wanted)
-        frame = _select(frame, columns, kind)
         texts = [*TEXTS, *(each for each in keys if each not in TEXTS)]
         needed = [*(["time_s"] if self.rate_hz is None else []), "muscle", *NEEDED]
+        given = ColumnMap(columns, self.units, texts, needed, [], self.rate_hz, muscles)
         with _about(str(file)):
+            frame = _select(read_samples(file, set(given.wanted)), columns, kind)
             if frame.empty:
                 return []
-            samples = adopt_rows(frame, header.names, header.units, columns, self.units, texts, needed, muscles)
+            samples = given.adopt(frame, header.names, header.units)
             samples["force_n"] = samples["force_n"].mask(samples["force_n"].between(SLACK_N, 0.0), 0.0)
-            for name in READINGS:
-                if name in samples:
-                    low, high = (check.statistics for check in MEASUREMENT_COLUMNS[name].checks)
-                    bounds = low["min_value"], high["max_value"]
-                    check_plausible(samples[name], name, *bounds, self.units.get(name))
+            check_readings(samples, READINGS, MEASUREMENT_COLUMNS, self.units)
         keys = keys or [each for each in ("trial",) if is_wide(columns)]
         placed = {}
         for values, rows in samples.groupby(keys, sort=False) if keys else [((), samples)]:

@@ -8,24 +8,17 @@ such files are imported where one is read, as most studies read none.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
-import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-
-from stages.science.recording.files.errors import FileError
-
-if TYPE_CHECKING:
-    from mcap.reader import McapReader
 
 SUFFIX, METADATA = ".mcap", "metadata.yaml"
 TIME = "time_s"
@@ -33,8 +26,8 @@ MOST_ENTRIES = 64
 """Entries of an array beyond which it is no set of signals."""
 SAME_CLOCK_S = 1.0
 """Usual difference of a message's stamp from when it was logged, beyond which the two are different clocks."""
-INSTALL = 'type: pip install "pamid[bags]"'
 
+ARRAYS = (list, tuple, np.ndarray)
 Nanoseconds = NDArray[np.int64]
 Message = tuple[str, int, Any]
 """Topic, when it was logged (ns), and what it says."""
@@ -93,7 +86,7 @@ class Bag:
             for each, topic in self.topics.items()
         }
         used = [each for each, columns in wanted.items() if columns] or list(self.topics)
-        clock = self.topics[_find_clock(used, self.topics)].times
+        clock = max((self.topics[each].times for each in used), key=len)
         columns = {TIME: pd.Series((clock - clock.min()) / 1e9)} if names is None or TIME in names else {}
         for each in used:
             columns |= _hold(self.topics[each], wanted[each], clock)
@@ -110,10 +103,8 @@ def read_bag(path: Path) -> Bag:
 
     Raises
     ------
-    FileError
-        When the library that reads it is not installed.
     ValueError
-        When it cannot be read or holds no message with numbers.
+        When it holds no message with numbers; of the library that reads it, whatever its bytes lead to.
     """
     files = [path] if path.is_file() else sorted(path.iterdir())
     return _read(path, tuple((each.name, each.stat().st_size, each.stat().st_mtime_ns) for each in files))
@@ -135,10 +126,10 @@ def _read(path: Path, state: object) -> Bag:
     if not tables:
         raise ValueError("; ".join(["expected messages with numbers, got none", *_describe_left(left)]))
     stamped = {topic: all(stamps[topic]) for topic in tables}
-    foreign = [topic for topic in tables if stamped[topic] and not _agree(stamps[topic], logged[topic])]
-    if foreign and not all(stamped.values()):
+    offset = [topic for topic in tables if stamped[topic] and not _agree(stamps[topic], logged[topic])]
+    if offset and not all(stamped.values()):
         stamped = dict.fromkeys(tables, False)
-        why = f"; header.stamp of {foreign[0]} is of another clock, and not every topic has one"
+        why = f"; header.stamp of {offset[0]} is of another clock, and not every topic has one"
     else:
         why = ""
     times = {topic: np.array((stamps if stamped[topic] else logged)[topic], dtype=np.int64) for topic in tables}
@@ -147,88 +138,47 @@ def _read(path: Path, state: object) -> Bag:
 
 
 def _list_bag(path: Path) -> Iterator[Message]:
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ModuleNotFoundError:
-        raise FileError(f"{path}: expected the library rosbags, which reads ROS 2 bags; {INSTALL}") from None
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            for connection, time, raw in reader.messages():
-                yield connection.topic, time, reader.deserialize(raw, connection.msgtype)
-    except OSError:
-        raise
-    except Exception as error:  # the library raises whatever the bytes make it stumble over
-        raise ValueError(str(error) or type(error).__name__) from None
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+        for connection, time, raw in reader.messages():
+            yield connection.topic, time, reader.deserialize(raw, connection.msgtype)
 
 
 def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
-    try:
-        from mcap.reader import NonSeekingReader, make_reader
-    except ModuleNotFoundError:
-        raise FileError(f"{path}: expected the library mcap, which reads MCAP files; {INSTALL}") from None
-    decode = _Decoder(path)
+    stores: dict[int, Any] = {}
     with path.open("rb") as handle:
-        try:
-            if _has_end(handle):
-                records = make_reader(handle).iter_messages()
+        for schema, channel, message in sorted(_list_records(handle, left), key=lambda each: each[2].log_time):
+            if channel.message_encoding == "json":
+                yield channel.topic, message.log_time, json.loads(message.data)
+            elif channel.message_encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
+                yield channel.topic, message.log_time, _decode(schema, message.data, stores)
             else:
-                records = _read_to_cut(NonSeekingReader(handle), left)
-            for schema, channel, message in records:
-                if channel.message_encoding == "json":
-                    yield channel.topic, message.log_time, json.loads(message.data)
-                elif channel.message_encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
-                    yield channel.topic, message.log_time, decode(schema, message.data)
-                else:
-                    told = f"its messages are in {channel.message_encoding or 'no known form'}, expected json or cdr"
-                    left[channel.topic] = told
-        except (OSError, FileError):
-            raise
-        except Exception as error:  # as above
-            raise ValueError(str(error) or type(error).__name__) from None
+                told = f"its messages are in {channel.message_encoding or 'no known form'}, expected json or cdr"
+                left[channel.topic] = told
 
 
-def _has_end(handle: BinaryIO) -> bool:
-    """Return whether an MCAP file ends as it should, which one of a recorder that was killed does not."""
-    from mcap.stream_reader import MAGIC_SIZE
-
-    magic = handle.read(MAGIC_SIZE)
-    handle.seek(max(handle.seek(0, os.SEEK_END) - MAGIC_SIZE, 0))
-    ended = handle.read() == magic
-    handle.seek(0)
-    return ended
-
-
-def _read_to_cut(reader: McapReader, left: dict[str, str]) -> Iterator[tuple[Any, Any, Any]]:
+def _list_records(handle: BinaryIO, left: dict[str, str]) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield schemas, channels and messages of an MCAP file, as far as it was written."""
     from mcap.exceptions import EndOfFile
+    from mcap.reader import NonSeekingReader
 
-    with contextlib.suppress(EndOfFile):
-        yield from reader.iter_messages(log_time_order=False)
-    left["what comes after the last whole chunk"] = "the file is cut off, as one of a recorder that was killed"
-
-
-class _Decoder:
-    """Reads messages of ROS 2 by the definitions that come with them."""
-
-    def __init__(self, path: Path):
-        self.path = path
-        self.known: dict[int, Any] = {}
-
-    def __call__(self, schema: Any, data: bytes) -> Any:
-        if schema.id not in self.known:
-            try:
-                from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-            except ModuleNotFoundError:
-                told = "which reads messages of ROS 2"
-                raise FileError(f"{self.path}: expected the library rosbags, {told}; {INSTALL}") from None
-            store = get_typestore(Stores.EMPTY)
-            store.register(get_types_from_msg(schema.data.decode(), _full_name(schema.name)))
-            self.known[schema.id] = store
-        return self.known[schema.id].deserialize_cdr(data, _full_name(schema.name))
+    try:
+        yield from NonSeekingReader(handle).iter_messages(log_time_order=False)
+    except EndOfFile:
+        left["what comes after the last whole chunk"] = "the file is cut off, as one of a recorder that was killed"
 
 
-def _full_name(name: str) -> str:
-    return name if "/msg/" in name else name.replace("/", "/msg/")
+def _decode(schema: Any, data: bytes, stores: dict[int, Any]) -> Any:
+    """Return a message of ROS 2, read by the definition that comes with it; the stores of types are filled."""
+    name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
+    if schema.id not in stores:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+        stores[schema.id] = get_typestore(Stores.EMPTY)
+        stores[schema.id].register(get_types_from_msg(schema.data.decode(), name))
+    return stores[schema.id].deserialize_cdr(data, name)
 
 
 def _fields(message: Any) -> dict[str, Any]:
@@ -255,18 +205,22 @@ def _flatten(name: str, value: Any, left: dict[str, str]) -> Iterator[tuple[str,
     if _is_message(value):
         fields = _fields(value)
         named = fields.get("name")
-        named = list(named) if isinstance(named, list | tuple) and _are_texts(named) else None
-        beside = {each for each, told in fields.items() if each != "name" and named and _length(told) == len(named)}
+        named = named if isinstance(named, list | tuple) and _are_texts(named) else []
+        beside = {
+            each
+            for each, told in fields.items()
+            if named and each != "name" and isinstance(told, ARRAYS) and len(told) == len(named)
+        }
         for each, told in fields.items():
             if each == "header" or (each == "name" and beside):
                 continue
-            if each in beside and named is not None:
+            if each in beside:
                 yield from ((f"{name}.{each}[{its}]", one) for its, one in zip(named, _native(told), strict=True))
             else:
                 yield from _flatten(f"{name}.{each}", told, left)
     elif isinstance(value, bool | int | float | str) or value is None:
         yield name, value
-    elif isinstance(value, list | tuple | np.ndarray):
+    elif isinstance(value, ARRAYS):
         if len(value) > MOST_ENTRIES:
             left[name] = f"{len(value)} entries"
             return
@@ -280,20 +234,12 @@ def _are_texts(values: Sequence[Any]) -> bool:
     return len(values) > 0 and all(isinstance(each, str) for each in values) and len(set(values)) == len(values)
 
 
-def _length(value: Any) -> int | None:
-    return len(value) if isinstance(value, list | tuple | np.ndarray) else None
-
-
 def _native(values: Any) -> list[Any]:
     return values.tolist() if isinstance(values, np.ndarray) else list(values)
 
 
 def _agree(stamps: Sequence[int], logged: Sequence[int]) -> bool:
     return float(np.median(np.abs(np.array(stamps) - np.array(logged)))) < SAME_CLOCK_S * 1e9
-
-
-def _find_clock(among: Sequence[str], topics: Mapping[str, Topic]) -> str:
-    return max(among, key=lambda each: len(topics[each].times))
 
 
 def _hold(topic: Topic, names: Sequence[str], clock: Nanoseconds) -> dict[str, pd.Series]:
@@ -307,14 +253,14 @@ def _hold(topic: Topic, names: Sequence[str], clock: Nanoseconds) -> dict[str, p
 
 
 def _describe_times(topics: Mapping[str, Topic], why: str) -> Iterator[str]:
-    stamped = {each for each, topic in topics.items() if topic.stamped}
-    other = [each for each in topics if each not in stamped]
+    stamped = ", ".join(sorted(each for each, topic in topics.items() if topic.stamped))
+    other = ", ".join(each for each, topic in topics.items() if not topic.stamped)
     if stamped:
-        yield f"times from header.stamp{f' of {_enumerate(sorted(stamped))}' if other else ''}"
+        yield f"times from header.stamp{f' of {stamped}' if other else ''}"
     if other:
-        yield f"times from the log{f' of {_enumerate(other)}' if stamped else ''}{why}"
+        yield f"times from the log{f' of {other}' if stamped else ''}{why}"
     if len(topics) > 1:
-        told = _enumerate([f"{each} {topic.rate_hz:.4g} Hz" for each, topic in topics.items()])
+        told = ", ".join(f"{each} {topic.rate_hz:.4g} Hz" for each, topic in topics.items())
         yield (
             f"{len(topics)} topics ({told}) on the clock of the one with most messages of those that are used, "
             "each with its newest value"
@@ -323,7 +269,3 @@ def _describe_times(topics: Mapping[str, Topic], why: str) -> Iterator[str]:
 
 def _describe_left(left: Mapping[str, str]) -> Iterator[str]:
     return (f"{name} is left alone: {why}" for name, why in left.items())
-
-
-def _enumerate(told: Sequence[str]) -> str:
-    return ", ".join(told)

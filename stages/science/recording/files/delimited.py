@@ -99,15 +99,13 @@ def read_delimited(path: Path, dialect: Dialect, names: Collection[str] | None) 
     ValueError
         When a row has more values than there are columns.
     """
-    for encoding in (dialect.encoding, "cp1252"):
-        try:
-            frame = _read(path, dialect, encoding)
-        except UnicodeDecodeError:
-            if encoding == "cp1252" or dialect.encoding != "utf-8-sig":
-                raise
-        else:
-            return frame[[each for each in dialect.names if each and (names is None or each in names)]]
-    raise AssertionError
+    try:
+        frame = _read(path, dialect, dialect.encoding)
+    except UnicodeDecodeError:
+        if dialect.encoding != "utf-8-sig":
+            raise
+        frame = _read(path, dialect, "cp1252")
+    return frame[[each for each in dialect.names if each and (names is None or each in names)]]
 
 
 def _read(path: Path, dialect: Dialect, encoding: str) -> pd.DataFrame:

@@ -6,7 +6,6 @@ scipy is imported where a file is read, as most studies read none.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -47,7 +46,7 @@ def read_variables(path: Path) -> Variables:
     Raises
     ------
     ValueError
-        When it is one of version 7.3, or none.
+        When it is one of version 7.3; of scipy, whatever its bytes lead to where it is none.
     """
     with path.open("rb") as handle:
         head = handle.read(520)
@@ -57,12 +56,7 @@ def read_variables(path: Path) -> Variables:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        try:
-            loaded = loadmat(path, squeeze_me=True, struct_as_record=False)
-        except OSError:
-            raise
-        except Exception as error:  # scipy raises whatever the bytes make it stumble over
-            raise ValueError(str(error) or type(error).__name__) from None
+        loaded = loadmat(path, simplify_cells=True)
     found = Variables()
     for name, value in loaded.items():
         if not name.startswith("__"):
@@ -71,9 +65,12 @@ def read_variables(path: Path) -> Variables:
 
 
 def _sort(name: str, value: Any, found: Variables) -> None:
-    if type(value).__name__ == "mat_struct":
-        for each in value._fieldnames:
-            _sort(f"{name}.{each}", getattr(value, each), found)
+    if isinstance(value, dict):
+        for each, part in value.items():
+            _sort(f"{name}.{each}", part, found)
+        return
+    if isinstance(value, list):
+        _stack(name, value, found)
         return
     if type(value).__name__.startswith("Matlab"):
         found.left[name.removeprefix("None") or "a variable"] = OBJECT
@@ -82,8 +79,6 @@ def _sort(name: str, value: Any, found: Variables) -> None:
     reason = _refuse(array)
     if reason:
         found.left[name] = reason
-    elif array.dtype.kind == "O" and array.size and type(array.flat[0]).__name__ == "mat_struct":
-        _stack(name, list(array.flat), found)
     elif array.size == 1:
         if array.dtype.kind in "fiub":
             found.single[name] = float(array.reshape(()))
@@ -101,12 +96,9 @@ def _refuse(array: Vector) -> str:
     kind, shape = array.dtype.kind, " x ".join(map(str, array.shape))
     if kind == "V":
         return OBJECT
-    if kind == "O" and array.ndim == 1 and array.size:
-        first = array.flat[0]
-        if type(first).__name__ == "mat_struct" or all(isinstance(each, str) for each in array.flat):
-            return ""
     if kind == "O":
-        return "a cell array; write its numbers as vectors"
+        texts = array.ndim == 1 and array.size and all(isinstance(each, str) for each in array.flat)
+        return "" if texts else "a cell array; write its numbers as vectors"
     if kind == "c":
         return "complex numbers; write their parts as vectors"
     if array.size == 0:
@@ -120,8 +112,7 @@ def _stack(name: str, structs: list[Any], found: Variables) -> None:
     """Take an array of structs for records: each field's vectors behind each other, and the struct's number."""
     told = [Variables() for _ in structs]
     for each, into in zip(structs, told, strict=True):
-        for part in each._fieldnames:
-            _sort(f"{name}.{part}", getattr(each, part), into)
+        _sort(name, each, into)
     shared = [key for key in told[0].vectors if all(key in each.vectors for each in told)]
     sizes = [{len(each.vectors[key]) for key in shared} for each in told]
     if not shared or any(len(each) != 1 for each in sizes):
@@ -129,12 +120,3 @@ def _stack(name: str, structs: list[Any], found: Variables) -> None:
         return
     found.vectors[name] = np.repeat([f"{k + 1}" for k in range(len(structs))], [each.pop() for each in sizes])
     found.vectors |= {key: np.concatenate([each.vectors[key] for each in told]) for key in shared}
-
-
-def list_unequal(lengths: dict[str, int]) -> Iterator[tuple[str, int]]:
-    """Yield the first vector of each length."""
-    seen: set[int] = set()
-    for name, length in lengths.items():
-        if length not in seen:
-            seen.add(length)
-            yield name, length

@@ -12,17 +12,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-import pyarrow
 import pyarrow.parquet
 
 from stages.science.recording.files.bags import is_bag, read_bag
 from stages.science.recording.files.delimited import find_dialect, read_delimited
-from stages.science.recording.files.errors import FileError
-from stages.science.recording.files.matlab import Variables, Vector, list_unequal, read_variables
+from stages.science.recording.files.matlab import Variables, Vector, read_variables
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 TABLE_SUFFIXES = (".parquet", ".mat", ".mcap", *TEXT_SUFFIXES)
 REMEDIES = {".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV"}
+
+
+class FileError(Exception):
+    """A file cannot be read, or does not hold what it should; the message fits on one line and names the file."""
 
 
 class UnequalColumns(FileError):
@@ -57,7 +59,7 @@ def read_header(path: Path) -> Header:
     Raises
     ------
     FileError
-        As of `read_foreign`.
+        As of `read_samples`.
     """
     with _explained(path):
         if is_bag(path):
@@ -65,8 +67,8 @@ def read_header(path: Path) -> Header:
             return Header(bag.names, {}, {}, bag.remarks)
         suffix = _suffix(path)
         if suffix == ".parquet":
-            names = [str(name) for name in pyarrow.parquet.read_schema(path).names if not _is_index(str(name))]
-            return Header(names, {}, {}, [])
+            names = [str(name) for name in pyarrow.parquet.read_schema(path).names]
+            return Header([name for name in names if not name.startswith("__index_level_")], {}, {}, [])
         if suffix == ".mat":
             found = read_variables(path)
             left = [f"{name} is left alone: {why}" for name, why in found.left.items()]
@@ -76,7 +78,7 @@ def read_header(path: Path) -> Header:
         return Header([name for name in dialect.names if name], units, {}, dialect.remarks)
 
 
-def read_foreign(path: Path, names: Collection[str] | None = None) -> pd.DataFrame:
+def read_samples(path: Path, names: Collection[str] | None = None) -> pd.DataFrame:
     """Read a table that others wrote; its rows are counted from 0.
 
     Parameters
@@ -112,10 +114,10 @@ def read_columns(path: Path) -> dict[str, pd.Series]:
     Raises
     ------
     FileError
-        As of `read_foreign`.
+        As of `read_samples`.
     """
     if path.suffix.lower() != ".mat":
-        frame = read_foreign(path)
+        frame = read_samples(path)
         return {str(name): frame[name] for name in frame}
     with _explained(path):
         return {name: pd.Series(_native(values), name=name) for name, values in read_variables(path).vectors.items()}
@@ -126,19 +128,17 @@ def _align(path: Path, found: Variables, names: Collection[str] | None) -> pd.Da
     if len(set(lengths.values())) > 1 and names is None:
         usual = max(lengths.values(), key=list(lengths.values()).count)
         lengths = {name: length for name, length in lengths.items() if length == usual}
-    told = [f"{name} ({length})" for name, length in list_unequal(lengths)]
-    if len(told) > 1:
-        raise UnequalColumns(f"{path}: expected columns of one length, got {' and '.join(told)}")
+    firsts: dict[int, str] = {}
+    for name, length in lengths.items():
+        firsts.setdefault(length, f"{name} ({length})")
+    if len(firsts) > 1:
+        raise UnequalColumns(f"{path}: expected columns of one length, got {' and '.join(firsts.values())}")
     return pd.DataFrame({name: _native(found.vectors[name]) for name in lengths})
 
 
 def _native(values: Vector) -> Vector:
     """Return an array in this machine's order of bytes, which pandas demands."""
     return values.astype(values.dtype.newbyteorder("="))
-
-
-def _is_index(name: str) -> bool:
-    return name.startswith("__index_level_")
 
 
 def _suffix(path: Path) -> str:
@@ -152,10 +152,16 @@ def _suffix(path: Path) -> str:
 
 @contextmanager
 def _explained(path: Path) -> Iterator[None]:
-    """Tell in one line why a file cannot be read."""
+    """State in one line why a file cannot be read."""
     try:
         yield
-    except (OSError, ValueError, KeyError, TypeError, MemoryError, pyarrow.ArrowException) as error:
+    except FileError:
+        raise
+    except ModuleNotFoundError as error:
+        library = str(error.name).partition(".")[0]
+        remedy = 'type: pip install "pamid[bags]"'
+        raise FileError(f"{path}: expected the library {library}, which reads such files; {remedy}") from None
+    except Exception as error:  # a library raises whatever the bytes of a broken file lead to
         told = (str(error).splitlines() or [type(error).__name__])[0]
         kind = "CSV" if path.suffix.lower() in TEXT_SUFFIXES else path.suffix[1:].upper() or "a ROS 2 bag"
         raise FileError(f"{path}: cannot be read as {kind} ({told[:200]})") from None

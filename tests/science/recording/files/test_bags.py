@@ -8,8 +8,7 @@ import pytest
 
 from pipeline.columns import main
 from pipeline.errors import InputError
-from stages.science.recording.files.errors import FileError
-from stages.science.recording.files.readers import read_foreign, read_header
+from stages.science.recording.files.readers import FileError, read_header, read_samples
 from tests.bags import START_NS, write_bag, write_mcap
 from tests.measured_data import GEOMETRY, make_samples, read_measured
 
@@ -27,18 +26,18 @@ def test_a_bag_is_a_table_on_the_clock_of_most_messages(tmp_path, storage):
     assert list(header.names) == ["time_s", "/joint.position[SFE]", "/load.effort[pam1]", "/load.effort[pam2]"]
     assert header.remarks[0] == "times from header.stamp"
     assert "2 topics (/joint 125 Hz, /load 250 Hz) on the clock of the one with most messages" in header.remarks[1]
-    frame = read_foreign(bag)
+    frame = read_samples(bag)
     np.testing.assert_array_equal(frame["time_s"], np.arange(100) / 250.0)
     np.testing.assert_array_equal(frame["/load.effort[pam2]"], np.arange(1.0, 200.0, 2.0))
     held = frame["/joint.position[SFE]"]
     assert np.isnan(held[0])
     np.testing.assert_array_equal(held[1:5], [0.0, 0.0, 0.1, 0.1])
     if storage == "mcap":
-        pd.testing.assert_frame_equal(read_foreign(next(bag.glob("*.mcap"))), frame)
+        pd.testing.assert_frame_equal(read_samples(next(bag.glob("*.mcap"))), frame)
 
 
 def test_columns_of_one_topic_have_its_clock(tmp_path):
-    frame = read_foreign(write_bag(tmp_path / "bag", STATES), ["time_s", "/joint.position[SFE]"])
+    frame = read_samples(write_bag(tmp_path / "bag", STATES), ["time_s", "/joint.position[SFE]"])
     np.testing.assert_array_equal(frame["time_s"], np.arange(50) / 125.0)
 
 
@@ -48,7 +47,7 @@ def test_messages_in_json_are_flattened(tmp_path):
     path = write_mcap(tmp_path / "x.mcap", topics)
     header = read_header(path)
     assert list(header.remarks) == ["times from the log", "/camera.image is left alone: 999 entries"]
-    (row, *_) = read_foreign(path).to_dict("records")
+    (row, *_) = read_samples(path).to_dict("records")
     assert row == {
         "time_s": 0.0,
         "/arm.position[a]": 1,
@@ -69,19 +68,19 @@ def stamped(seconds, value):
 def test_stamps_of_another_clock_do_not_meet_the_logs(tmp_path):
     boot = {"/a": [(k * 10**7, stamped(5 + k / 50, k)) for k in range(5)]}
     assert read_header(write_mcap(tmp_path / "a.mcap", boot)).remarks == ("times from header.stamp",)
-    np.testing.assert_allclose(read_foreign(tmp_path / "a.mcap")["time_s"], np.arange(5) / 50)
+    np.testing.assert_allclose(read_samples(tmp_path / "a.mcap")["time_s"], np.arange(5) / 50)
     both = boot | {"/b": [(k * 10**7, {"data": k}) for k in range(4)]}
     header = read_header(write_mcap(tmp_path / "b.mcap", both))
     assert (
         header.remarks[0] == "times from the log; header.stamp of /a is of another clock, and not every topic has one"
     )
-    np.testing.assert_allclose(read_foreign(tmp_path / "b.mcap")["time_s"], np.arange(5) / 100)
+    np.testing.assert_allclose(read_samples(tmp_path / "b.mcap")["time_s"], np.arange(5) / 100)
 
 
 def test_zero_stamps_are_none(tmp_path):
     path = write_mcap(tmp_path / "x.mcap", {"/a": [(k * 10**8, stamped(0, k)) for k in range(3)]})
     assert read_header(path).remarks == ("times from the log",)
-    assert read_foreign(path)["time_s"].tolist() == [0.0, 0.1, 0.2]
+    assert read_samples(path)["time_s"].tolist() == [0.0, 0.1, 0.2]
     assert START_NS > 0
 
 
@@ -113,7 +112,7 @@ def test_of_a_file_that_is_cut_off_what_was_written_is_read(tmp_path):
     path.write_bytes(whole[: len(whole) // 3])
     header = read_header(path)
     assert any("the file is cut off" in each for each in header.remarks)
-    found = read_foreign(path)
+    found = read_samples(path)
     assert 50 < len(found) < 450
     assert found["/a.data"].tolist() == list(range(len(found)))
     np.testing.assert_allclose(found["time_s"], np.arange(len(found)) / 100)
@@ -123,11 +122,11 @@ def test_a_bag_that_ends_before_its_first_message_is_one_line(tmp_path):
     path = write_mcap(tmp_path / "x.mcap", {"/a": [(k, {"data": k}) for k in range(50)]})
     path.write_bytes(path.read_bytes()[:300])
     with pytest.raises(FileError, match=r"got none; what comes after .* the file is cut off"):
-        read_foreign(path)
+        read_samples(path)
     bag = write_bag(tmp_path / "bag", STATES)
     (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}")
     with pytest.raises(FileError, match="bag: cannot be read as a ROS 2 bag"):
-        read_foreign(bag)
+        read_samples(bag)
 
 
 @pytest.mark.parametrize(("name", "library"), [("x.mcap", "mcap"), ("bag", "rosbags")])

@@ -5,15 +5,14 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from stages.science.recording.files.errors import FileError
-from stages.science.recording.files.readers import UnequalColumns, read_columns, read_foreign, read_header
+from stages.science.recording.files.readers import FileError, UnequalColumns, read_columns, read_header, read_samples
 
 TIMES, FORCES = [0.0, 0.5, 1.0], [1.5, -2.25, 1000.0]
 
 
 def refusal(path, names=None):
     with pytest.raises(FileError) as refused:
-        read_foreign(path, names)
+        read_samples(path, names)
     assert "\n" not in str(refused.value)
     assert str(path) in str(refused.value)
     return str(refused.value)
@@ -46,8 +45,8 @@ def test_text_is_read_whatever_wrote_it(tmp_path, text, names, units):
     header = read_header(path)
     assert list(header.names) == names
     assert header.units == units
-    np.testing.assert_array_equal(read_foreign(path).astype(float).to_numpy().T, [TIMES, FORCES])
-    (last,) = read_foreign(path, names[1:])
+    np.testing.assert_array_equal(read_samples(path).astype(float).to_numpy().T, [TIMES, FORCES])
+    (last,) = read_samples(path, names[1:])
     assert last == names[1]
 
 
@@ -55,14 +54,14 @@ def test_text_is_read_whatever_wrote_it(tmp_path, text, names, units):
 def test_text_of_any_usual_encoding_is_read(tmp_path, encoding):
     path = tmp_path / "run.txt"
     path.write_bytes("t/µs\tT/°C\n0\t20,5\n1\t21,5\n".encode(encoding))
-    assert list(read_foreign(path)) == ["t/µs", "T/°C"]
-    assert read_foreign(path)["T/°C"].tolist() == [20.5, 21.5]
+    assert list(read_samples(path)) == ["t/µs", "T/°C"]
+    assert read_samples(path)["T/°C"].tolist() == [20.5, 21.5]
 
 
 def test_a_column_of_text_and_missing_values_stay(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("t;F;part\n0;1,5;est\n1;;est\n2;nan;val\n")
-    frame = read_foreign(path)
+    frame = read_samples(path)
     assert frame["part"].tolist() == ["est", "est", "val"]
     assert frame["F"].isna().tolist() == [False, True, True]
     assert read_header(path).remarks == ("columns separated by semicolons", "decimal commas")
@@ -94,10 +93,10 @@ def test_what_is_no_parquet_file_is_refused(tmp_path):
 def test_an_index_of_a_parquet_file_that_has_a_name_is_a_column(tmp_path):
     frame = pd.DataFrame({"F": FORCES}, index=pd.Index(TIMES, name="t"))
     frame.to_parquet(tmp_path / "x.parquet")
-    assert read_foreign(tmp_path / "x.parquet")["t"].tolist() == TIMES
-    assert list(read_foreign(tmp_path / "x.parquet", ["F", "gone"])) == ["F"]
+    assert read_samples(tmp_path / "x.parquet")["t"].tolist() == TIMES
+    assert list(read_samples(tmp_path / "x.parquet", ["F", "gone"])) == ["F"]
     frame.set_axis([7, 3, 5]).to_parquet(tmp_path / "y.parquet")
-    pd.testing.assert_frame_equal(read_foreign(tmp_path / "y.parquet"), frame.reset_index(drop=True))
+    pd.testing.assert_frame_equal(read_samples(tmp_path / "y.parquet"), frame.reset_index(drop=True))
 
 
 def test_vectors_of_a_mat_file_are_columns_and_single_numbers_are_told(tmp_path):
@@ -108,15 +107,15 @@ def test_vectors_of_a_mat_file_are_columns_and_single_numbers_are_told(tmp_path)
     header = read_header(path)
     assert sorted(header.names) == ["M_1", "M_2", "data.F", "data.deep.x", "t"]
     assert header.single == {"Ts": 0.5, "data.fs": 50.0}
-    frame = read_foreign(path, ["t", "data.F", "M_2"])
+    frame = read_samples(path, ["t", "data.F", "M_2"])
     assert frame["data.F"].tolist() == FORCES
     assert frame["M_2"].tolist() == [1, 3, 5]
-    assert len(read_foreign(path)) == 3
+    assert len(read_samples(path)) == 3
 
 
 def test_a_wide_matrix_holds_its_signals_in_rows(tmp_path):
     savemat(tmp_path / "x.mat", {"M": np.arange(20).reshape(2, 10)})
-    assert read_foreign(tmp_path / "x.mat")["M_2"].tolist() == list(range(10, 20))
+    assert read_samples(tmp_path / "x.mat")["M_2"].tolist() == list(range(10, 20))
 
 
 def test_an_array_of_structs_is_an_array_of_records(tmp_path):
@@ -124,7 +123,7 @@ def test_an_array_of_structs_is_an_array_of_records(tmp_path):
     runs[0] = (np.arange(3.0), np.arange(3.0) + 10.0, 1.0)
     runs[1] = (np.arange(5.0), np.arange(5.0) + 20.0, 2.0)
     savemat(tmp_path / "x.mat", {"run": runs})
-    frame = read_foreign(tmp_path / "x.mat")
+    frame = read_samples(tmp_path / "x.mat")
     assert frame["run"].tolist() == ["1"] * 3 + ["2"] * 5
     assert frame["run.y"].tolist() == [10, 11, 12, 20, 21, 22, 23, 24]
 
@@ -132,22 +131,24 @@ def test_an_array_of_structs_is_an_array_of_records(tmp_path):
 def test_vectors_of_unequal_length_are_refused_together_only(tmp_path):
     path = tmp_path / "x.mat"
     savemat(path, {"u": np.arange(3.0), "y": np.arange(3.0), "more": np.arange(5.0)})
-    assert list(read_foreign(path, ["u", "y"])) == ["u", "y"]
+    assert list(read_samples(path, ["u", "y"])) == ["u", "y"]
     assert {name: len(values) for name, values in read_columns(path).items()} == {"u": 3, "y": 3, "more": 5}
     with pytest.raises(UnequalColumns, match=r"expected columns of one length, got u \(3\) and more \(5\)"):
-        read_foreign(path, ["u", "more"])
+        read_samples(path, ["u", "more"])
 
 
 def test_what_is_no_vector_is_left_alone_and_said(tmp_path):
     cells = np.empty(2, dtype=object)
     cells[:] = [np.arange(3.0), np.arange(4.0)]
-    path = tmp_path / "x.mat"
-    savemat(path, {"u": np.arange(3.0), "c": cells, "z": np.array([1j, 2.0]), "cube": np.zeros((2, 3, 4))})
+    path, mixed = tmp_path / "x.mat", np.array([{"t": np.arange(3.0)}, 1.0], dtype=object)
+    others = {"z": np.array([1j, 2.0]), "cube": np.zeros((2, 3, 4)), "mixed": mixed}
+    savemat(path, {"u": np.arange(3.0), "c": cells, **others})
     told = "; ".join(read_header(path).remarks)
+    assert "mixed is left alone" in told
     assert "c is left alone: a cell array; write its numbers as vectors" in told
     assert "z is left alone: complex numbers" in told
     assert "cube is left alone: 2 x 3 x 4 numbers; write one vector for each signal" in told
-    assert list(read_foreign(path)) == ["u"]
+    assert list(read_samples(path)) == ["u"]
 
 
 @pytest.mark.parametrize(
