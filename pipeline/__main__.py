@@ -89,7 +89,7 @@ def main() -> int:
         options = read_options(sys.argv[1:])
         asks = options.help or options.hydra_help or options.cfg or options.info or options.shell_completion
         if options.multirun and not asks:
-            from pipeline.sweep import name_sweep, run_sweep
+            from pipeline.sweeps.sweep import name_sweep, run_sweep
 
             typed, sys.argv[1:] = name_sweep(typed), name_sweep(sys.argv[1:])
             return run_sweep(read_options(sys.argv[1:]).overrides, typed, CONFIG_FOLDER, options.config_dir, files)

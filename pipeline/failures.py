@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
+from pipeline.sweeps.launch import list_launches
 
 MOST_LISTED = 20
 END_OF_LOG = 400_000

@@ -30,13 +30,13 @@ from pipeline.device import ConnectableDevice, Interface
 from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import link, link_folder, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
-from pipeline.launch import name_job
 from pipeline.ledger import FILE_NAME, Ledger, files_of, now
 from pipeline.metrics import read_metrics
 from pipeline.plan import Ingredients, Step, decide, gather, make_plan
 from pipeline.report import PAGE_NAME, is_whole_page, print_headline, try_report, write_report
 from pipeline.runs import Claim, claim, list_ledgers, make_exclusively, sweeps_folder
 from pipeline.stage import Stage
+from pipeline.sweeps.launch import name_job
 from pipeline.table import measure_file
 from pipeline.terminal import complain, open_console, say
 from pipeline.workers import count_cores

@@ -19,7 +19,7 @@ from pipeline.ledger import Ledger
 from pipeline.printing import add_unit, join_some, shorten
 from pipeline.review.kept import list_tables, read_whole_table
 from pipeline.review.pictures import half_width
-from pipeline.sweep_table import split_overrides
+from pipeline.sweeps.sweep_table import split_overrides
 
 if TYPE_CHECKING:
     from pipeline.config import Curve

@@ -10,11 +10,11 @@ from typing import Any
 import pandas as pd
 
 from pipeline.errors import ConfigError, suggest
-from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
 from pipeline.printing import format_count
 from pipeline.review.kept import read_slices
 from pipeline.runs import describe_status, list_folders, live_status, sweeps_folder
+from pipeline.sweeps.launch import list_launches
 
 COLUMNS = ["run", "status", "started", "wall_s", "finished", "command"]
 WORST_FIRST = ("running", "failed", "killed", "paused", "interrupted", "unreadable", "no ledger", "not begun", "done")

@@ -22,10 +22,10 @@ from filelock import FileLock, Timeout
 from rich.console import Console
 
 from pipeline.config import find_target
-from pipeline.launch import is_launched
 from pipeline.ledger import Ledger
 from pipeline.printing import format_count
 from pipeline.runs import LOCK_NAME, is_running, list_folders, live_status, runs_folder, sweeps_folder
+from pipeline.sweeps.launch import is_launched
 from pipeline.terminal import complain, say
 
 HIDDEN = ".pruned-"

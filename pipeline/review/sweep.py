@@ -13,7 +13,7 @@ from pipeline.printing import format_count, print_frame
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
 from pipeline.review.sweep_page import FILE_NAME, describe_counts, write_sweep_page
 from pipeline.review.sweep_view import Sweep, find_sweep
-from pipeline.sweep_table import write_frame
+from pipeline.sweeps.sweep_table import write_frame
 from pipeline.terminal import say
 
 NOT_TOLD = ("done", "not begun", "running")

@@ -8,7 +8,6 @@ from typing import Any
 import pandas as pd
 
 from pipeline.failures import describe_reason, list_commands, read_traceback
-from pipeline.launch import list_launches
 from pipeline.ledger import Ledger
 from pipeline.page import (
     Block,
@@ -25,6 +24,7 @@ from pipeline.printing import format_count, join_some
 from pipeline.review.comparison import Comparison
 from pipeline.review.kept import list_headlines, read_config, read_short_tables
 from pipeline.review.sweep_view import AS_CONFIGURED, Sweep
+from pipeline.sweeps.launch import list_launches
 
 FILE_NAME = "sweep.html"
 MOST_VALUES = 12

@@ -18,7 +18,7 @@ from pipeline.flat import is_seed
 from pipeline.printing import add_unit, format_value
 from pipeline.review.selection import order_of
 from pipeline.runs import list_folders, list_ledgers, sweeps_folder
-from pipeline.sweep_table import collect_sweep
+from pipeline.sweeps.sweep_table import collect_sweep
 
 AS_CONFIGURED = "not set"
 
@@ -32,7 +32,7 @@ class Sweep:
     folder : Path
         Of the sweep.
     frame : DataFrame
-        From `pipeline.sweep_table.collect_sweep`.
+        From `pipeline.sweeps.sweep_table.collect_sweep`.
     units : dict of str to str
         Of columns that have one.
     """

@@ -10,7 +10,7 @@ from collections import Counter
 import pandas as pd
 import pytest
 
-from pipeline.launch import new_launch_name
+from pipeline.sweeps.launch import new_launch_name
 from tests.conftest import Command
 from tests.faults import check_wholeness, ledger_of, limit_file_size, tables_of, wait_until
 from tests.pipeline.conftest import ALONE, CONFIG

@@ -21,7 +21,6 @@ from omegaconf import DictConfig
 from pipeline.checkout import look_at_checkout
 from pipeline.config import Study, read_study
 from pipeline.errors import PipelineError, TakenError
-from pipeline.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_meaningful, name_job
 from pipeline.ledger import Ledger
 from pipeline.page import read_templates
 from pipeline.plan import make_plan
@@ -29,7 +28,8 @@ from pipeline.report import try_report
 from pipeline.runner import Runner
 from pipeline.runs import claim_job, is_running, list_ledgers
 from pipeline.stage import Stage
-from pipeline.subprocess_job import Ending, run_in_subprocess
+from pipeline.sweeps.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_meaningful, name_job
+from pipeline.sweeps.subprocess_job import Ending, run_in_subprocess
 from pipeline.terminal import complain, open_console
 
 ONE_WORKER = 1

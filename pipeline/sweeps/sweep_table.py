@@ -18,9 +18,9 @@ import pyarrow.parquet
 from pipeline.checkout import describe_commit
 from pipeline.errors import ConfigError
 from pipeline.files import write_atomically
-from pipeline.launch import is_meaningful, list_launches
 from pipeline.ledger import Ledger
 from pipeline.runs import describe_status
+from pipeline.sweeps.launch import is_meaningful, list_launches
 
 FILE_NAME = "sweep.parquet"
 UNITS = {"wall_s": "s", "peak_memory_mb": "MB"}

@@ -36,11 +36,11 @@ from pipeline.config import Settings, read_settings
 from pipeline.errors import ConfigError
 from pipeline.failures import list_reasons
 from pipeline.interruption import WORDS
-from pipeline.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
 from pipeline.ledger import Ledger
 from pipeline.options import read_options
 from pipeline.printing import format_count
 from pipeline.runs import is_running, live_status, sweeps_folder
+from pipeline.sweeps.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
 from pipeline.terminal import complain, say
 
 MULTIRUN = ("-m", "--multirun")
@@ -265,7 +265,7 @@ def _supervise(launch: Launch, run: Callable[[], None], stopped: list[int]) -> N
 
 def _launch(launch: Launch, base: DictConfig, lists: Sequence[Sequence[str]], config_folder: Path) -> None:
     """Hand the jobs to the launcher that the configuration of the first one names, as a sweeper of Hydra does."""
-    from pipeline.job import JobTask
+    from pipeline.sweeps.job import JobTask
 
     GlobalHydra.instance().clear()
     with hydra.initialize_config_dir(str(config_folder), version_base="1.3"):
@@ -300,7 +300,7 @@ def _stopping(launch: Launch) -> Iterator[list[int]]:
 
 
 def _print_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
-    from pipeline.sweep_table import write_sweep
+    from pipeline.sweeps.sweep_table import write_sweep
 
     states = {job: _state(launch.sweep / job) for job in launch.jobs}
     counts = Counter(states.values())
