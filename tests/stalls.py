@@ -1,8 +1,8 @@
 """Real time, as far as the machine gives it: a test that fails while the machine stood still is tried again.
 
-A process on each core wakes every few milliseconds and remembers by how much and how often it overslept. A test in real
-time that fails although none overslept has failed. One that fails while one did, which says nothing of what it tests,
-runs again; when each of its tries met a standstill it is skipped, with what it met as the reason.
+A process on each core wakes every few milliseconds and remembers by how much it overslept. A test in real time that
+fails although none overslept has failed. One that fails while one did, which says nothing of what it tests, runs again;
+when each of its tries met a standstill it is skipped, with what it met as the reason.
 """
 
 import ctypes
@@ -18,8 +18,6 @@ from _pytest.runner import runtestprotocol
 BEAT_S = 0.004
 STALL_S = 0.02
 """Two samples at 100 Hz: what they are late by, commands and clocks show."""
-LATE_S, LATE_SHARE = 0.002, 0.005
-"""A core whose beats come later than this in more than such a share keeps no time."""
 TRIES = 3
 
 
@@ -28,7 +26,6 @@ class StallWatch:
 
     def __init__(self) -> None:
         self._longest_s: list[Synchronized[float]] = []
-        self._late_share: list[Synchronized[float]] = []
         self._processes: list[BaseProcess] = []
 
     def begin(self) -> None:
@@ -37,9 +34,7 @@ class StallWatch:
             context = multiprocessing.get_context("spawn")
             for core in sorted(os.sched_getaffinity(0)):
                 self._longest_s.append(context.Value(ctypes.c_double, 0.0))
-                self._late_share.append(context.Value(ctypes.c_double, 0.0))
-                shared = (core, self._longest_s[-1], self._late_share[-1])
-                self._processes.append(context.Process(target=_beat, args=shared, daemon=True))
+                self._processes.append(context.Process(target=_beat, args=(core, self._longest_s[-1]), daemon=True))
                 self._processes[-1].start()
             while not all(longest_s.value for longest_s in self._longest_s):
                 time.sleep(BEAT_S)
@@ -62,22 +57,13 @@ class StallWatch:
         time.sleep(2 * BEAT_S)
         return max(longest_s.value for longest_s in self._longest_s)
 
-    def late_share(self) -> float:
-        """Return the share of beats that came late since, on the worse core."""
-        return max(late_share.value for late_share in self._late_share)
 
-
-def _beat(core: int, longest_s: "Synchronized[float]", late_share: "Synchronized[float]") -> None:
+def _beat(core: int, longest_s: "Synchronized[float]") -> None:
     os.sched_setaffinity(0, {core})
-    beats, late_beats = 0, 0
     while True:
         due = time.monotonic() + BEAT_S
         time.sleep(BEAT_S)
         late = time.monotonic() - due
-        if longest_s.value == 0.0:
-            beats, late_beats = 0, 0
-        beats, late_beats = beats + 1, late_beats + (late > LATE_S)
-        late_share.value = late_beats / beats
         if late > longest_s.value:
             longest_s.value = late
 
@@ -99,16 +85,13 @@ class RealTime:
             self.watch.begin()
             reports = runtestprotocol(item, nextitem=nextitem, log=False)
             failed = [each for each in reports if each.failed]
-            stall_s, late_share = (self.watch.longest_s(), self.watch.late_share()) if failed else (0.0, 0.0)
-            if stall_s < STALL_S and late_share < LATE_SHARE:
+            stall_s = self.watch.longest_s() if failed else 0.0
+            if stall_s < STALL_S:
                 break
         else:
             path, line, _ = item.location
             for each in failed:
-                reason = (
-                    f"not judged: the machine stood still for {1000 * stall_s:.0f} ms while it failed "
-                    f"(late in {late_share:.1%} of beats)"
-                )
+                reason = f"not judged: the machine stood still for {1000 * stall_s:.0f} ms while it failed"
                 each.outcome, each.longrepr = "skipped", (path, (line or 0) + 1, reason)
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
         for each in reports:
