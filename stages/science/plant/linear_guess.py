@@ -13,8 +13,6 @@ import numpy as np
 
 from stages.science.signals.trajectories import Array
 
-STATIC = 1e-9
-"""Change of a signal, over its largest value, that is none."""
 
 
 def find_pace(outputs: Sequence[Array], step_s: float) -> float:
