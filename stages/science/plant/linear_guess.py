@@ -14,7 +14,6 @@ import numpy as np
 from stages.science.signals.trajectories import Array
 
 
-
 def find_pace(outputs: Sequence[Array], step_s: float) -> float:
     """Return the time in which an output moves by a radian, s: half of its power lies at slower motions.
 
