@@ -13,7 +13,7 @@ import pytest
 from stages.science.operator_ui.operator_session import OperatorSession, OperatorSettings
 from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.contract import TrialStopped, tidy
-from stages.science.rig.pacing import measure_pace
+from stages.science.rig.pacing import measure_pace, pace
 from tests.conftest import Command
 from tests.cpx_e.emulator import Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
@@ -34,6 +34,8 @@ LET_DOWN_S = 0.2
 """Time from the notice of a fault to commands of 0, where the link lives."""
 LATE_S = 0.1
 """How much later than its time a watchdog may vent."""
+WAKES = 3
+"""Times that a turn waits for a core: when it is due, in the device's process, at the reply; a bare loop waits once."""
 RUN = (
     "bank.trajectories=3",
     "subsampling.initial_trials=1",
@@ -85,17 +87,25 @@ def wait_for_pressure(emulator, process, after_s):
         time.sleep(0.01)
 
 
+def wake_late_s(turns=400, period_s=0.01):
+    """Return how late a loop that does nothing but sleep wakes, s."""
+    return np.array([tick.late_s for tick in pace(turns, period_s)])
+
+
 def test_a_hundred_turns_a_second_are_held(emulator, section):
     longer = section | {"exoskeleton": section["exoskeleton"] | {"trial_s": 4.0}}
     rig = build_rig(longer, emulator.port, emulator.control_port)
+    before_s = wake_late_s()
     recording = execute(rig, wave(rig))
     emulator.end()
-    pace = measure_pace(pd.DataFrame(tidy(recording, rig)), [])
-    assert pace.p50_s == pytest.approx(0.01, abs=0.0005)
-    assert pace.p99_s < 0.015
-    assert pace.overruns <= 0.02 * pace.samples
+    bare_s = np.concatenate([before_s, wake_late_s()])
+    measured = measure_pace(pd.DataFrame(tidy(recording, rig)), [])
+    assert measured.p50_s == pytest.approx(0.01, abs=0.0005)
+    assert measured.p99_s < 0.01 + max(0.005, WAKES * np.quantile(bare_s, 1.0 - 0.01 / WAKES))
+    overrun_share = max(0.02, WAKES * np.mean(bare_s > 0.005 / WAKES))
+    assert measured.overruns <= overrun_share * measured.samples
     taken = ((recording.status == "ok") & (recording.clipped_by == "")).all(axis=1)
-    assert taken.mean() > 0.97
+    assert taken.mean() > 1.0 - max(0.03, overrun_share)
     np.testing.assert_array_equal(recording.pressure_command_kpa[taken], wave(rig).pressure_command_kpa[taken])
     assert emulator.state()["watchdog_count"] == 0
 
