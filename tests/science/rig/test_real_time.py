@@ -13,7 +13,7 @@ import pytest
 from stages.science.operator_ui.operator_session import OperatorSession, OperatorSettings
 from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.contract import TrialStopped, tidy
-from stages.science.rig.pacing import measure_pace, pace
+from stages.science.rig.pacing import measure_pace
 from tests.conftest import Command
 from tests.cpx_e.emulator import Emulator
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
@@ -89,7 +89,11 @@ def wait_for_pressure(emulator, process, after_s):
 
 def wake_late_s(turns=400, period_s=0.01):
     """Return how late a loop that does nothing but sleep wakes, s."""
-    return np.array([tick.late_s for tick in pace(turns, period_s)])
+    begun_s, late_s = time.monotonic(), []
+    for due_s in begun_s + period_s * np.arange(turns):
+        time.sleep(max(due_s - time.monotonic(), 0.0))
+        late_s.append(time.monotonic() - due_s)
+    return np.array(late_s)
 
 
 def test_a_hundred_turns_a_second_are_held(emulator, section):
