@@ -22,7 +22,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.judgement import Judgement, judge, search_with_truth
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
-from stages.science.discrepancy.ranking import list_named, rank_first
+from stages.science.discrepancy.ranking import rank_first
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.science.recording.datasets import tabulate_session
 
@@ -141,17 +141,14 @@ class Job:
         tables = tabulate_session(recorded.samples, recorded.meta, self.name)
         outputs = build_muscle_channels(tables, self.settings)
         test = choose_verification(len(tables.measured_trials), self.settings.verification_share)
-        told = self.settings.search
-        judged = judge(outputs, test, told, lambda purpose: self.ctx.generator(self.name, purpose))
+        judged = judge(outputs, test, self.settings, lambda *purpose: self.ctx.generator(self.name, *purpose))
         row = {"session": self.name, "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0])}
-        rows = {
+        rows: dict[str, Any] = {
             BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
             BLIND_TRUTH.name: list_hidden(recorded.truth),
-            BLIND_NAMED.name: list_named(judged.named, judged.doubt),
-            BLIND_RANKING.name: list_ranking(judged, told.most_confounded),
+            BLIND_NAMED.name: judged.decision.effects.rename(columns={"indistinguishable_from": "not_excluded"}),
+            BLIND_RANKING.name: list_ranking(judged, self.settings.search.most_confounded),
         }
-        for each in rows[BLIND_NAMED.name]:
-            each["not_excluded"] = each["indistinguishable_from"]
         return {
             table.name: pd.DataFrame(rows[table.name]).assign(session=self.name).reindex(columns=list(table.columns))
             for table in blinded_suite.writes
@@ -165,12 +162,12 @@ class Job:
         return {
             "kind": classify_session(truth, {output.element for output in judged.outputs}),
             "asked": truth["scenario"]["magnitude"] if hidden else "none",
-            "status": judged.status,
+            "status": judged.decision.status,
             "unknown": min(judged.unknown, 1.0),
             "unexplained_channel": where,
             "unexplained_share": judged.left[where].share,
             "before": judged.gap(judged.found.steps[0], channels),
-            "after": judged.gap([state.current.fit for state in judged.found.outputs], channels),
+            "after": judged.gap(judged.found.steps[judged.decision.accepted], channels),
             "oracle": self.reach(judged, truth, channels),
             "floor": judged.floor(channels),
         }

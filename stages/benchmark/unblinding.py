@@ -1,6 +1,6 @@
 """The seal is opened, after the verdict: what was hidden beside what was named.
 
-In: the seal, the nominal gaps, what was named and what was left, and the verification, which comes before this. Out:
+In: the seal, the nominal gaps, the decision and what it names, and the verification, which comes before this. Out:
 `comparison_with_truth`, muscle by muscle, and `outcome`, the same in words.
 """
 
@@ -16,8 +16,6 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.verdict import read_status
 from stages.science.rig.sessions import seal_truth
 
 COMPARISON_WITH_TRUTH = Table(
@@ -41,7 +39,6 @@ class Config(Section):
     """What this stage reads."""
 
     rig: Target
-    discrepancy: DiscrepancySettings
 
 
 @stage(COMPARISON_WITH_TRUTH, OUTCOME)
@@ -49,8 +46,8 @@ def unblinding(
     cfg: Config,
     seal: pd.DataFrame,
     channels: pd.DataFrame,
-    named_effects: pd.DataFrame,
-    unexplained: pd.DataFrame,
+    decision: pd.DataFrame,
+    said_effects: pd.DataFrame,
     verification: pd.DataFrame,
     ctx: Context,
 ) -> dict[str, pd.DataFrame]:
@@ -59,16 +56,14 @@ def unblinding(
     digest = seal_truth(recorded)
     if digest != seal["sha256"].iloc[0]:
         raise InputError("seal: the rig tells another truth than the one that was sealed; run blinded_session again")
-    certain = cfg.discrepancy.search.certain
-    left = read_status(named_effects, unexplained, certain) == "unexplained"
-    said = named_effects.iloc[:0] if left else named_effects
+    left = decision["status"].iloc[0] == "unexplained"
     hidden = recorded.truth["effects"]
-    rows = compare(hidden, recorded.truth["gap_over_floor"], said, channels)
+    rows = compare(hidden, recorded.truth["gap_over_floor"], said_effects, channels)
     driven = verification[verification["simulation"] == "measured upstream"]
-    after = driven["gap"].iloc[0 if left else -2]
+    after = driven["gap"].iloc[decision["accepted"].iloc[0]]
     told = [
         describe_hidden(hidden, str(recorded.truth["scenario"]["magnitude"]), digest),
-        describe_named(said, hidden, left=left),
+        describe_named(said_effects, hidden, left=left),
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
         f"{100 * after:.2g} %; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
         "Identification on the amended simulator: python -m pipeline plant=FOLDER/documents/amended.yaml, with this "

@@ -7,9 +7,6 @@ named takes away) and `steps` (the constants and the effects' parameters after e
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
 import pandas as pd
 
 from pipeline.config import Section
@@ -17,10 +14,10 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
-from stages.science.discrepancy.ranking import list_named, rank_first
+from stages.science.discrepancy.ranking import list_named, list_steps, list_unexplained, rank_first
 from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.science.discrepancy.restoring import NominalTables, restore_states
-from stages.science.discrepancy.search import Search, search
+from stages.science.discrepancy.search import search
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.figures.candidate_ranking import draw_candidate_ranking
 from stages.science.plant.machine import Machine
@@ -115,43 +112,6 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
     return {
         RANKING.name: ranking,
         NAMED_EFFECTS.name: pd.DataFrame(list_named(found.named, doubt), columns=list(NAMED_EFFECTS.columns)),
-        UNEXPLAINED.name: pd.DataFrame(
-            [
-                {
-                    "channel": channel,
-                    "share": each.share,
-                    "probability": each.unknown,
-                    "imitated": each.ambiguous,
-                    "line_hz": np.nan if each.line_hz is None else each.line_hz,
-                    "remembered": each.linear_memory,
-                }
-                for channel, each in left.items()
-            ],
-            columns=list(UNEXPLAINED.columns),
-        ),
+        UNEXPLAINED.name: pd.DataFrame(list_unexplained(left), columns=list(UNEXPLAINED.columns)),
         STEPS.name: pd.DataFrame(list_steps(found), columns=list(STEPS.columns)),
     }
-
-
-def list_steps(found: Search) -> list[dict[str, Any]]:
-    """Return every value of every output after each addition."""
-    rows = []
-    for step, fits in enumerate(found.steps):
-        for each in fits:
-            output = each.model.output
-            constants, effects = each.model.name_values(each.values)
-            owners = [("", "", constants), *((form.name, form.form, values) for form, values in effects)]
-            rows += [
-                {
-                    "step": step,
-                    "channel": output.channel,
-                    "muscle": output.element,
-                    "effect": effect,
-                    "form": form,
-                    "parameter": name,
-                    "value": value,
-                }
-                for effect, form, values in owners
-                for name, value in values.items()
-            ]
-    return rows

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Sequence
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -19,6 +19,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
+from stages.science.discrepancy.decision import compare_part, decide, select_driven, select_judged
 from stages.science.discrepancy.odd_trials import find_odd_trials
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.report_text import (
@@ -32,13 +33,11 @@ from stages.science.discrepancy.report_text import (
     describe_unconfirmed,
     describe_verdict,
 )
-from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.signature import trace_effects
 from stages.science.discrepancy.verdict import (
-    confirm_effects,
-    confirm_status,
+    Status,
     describe_effects,
     list_candidates,
     list_confounded,
@@ -46,15 +45,7 @@ from stages.science.discrepancy.verdict import (
     locate_most,
     summarise_unexplained,
 )
-from stages.science.discrepancy.verification import (
-    Verified,
-    bound_ratio,
-    compare_steps,
-    is_hidden,
-    list_hidden,
-    list_predictions,
-    verify,
-)
+from stages.science.discrepancy.verification import Verified, list_predictions, verify
 from stages.science.figures.effect_signature import draw_effect_signature
 from stages.science.figures.gap_waterfall import draw_gap_waterfall
 from stages.science.figures.verified_trials import draw_verified_trials
@@ -96,10 +87,33 @@ PREDICTIONS = Table(
     key=("trial", "channel", "muscle", "time_s"),
 )
 WHERE = ("channel", "muscle", "regime", "share_of_gap", "p_value")
-DRIVEN = "measured upstream"
 POOLING = (
     "of each channel and muscle in each trial: mean squared error over the squared range of all its measured samples; "
     "the mean of these over channels and muscles with data, then over trials; its root"
+)
+DECISION = Table(
+    "decision",
+    "What is said of the dataset",
+    {
+        "status": column(str, "of the verdict", among=list(get_args(Status))),
+        "accepted": column(int, "added effects that stand", low=0),
+    },
+)
+SAID_EFFECTS = Table(
+    "said_effects",
+    "An effect that the verdict names, on a muscle",
+    {
+        "order": column(int, "of addition", low=1),
+        "name": column(str, "of the effect"),
+        "form": column(str, "its form"),
+        "channel": column(str, "in which it was seen"),
+        "muscle": column(str, "that carries it"),
+        "probability": column(float, "that is said", low=0, high=1),
+        "p_step": column(float, "of no fall of the test trials' gap by it, signs flipped exactly", low=0, high=1),
+        "confirmed": column(bool, "whether the test trials confirm it, or exact values show it"),
+        "indistinguishable_from": column(str, "names that these data do not exclude, by comma"),
+    },
+    key=("order", "muscle"),
 )
 MOST_SHOWN = 4
 """Muscles whose trials are drawn."""
@@ -115,7 +129,7 @@ class Config(Section):
     seed: int
 
 
-@stage(VERIFICATION, PREDICTIONS, FINDINGS, stream="verify_gap")
+@stage(VERIFICATION, PREDICTIONS, FINDINGS, DECISION, SAID_EFFECTS, stream="verify_gap")
 def verify_gap(
     cfg: Config,
     tables: DatasetTables,
@@ -130,41 +144,30 @@ def verify_gap(
     settings, channels, named = cfg.discrepancy, found.channels, found.named_effects
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     test = dataset.test
-    verified = verify(dataset, found)
-    added = named.drop_duplicates("order")
-    concerned = list(dict.fromkeys(added["channel"])) or list(dict.fromkeys(channels["channel"]))
-    labels = ["nominal", *(f"+ {name}" for name in added["name"])][: found.last_step + 1]
-    judged = [each for each in verified if each.output.channel in concerned]
-    rows = []
-    for part, chosen in list_reported(tables, judged).items():
-        weights = resample(len(chosen), settings.bootstraps, ctx.generator("resample", part))
-        compared = compare_steps(judged, labels, chosen, weights, settings.level, ctx.generator("signs", part))
-        rows += [{"part": part, **row} for row in compared]
+    verified = verify(dataset.outputs, dataset.fitted, found)
+    judged = select_judged(found, verified)
+    rows = [
+        row
+        for part, chosen in list_reported(tables, judged).items()
+        for row in compare_part(found, judged, part, chosen, settings, ctx.generator)
+    ]
     verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
+    decision = decide(found, verified, verification, test, settings, ctx.generator)
+    status, last, driven = decision.status, decision.accepted, select_driven(verification)
+    lost = decision.status_of_fitted == "unexplained" and status == "no_discrepancy"
     places = locate_most(gap, channels, named, settings)
-    status = found.read_status(settings.search.certain)
-    last = len(labels) - 1 if status == "named" else 0
-    weights = resample(len(test), settings.bootstraps, ctx.generator("resample", "verification"))
-    driven = select_judged(verification)
-    hidden = list_hidden(verified, channels, test, settings.search.remainder)
-    confirmed = confirm_effects(named, driven, settings, hidden)
-    over_floor = bound_ratio(verified, last, test, weights, settings.level)
-    left_over_std = float(driven["gap_over_std"].iloc[last])
-    uninformative = left_over_std > settings.confirmation.uninformative_error
-    blind = bool(hidden) or is_hidden(channels, settings.search.remainder) or uninformative
-    said = confirm_status(status, over_floor["value"], settings.search.smallest_gap, blind)
-    lost, status = status == "unexplained" and said == "no_discrepancy", said
+    concerned = list(dict.fromkeys(named["channel"])) or list(dict.fromkeys(channels["channel"]))
     verdict = {
         "status": status,
-        "effects": describe_effects(confirmed, amended_values) if status == "named" else [],
+        "effects": describe_effects(decision.effects, amended_values),
         "ranking": list_candidates(ranking),
         "absorbed": list_confounded(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
-        **summarise_unexplained(found.unexplained, doubted=not set(hidden).isdisjoint(added["channel"])),
+        **summarise_unexplained(found.unexplained, doubted=not set(decision.hidden).isdisjoint(named["channel"])),
         "remainder": list_remainder(remainder),
         "gap": {
             **summarise_gap(driven, last, judged),
-            "over_floor": {**over_floor, "smallest": settings.search.smallest_gap},
+            "over_floor": {**decision.over_floor, "smallest": settings.search.smallest_gap},
         },
         "verification_trials": [dataset.trials[place] for place in test],
     }
@@ -179,7 +182,7 @@ def verify_gap(
     relevant = list_confounded(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
-        *(describe_uninformative(left_over_std) if uninformative else []),
+        *(describe_uninformative(decision.left_over_std) if decision.uninformative else []),
         *(describe_scales(dataset.plant) if status == "named" else []),
         *(describe_unconfirmed(verdict["unexplained_share"]) if lost else []),
         *describe_remainder(remainder, status, report),
@@ -194,6 +197,8 @@ def verify_gap(
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
         FINDINGS.name: pd.DataFrame({"finding": describe_verdict(verdict, places, relevant, remarks, settings)}),
+        DECISION.name: pd.DataFrame({"status": [status], "accepted": [last if status == "named" else 0]}),
+        SAID_EFFECTS.name: decision.effects.reindex(columns=list(SAID_EFFECTS.columns)),
     }
 
 
@@ -203,12 +208,6 @@ def list_reported(tables: DatasetTables, judged: Sequence[Verified]) -> dict[str
     reported = {"verification": np.flatnonzero(purposes == "verification").tolist()}
     aside = tables.measured_trials["part"].where((purposes == "other") & (seen > 0))
     return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
-
-
-def select_judged(verification: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows that decide the verdict: test trials, simulated from measured upstream signals."""
-    driven = (verification["simulation"] == DRIVEN) & (verification["part"] == "verification")
-    return verification[driven].reset_index(drop=True)
 
 
 def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""The whole search on one dataset, and the search that knows the true names as its upper bound.
+"""The whole search on one dataset, up to the decision, and the search that knows the true names as its upper bound.
 
-Outputs with all trials flow in, with the positions of the test trials; out flow the search, its status, and the gap on
-the test trials before, after, at the noise floor, and with the true names known.
+Outputs with all trials flow in, with the positions of the test trials; out flow the search, the decision, and the gap
+on the test trials before, after, at the noise floor, and with the true names known.
 """
 
 from __future__ import annotations
@@ -10,22 +10,26 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
+from stages.science.discrepancy.decision import TEST, Decision, compare_part, decide, select_judged
 from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
-from stages.science.discrepancy.naming import Named
+from stages.science.discrepancy.ranking import list_named, list_steps, list_unexplained
 from stages.science.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
+from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.search import Search, search
-from stages.science.discrepancy.settings import SearchSettings
-from stages.science.discrepancy.verdict import Status, decide_status
-from stages.science.output_channels.fitting import Fit, fit
-from stages.science.output_channels.flexible import find_floor
+from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.discrepancy.verification import Verified, verify
+from stages.science.output_channels.fitting import Fit
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
+
+NAMED_COLUMNS = ["order", "name", "form", "channel", "muscle", "probability", "shown", "indistinguishable_from"]
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What was found in a dataset.
+    """What was found in a dataset, and what is said of it.
 
     Parameters
     ----------
@@ -39,8 +43,12 @@ class Judgement:
         Ended.
     left : dict of str to Remainder
         By channel, what was named leaves.
-    settings : SearchSettings
-        Of the search.
+    verified : list of Verified
+        All outputs on all trials.
+    decision : Decision
+        As in the verdict.
+    settings : DiscrepancySettings
+        Of the workflow.
     """
 
     outputs: list[OutputChannel]
@@ -48,7 +56,9 @@ class Judgement:
     prepared: list[FittedChannel]
     found: Search
     left: dict[str, Remainder]
-    settings: SearchSettings
+    verified: list[Verified]
+    decision: Decision
+    settings: DiscrepancySettings
 
     @property
     def unexplained(self) -> str:
@@ -63,17 +73,7 @@ class Judgement:
     @property
     def doubt(self) -> float:
         """Probability of an effect without a name; the probability of every name is reduced by it."""
-        return sum_doubt(self.left, self.settings.remainder)
-
-    @property
-    def status(self) -> Status:
-        """As in the verdict."""
-        return decide_status([each.doubt(self.doubt) for each in self.found.named], self.unknown, self.settings.certain)
-
-    @property
-    def named(self) -> list[Named]:
-        """Effects that the verdict names; none where something is left unexplained."""
-        return self.found.named if self.status == "named" else []
+        return sum_doubt(self.left, self.settings.search.remainder)
 
     def gap(self, fits: Sequence[Fit], channels: Collection[str]) -> float:
         """Return the gap on the test trials, RMSE over range, root mean square over outputs of some channels."""
@@ -85,27 +85,20 @@ class Judgement:
         return float(np.sqrt(np.mean(squares)))
 
     def floor(self, channels: Collection[str]) -> float:
-        """Return what neither the last model nor a flexible one explains on the test trials, in the same unit."""
-        learnt = np.ones(self.outputs[0].trials, dtype=bool)
-        learnt[self.test] = False
-        squares = []
-        for output, state in zip(self.outputs, self.found.outputs, strict=True):
-            if output.channel in channels:
-                last = state.current.fit
-                whole = fit(replace(last.model, output=output), state.noise, last.values, iterations=0)
-                least = find_floor(whole, state.noise, learnt).residual
-                kept = (_mean_square(output, each, self.test) for each in (least, whole.residual))
-                squares.append(min(kept))
-        return float(np.sqrt(np.mean(squares)))
+        """Return the noise floor of the test trials, in the same unit."""
+        each = [verified for verified in self.verified if verified.output.channel in channels]
+        counts = [verified.output.present.sum(axis=0)[self.test] for verified in each]
+        means = [(own.floor[self.test] / np.maximum(n, 1))[n > 0].mean() for own, n in zip(each, counts, strict=True)]
+        return float(np.sqrt(np.mean(means)))
 
 
 def judge(
     outputs: Sequence[OutputChannel],
     test: Sequence[int],
-    settings: SearchSettings,
-    draw: Callable[[str], np.random.Generator],
+    settings: DiscrepancySettings,
+    draw: Callable[..., np.random.Generator],
 ) -> Judgement:
-    """Return what the search finds in a dataset.
+    """Return what the search finds in a dataset, and what is said of it.
 
     Parameters
     ----------
@@ -113,16 +106,43 @@ def judge(
         With all trials.
     test : sequence of int
         Positions of the trials that are not fitted.
-    settings : SearchSettings
-        When a gap matters and a name is accepted.
+    settings : DiscrepancySettings
+        Of the workflow.
     draw : callable
-        Returns the generator of a purpose.
+        Returns the generator of a purpose, or of a purpose and a part of the trials.
     """
     fitted = [trial for trial in range(outputs[0].trials) if trial not in set(test)]
     prepared = [prepare(output.take(fitted)) for output in outputs]
-    found = search(prepared, settings, draw("trials"))
-    left = weigh_remainder(found, settings, draw("unexplained"))
-    return Judgement(list(outputs), list(test), prepared, found, left, settings)
+    found = search(prepared, settings.search, draw("trials"))
+    left = weigh_remainder(found, settings.search, draw("unexplained"))
+    tables = _tabulate(prepared, found, left, settings)
+    verified = verify(outputs, fitted, tables)
+    compared = compare_part(tables, select_judged(tables, verified), TEST, test, settings, draw)
+    decision = decide(tables, verified, pd.DataFrame(compared), test, settings, draw)
+    return Judgement(list(outputs), list(test), prepared, found, left, verified, decision, settings)
+
+
+def _tabulate(
+    prepared: Sequence[FittedChannel], found: Search, left: dict[str, Remainder], settings: DiscrepancySettings
+) -> SearchTables:
+    """Return what the search found as the workflow keeps it."""
+    channels = [
+        {
+            "channel": state.output.channel,
+            "muscle": state.output.element,
+            "range": state.output.range,
+            "noise_floor": state.floor,
+            **state.noise._asdict(),
+        }
+        for state in prepared
+    ]
+    named = list_named(found.named, sum_doubt(left, settings.search.remainder))
+    return SearchTables(
+        pd.DataFrame(channels),
+        pd.DataFrame(named, columns=None if named else NAMED_COLUMNS),
+        pd.DataFrame(list_unexplained(left)),
+        pd.DataFrame(list_steps(found)),
+    )
 
 
 def search_with_truth(judged: Judgement, names: Collection[str], generator: np.random.Generator) -> Search:
@@ -140,7 +160,7 @@ def search_with_truth(judged: Judgement, names: Collection[str], generator: np.r
     every = ("least_gain", "least_share", "later_share", "later_gain", "later_rest")
     easy = {"smallest_gap": 1.0, **dict.fromkeys(every, 0.0), "none_prior": 1e-9, "most_effects": len(names)}
     states = [replace(state, output=_restrict(state.output, names)) for state in judged.prepared]
-    return search(states, judged.settings.model_copy(update=easy), generator)
+    return search(states, judged.settings.search.model_copy(update=easy), generator)
 
 
 def _restrict(output: OutputChannel, names: Collection[str]) -> OutputChannel:

@@ -1,12 +1,14 @@
-"""The rounds of a search and the effects that it named, as rows."""
+"""What a search found, as rows: its rounds, the effects that it named, what is left, the values at each step."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from stages.science.discrepancy.evidence import NONE
 from stages.science.discrepancy.naming import Named, Round
+from stages.science.discrepancy.remainder import Remainder
 from stages.science.discrepancy.search import Search
 
 UNKNOWN = "unknown"
@@ -79,3 +81,42 @@ def list_named(named: Sequence[Named], doubt: float) -> list[dict[str, Any]]:
         for order, each in enumerate(named, start=1)
         for muscle, form in zip(each.elements, each.forms, strict=True)
     ]
+
+
+def list_unexplained(left: Mapping[str, Remainder]) -> list[dict[str, Any]]:
+    """Return a row for each channel: what is left after all that was named."""
+    return [
+        {
+            "channel": channel,
+            "share": each.share,
+            "probability": each.unknown,
+            "imitated": each.ambiguous,
+            "line_hz": math.nan if each.line_hz is None else each.line_hz,
+            "remembered": each.linear_memory,
+        }
+        for channel, each in left.items()
+    ]
+
+
+def list_steps(found: Search) -> list[dict[str, Any]]:
+    """Return every value of every output after each addition."""
+    rows = []
+    for step, fits in enumerate(found.steps):
+        for each in fits:
+            output = each.model.output
+            constants, effects = each.model.name_values(each.values)
+            owners = [("", "", constants), *((form.name, form.form, values) for form, values in effects)]
+            rows += [
+                {
+                    "step": step,
+                    "channel": output.channel,
+                    "muscle": output.element,
+                    "effect": effect,
+                    "form": form,
+                    "parameter": name,
+                    "value": value,
+                }
+                for effect, form, values in owners
+                for name, value in values.items()
+            ]
+    return rows

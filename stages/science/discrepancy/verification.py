@@ -69,20 +69,22 @@ class Verified:
         return found
 
 
-def verify(dataset: Dataset, found: SearchTables) -> list[Verified]:
+def verify(outputs: Sequence[OutputChannel], fitted: Sequence[int], found: SearchTables) -> list[Verified]:
     """Simulate every output channel after each addition.
 
     Parameters
     ----------
-    dataset : Dataset
+    outputs : sequence of OutputChannel
         With all trials.
+    fitted : sequence of int
+        Positions of the fitted trials.
     found : SearchTables
         Noise, and values after each addition.
     """
-    learnt = np.isin(np.arange(len(dataset.trials)), dataset.fitted)
+    learnt = np.isin(np.arange(outputs[0].trials), list(fitted))
     pressures: dict[tuple[str, int], Array] = {}
     verified = []
-    for output in sorted(dataset.outputs, key=lambda each: each.channel != "pressure_kpa"):
+    for output in sorted(outputs, key=lambda each: each.channel != "pressure_kpa"):
         simulated, free = [], []
         for step in range(found.last_step + 1):
             model, values = found.restore(output, step)
