@@ -10,6 +10,11 @@ import pytest
 from pipeline.errors import InputError
 from stages.benchmark.blinded_rig.dataset import write
 from stages.benchmark.blinded_rig.sessions import HiddenSessions
+from stages.science.discrepancy.judgement import judge
+from stages.science.discrepancy.muscle_dataset import build_muscle_channels
+from stages.science.discrepancy.settings import choose_verification
+from stages.science.recording.datasets import tabulate_session
+from tests.science.discrepancy.searches import DISCREPANCY
 from tests.studies import read_stages, run_stage
 
 STAGES = (
@@ -77,18 +82,17 @@ def test_a_session_is_measured_as_its_folder_would_be(session, recorded, tmp_pat
     assert read["measured_session"].drop(columns="source").equals(recorded["measured_session"].drop(columns="source"))
 
 
-def opened(whole, recorded, folder, named, left=0.0):
+def opened(whole, recorded, folder, named, status="named"):
     study, stages = whole
     muscles = ["pam1", "pam2", "pam3", "pam4"]
     channels = pd.DataFrame({"channel": "force_n", "muscle": muscles, "gap_over_floor": 2.0})
-    probability = 0.8 * (1.0 - left)  # the doubt takes its part
-    rows = [{"order": 1, "name": n, "channel": "force_n", "muscle": m, "probability": probability} for n, m in named]
+    rows = [{"order": 1, "name": n, "channel": "force_n", "muscle": m, "probability": 0.8} for n, m in named]
     said = pd.DataFrame(rows, columns=["order", "name", "channel", "muscle", "probability"])
     tables = {
         "seal": recorded["seal"],
         "channels": channels,
-        "named_effects": said.assign(indistinguishable_from="capstan_friction"),
-        "unexplained": pd.DataFrame({"channel": ["force_n"], "share": [0.5], "probability": [left]}),
+        "decision": pd.DataFrame({"status": [status], "accepted": [len(set(said["order"]))]}),
+        "said_effects": said.assign(indistinguishable_from="capstan_friction"),
         "verification": pd.DataFrame({"simulation": "measured upstream", "gap": [0.03, 0.02, 0.01]}),
     }
     found = run_stage(study, stages["unblinding"], folder, tables)
@@ -104,10 +108,12 @@ def test_what_was_named_is_compared_muscle_by_muscle(session, whole, recorded, t
     assert not compared.loc[others, "right"].any()
     assert compared.loc[first, "hidden_gap_over_floor"] == pytest.approx(hidden["gap_over_floor"][first], rel=0.02)
     assert "which is right." in told
+    assert "from 3 % of the range to 2 %; the noise floor is 1 %" in told
     assert "which is wrong." in opened(whole, recorded, tmp_path, [("leakage", first)])[1]
-    compared, told = opened(whole, recorded, tmp_path, [(hidden["name"], first)], left=0.9)
+    compared, told = opened(whole, recorded, tmp_path, [], "unexplained")
     assert (compared["named"] == "").all()
     assert "no name in the library" in told
+    assert "from 3 % of the range to 3 %" in told
 
 
 def test_another_truth_than_the_sealed_one_is_refused(whole, recorded, tmp_path):
@@ -117,10 +123,26 @@ def test_another_truth_than_the_sealed_one_is_refused(whole, recorded, tmp_path)
 
 
 @pytest.mark.slow
-def test_the_amended_simulator_is_identified(pamid):
+def test_the_amended_simulator_is_identified_and_the_scorecard_says_what_the_verdict_does(pamid):
     result = pamid("experiment=hidden_effect", "seed=3", "budget=tiny", "rig.trials=6")
     assert result.returncode == 0, result.stderr
     assert "The seal holds" in result.stdout
     (run,) = pamid.runs
+    verdict = json.loads((run / "verdict.json").read_text())
+    recorded = HiddenSessions(3, None, None, None, 6).record()
+    tables = tabulate_session(recorded.samples, recorded.meta, "")
+    test = choose_verification(6, DISCREPANCY.verification_share)
+    outputs = build_muscle_channels(tables, DISCREPANCY)
+    judged = judge(outputs, test, DISCREPANCY, lambda *purpose: np.random.default_rng(0))
+    said = judged.decision
+    assert said.status == verdict["status"] == "named"
+    assert list(dict.fromkeys(said.effects["name"])) == [each["name"] for each in verdict["effects"]]
+    first, told = said.effects.iloc[0], verdict["effects"][0]
+    assert first["p_step"] == pytest.approx(told["step"]["p_value"])
+    assert first["gap_after"] == pytest.approx(told["step"]["after"])
+    assert judged.gap(judged.found.steps[said.accepted], verdict["gap"]["channels"]) == pytest.approx(
+        verdict["gap"]["after"]
+    )
+    assert judged.floor(verdict["gap"]["channels"]) == pytest.approx(verdict["gap"]["noise_floor"])
     result = pamid(f"plant={run / 'documents' / 'amended.yaml'}", "budget=tiny", "figures=[]")
     assert result.returncode == 0, result.stderr
