@@ -16,8 +16,8 @@ from stages.benchmark.blinded_rig.surroundings import CatalogueName
 EMPTY, REPEATS, OUTSIDERS = 100, 3, 30
 FIRST_SEED = {"foreign_building": 100_000, "foreign_scoring": 200_000}
 BOTH = (
-    "relaxation", "backlash", "slack_opening", "dead_band", "coarse_force", "coarse_pressure", "cam_arm", "force_late",
-    "pressure_late", "angle_late", "pressed_friction", "bristle_friction", "orifice_leak", "choked_valve",
+    "relaxation", "backlash", "slack_opening", "dead_band", "coarse_force", "coarse_pressure", "transport_delay",
+    "force_late", "pressure_late", "angle_late", "pressed_friction", "bristle_friction", "orifice_leak", "choked_valve",
 )  # fmt: skip
 EFFECTS_OF: dict[str, tuple[str, ...]] = {
     "foreign_building": (*BOTH, "prandtl_ishlinskii", "duhem"),
@@ -29,14 +29,14 @@ OUTSIDERS_OF: dict[str, tuple[str, ...]] = {
 }
 PAIRS = (
     ("relaxation", "choked_valve"), ("duhem", "pressure_late"), ("pressed_friction", "choked_valve"),
-    ("backlash", "orifice_leak"), ("cam_arm", "choked_valve"), ("bristle_friction", "transport_delay"),
+    ("backlash", "orifice_leak"), ("force_late", "choked_valve"), ("bristle_friction", "transport_delay"),
     ("duhem", "sensor_drift"), ("relaxation", "sensor_drift_pressure"), ("slack_opening", "pressure_late"),
     ("dead_band", "choked_valve"), ("force_late", "transport_delay"), ("pressed_friction", "coarse_pressure"),
     ("duhem", "transport_delay"),
 )  # fmt: skip
 SINGLE = (
-    "duhem", "relaxation", "backlash", "slack_opening", "dead_band", "coarse_force", "coarse_pressure", "cam_arm",
-    "force_late", "pressure_late", "pressed_friction", "bristle_friction", "choked_valve",
+    "duhem", "relaxation", "backlash", "slack_opening", "dead_band", "coarse_force", "coarse_pressure",
+    "transport_delay", "force_late", "pressure_late", "pressed_friction", "bristle_friction", "choked_valve",
 )  # fmt: skip
 
 

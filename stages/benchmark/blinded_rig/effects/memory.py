@@ -101,6 +101,13 @@ def relay_weights(levels: Array) -> Array:
     return weights / weights.sum()
 
 
+def without_memory(path: Array, levels: Array, weights: Array) -> Array:
+    """Return what the same relays would show without width, of the path's shape: the mean of their branches."""
+    centre = 0.5 * (levels[:, None] + levels[None, :])
+    single = [float(np.sum(weights * np.sign(level - centre))) for level in levels]
+    return np.interp(path, levels, single)
+
+
 def pressed(s: Signals) -> Array:
     """Share of a memory that pressure presses into the sleeve."""
     return 0.35 + 0.65 * np.maximum(s.acting_kpa, 0.0) / 300.0
@@ -118,9 +125,10 @@ def duhem(s: Signals, share: Array) -> Array:
 
 
 def preisach(s: Signals, share: Array) -> Array:
-    """Relays without number, with congruent minor loops."""
-    memory = preisach_memory(s.contraction, RELAYS, relay_weights(RELAYS))
-    return s.tension_n - share * s.full_n * pressed(s) * 2.0 * memory
+    """Relays without number, with congruent minor loops: how far they lag behind the curve without memory."""
+    weights = relay_weights(RELAYS)
+    memory = without_memory(s.contraction, RELAYS, weights) - preisach_memory(s.contraction, RELAYS, weights)
+    return s.tension_n - share * s.full_n * pressed(s) * 8.0 * memory
 
 
 EFFECTS = (

@@ -14,7 +14,7 @@ from stages.benchmark.blinded_rig.signals import Effect, Signals
 
 LOOSE_SHARE, LOOSE_WIDTH = 0.18, 0.03
 OPENS_S, CLOSES_S = 0.20, 0.05
-CAM_RAD, CAM_WIDTH_RAD = 0.65, 0.08
+LOBES = 6.0
 BRISTLE = np.array([0.0012, 0.0010, 0.0011, 0.0009])
 BRISTLE_S = 0.003
 
@@ -60,10 +60,10 @@ def slack_opening(s: Signals, slack: Array) -> Array:
 
 
 def cam_arm(s: Signals, share: Array) -> Array:
-    """Run the cable over a cam: the moment arm goes from r (1 - share) to r (1 + share) within some degrees of mid-range."""
+    """Run the cable over a cam of six uneven lobes: r (1 + share (cos(6 angle + .3) + .3 cos(12 angle + 1)))."""
 
     def travel(angle: Array) -> Array:
-        return CAM_WIDTH_RAD * np.log(np.cosh((angle - CAM_RAD) / CAM_WIDTH_RAD))
+        return np.sin(LOBES * angle + 0.3) / LOBES + 0.3 * np.sin(2.0 * LOBES * angle + 1.0) / (2.0 * LOBES)
 
     swing = travel(s.travel_rad) - travel(np.zeros(1))
     return s.contraction + arm_over_length()[:, None, None] * s.hand * share * swing
@@ -83,9 +83,9 @@ def bristle_friction(s: Signals, share: Array) -> Array:
 
 
 EFFECTS = (
-    Effect("backlash", "backlash", "geometry", "force_n", "contraction", 0.08, backlash, only_form=True),
+    Effect("backlash", "backlash", "geometry", "force_n", "contraction", 0.12, backlash, only_form=True),
     Effect("slack_opening", "cable_slack", "geometry", "force_n", "contraction", 0.15, slack_opening),
-    Effect("cam_arm", "moment_arm_variation", "geometry", "force_n", "share", 0.6, cam_arm),
+    Effect("cam_arm", "moment_arm_variation", "geometry", "force_n", "share", 0.8, cam_arm),
     Effect("pressed_friction", "coulomb_friction", "muscle", "force_n", "share", 0.3, pressed_friction),
     Effect("bristle_friction", "stribeck_friction", "cable", "force_n", "share", 0.3, bristle_friction),
 )

@@ -17,7 +17,7 @@ from scipy.interpolate import PchipInterpolator
 from stages.benchmark.blinded_rig.laws.exponential import build_exponential
 from stages.benchmark.blinded_rig.laws.sheet import full_force_n, vary
 from stages.benchmark.blinded_rig.laws.virtual_work import build_virtual_work
-from stages.benchmark.blinded_rig.machine import Array
+from stages.benchmark.blinded_rig.machine import FULL_PRESSURE_KPA, Array
 
 PRESSURES_KPA = np.linspace(0.0, 700.0, 15)
 CONTRACTIONS = np.linspace(-0.04, 0.28, 17)
@@ -99,6 +99,7 @@ def build_table(rng: np.random.Generator) -> Table:
     share = np.clip(vary(rng, 0.5, 0.3), 0.2, 0.8)[:, None, None]
     blend = share * build_exponential(rng).tension(pressure, stroke)
     blend = blend + (1.0 - share) * build_virtual_work(rng).tension(pressure, stroke)
-    uneven = vary(rng, 0.004, 0.2)[:, None, None] * rng.standard_normal(shape)
+    loaded = 0.15 + 0.85 * PRESSURES_KPA[:, None] / FULL_PRESSURE_KPA
+    uneven = vary(rng, 0.005, 0.2)[:, None, None] * loaded * rng.standard_normal(shape)
     by_row = vary(rng, 0.003, 0.2)[:, None, None] * rng.standard_normal((4, PRESSURES_KPA.size, 1))
     return tabulate_forces(blend + full_force_n()[:, None, None] * (uneven + by_row))
