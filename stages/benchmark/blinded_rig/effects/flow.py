@@ -73,5 +73,5 @@ def choked_valve(s: Signals, power: Array) -> Array:
 
 EFFECTS = (
     Effect("orifice_leak", "leakage", "valve", "pressure_kpa", "per_s", 3.0, orifice_leak),
-    Effect("choked_valve", "valve_asymmetry", "valve", "pressure_kpa", "power", 2.5, choked_valve),
+    Effect("choked_valve", "valve_asymmetry", "valve", "pressure_kpa", "power", 3.5, choked_valve),
 )

@@ -15,7 +15,7 @@ from stages.benchmark.blinded_rig.signals import Effect, Signals
 COOLING_S = 5.0
 REST_PER_S, REST_S, TEAR = 0.006, 0.25, 0.004
 HOSE_HZ, HOSE_DAMPING = 13.0, 0.08
-LINK_HZ, LINK_DAMPING = 6.5, 0.03
+LINK_HZ, LINK_DAMPING = 4.0, 0.03
 LINE_S = 0.12
 HEAT_S = 0.35
 BREATH_HZ = 0.27
