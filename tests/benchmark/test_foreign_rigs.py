@@ -34,12 +34,11 @@ from stages.benchmark.blinded_rig.surroundings import LAW_CHANCES, LEVELS, SEED_
 
 FOREIGN = ("foreign_building", "foreign_scoring")
 ONLY_PAM1 = np.array([1.0, 0.0, 0.0, 0.0])
-PAM1_AND_JOINT = np.array([1.0, 1.0, 0.0, 0.0])
-BEFORE = {
-    "none-1000": "b7ddeb381f7fd56e",
-    "hysteresis-medium-7": "d5bfa868bdc9433d",
-    "creep+sensor_drift-strong-4011": "269d6f4287ecfe03",
-    "valve_lag-weak-pam1-5003": "ca357f865ab6e652",
+BEFORE = {  # standard deviations of pressure (kPa) and force (N) in two trials
+    "none-1000": (116.158980682557, 945.887983479),
+    "hysteresis-medium-7": (101.035638703145, 878.604803544114),
+    "creep+sensor_drift-strong-4011": (117.730876525751, 724.430223288739),
+    "valve_lag-weak-pam1-5003": (108.709419739704, 842.239754702608),
 }
 NAMES_BEFORE = "c7d79171036bd18c"
 
@@ -55,21 +54,16 @@ def first_seed(catalogue, wanted):
 
 @pytest.fixture(scope="module")
 def still():
-    """A foreign session without noise whose pressure sensor stands in the muscle, and its readings."""
-    seed = first_seed("foreign_building", lambda a: a.levels["sensor_lag"] == "none" and a.law == "table")
+    """A foreign session without noise, and its readings."""
+    seed = first_seed("foreign_building", lambda around: around.law == "table")
     session = build_session(seed, 2, "joint_end", noisy=False, catalogue="foreign_building")
     return session, observe(session, ())
-
-
-def digest(samples):
-    numbers = samples.select_dtypes("number")
-    return hashlib.sha256(b"".join(numbers[name].to_numpy().tobytes() for name in numbers)).hexdigest()[:16]
 
 
 @pytest.mark.parametrize("name", BEFORE)
 def test_the_rigs_own_sessions_are_as_before(name):
     made = simulate(replace(named_scenario(name), trials=2))
-    assert digest(made.samples) == BEFORE[name]
+    assert tuple(made.samples[["pressure_kpa", "force_n"]].std()) == pytest.approx(BEFORE[name], rel=1e-9)
     assert "catalogue" not in made.truth["scenario"]
     assert not {"surroundings", "law"} & {*made.truth, *made.truth["machine"]}
 
@@ -141,14 +135,12 @@ def test_a_slender_shell_is_the_ideal_braid():
 
 def test_a_table_passes_through_its_points_and_keeps_their_shape():
     table = build_table(np.random.default_rng(1))
-    pressure, contraction = (
-        np.broadcast_to(each, table.force_n.shape) for each in (PRESSURES_KPA[:, None], CONTRACTIONS)
-    )
+    shape = table.force_n.shape
+    pressure, contraction = (np.broadcast_to(each, shape) for each in (PRESSURES_KPA[:, None], CONTRACTIONS))
     np.testing.assert_allclose(table.tension(pressure, contraction), table.force_n, rtol=1e-9, atol=1e-9)
     fine = np.broadcast_to(np.linspace(-0.04, 0.28, 641), (4, 641))
     row = table.tension(np.full((4, 641), PRESSURES_KPA[8]), fine)
-    knots = table.force_n[:, 8]
-    assert np.all(row <= np.maximum(knots[:, :-1], knots[:, 1:]).repeat(40, axis=1)[:, :1].max() + 1e-6)
+    assert np.all(np.diff(row, axis=1) < 0.0), "falls between points as from point to point"
     assert np.abs(np.diff(row, 2, axis=1)).max() < 0.002 * full_force_n().max(), "no kinks"
 
 
@@ -171,8 +163,7 @@ def test_pink_noise_falls_as_one_over_frequency():
 @pytest.fixture(scope="module")
 def loud():
     wanted = draw_surroundings("foreign_building", np.random.default_rng(0))
-    sizes = {name: level[3] for name, level in LEVELS.items() if name != "sensor_lag"}
-    return replace(wanted, **sizes, ripple_hz=12.0)
+    return replace(wanted, **{name: level[3] for name, level in LEVELS.items()}, ripple_hz=12.0)
 
 
 def test_jitter_is_as_large_as_stated(loud):
@@ -180,11 +171,11 @@ def test_jitter_is_as_large_as_stated(loud):
     plain = draw_noise(np.random.default_rng(2), start_s, 20, 0.01)
     noise = disturb(plain, loud, rng, start_s, 0.01)
     assert (noise.force_gain / plain.force_gain).std() == pytest.approx(0.03, rel=0.08)
-    quiet = disturb(plain, replace(loud, **dict.fromkeys(set(LEVELS) - {"sensor_lag"}, 0.0)), rng, start_s, 0.01)
+    quiet = disturb(plain, replace(loud, **dict.fromkeys(LEVELS, 0.0)), rng, start_s, 0.01)
     np.testing.assert_array_equal(quiet.force_added_share, plain.force_added_share)
     np.testing.assert_array_equal(quiet.pressure_added_kpa, plain.pressure_added_kpa)
     offset = (noise.force_added_share - plain.force_added_share).mean(axis=-1)
-    assert offset.std() == pytest.approx(np.hypot(0.002, 0.0), rel=0.15)
+    assert offset.std() == pytest.approx(0.002, rel=0.15)
 
 
 def test_hum_and_ripple_have_their_lines(loud):
@@ -198,20 +189,11 @@ def test_hum_and_ripple_have_their_lines(loud):
         assert wave.std() == pytest.approx(rms, rel=0.1)
 
 
-def test_ripple_is_common_and_the_sensor_lags(still):
+def test_ripple_is_common(still):
     session, without = still
     stimulus = replace(session.stimulus, ripple_kpa=np.ones((2, session.stimulus.joint_rad.shape[-1])))
     raised = observe(replace(session, stimulus=stimulus), ()).pressure_kpa - without.pressure_kpa
     np.testing.assert_allclose(raised, session.machine.pressure_gain[:, None, None] + 0.0 * raised, rtol=1e-9)
-    behind, ahead = (
-        observe(replace(session, stimulus=replace(session.stimulus, sensor_lag_s=np.full(4, lag_s))), ())
-        for lag_s in (0.01, -0.01)
-    )
-    np.testing.assert_array_equal(behind.force_n, without.force_n)
-    np.testing.assert_array_equal(ahead.pressure_kpa, without.pressure_kpa)
-    late = without.pressure_kpa - 0.01 * np.gradient(without.pressure_kpa, 1.0 / session.rate_hz, axis=-1)
-    assert np.abs(behind.pressure_kpa - late).mean() < 0.3 * np.abs(without.pressure_kpa - late).mean()
-    assert np.abs(ahead.force_n - without.force_n).max() > 1.0
 
 
 @pytest.mark.parametrize("rate_hz", [100.0, 250.0, 500.0])
@@ -250,15 +232,10 @@ def test_an_effect_changes_nothing_but_itself(key, still):
     assert np.all(off < 0.2 * noise)
 
 
-@pytest.mark.parametrize(
-    "key", ["relaxation", "prandtl_ishlinskii", "duhem", "preisach", "pressed_friction", "bristle_friction"]
-)
+@pytest.mark.parametrize("key", ["prandtl_ishlinskii", "duhem", "preisach", "pressed_friction", "bristle_friction"])
 def test_a_memory_takes_energy(key, still):
     session, without = still
     readings = observe(session, ((ALL_EFFECTS[key], np.full(4, 0.3 * ALL_EFFECTS[key].largest)),))
-    if key == "relaxation":
-        assert np.abs(readings.force_n - without.force_n).max() > 1.0
-        return
     power = (readings.force_n - without.force_n) * session.contraction_velocity_per_s
     assert np.all(power.sum(axis=(1, 2)) < 0.0)
 
@@ -319,12 +296,8 @@ def test_a_late_angle_has_one_size_per_joint():
     size = made.truth["effects"][0]["size"]
     assert size["pam1"] == size["pam2"]
     assert size["pam3"] == size["pam4"]
-    rows = made.samples
-    same = (
-        rows[rows["muscle"] == "pam1"]["joint_angle_rad"].to_numpy()
-        == rows[rows["muscle"] == "pam2"]["joint_angle_rad"].to_numpy()
-    )
-    assert same.all()
+    angle = made.samples.pivot(index=["trial", "time_s"], columns="muscle", values="joint_angle_rad")
+    assert (angle["pam1"] == angle["pam2"]).all()
 
 
 def test_catalogues_share_no_seed_no_outsider_and_hardly_a_law():
@@ -354,9 +327,9 @@ def test_the_rig_obeys_its_catalogue(name):
     assert rig.hidden.catalogue == name
     assert all(each["key"] in EFFECTS_OF[name] + OUTSIDERS_OF[name] for each in rig.effects())
     first, same = rig.record("none-5"), rig.record(f"{name}:none-5")
-    assert digest(first.samples) == digest(same.samples)
+    assert first.samples.equals(same.samples)
     assert first.truth["name"] == f"{name}:none-5"
-    assert digest(first.samples) != digest(HiddenSessions(3, None, None, None, 1).record("none-5").samples)
+    assert not first.samples.equals(HiddenSessions(3, None, None, None, 1).record("none-5").samples)
 
 
 def test_nonsense_is_refused(capsys, tmp_path):

@@ -28,8 +28,7 @@ Carried = Sequence[tuple[Effect, Array]]
 class Stimulus:
     """What is imposed: commands (4, trials, samples), kPa; angles (2, trials, fine samples with lead-in), rad.
 
-    ``ripple_kpa`` (trials, fine samples) is common to all muscles; ``sensor_lag_s`` (4,) is positive where the pressure
-    sensor lags the muscle, negative where the muscle lags the sensor.
+    ``ripple_kpa`` (trials, fine samples) is common to all muscles.
     """
 
     command_kpa: Array
@@ -37,7 +36,6 @@ class Stimulus:
     start_s: Array
     rate_hz: float = RATE_HZ
     ripple_kpa: Array | None = None
-    sensor_lag_s: Array | None = None
 
     @property
     def oversampled(self) -> int:
@@ -71,14 +69,14 @@ def run_chain(machine: Machine, stimulus: Stimulus, carried: Carried, load_cell_
     command = np.repeat(held, stimulus.oversampled, axis=-1)
     signals = Signals(machine, STEP_S, time_s, stimulus.start_s, stimulus.joint_rad, command)
     pressurise(signals, carried, stimulus.ripple_kpa)
-    pull(signals, carried, load_cell_site, stimulus.sensor_lag_s)
-    sense(signals, carried, stimulus.sensor_lag_s)
+    pull(signals, carried, load_cell_site)
+    sense(signals, carried)
     shown = slice(lead * stimulus.oversampled, None, stimulus.oversampled)
     return Readings(signals.sensed_kpa[..., shown], signals.sensed_n[..., shown])
 
 
 def pressurise(signals: Signals, carried: Carried, ripple_kpa: Array | None = None) -> None:
-    """Command to the pressure behind the valve."""
+    """Command to the pressure in the muscle."""
     machine = signals.machine
     command = apply(signals, carried, "command", signals.command_kpa)
     regulated = column(machine.regulator_gain, command) * command + column(machine.regulator_offset_kpa, command)
@@ -90,12 +88,9 @@ def pressurise(signals: Signals, carried: Carried, ripple_kpa: Array | None = No
         signals.pressure_kpa = signals.pressure_kpa + ripple_kpa
 
 
-def pull(signals: Signals, carried: Carried, load_cell_site: LoadCellSite, sensor_lag_s: Array | None = None) -> None:
+def pull(signals: Signals, carried: Carried, load_cell_site: LoadCellSite) -> None:
     """Pressure and joint angle to the tension that reaches the load cell."""
-    signals.acting_kpa = signals.pressure_kpa
-    if sensor_lag_s is not None and np.any(sensor_lag_s < 0.0):
-        signals.acting_kpa = fill_first_order(signals.pressure_kpa, np.maximum(-sensor_lag_s, STEP_S), signals.step_s)
-    signals.acting_kpa = apply(signals, carried, "acting_pressure", signals.acting_kpa)
+    signals.acting_kpa = apply(signals, carried, "acting_pressure", signals.pressure_kpa)
     signals.contraction = signals.machine.contraction(signals.travel_rad)
     signals.contraction = apply(signals, carried, "geometry", signals.contraction)
     signals.velocity_per_s = np.gradient(signals.contraction, signals.step_s, axis=-1)
@@ -113,17 +108,14 @@ def muscle_tension(signals: Signals) -> Array:
     return braid + signals.machine.passive_force(signals.contraction) - damping
 
 
-def sense(signals: Signals, carried: Carried, sensor_lag_s: Array | None = None) -> None:
+def sense(signals: Signals, carried: Carried) -> None:
     """Apply filters, gains and zeros of the sensors, and what ails their wires."""
     machine = signals.machine
     signals.sensed_n = apply(signals, carried, "force_wire", signals.tension_n)
     zero = machine.force_zero_share * machine.full_force_n
     filtered = low_pass(signals.sensed_n, machine.force_filter_hz, signals.step_s)
     signals.sensed_n = column(machine.force_gain, filtered) * filtered + column(zero, filtered)
-    signals.sensed_kpa = signals.pressure_kpa
-    if sensor_lag_s is not None and np.any(sensor_lag_s > 0.0):
-        signals.sensed_kpa = fill_first_order(signals.pressure_kpa, np.maximum(sensor_lag_s, STEP_S), signals.step_s)
-    signals.sensed_kpa = apply(signals, carried, "pressure_wire", signals.sensed_kpa)
+    signals.sensed_kpa = apply(signals, carried, "pressure_wire", signals.pressure_kpa)
     filtered = low_pass(signals.sensed_kpa, machine.pressure_filter_hz, signals.step_s)
     signals.sensed_kpa = column(machine.pressure_gain, filtered) * filtered
     signals.sensed_kpa = signals.sensed_kpa + column(machine.pressure_zero_kpa, filtered)

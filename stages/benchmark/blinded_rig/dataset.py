@@ -76,7 +76,7 @@ def simulate_possible(scenario: Scenario) -> Dataset:
 def seal_surroundings(around: Surroundings, quiet: NominalFit) -> dict[str, Any]:
     """Tell what a foreign session is set in, and the share of full force that the textbook misses without noise."""
     missed = quiet.floor["force_n"] / quiet.session.machine.full_force_n
-    return {"surroundings": around.told(), "textbook_misses_share": by_muscle(missed)}
+    return {"surroundings": asdict(around), "textbook_misses_share": by_muscle(missed)}
 
 
 def refuse_nonsense(scenario: Scenario) -> None:

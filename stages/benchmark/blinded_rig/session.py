@@ -105,7 +105,7 @@ def build_session(
         machine = replace(machine, law=build_law(around.law, for_law))
         noise = disturb(noise, around, for_disturbances, start_s, 1.0 / rate_hz)
         waves = ripple(for_disturbances, around, start_s, time_s)
-        stimulus = replace(stimulus, ripple_kpa=waves if noisy else None, sensor_lag_s=around.sensor_lag_s)
+        stimulus = replace(stimulus, ripple_kpa=waves if noisy else None)
     noise = noise if noisy else noise.silenced()
     angle, speed = read_encoder(sampled(joint_rad, time_s, oversampled), 1.0 / rate_hz, noise)
     return Session(machine, stimulus, noise, load_cell_site, angle, speed, around)

@@ -4,12 +4,10 @@ Flows in: a catalogue's name and a generator. Flows out: ``Surroundings``. Each 
 absent to large; ``LEVELS`` says what a level means.
 """
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-
-from stages.benchmark.blinded_rig.machine import Array
 
 CatalogueName = Literal["own", "foreign_building", "foreign_scoring"]
 
@@ -21,7 +19,6 @@ LEVELS: dict[str, tuple[float, float, float, float]] = {
     "pink_pressure": (0.0, 0.3, 0.7, 1.5),
     "supply_ripple": (0.0, 0.5, 1.5, 3.0),
     "mains_hum": (0.0, 0.0004, 0.0008, 0.0016),
-    "sensor_lag": (0.0, 0.005, 0.010, 0.015),
 }
 CHANCES = (0.25, 0.3, 0.3, 0.15)
 RATES_HZ = (100.0, 250.0, 500.0)
@@ -39,8 +36,7 @@ class Surroundings:
     """One session's law, rate and disturbances.
 
     ``gain_jitter`` and ``offset_jitter`` are standard deviations from trial to trial of the force, ``pink_force`` and
-    ``mains_hum`` RMS, all shares of full force (the gain of 1); ``pink_pressure`` and ``supply_ripple`` RMS in kPa;
-    ``sensor_lag_s`` (4,) is positive where the pressure sensor lags the muscle, negative where the muscle lags it.
+    ``mains_hum`` RMS, all shares of full force (the gain of 1); ``pink_pressure`` and ``supply_ripple`` RMS in kPa.
     """
 
     law: str
@@ -53,11 +49,6 @@ class Surroundings:
     supply_ripple: float
     mains_hum: float
     ripple_hz: float
-    sensor_lag_s: Array
-
-    def told(self) -> dict[str, Any]:
-        """Return all of it in plain types, for the sealed truth."""
-        return {**asdict(self), "sensor_lag_s": self.sensor_lag_s.tolist()}
 
 
 def draw_surroundings(catalogue: CatalogueName, rng: np.random.Generator) -> Surroundings:
@@ -67,7 +58,6 @@ def draw_surroundings(catalogue: CatalogueName, rng: np.random.Generator) -> Sur
     rate_hz = float(rng.choice(RATES_HZ, p=RATE_CHANCES))
     levels = {name: int(rng.choice(len(LEVEL_NAMES), p=CHANCES)) for name in LEVELS}
     sizes = {name: LEVELS[name][level] for name, level in levels.items()}
-    lag_s = sizes.pop("sensor_lag") * rng.uniform(0.85, 1.0, 4) * rng.choice([-1.0, 1.0])
     ripple_hz = float(np.exp(rng.uniform(*np.log(RIPPLE_HZ))))
     named = {name: LEVEL_NAMES[level] for name, level in levels.items()}
-    return Surroundings(law, rate_hz, named, **sizes, ripple_hz=ripple_hz, sensor_lag_s=lag_s)
+    return Surroundings(law, rate_hz, named, **sizes, ripple_hz=ripple_hz)
