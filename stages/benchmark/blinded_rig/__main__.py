@@ -1,17 +1,26 @@
 """``python -m stages.benchmark.blinded_rig FOLDER effect=hysteresis magnitude=medium seed=3``; ``--list`` shows what.
 
 Keys: effect (two joined by +, or none), magnitude (weak, medium, strong), seed, muscles (joined by +, or all), trials,
-load_cell_site (muscle_tip, joint_end), noise (on, off).
+load_cell_site (muscle_tip, joint_end), noise (on, off), catalogue (own, foreign_building, foreign_scoring): whose
+machines, laws and disturbances.
 """
 
 import sys
 from pathlib import Path
 from typing import get_args
 
+from stages.benchmark.blinded_rig.catalogues import catalogue_named
 from stages.benchmark.blinded_rig.dataset import simulate, write
-from stages.benchmark.blinded_rig.effects import EFFECTS
+from stages.benchmark.blinded_rig.effects import ALL_EFFECTS
 from stages.benchmark.blinded_rig.machine import MUSCLES
-from stages.benchmark.blinded_rig.scenarios import MAGNITUDES, TRIALS, Scenario, default_catalogue, load_cell_for
+from stages.benchmark.blinded_rig.scenarios import (
+    CATALOGUES,
+    MAGNITUDES,
+    TRIALS,
+    Scenario,
+    default_catalogue,
+    load_cell_for,
+)
 from stages.benchmark.blinded_rig.signals import LoadCellSite
 
 LOAD_CELL_SITES: tuple[LoadCellSite, ...] = get_args(LoadCellSite)
@@ -23,8 +32,14 @@ DEFAULTS = {
     "trials": str(TRIALS),
     "load_cell_site": "auto",
     "noise": "on",
+    "catalogue": "own",
 }
-CHOICES = {"magnitude": MAGNITUDES, "load_cell_site": ("auto", *LOAD_CELL_SITES), "noise": ("on", "off")}
+CHOICES: dict[str, tuple[str, ...]] = {
+    "magnitude": MAGNITUDES,
+    "load_cell_site": ("auto", *LOAD_CELL_SITES),
+    "noise": ("on", "off"),
+    "catalogue": CATALOGUES,
+}
 
 
 def parse(words: list[str]) -> Scenario:
@@ -46,9 +61,9 @@ def parse(words: list[str]) -> Scenario:
             raise ValueError(f"{key}={value}: a whole number of at least 0")
         asked[key] = value
     effects = () if asked["effect"] == "none" else tuple(asked["effect"].split("+"))
-    unknown = [key for key in effects if key not in EFFECTS]
+    unknown = [key for key in effects if key not in ALL_EFFECTS]
     if unknown:
-        raise ValueError(f"unknown effect {unknown[0]!r}; there are: none, {', '.join(EFFECTS)}")
+        raise ValueError(f"unknown effect {unknown[0]!r}; there are: none, {', '.join(ALL_EFFECTS)}")
     muscles = MUSCLES if asked["muscles"] == "all" else tuple(asked["muscles"].replace(",", "+").split("+"))
     seed, site = int(asked["seed"]), asked["load_cell_site"]
     return Scenario(
@@ -59,6 +74,7 @@ def parse(words: list[str]) -> Scenario:
         int(asked["trials"]),
         next((each for each in LOAD_CELL_SITES if each == site), load_cell_for(effects, seed)),
         asked["noise"] == "on",
+        next(each for each in CATALOGUES if each == asked["catalogue"]),
     )
 
 
@@ -66,10 +82,15 @@ def list_effects() -> str:
     """Every effect on a line, then the default catalogue's size."""
     lines = [
         f"{effect.key:24s}{effect.channel:14s}{effect.site:16s}up to {effect.largest:g} {effect.unit}"
-        f"{', outsider' if effect.outsider else ''}{', one form only' if effect.only_form else ''}"
-        for effect in EFFECTS.values()
+        f"{f', outsider for {effect.outsider_for}' if effect.outsider else ''}"
+        f"{', one form only' if effect.only_form else ''}"
+        for effect in ALL_EFFECTS.values()
     ]
-    return "\n".join([*lines, f"none{'':20s}the default catalogue holds {len(default_catalogue())} scenarios"])
+    sizes = (
+        f"the default catalogue holds {len(default_catalogue())} scenarios, "
+        f"{' and '.join(CATALOGUES[1:])} {len(catalogue_named(CATALOGUES[1]))} each"
+    )
+    return "\n".join([*lines, f"none{'':20s}{sizes}"])
 
 
 def main(words: list[str]) -> int:

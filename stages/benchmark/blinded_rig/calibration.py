@@ -3,7 +3,8 @@
 Flows in: a session, an effect, a target ratio. Flows out: sizes per muscle, with the ratio reached and the share that
 the nominal constants absorb. The nominal fit is small and linear: pressure = gain lag(command, tau) + offset; force = a
 linear regression on [p, p e, p e^2, 1, e, e^2, v] of measured pressure p, contraction e and velocity v. The floor is
-the residual of that same fit on the same session, the same noise, without the effect.
+the residual of that same fit on the same session, the same noise, without the effect. Where the law is foreign, the fit
+stays the textbook's: what it cannot follow is part of the floor, and an effect has to stand out from that.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
 from stages.benchmark.blinded_rig.chain import RATE_HZ, Readings
-from stages.benchmark.blinded_rig.machine import MUSCLES, Array
+from stages.benchmark.blinded_rig.machine import JOINT_OF_MUSCLE, MUSCLES, Array
 from stages.benchmark.blinded_rig.session import Session, observe
 from stages.benchmark.blinded_rig.signals import Effect
 
@@ -61,22 +62,25 @@ class NominalFit:
 
     def beyond_lag(self, muscle: int, tau_s: float, pressure: Array) -> Array:
         """Pressure less its regression on the lagged command."""
-        lagged = lag(self.session.stimulus.command_kpa[muscle], tau_s).ravel()
+        lagged = lag(self.session.stimulus.command_kpa[muscle], tau_s, self.session.rate_hz).ravel()
         lagged = lagged - lagged.mean()
         centred = pressure - pressure.mean()
         return centred - lagged * (lagged @ centred) / max(lagged @ lagged, 1e-12)
 
     def force_rms(self, muscle: int, readings: Readings) -> float:
         """Linear regression."""
-        same = np.array_equal(readings.pressure_kpa[muscle], self.without.pressure_kpa[muscle])
+        same = readings.joint_rad is None and np.array_equal(
+            readings.pressure_kpa[muscle], self.without.pressure_kpa[muscle]
+        )
         basis = self.bases_without[muscle] if same else self.force_basis(muscle, readings)
         force = readings.force_n[muscle].ravel()
         return float(np.sqrt(np.mean((force - basis @ (basis.T @ force)) ** 2)))
 
     def force_basis(self, muscle: int, readings: Readings) -> Array:
         """Orthonormal basis of the force's regressors, (trials x samples, 7)."""
-        p, e = readings.pressure_kpa[muscle].ravel(), self.session.contraction[muscle].ravel()
-        v = self.session.contraction_velocity_per_s[muscle].ravel()
+        session = self.session.as_read(readings)
+        p, e = readings.pressure_kpa[muscle].ravel(), session.contraction[muscle].ravel()
+        v = session.contraction_velocity_per_s[muscle].ravel()
         return np.linalg.qr(np.column_stack([p, p * e, p * e**2, np.ones_like(p), e, e**2, v]))[0]
 
     @cached_property
@@ -112,13 +116,13 @@ class NominalFit:
     def pressure_basis(self, muscle: int) -> Array:
         """Orthonormal basis of gain, offset and time constant at 40 ms, (trials x samples, 3)."""
         command = self.session.stimulus.command_kpa[muscle]
-        lagged, slower = (lag(command, tau).ravel() for tau in (0.04, 0.0404))
+        lagged, slower = (lag(command, tau, self.session.rate_hz).ravel() for tau in (0.04, 0.0404))
         return np.linalg.qr(np.column_stack([lagged, np.ones_like(lagged), slower - lagged]))[0]
 
 
-def lag(command_kpa: Array, tau_s: float) -> Array:
+def lag(command_kpa: Array, tau_s: float, rate_hz: float = RATE_HZ) -> Array:
     """Held command (trials, samples) through a first-order lag, read before each command acts."""
-    keep = np.exp(-1.0 / (RATE_HZ * tau_s))
+    keep = np.exp(-1.0 / (rate_hz * tau_s))
     late = np.concatenate([command_kpa[:, :1], command_kpa[:, :-1]], axis=1)
     return lfilter([1.0 - keep], [1.0, -keep], late, axis=-1, zi=keep * command_kpa[:, :1])[0]
 
@@ -131,8 +135,14 @@ def size_effect(fit: NominalFit, effect: Effect, carries: Array, magnitude: str)
     """
     target = RATIOS[magnitude]
 
+    if effect.joint_wide:
+        carries = np.array([carries[other == JOINT_OF_MUSCLE].max() for other in JOINT_OF_MUSCLE])
+
     def ratio_at(size: Array) -> Array:
-        return fit.ratio(observe(fit.session, ((effect, size),)), effect.channel)
+        ratio = fit.ratio(observe(fit.session, ((effect, size),)), effect.channel)
+        if effect.joint_wide:
+            return np.array([np.exp(np.log(ratio[each == JOINT_OF_MUSCLE]).mean()) for each in JOINT_OF_MUSCLE])
+        return ratio
 
     low, high = effect.largest * 1e-5 * carries, effect.largest * carries
     farthest = ratio_at(high)

@@ -1,7 +1,7 @@
 """The true chain: command, valve, pressure, muscle, cable, load cell.
 
-Flows in: a machine, a stimulus (commands and joint angles) and the effects with their sizes. Flows out: what ideal
-sensors behind the true filters, gains and zeros would read, (4, trials, samples) at the sampling rate.
+Flows in: a machine, a stimulus (commands, joint angles, the supply's ripple) and the effects with their sizes. Flows
+out: what ideal sensors behind the true filters, gains and zeros would read, (4, trials, samples) at the sampling rate.
 """
 
 from collections.abc import Sequence
@@ -18,6 +18,7 @@ RATE_HZ = 250.0
 OVERSAMPLED = 8
 LEAD_SAMPLES = 150
 STEP_S = 1.0 / (RATE_HZ * OVERSAMPLED)
+LEAD_S = LEAD_SAMPLES / RATE_HZ
 SHEET_FULL_FORCE_N = build_machine(np.random.default_rng(0), varied=False).full_force_n
 
 Carried = Sequence[tuple[Effect, Array]]
@@ -25,40 +26,56 @@ Carried = Sequence[tuple[Effect, Array]]
 
 @dataclass(frozen=True)
 class Stimulus:
-    """What is imposed: commands (4, trials, samples), kPa; angles (2, trials, fine samples with lead-in), rad."""
+    """What is imposed: commands (4, trials, samples), kPa; angles (2, trials, fine samples with lead-in), rad.
+
+    ``ripple_kpa`` (trials, fine samples) is common to all muscles.
+    """
 
     command_kpa: Array
     joint_rad: Array
     start_s: Array
+    rate_hz: float = RATE_HZ
+    ripple_kpa: Array | None = None
+
+    @property
+    def oversampled(self) -> int:
+        """Fine steps per sample."""
+        return round(1.0 / (STEP_S * self.rate_hz))
 
 
 @dataclass(frozen=True)
 class Readings:
-    """Pressure, kPa, and force, N, (4, trials, samples)."""
+    """Pressure, kPa, and force, N, (4, trials, samples).
+
+    Angles (2, trials, samples), rad and rad/s, stand here only where an effect lies on the encoder's channel.
+    """
 
     pressure_kpa: Array
     force_n: Array
+    joint_rad: Array | None = None
+    joint_rad_per_s: Array | None = None
 
 
-def fine_time(samples: int) -> Array:
+def fine_time(samples: int, oversampled: int = OVERSAMPLED) -> Array:
     """Fine time base, s from the trial's start, with the lead-in before zero."""
-    return STEP_S * np.arange(-LEAD_SAMPLES * OVERSAMPLED, samples * OVERSAMPLED, dtype=float)
+    return STEP_S * np.arange(-LEAD_SAMPLES * OVERSAMPLED, samples * oversampled, dtype=float)
 
 
 def run_chain(machine: Machine, stimulus: Stimulus, carried: Carried, load_cell_site: LoadCellSite) -> Readings:
     """Return readings without noise; muscles whose size is zero pass untouched, to the bit."""
-    held = np.concatenate([np.repeat(stimulus.command_kpa[..., :1], LEAD_SAMPLES, -1), stimulus.command_kpa], -1)
-    time_s = fine_time(stimulus.command_kpa.shape[-1])
-    command = np.repeat(held, OVERSAMPLED, axis=-1)
+    lead = round(LEAD_S * stimulus.rate_hz)
+    held = np.concatenate([np.repeat(stimulus.command_kpa[..., :1], lead, -1), stimulus.command_kpa], -1)
+    time_s = fine_time(stimulus.command_kpa.shape[-1], stimulus.oversampled)
+    command = np.repeat(held, stimulus.oversampled, axis=-1)
     signals = Signals(machine, STEP_S, time_s, stimulus.start_s, stimulus.joint_rad, command)
-    pressurise(signals, carried)
+    pressurise(signals, carried, stimulus.ripple_kpa)
     pull(signals, carried, load_cell_site)
     sense(signals, carried)
-    shown = slice(LEAD_SAMPLES * OVERSAMPLED, None, OVERSAMPLED)
+    shown = slice(lead * stimulus.oversampled, None, stimulus.oversampled)
     return Readings(signals.sensed_kpa[..., shown], signals.sensed_n[..., shown])
 
 
-def pressurise(signals: Signals, carried: Carried) -> None:
+def pressurise(signals: Signals, carried: Carried, ripple_kpa: Array | None = None) -> None:
     """Command to the pressure in the muscle."""
     machine = signals.machine
     command = apply(signals, carried, "command", signals.command_kpa)
@@ -67,6 +84,8 @@ def pressurise(signals: Signals, carried: Carried) -> None:
     plain = fill_first_order(regulated, machine.valve_tau_s, signals.step_s)
     signals.pressure_kpa = apply(signals, carried, "valve", plain)
     signals.pressure_kpa = apply(signals, carried, "pressure", signals.pressure_kpa)
+    if ripple_kpa is not None:
+        signals.pressure_kpa = signals.pressure_kpa + ripple_kpa
 
 
 def pull(signals: Signals, carried: Carried, load_cell_site: LoadCellSite) -> None:
@@ -124,14 +143,17 @@ ATTRIBUTES = {
     "force_wire": "sensed_n",
     "pressure_wire": "sensed_kpa",
     "count": "sensed_n",
+    "pressure_count": "sensed_kpa",
 }
 
 
-def read(readings: Readings, noise: Noise, machine: Machine, carried: Carried) -> Readings:
-    """Noise on the readings; then what the converter does to the force's numbers."""
+def read(
+    readings: Readings, noise: Noise, machine: Machine, carried: Carried, oversampled: int = OVERSAMPLED
+) -> Readings:
+    """Noise on the readings; then what the converters do to the numbers."""
     added = column(SHEET_FULL_FORCE_N, noise.force_added_share) * noise.force_added_share
     force = np.maximum(readings.force_n * noise.force_gain + added, 0.0)
     pressure = readings.pressure_kpa * noise.pressure_gain + noise.pressure_added_kpa
     nothing = np.empty(0)
-    counted = Signals(machine, STEP_S * OVERSAMPLED, nothing, nothing, nothing, nothing)
-    return Readings(pressure, apply(counted, carried, "count", force))
+    counted = Signals(machine, STEP_S * oversampled, nothing, nothing, nothing, nothing)
+    return Readings(apply(counted, carried, "pressure_count", pressure), apply(counted, carried, "count", force))

@@ -17,8 +17,8 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from stages.benchmark.blinded_rig.calibration import CHANNELS, NominalFit, Size, size_effect
-from stages.benchmark.blinded_rig.chain import RATE_HZ, Readings
-from stages.benchmark.blinded_rig.effects import EFFECTS
+from stages.benchmark.blinded_rig.chain import Readings
+from stages.benchmark.blinded_rig.effects import ALL_EFFECTS
 from stages.benchmark.blinded_rig.machine import (
     BRAID_ANGLE_DEG,
     CONTRACTION_FACTOR,
@@ -30,6 +30,7 @@ from stages.benchmark.blinded_rig.machine import (
 )
 from stages.benchmark.blinded_rig.scenarios import Scenario
 from stages.benchmark.blinded_rig.session import TRIAL_S, Session, build_session, observe
+from stages.benchmark.blinded_rig.surroundings import Surroundings
 
 TIMING = "command u[k] is held over [t_k, t_k+1); sensors sample at t_k, before u[k] acts"
 GEOMETRY = "eps0 + sign*r/L0*joint_angle (constant moment arm)"
@@ -53,17 +54,29 @@ def simulate(scenario: Scenario) -> Dataset:
 
 def simulate_possible(scenario: Scenario) -> Dataset:
     """Simulate the dataset of a scenario that makes sense."""
-    session = build_session(scenario.seed, scenario.trials, scenario.load_cell_site)
+    session = build_session(scenario.seed, scenario.trials, scenario.load_cell_site, catalogue=scenario.catalogue)
     fit = NominalFit(session)
     carries = np.array([float(muscle in scenario.muscles) for muscle in MUSCLES])
-    sizes = {key: size_effect(fit, EFFECTS[key], carries, scenario.magnitude) for key in scenario.effects}
-    carried = tuple((EFFECTS[key], sized.size) for key, sized in sizes.items())
+    sizes = {key: size_effect(fit, ALL_EFFECTS[key], carries, scenario.magnitude) for key in scenario.effects}
+    carried = tuple((ALL_EFFECTS[key], sized.size) for key, sized in sizes.items())
     noisy = observe(session, carried)
-    shown = session
-    if not scenario.noisy:
-        shown = build_session(scenario.seed, scenario.trials, scenario.load_cell_site, noisy=False)
+    quiet = session
+    if not scenario.noisy or session.surroundings is not None:
+        quiet = build_session(
+            scenario.seed, scenario.trials, scenario.load_cell_site, noisy=False, catalogue=scenario.catalogue
+        )
+    shown = session if scenario.noisy else quiet
     readings = noisy if scenario.noisy else observe(shown, carried)
-    return Dataset(tabulate(shown, readings), describe(shown), seal(scenario, fit, sizes, noisy))
+    truth = seal(scenario, fit, sizes, noisy)
+    if session.surroundings is not None:
+        truth |= seal_surroundings(session.surroundings, NominalFit(quiet))
+    return Dataset(tabulate(shown.as_read(readings), readings), describe(shown), truth)
+
+
+def seal_surroundings(around: Surroundings, quiet: NominalFit) -> dict[str, Any]:
+    """Tell what a foreign session is set in, and the share of full force that the textbook misses without noise."""
+    missed = quiet.floor["force_n"] / quiet.session.machine.full_force_n
+    return {"surroundings": asdict(around), "textbook_misses_share": by_muscle(missed)}
 
 
 def refuse_nonsense(scenario: Scenario) -> None:
@@ -74,11 +87,11 @@ def refuse_nonsense(scenario: Scenario) -> None:
     ValueError
         Unknown effect or muscle, two effects that both replace the valve, fewer than one trial, a negative seed.
     """
-    for kind, asked, known in (("effect", scenario.effects, EFFECTS), ("muscle", scenario.muscles, MUSCLES)):
+    for kind, asked, known in (("effect", scenario.effects, ALL_EFFECTS), ("muscle", scenario.muscles, MUSCLES)):
         unknown = [each for each in asked if each not in known]
         if unknown:
             raise ValueError(f"unknown {kind} {unknown[0]!r}; there are: {', '.join(known)}")
-    if sum(EFFECTS[key].site == "valve" for key in scenario.effects) > 1:
+    if sum(ALL_EFFECTS[key].site == "valve" for key in scenario.effects) > 1:
         raise ValueError(f"{' and '.join(scenario.effects)} both replace the valve: hide one of them")
     if scenario.trials < 1 or scenario.seed < 0 or not scenario.muscles:
         raise ValueError(f"need a trial, a muscle and a seed of at least 0, not {scenario}")
@@ -100,7 +113,7 @@ def tabulate(session: Session, readings: Readings) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "trial": np.repeat(np.arange(trials, dtype=np.int64), samples * muscles),
-            "time_s": np.tile(np.repeat(np.arange(samples) / RATE_HZ, muscles), trials),
+            "time_s": np.tile(np.repeat(np.arange(samples) / session.rate_hz, muscles), trials),
             "muscle": np.tile(np.array(MUSCLES, dtype=object), trials * samples),
             **{name: np.moveaxis(values, 0, -1).ravel() for name, values in columns.items()},
         }
@@ -112,7 +125,7 @@ def describe(session: Session) -> dict[str, Any]:
     sheets = {muscle: asdict(sheet) for muscle, sheet in DATA_SHEET.items()}
     damping = {muscle: sheet.pop("damping_n_s") for muscle, sheet in sheets.items()}
     return {
-        "sampling_rate_hz": RATE_HZ,
+        "sampling_rate_hz": session.rate_hz,
         "trial_s": TRIAL_S,
         "trials": session.stimulus.start_s.size,
         "trial_start_s": session.stimulus.start_s.tolist(),
@@ -132,10 +145,11 @@ def describe(session: Session) -> dict[str, Any]:
 
 def seal(scenario: Scenario, fit: NominalFit, sizes: dict[str, Size], readings: Readings) -> dict[str, Any]:
     """``truth.json``: the scenario, what is hidden and how large, floors, gaps and the machine's true constants."""
-    machine = {name: np.asarray(value).tolist() for name, value in vars(fit.session.machine).items()}
+    machine = {name: np.asarray(value).tolist() for name, value in vars(fit.session.machine).items() if name != "law"}
     machine = {name: value for name, value in machine.items() if "filter" not in name}
+    asked = {name: value for name, value in asdict(scenario).items() if (name, value) != ("catalogue", "own")}
     return {
-        "scenario": asdict(scenario),
+        "scenario": asked,
         "name": scenario.name,
         "effects": [tell(key, sized, scenario.muscles) for key, sized in sizes.items()],
         "floor": {channel: by_muscle(fit.floor[channel]) for channel in CHANNELS},
@@ -146,7 +160,7 @@ def seal(scenario: Scenario, fit: NominalFit, sizes: dict[str, Size], readings: 
 
 def tell(key: str, sized: Size, muscles: tuple[str, ...]) -> dict[str, Any]:
     """One hidden effect; its numbers for the muscles that carry it."""
-    effect = EFFECTS[key]
+    effect = ALL_EFFECTS[key]
     facts = {
         name: getattr(effect, name) for name in ("key", "name", "site", "channel", "unit", "only_form", "outsider")
     }

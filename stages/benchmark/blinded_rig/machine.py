@@ -6,6 +6,7 @@ order of ``MUSCLES``.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,9 +53,16 @@ def sheet_column(name: str) -> Array:
 JOINT_OF_MUSCLE = np.array([JOINTS.index(DATA_SHEET[muscle].joint) for muscle in MUSCLES])
 
 
+class StaticLaw(Protocol):
+    """What a muscle pulls at rest, other than the ideal braid's law."""
+
+    def tension(self, pressure_kpa: Array, contraction: Array) -> Array:
+        """Tension, N, at pressures, kPa, and contractions, (4, ...)."""
+
+
 @dataclass(frozen=True)
 class Machine:
-    """True constants, (4,) each.
+    """True constants, (4,) each; a ``law``, where there is one, replaces the ideal braid's.
 
     ``passive_share`` is (4, 4): the sleeve's cubic in contraction over full force; ``hand``, of -1 and 1, is the way in
     which an effect that could go either way goes.
@@ -77,6 +85,7 @@ class Machine:
     pressure_filter_hz: Array
     force_filter_hz: Array
     hand: Array
+    law: StaticLaw | None = None
 
     @property
     def full_force_n(self) -> Array:
@@ -90,7 +99,9 @@ class Machine:
         return column(zero, travel_rad) + column(slope * (1.0 + self.arm_error), travel_rad) * travel_rad
 
     def static_force(self, pressure_kpa: Array, contraction: Array) -> Array:
-        """Braid's tension (virtual work), N, of the shape of its arguments (4, ...)."""
+        """Braid's tension (virtual work), or the law's in its place, N, of the shape of its arguments (4, ...)."""
+        if self.law is not None:
+            return self.law.tension(pressure_kpa, contraction)
         area = column(0.25 * np.pi * self.diameter_m**2, contraction)
         angle = column(self.braid_rad, contraction)
         length = (1.0 - column(self.contraction_factor, contraction) * contraction) ** 2

@@ -6,15 +6,17 @@ Flows in: lists of effects, magnitudes and seeds. Flows out: ``Scenario``, all t
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
+from typing import Literal, get_args
 from zlib import crc32
 
-from stages.benchmark.blinded_rig.effects import EFFECTS
+from stages.benchmark.blinded_rig.effects import ALL_EFFECTS, EFFECTS
 from stages.benchmark.blinded_rig.machine import MUSCLES
 from stages.benchmark.blinded_rig.signals import LoadCellSite
+from stages.benchmark.blinded_rig.surroundings import CatalogueName
 
 Magnitude = Literal["weak", "medium", "strong"]
 
+CATALOGUES: tuple[CatalogueName, ...] = get_args(CatalogueName)
 MAGNITUDES: tuple[Magnitude, ...] = ("weak", "medium", "strong")
 TRIALS = 16
 MAIN = (
@@ -44,42 +46,55 @@ class Scenario:
     trials: int = TRIALS
     load_cell_site: LoadCellSite = "joint_end"
     noisy: bool = True
+    catalogue: CatalogueName = "own"
 
     @property
     def name(self) -> str:
-        """For folders: effect, magnitude, carriers if not all, seed."""
+        """For folders: catalogue if not this rig's own, effect, magnitude, carriers if not all, seed."""
         hidden = f"{'+'.join(self.effects)}-{self.magnitude}" if self.effects else "none"
         where = "" if self.muscles == MUSCLES else "-" + "+".join(self.muscles)
-        return f"{hidden}{where}-{self.seed}"
+        prefix = "" if self.catalogue == "own" else f"{self.catalogue}:"
+        return f"{prefix}{hidden}{where}-{self.seed}"
 
 
 def load_cell_for(effects: Sequence[str], seed: int) -> LoadCellSite:
     """At the joint's end where a cable effect must show; otherwise one seed in two sits at the muscle's tip."""
-    cable = any(EFFECTS[key].site == "cable" for key in effects)
+    cable = any(ALL_EFFECTS[key].site == "cable" for key in effects)
     return "joint_end" if cable or seed % 2 == 0 else "muscle_tip"
 
 
-def scenario(effects: Sequence[str], magnitude: Magnitude, seed: int, muscles: Sequence[str] = MUSCLES) -> Scenario:
+def scenario(
+    effects: Sequence[str],
+    magnitude: Magnitude,
+    seed: int,
+    muscles: Sequence[str] = MUSCLES,
+    catalogue: CatalogueName = "own",
+) -> Scenario:
     """Return a scenario of the catalogue's usual length, the load cell where the effect can show."""
-    return Scenario(tuple(effects), magnitude, seed, tuple(muscles), load_cell_site=load_cell_for(effects, seed))
+    site = load_cell_for(effects, seed)
+    return Scenario(tuple(effects), magnitude, seed, tuple(muscles), load_cell_site=site, catalogue=catalogue)
 
 
-def named_scenario(name: str) -> Scenario:
+def named_scenario(name: str, catalogue: CatalogueName = "own") -> Scenario:
     """Read a scenario's name, as ``hysteresis+transport_delay-medium-pam1-4000`` or ``none-1000``.
+
+    A catalogue ahead of it, as in ``foreign_scoring:none-200000``, overrules the one given.
 
     Raises
     ------
     ValueError
         A name that does not read so.
     """
-    hidden, *between, seed = name.split("-")
+    prefix, colon, rest = name.rpartition(":")
+    known = next((each for each in CATALOGUES if each == prefix), catalogue)
+    hidden, *between, seed = rest.split("-")
     effects = () if hidden == "none" else tuple(hidden.split("+"))
     size = between.pop(0) if effects and between else "medium"
     magnitude = next((each for each in MAGNITUDES if each == size), None)
-    unknown = [key for key in effects if key not in EFFECTS]
-    if unknown or magnitude is None or len(between) > 1 or not seed.isdecimal():
+    unknown = [key for key in effects if key not in ALL_EFFECTS]
+    if (colon and known != prefix) or unknown or magnitude is None or len(between) > 1 or not seed.isdecimal():
         raise ValueError(f"{name!r} names no session; expected EFFECT-MAGNITUDE-SEED, or none-SEED")
-    return scenario(effects, magnitude, int(seed), between[0].split("+") if between else MUSCLES)
+    return scenario(effects, magnitude, int(seed), between[0].split("+") if between else MUSCLES, known)
 
 
 def catalogue(effects: Sequence[str], magnitudes: Sequence[Magnitude], seeds: Sequence[int]) -> list[Scenario]:

@@ -23,6 +23,8 @@ Site = Literal[
     "force_wire",
     "pressure_wire",
     "count",
+    "pressure_count",
+    "angle_wire",
 ]
 LoadCellSite = Literal["muscle_tip", "joint_end"]
 
@@ -77,7 +79,9 @@ class Effect:
 
     ``key`` is how a scenario asks for it, ``name`` what the literature calls it (outsiders bear a name of their own);
     ``channel`` is where it shows first; ``largest`` the largest size that a rig could have; ``only_form`` says that
-    no other mathematical form of it exists, so that a library's may be the same.
+    no other mathematical form of it exists, so that a library's may be the same. ``outsider_for`` says which foreign
+    catalogue an outsider belongs to. A ``joint_wide`` effect has one size for both muscles of a joint; at the site
+    ``angle_wire``, ``act`` returns the joint angles, (2, trials, fine samples), rad.
     """
 
     key: str
@@ -89,3 +93,5 @@ class Effect:
     act: Callable[[Signals, Array], Array]
     only_form: bool = False
     outsider: bool = False
+    outsider_for: Literal["building", "scoring"] = "building"
+    joint_wide: bool = False
