@@ -22,7 +22,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.judgement import Judgement, judge, search_with_truth
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
-from stages.science.discrepancy.ranking import rank_first
+from stages.science.discrepancy.ranking import list_named, rank_first
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.science.recording.datasets import tabulate_session
 
@@ -40,6 +40,7 @@ BLIND_SESSIONS = Table(
         "unknown": column(float, "probability that something without a name is left", low=0, high=1),
         "unexplained_channel": column(str, "channel in which that is most probable"),
         "unexplained_share": column(float, "share of the gap that a flexible model still removes there"),
+        "family": column(str, "without a name that removes it; empty where none was found"),
         "before": column(float, "gap on opened trials after the nominal fit, RMSE over range", low=0),
         "after": column(float, "the same with what was named", low=0),
         "oracle": column(float, "the same with the true names told; empty where the library lacks one", nullable=True),
@@ -146,7 +147,9 @@ class Job:
         rows: dict[str, Any] = {
             BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
             BLIND_TRUTH.name: list_hidden(recorded.truth),
-            BLIND_NAMED.name: judged.decision.effects.rename(columns={"indistinguishable_from": "not_excluded"}),
+            BLIND_NAMED.name: [
+                {**row, "not_excluded": row["indistinguishable_from"]} for row in list_named(judged.decision.effects)
+            ],
             BLIND_RANKING.name: list_ranking(judged, self.settings.search.most_confounded),
         }
         return {
@@ -163,11 +166,12 @@ class Job:
             "kind": classify_session(truth, {output.element for output in judged.outputs}),
             "asked": truth["scenario"]["magnitude"] if hidden else "none",
             "status": judged.decision.status,
-            "unknown": min(judged.unknown, 1.0),
+            "unknown": min(judged.decision.unknown, 1.0),
             "unexplained_channel": where,
-            "unexplained_share": judged.left[where].share,
-            "before": judged.gap(judged.found.steps[0], channels),
-            "after": judged.gap(judged.found.steps[judged.decision.accepted], channels),
+            "unexplained_share": judged.decision.remainders[where].share,
+            "family": judged.decision.remainders[where].family,
+            "before": judged.gap(judged.decision.steps[0], channels),
+            "after": judged.gap(judged.decision.steps[-1], channels),
             "oracle": self.reach(judged, truth, channels),
             "floor": judged.floor(channels),
         }
@@ -179,7 +183,7 @@ class Job:
         if not names or not names <= known:
             return math.nan
         knowing = search_with_truth(judged, names, self.ctx.generator(self.name, "told"))
-        return judged.gap([state.current.fit for state in knowing.outputs], channels)
+        return judged.gap(knowing.steps[-1], channels)
 
 
 def classify_session(truth: Mapping[str, Any], muscles: set[str]) -> str:
@@ -210,7 +214,7 @@ def list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def list_ranking(judged: Judgement, most_confounded: float) -> list[dict[str, Any]]:
     """Return a row for each candidate of the first round."""
-    rows = [row for row in rank_first(judged.found, judged.doubt, most_confounded) if row["round"] == 1]
+    rows = [row for row in rank_first(judged.found, judged.decision.doubt, most_confounded) if row["round"] == 1]
     return [
         {**row, "probability": min(row["probability"], 1.0), "place": place} for place, row in enumerate(rows, start=1)
     ]

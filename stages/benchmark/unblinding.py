@@ -47,7 +47,7 @@ def unblinding(
     seal: pd.DataFrame,
     channels: pd.DataFrame,
     decision: pd.DataFrame,
-    said_effects: pd.DataFrame,
+    named_effects: pd.DataFrame,
     verification: pd.DataFrame,
     ctx: Context,
 ) -> dict[str, pd.DataFrame]:
@@ -58,12 +58,12 @@ def unblinding(
         raise InputError("seal: the rig tells another truth than the one that was sealed; run blinded_session again")
     left = decision["status"].iloc[0] == "unexplained"
     hidden = recorded.truth["effects"]
-    rows = compare(hidden, recorded.truth["gap_over_floor"], said_effects, channels)
+    rows = compare(hidden, recorded.truth["gap_over_floor"], named_effects, channels)
     driven = verification[verification["simulation"] == "measured upstream"]
-    after = driven["gap"].iloc[decision["accepted"].iloc[0]]
+    after = driven["gap"].iloc[named_effects["order"].max() if len(named_effects) else 0]
     told = [
         describe_hidden(hidden, str(recorded.truth["scenario"]["magnitude"]), digest),
-        describe_named(said_effects, hidden, left=left),
+        describe_named(named_effects, hidden, left=left),
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
         f"{100 * after:.2g} %; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
         "Identification on the amended simulator: python -m pipeline plant=FOLDER/documents/amended.yaml, with this "

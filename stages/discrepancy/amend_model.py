@@ -53,10 +53,9 @@ def amend_model(cfg: Config, tables: DatasetTables, found: SearchTables, ctx: Co
     """Add what was named to the plant, and say how sure its values are."""
     settings = cfg.discrepancy
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
-    accepted = found.count_accepted(settings.search.certain)
     rows: list[dict[str, Any]] = []
     for output in dataset.fitted_outputs:
-        model, values = found.restore(output, accepted)
+        model, values = found.restore(output, found.last_step)
         rows += estimate_intervals(model, values, found.read_noise(output), settings, ctx.generator("resample"))
     amended = pd.DataFrame(rows, columns=list(AMENDED_VALUES.columns))
     ctx.document("amended", amend_plant(dataset.plant, amended, found.channels, tables.measured_muscles), "yaml")

@@ -1,8 +1,7 @@
 """What stays unexplained, described: on which measured signals it depends, and a formula as a hint.
 
-In: what was measured, what was named and the values after the last addition; where a gap stays without a name, the
-values before any. Out: `remainder`, a row for each channel of a muscle whose gap is still above the noise floor. Only
-fitted trials are looked at, and nothing is named.
+In: what was measured, what was named and the values after the last addition. Out: `remainder`, a row for each channel
+of a muscle whose gap is still above the noise floor. Only fitted trials are looked at, and nothing is named.
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, c
         described = describe_above_floor(
             dataset,
             found,
-            found.count_accepted(settings.search.certain),
+            found.last_step,
             smallest,
             cfg.explain_remainder,
             resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample")),

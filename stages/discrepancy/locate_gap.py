@@ -22,7 +22,7 @@ from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import build_dataset
-from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
+from stages.science.discrepancy.fitted_channel import FittedChannel, prepare_all
 from stages.science.discrepancy.gaps import locate, upper_ratio
 from stages.science.discrepancy.parts import PURPOSES, Parts, list_parts
 from stages.science.discrepancy.plant_check import check_plant
@@ -176,7 +176,7 @@ def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, p
             f"{source}: expected pressure or force of a muscle that changes, with all that it is simulated from, got "
             "none; see the table measured_notes"
         )
-    states = [prepare(output) for output in dataset.fitted_outputs]
+    states = prepare_all(dataset.fitted_outputs)
     weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample"))
     gap = pd.DataFrame(locate(states, settings.regimes, ctx.generator("signs")), columns=list(GAP.columns))
     channels = pd.DataFrame([summarise_channel(each, weights, settings) for each in states])

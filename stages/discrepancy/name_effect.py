@@ -1,11 +1,14 @@
 """Which effect is missing: every candidate fitted together with the nominal constants, judged on trials left out.
 
 In: what was measured, which trials are fitted, and the nominal fit. Out: `ranking` (each candidate's probability, round
-by round, with ``none`` and ``unknown`` among them), `named_effects` (in the order added), `unexplained` (what nothing
-named takes away) and `steps` (the constants and the effects' parameters after each addition).
+by round, with ``none`` and ``unknown`` among them), `decision` (what is said), `named_effects` (those that trials left
+out of the fit confirm, in the order added), `suspected_effects` (the others), `unexplained` (what nothing named takes
+away) and `steps` (constants and parameters after each addition).
 """
 
 from __future__ import annotations
+
+from typing import get_args
 
 import pandas as pd
 
@@ -14,15 +17,13 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
-from stages.science.discrepancy.ranking import list_named, list_steps, list_unexplained, rank_first
-from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
+from stages.science.discrepancy.decision import Status, decide
+from stages.science.discrepancy.ranking import list_named, list_remainders, list_steps, rank_first
 from stages.science.discrepancy.restoring import NominalTables, restore_states
 from stages.science.discrepancy.search import search
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.figures.candidate_ranking import draw_candidate_ranking
 from stages.science.plant.machine import Machine
-
-NONE, UNKNOWN = "none", "unknown"
 
 RANKING = Table(
     "ranking",
@@ -40,20 +41,32 @@ RANKING = Table(
     },
     key=("round", "name"),
 )
-NAMED_EFFECTS = Table(
-    "named_effects",
-    "An effect that was added, on a muscle",
+DECISION = Table(
+    "decision",
+    "What is said of the dataset",
     {
-        "order": column(int, "of addition", low=1),
-        "name": column(str, "of the effect"),
-        "form": column(str, "its form"),
-        "site": column(str, "where it acts"),
-        "channel": column(str, "in which it was seen"),
-        "muscle": column(str, "that carries it"),
-        "probability": column(float, "when it was added", low=0, high=1),
-        "shown": column(bool, "whether exact values of what was measured show it"),
-        "indistinguishable_from": column(str, "names that these data do not exclude, by comma"),
+        "status": column(str, "of the verdict", among=list(get_args(Status))),
+        "missing": column(float, "probability that something is missing", low=0, high=1),
+        "blind": column(bool, "whether so much counts as noise, or is not simulated, that a gap would not be seen"),
     },
+)
+EFFECT_COLUMNS = {
+    "order": column(int, "of addition", low=1),
+    "name": column(str, "of the effect"),
+    "form": column(str, "its form"),
+    "site": column(str, "where it acts"),
+    "channel": column(str, "in which it was seen"),
+    "muscle": column(str, "that carries it"),
+    "probability": column(float, "when it was added", low=0, high=1),
+    "shown": column(bool, "whether exact values of what was measured show it"),
+    "p_value": column(float, "of no fall of the gap of trials left out of the fit by it, signs flipped", low=0, high=1),
+    "indistinguishable_from": column(str, "names that these data do not exclude, by comma"),
+}
+NAMED_EFFECTS = Table("named_effects", "An effect that stands, on a muscle", EFFECT_COLUMNS, key=("order", "muscle"))
+SUSPECTED_EFFECTS = Table(
+    "suspected_effects",
+    "An effect that the search added and left-out trials do not confirm, or that is not probable, on a muscle",
+    EFFECT_COLUMNS,
     key=("order", "muscle"),
 )
 UNEXPLAINED = Table(
@@ -63,9 +76,8 @@ UNEXPLAINED = Table(
         "channel": column(str, "measured channel"),
         "share": column(float, "share of the initial gap above the floor that a flexible model still removes"),
         "probability": column(float, "that it is more than the limit, and matters", low=0, high=1),
-        "imitated": column(float, "that what was named leaves more than one effect's forms differ by", low=0, high=1),
+        "family": column(str, "that removes it: memory, where a linear one of the inputs does, or empty"),
         "line_hz": column(float, "frequency of an oscillation in all trials", unit="Hz", low=0, nullable=True),
-        "remembered": column(bool, "whether a linear memory of the inputs tells most of it"),
     },
     key=("channel",),
 )
@@ -93,25 +105,28 @@ class Config(Section):
     seed: int
 
 
-@stage(RANKING, NAMED_EFFECTS, UNEXPLAINED, STEPS, stream="name_effect")
+@stage(RANKING, DECISION, NAMED_EFFECTS, SUSPECTED_EFFECTS, UNEXPLAINED, STEPS, stream="name_effect")
 def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx: Context) -> dict[str, pd.DataFrame]:
     """Name what is missing, add it, and repeat until what is left is noise or has no name."""
     settings = cfg.discrepancy
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     states = restore_states(dataset, nominal)
     found = search(states, settings.search, ctx.generator("trials"))
-    left = weigh_remainder(found, settings.search, ctx.generator("unexplained"))
-    doubt = sum_doubt(left, settings.search.remainder)
-    ranking = pd.DataFrame(rank_first(found, doubt, settings.search.most_confounded), columns=list(RANKING.columns))
+    decision = decide(found, settings, ctx.generator("unexplained"))
+    ranked = rank_first(found, decision.doubt, settings.search.most_confounded)
+    ranking = pd.DataFrame(ranked, columns=list(RANKING.columns))
     ctx.figure(
         "ranking",
         draw_candidate_ranking(ranking[ranking["round"] == 1]),
         "First round: the probability of the candidates that change something, and the gap with each on trials left "
         "out of its fit.",
     )
-    return {
-        RANKING.name: ranking,
-        NAMED_EFFECTS.name: pd.DataFrame(list_named(found.named, doubt), columns=list(NAMED_EFFECTS.columns)),
-        UNEXPLAINED.name: pd.DataFrame(list_unexplained(left), columns=list(UNEXPLAINED.columns)),
-        STEPS.name: pd.DataFrame(list_steps(found), columns=list(STEPS.columns)),
+    rows = {
+        NAMED_EFFECTS.name: list_named(decision.effects),
+        SUSPECTED_EFFECTS.name: list_named(decision.suspected),
+        UNEXPLAINED.name: list_remainders(decision.remainders),
+        STEPS.name: list_steps(decision.steps),
+        DECISION.name: [{name: getattr(decision, name) for name in DECISION.columns}],
     }
+    kept = {table.name: pd.DataFrame(rows.get(table.name), columns=list(table.columns)) for table in name_effect.writes}
+    return kept | {RANKING.name: ranking}

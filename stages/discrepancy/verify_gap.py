@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Sequence
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,6 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
-from stages.science.discrepancy.decision import compare_part, decide, select_driven, select_judged
 from stages.science.discrepancy.odd_trials import find_odd_trials
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.report_text import (
@@ -30,22 +29,29 @@ from stages.science.discrepancy.report_text import (
     describe_remainder,
     describe_scales,
     describe_silent_channels,
-    describe_unconfirmed,
     describe_verdict,
 )
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.signature import trace_effects
 from stages.science.discrepancy.verdict import (
-    Status,
     describe_effects,
     list_candidates,
     list_confounded,
-    list_remainder,
+    list_suspected,
     locate_most,
-    summarise_unexplained,
+    reproduce_effects,
+    summarise_remainder,
 )
-from stages.science.discrepancy.verification import Verified, list_predictions, verify
+from stages.science.discrepancy.verification import (
+    DRIVEN,
+    Verified,
+    bound_ratio,
+    compare_steps,
+    list_predictions,
+    select_judged,
+    verify,
+)
 from stages.science.figures.effect_signature import draw_effect_signature
 from stages.science.figures.gap_waterfall import draw_gap_waterfall
 from stages.science.figures.verified_trials import draw_verified_trials
@@ -86,34 +92,11 @@ PREDICTIONS = Table(
     },
     key=("trial", "channel", "muscle", "time_s"),
 )
+TEST = "verification"
 WHERE = ("channel", "muscle", "regime", "share_of_gap", "p_value")
 POOLING = (
     "of each channel and muscle in each trial: mean squared error over the squared range of all its measured samples; "
     "the mean of these over channels and muscles with data, then over trials; its root"
-)
-DECISION = Table(
-    "decision",
-    "What is said of the dataset",
-    {
-        "status": column(str, "of the verdict", among=list(get_args(Status))),
-        "accepted": column(int, "added effects that stand", low=0),
-    },
-)
-SAID_EFFECTS = Table(
-    "said_effects",
-    "An effect that the verdict names, on a muscle",
-    {
-        "order": column(int, "of addition", low=1),
-        "name": column(str, "of the effect"),
-        "form": column(str, "its form"),
-        "channel": column(str, "in which it was seen"),
-        "muscle": column(str, "that carries it"),
-        "probability": column(float, "that is said", low=0, high=1),
-        "p_step": column(float, "of no fall of the test trials' gap by it, signs flipped exactly", low=0, high=1),
-        "confirmed": column(bool, "whether the test trials confirm it, or exact values show it"),
-        "indistinguishable_from": column(str, "names that these data do not exclude, by comma"),
-    },
-    key=("order", "muscle"),
 )
 MOST_SHOWN = 4
 """Muscles whose trials are drawn."""
@@ -129,7 +112,7 @@ class Config(Section):
     seed: int
 
 
-@stage(VERIFICATION, PREDICTIONS, FINDINGS, DECISION, SAID_EFFECTS, stream="verify_gap")
+@stage(VERIFICATION, PREDICTIONS, FINDINGS, stream="verify_gap")
 def verify_gap(
     cfg: Config,
     tables: DatasetTables,
@@ -142,32 +125,34 @@ def verify_gap(
 ) -> dict[str, pd.DataFrame]:
     """Open the test trials, once, and report what was found."""
     settings, channels, named = cfg.discrepancy, found.channels, found.named_effects
+    status, last, limits = found.status, found.last_step, settings.search.remainder
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     test = dataset.test
     verified = verify(dataset.outputs, dataset.fitted, found)
     judged = select_judged(found, verified)
+    labels = ["nominal", *(f"+ {name}" for name in named.drop_duplicates("order")["name"])]
     rows = [
         row
         for part, chosen in list_reported(tables, judged).items()
-        for row in compare_part(found, judged, part, chosen, settings, ctx.generator)
+        for row in compare_steps(judged, labels, part, chosen, settings, ctx.generator)
     ]
     verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
-    decision = decide(found, verified, verification, test, settings, ctx.generator)
-    status, last, driven = decision.status, decision.accepted, select_driven(verification)
-    lost = decision.status_of_fitted == "unexplained" and status == "no_discrepancy"
+    driven = verification[(verification["simulation"] == DRIVEN) & (verification["part"] == TEST)]
+    over_floor = bound_ratio(verified, last, test, settings, ctx.generator("resample", TEST))
     places = locate_most(gap, channels, named, settings)
     concerned = list(dict.fromkeys(named["channel"])) or list(dict.fromkeys(channels["channel"]))
-    verdict = {
+    verdict: dict[str, Any] = {
         "status": status,
-        "effects": describe_effects(decision.effects, amended_values),
+        "missing_probability": float(found.decision["missing"].iloc[0]),
+        "effects": describe_effects(reproduce_effects(named, driven, settings), amended_values),
+        "suspected": list_suspected(found.suspected_effects),
         "ranking": list_candidates(ranking),
         "absorbed": list_confounded(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
-        **summarise_unexplained(found.unexplained, doubted=not set(decision.hidden).isdisjoint(named["channel"])),
-        "remainder": list_remainder(remainder),
+        "remainder": summarise_remainder(found.unexplained, remainder, settings.search.certain),
         "gap": {
             **summarise_gap(driven, last, judged),
-            "over_floor": {**decision.over_floor, "smallest": settings.search.smallest_gap},
+            "over_floor": {**over_floor, "smallest": settings.search.smallest_gap},
         },
         "verification_trials": [dataset.trials[place] for place in test],
     }
@@ -182,9 +167,8 @@ def verify_gap(
     relevant = list_confounded(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     remarks = [
-        *(describe_uninformative(decision.left_over_std) if decision.uninformative else []),
+        *describe_uninformative(float(driven["gap_over_std"].iloc[last]), limits.uninformative_error),
         *(describe_scales(dataset.plant) if status == "named" else []),
-        *(describe_unconfirmed(verdict["unexplained_share"]) if lost else []),
         *describe_remainder(remainder, status, report),
         *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
         *describe_odd_trials(odd.to_dict("records")),
@@ -197,15 +181,13 @@ def verify_gap(
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
         FINDINGS.name: pd.DataFrame({"finding": describe_verdict(verdict, places, relevant, remarks, settings)}),
-        DECISION.name: pd.DataFrame({"status": [status], "accepted": [last if status == "named" else 0]}),
-        SAID_EFFECTS.name: decision.effects.reindex(columns=list(SAID_EFFECTS.columns)),
     }
 
 
 def list_reported(tables: DatasetTables, judged: Sequence[Verified]) -> dict[str, list[int]]:
     """Return the positions of trials that are evaluated together: test trials, and each part that is only reported."""
     purposes, seen = tables.trial_parts["part"].to_numpy(), sum(each.output.present.sum(axis=0) for each in judged)
-    reported = {"verification": np.flatnonzero(purposes == "verification").tolist()}
+    reported = {TEST: np.flatnonzero(purposes == TEST).tolist()}
     aside = tables.measured_trials["part"].where((purposes == "other") & (seen > 0))
     return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
 
@@ -227,8 +209,10 @@ def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -
     }
 
 
-def describe_uninformative(left_over_std: float) -> list[str]:
-    """Return that a simulation tells nothing of what was measured."""
+def describe_uninformative(left_over_std: float, most: float) -> list[str]:
+    """Return that a simulation tells nothing of what was measured, where it errs by most of its deviation."""
+    if not left_over_std > most:
+        return []
     return [
         f"The simulation tells nothing of what was measured: not fitted, it errs by {left_over_std:.2g} of its "
         "standard deviation. Before anything else, look whether columns, units and signs are right, and the plant."

@@ -107,6 +107,7 @@ class Said:
                 "unknown": 0.9 if status == "unexplained" else 0.0,
                 "unexplained_channel": channel,
                 "unexplained_share": 0.5,
+                "family": "memory" if status == "unexplained" else "",
                 "before": before,
                 "after": after,
                 "oracle": oracle if kind not in ("none", "outsider") else np.nan,

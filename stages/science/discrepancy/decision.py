@@ -1,32 +1,27 @@
-"""The one decision: whether something is missing, and which of the named effects the test trials confirm.
+"""The one decision: which names stand, by trials left out of each fit, and whether something is left without a name.
 
-What the search found, and every output on all trials, flow in; a `Decision` flows out. The workflow's verdict, the
-unblinding of a hidden effect and the scorecard all read it.
+A search that has ended flows in; a `Decision` flows out. The workflow's verdict, the unblinding of a hidden effect and
+the scorecard all read it. The test trials have no part in it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
-import pandas as pd
 
-from stages.science.discrepancy.resampling import resample
-from stages.science.discrepancy.restoring import SearchTables
+from stages.science.discrepancy.evidence import NONE
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, drop_effects
+from stages.science.discrepancy.naming import Named
+from stages.science.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
+from stages.science.discrepancy.search import Search
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.verdict import Status, confirm_effects, confirm_status
-from stages.science.discrepancy.verification import (
-    Verified,
-    bound_ratio,
-    compare_steps,
-    is_hidden,
-    list_hidden,
-)
+from stages.science.signals.trajectories import Array
+from stages.science.statistics.sign_flips import compare_signs, least_p
 
-DRIVEN, TEST = "measured upstream", "verification"
-Draw = Callable[..., np.random.Generator]
-"""Returns the generator of a purpose and a part of the trials."""
+Status = Literal["no_discrepancy", "named", "unexplained"]
 
 
 @dataclass(frozen=True)
@@ -36,121 +31,118 @@ class Decision:
     Parameters
     ----------
     status : str
-        ``named``, ``unexplained`` or ``no_discrepancy``.
-    status_of_fitted : str
-        The same by the fitted trials alone.
-    accepted : int
-        Added effects that stand: all, or none.
-    effects : DataFrame
-        Table `named_effects`, with what `confirm_effects` adds; empty unless the status is ``named``.
-    hidden : list of str
-        Channels whose noise floor on the test trials hides what there is.
-    over_floor : dict of str to float
-        Gap of the test trials over their noise floor, in the channel where it is largest, with limits.
-    left_over_std : float
-        Error of the test trials over their measured standard deviation.
-    uninformative : bool
-        Whether that is so large that a mean would do nearly as well.
+        ``named`` if an effect stands; else ``unexplained`` if something is missing more probably than not, or cannot be
+        told from noise; else ``no_discrepancy``.
+    missing : float
+        Probability that something is missing, with a name or without.
+    effects : list of Named
+        Those that are probable and that left-out trials confirm, in the order added.
+    suspected : list of Named
+        Those that were added by the search and are not.
+    steps : list of list of Fitted
+        The fits of all outputs with none, one, two, ... of the effects that stand.
+    remainders : dict of str to Remainder
+        By channel, what these leave.
+    blind : bool
+        Whether so much counts as noise that a gap would not be seen, or the simulation predicts nothing.
+    doubt : float
+        Probability of an effect without a name; that of every name is reduced by it.
     """
 
     status: Status
-    status_of_fitted: Status
-    accepted: int
-    effects: pd.DataFrame
-    hidden: list[str]
-    over_floor: dict[str, float]
-    left_over_std: float
-    uninformative: bool
+    missing: float
+    effects: list[Named]
+    suspected: list[Named]
+    steps: list[list[Fitted]]
+    remainders: dict[str, Remainder]
+    blind: bool
+    doubt: float
+
+    @property
+    def unknown(self) -> float:
+        """Probability that something without a name is left, and matters."""
+        return max((each.unknown for each in self.remainders.values()), default=0.0)
 
 
-def select_judged(found: SearchTables, verified: Sequence[Verified]) -> list[Verified]:
-    """Return the outputs of the channels in which something was named, or all where nothing was."""
-    concerned = set(found.named_effects["channel"]) or set(found.channels["channel"])
-    return [each for each in verified if each.output.channel in concerned]
-
-
-def compare_part(
-    found: SearchTables,
-    judged: Sequence[Verified],
-    part: str,
-    trials: Sequence[int],
-    settings: DiscrepancySettings,
-    draw: Draw,
-) -> list[dict[str, object]]:
-    """Return the gap of some trials before and after each addition, and the noise floor; see `compare_steps`.
-
-    Parameters
-    ----------
-    found : SearchTables
-        What the search found.
-    judged : sequence of Verified
-        Outputs that count.
-    part : str
-        What the trials are for.
-    trials : sequence of int
-        Their positions.
-    settings : DiscrepancySettings
-        Number of resamplings and level.
-    draw : callable
-        Returns the generator of a purpose and a part.
-    """
-    added = found.named_effects.drop_duplicates("order")
-    labels = ["nominal", *(f"+ {name}" for name in added["name"])][: found.last_step + 1]
-    weights = resample(len(trials), settings.bootstraps, draw("resample", part))
-    rows = compare_steps(judged, labels, trials, weights, settings.level, draw("signs", part))
-    return [{"part": part, **row} for row in rows]
-
-
-def decide(
-    found: SearchTables,
-    verified: Sequence[Verified],
-    verification: pd.DataFrame,
-    test: Sequence[int],
-    settings: DiscrepancySettings,
-    draw: Draw,
-) -> Decision:
+def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Generator) -> Decision:
     """Return what is said of a dataset.
 
+    An effect stands if its probability is enough and the gap of trials left out of the fit falls with it, beside the
+    others that stand, or if exact values show it. The others are taken out again, the newest first.
+
     Parameters
     ----------
-    found : SearchTables
-        What the search found.
-    verified : sequence of Verified
-        All outputs on all trials.
-    verification : DataFrame
-        Rows of `compare_part`, those of the test trials among them.
-    test : sequence of int
-        Positions of the test trials.
+    found : Search
+        Ended.
     settings : DiscrepancySettings
-        When a gap matters and a name is accepted.
-    draw : callable
-        Returns the generator of a purpose and a part.
+        When a gap matters and a name is said.
+    generator : numpy.random.Generator
+        Flips signs and draws weights of trials.
     """
-    channels, limits = found.channels, settings.search.remainder
-    status = found.read_status(settings.search.certain)
-    accepted = found.last_step if status == "named" else 0
-    driven = select_driven(verification)
-    hidden = list_hidden(verified, channels, test, limits)
-    weights = resample(len(test), settings.bootstraps, draw("resample", TEST))
-    over_floor = bound_ratio(verified, accepted, test, weights, settings.level)
-    left_over_std = float(driven["gap_over_std"].iloc[accepted])
-    uninformative = left_over_std > settings.confirmation.uninformative_error
-    blind = bool(hidden) or is_hidden(channels, limits) or uninformative
-    said = confirm_status(status, over_floor["value"], settings.search.smallest_gap, blind)
-    effects = confirm_effects(found.named_effects, driven, settings, hidden)
-    return Decision(
-        said,
-        status,
-        accepted,
-        effects if said == "named" else effects.iloc[:0],
-        hidden,
-        over_floor,
-        left_over_std,
-        uninformative,
-    )
+    limits = settings.search
+    bearable = max(settings.significance, least_p(found.outputs[0].output.trials))
+    remainders = weigh_remainder(found, found.named, found.steps[-1], limits, generator)
+    doubt = sum_doubt(remainders, limits.remainder)
+    stand: list[Named] = []
+    suspected: list[Named] = []
+    present = found.steps[-1]
+    for added in reversed(found.named):
+        without = _drop(found, present, [added.name])
+        p_value = compare_left_out(found.outputs, without, present, added, generator)
+        named = replace(added, p_value=p_value, probability=added.doubt(doubt))
+        if named.probability >= limits.certain and (named.shown or p_value <= bearable):
+            stand.insert(0, named)
+        else:
+            suspected.insert(0, named)
+            present = without
+    kept, names = {each.name for each in stand}, [each.name for each in suspected]
+    reached = [step for added, step in zip(found.named, found.steps[1:], strict=True) if added.name in kept]
+    steps = [found.steps[0], *(_drop(found, step, names) for step in reached)]
+    if suspected:
+        remainders = weigh_remainder(found, stand, steps[-1], limits, generator)
+    unknown = max((each.unknown for each in remainders.values()), default=0.0)
+    missing = 1.0 - found.rounds[0].verdicts.names[NONE] * (1.0 - unknown)
+    blind = any(_is_blind(state, each, settings) for state, each in zip(found.outputs, steps[-1], strict=True))
+    left: Status = "unexplained" if blind or missing >= limits.certain else "no_discrepancy"
+    return Decision("named" if stand else left, missing, stand, suspected, steps, remainders, blind, doubt)
 
 
-def select_driven(verification: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows that decide: test trials, simulated from measured upstream signals."""
-    driven = (verification["simulation"] == DRIVEN) & (verification["part"] == TEST)
-    return verification[driven].reset_index(drop=True)
+def _drop(found: Search, fits: Sequence[Fitted], names: Collection[str]) -> list[Fitted]:
+    return [drop_effects(each, names, state.noise) for state, each in zip(found.outputs, fits, strict=True)]
+
+
+def compare_left_out(
+    outputs: Sequence[FittedChannel],
+    before: Sequence[Fitted],
+    after: Sequence[Fitted],
+    named: Named,
+    generator: np.random.Generator,
+) -> float:
+    """Return the p-value of no fall of the gap of trials left out, over the outputs that carry an effect.
+
+    Parameters
+    ----------
+    outputs : sequence of FittedChannel
+        All outputs.
+    before, after : sequence of Fitted
+        Their fits without and with the effect.
+    named : Named
+        The effect.
+    generator : numpy.random.Generator
+        Flips signs where trials are many.
+    """
+    gaps: list[list[Array]] = [[], []]
+    for state, *fits in zip(outputs, before, after, strict=True):
+        if state.output.channel == named.channel and state.output.element in named.elements:
+            for kept, each in zip(gaps, fits, strict=True):
+                kept.append(each.raw / np.maximum(state.samples, 1.0) / state.output.range**2)
+    old, new = (np.sqrt(np.mean(each, axis=0)) for each in gaps)
+    return float(compare_signs((old - new)[:, None], generator)[0])
+
+
+def _is_blind(state: FittedChannel, fitted: Fitted, settings: DiscrepancySettings) -> bool:
+    """Return whether what counts as noise hides what there is, or the simulation predicts no better than a mean."""
+    output, limits = state.output, settings.search.remainder
+    hidden = limits.hides(state.floor / output.range, state.noise.white / output.range)
+    error = float(np.sqrt(fitted.raw.sum() / state.samples.sum()))
+    return hidden or error > limits.uninformative_error * float(output.measured[output.present].std())

@@ -5,6 +5,7 @@ Outputs with their trials flow in; outputs with a nominal and a present fit, the
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +22,7 @@ from stages.science.output_channels.flexible import (
     keep_least,
 )
 from stages.science.output_channels.noise import Noise, estimate_noise, log_density, make_plain
-from stages.science.output_channels.output_channel import EffectForm, OutputChannel
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel, map_in_threads
 from stages.science.signals.trajectories import Array
 
 FAR, LARGE = 4.0, 0.1
@@ -122,6 +123,11 @@ def prepare(output: OutputChannel) -> FittedChannel:
     return FittedChannel(output, noise, nominal, nominal, leftover)
 
 
+def prepare_all(outputs: Sequence[OutputChannel]) -> list[FittedChannel]:
+    """Return outputs with their nominal fits, each by `prepare`, in threads."""
+    return map_in_threads(prepare, outputs, sum(each.measured.size for each in outputs))
+
+
 def _fit_constants(model: Model) -> Fitted:
     """Fit constants as if their residual were white, from where they begin, and from wherever else an output says."""
     output, names = model.output, [each.name for each in model.output.constants]
@@ -188,6 +194,21 @@ def assess(found: Fit, noise: Noise) -> Fitted:
         left = alone.measured - replace(found.model, output=alone).simulate(without.values)
         residual[:, trial] = np.where(alone.present, left, 0.0)[:, 0]
     return Fitted(found, residual, (residual**2).sum(axis=0))
+
+
+def drop_effects(fitted: Fitted, names: Collection[str], noise: Noise) -> Fitted:
+    """Return the fit of a model without some effects; the same where it has none of them."""
+    model = fitted.fit.model
+    kept = tuple(form for form in model.forms if form.name not in names)
+    if len(kept) == len(model.forms):
+        return fitted
+    place = len(model.output.constants)
+    start = list(fitted.fit.values[:place])
+    for form in model.forms:
+        if form in kept:
+            start += list(fitted.fit.values[place : place + len(form.parameters)])
+        place += len(form.parameters)
+    return assess(fit(replace(model, forms=kept), noise, np.array(start)), noise)
 
 
 def continue_from(state: FittedChannel, current: Fitted) -> FittedChannel:

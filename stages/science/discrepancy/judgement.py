@@ -10,21 +10,14 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 
-from stages.science.discrepancy.decision import TEST, Decision, compare_part, decide, select_judged
-from stages.science.discrepancy.fitted_channel import FittedChannel, prepare
-from stages.science.discrepancy.ranking import list_named, list_steps, list_unexplained
-from stages.science.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
-from stages.science.discrepancy.restoring import SearchTables
+from stages.science.discrepancy.decision import Decision, decide
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, prepare_all
 from stages.science.discrepancy.search import Search, search
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.verification import Verified, verify
-from stages.science.output_channels.fitting import Fit
+from stages.science.discrepancy.verification import find_test_floor
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
-
-NAMED_COLUMNS = ["order", "name", "form", "channel", "muscle", "probability", "shown", "indistinguishable_from"]
 
 
 @dataclass(frozen=True)
@@ -41,10 +34,6 @@ class Judgement:
         After the nominal fit.
     found : Search
         Ended.
-    left : dict of str to Remainder
-        By channel, what was named leaves.
-    verified : list of Verified
-        All outputs on all trials.
     decision : Decision
         As in the verdict.
     settings : DiscrepancySettings
@@ -55,40 +44,33 @@ class Judgement:
     test: list[int]
     prepared: list[FittedChannel]
     found: Search
-    left: dict[str, Remainder]
-    verified: list[Verified]
     decision: Decision
     settings: DiscrepancySettings
 
     @property
     def unexplained(self) -> str:
         """Channel in which most probably something without a name is left."""
-        return max(self.left, key=lambda channel: self.left[channel].unknown)
+        return max(self.decision.remainders, key=lambda channel: self.decision.remainders[channel].unknown)
 
-    @property
-    def unknown(self) -> float:
-        """Probability that something without a name is left, and matters."""
-        return max((each.unknown for each in self.left.values()), default=0.0)
-
-    @property
-    def doubt(self) -> float:
-        """Probability of an effect without a name; the probability of every name is reduced by it."""
-        return sum_doubt(self.left, self.settings.search.remainder)
-
-    def gap(self, fits: Sequence[Fit], channels: Collection[str]) -> float:
+    def gap(self, fits: Sequence[Fitted], channels: Collection[str]) -> float:
         """Return the gap on the test trials, RMSE over range, root mean square over outputs of some channels."""
         squares = []
         for output, each in zip(self.outputs, fits, strict=True):
             if output.channel in channels:
-                simulated = replace(each.model, output=output).simulate(each.values)
+                simulated = replace(each.fit.model, output=output).simulate(each.fit.values)
                 squares.append(_mean_square(output, output.measured - simulated, self.test))
         return float(np.sqrt(np.mean(squares)))
 
     def floor(self, channels: Collection[str]) -> float:
         """Return the noise floor of the test trials, in the same unit."""
-        each = [verified for verified in self.verified if verified.output.channel in channels]
-        counts = [verified.output.present.sum(axis=0)[self.test] for verified in each]
-        means = [(own.floor[self.test] / np.maximum(n, 1))[n > 0].mean() for own, n in zip(each, counts, strict=True)]
+        means = []
+        learnt = ~np.isin(np.arange(self.outputs[0].trials), self.test)
+        for output, state, each in zip(self.outputs, self.prepared, self.decision.steps[-1], strict=True):
+            if output.channel in channels:
+                model = replace(each.fit.model, output=output)
+                left = find_test_floor(model, each.fit.values, state.noise, learnt)[self.test]
+                counts = output.present.sum(axis=0)[self.test]
+                means.append((left / np.maximum(counts, 1))[counts > 0].mean() / output.range**2)
         return float(np.sqrt(np.mean(means)))
 
 
@@ -112,37 +94,9 @@ def judge(
         Returns the generator of a purpose, or of a purpose and a part of the trials.
     """
     fitted = [trial for trial in range(outputs[0].trials) if trial not in set(test)]
-    prepared = [prepare(output.take(fitted)) for output in outputs]
+    prepared = prepare_all([output.take(fitted) for output in outputs])
     found = search(prepared, settings.search, draw("trials"))
-    left = weigh_remainder(found, settings.search, draw("unexplained"))
-    tables = _tabulate(prepared, found, left, settings)
-    verified = verify(outputs, fitted, tables)
-    compared = compare_part(tables, select_judged(tables, verified), TEST, test, settings, draw)
-    decision = decide(tables, verified, pd.DataFrame(compared), test, settings, draw)
-    return Judgement(list(outputs), list(test), prepared, found, left, verified, decision, settings)
-
-
-def _tabulate(
-    prepared: Sequence[FittedChannel], found: Search, left: dict[str, Remainder], settings: DiscrepancySettings
-) -> SearchTables:
-    """Return what the search found as the workflow keeps it."""
-    channels = [
-        {
-            "channel": state.output.channel,
-            "muscle": state.output.element,
-            "range": state.output.range,
-            "noise_floor": state.floor,
-            **state.noise._asdict(),
-        }
-        for state in prepared
-    ]
-    named = list_named(found.named, sum_doubt(left, settings.search.remainder))
-    return SearchTables(
-        pd.DataFrame(channels),
-        pd.DataFrame(named, columns=None if named else NAMED_COLUMNS),
-        pd.DataFrame(list_unexplained(left)),
-        pd.DataFrame(list_steps(found)),
-    )
+    return Judgement(list(outputs), list(test), prepared, found, decide(found, settings, draw("unexplained")), settings)
 
 
 def search_with_truth(judged: Judgement, names: Collection[str], generator: np.random.Generator) -> Search:

@@ -33,6 +33,7 @@ class Named:
     probability: float
     alternatives: tuple[str, ...]
     shown: bool = False
+    p_value: float = 1.0
 
     def doubt(self, doubt: float) -> float:
         """Return its probability, reduced by that of an effect without a name unless exact values show it."""

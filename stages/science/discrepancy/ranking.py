@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from stages.science.discrepancy.evidence import NONE
+from stages.science.discrepancy.fitted_channel import Fitted
 from stages.science.discrepancy.naming import Named, Round
 from stages.science.discrepancy.remainder import Remainder
 from stages.science.discrepancy.search import Search
@@ -56,16 +57,8 @@ def _rank_round(looked: Round, number: int, unknown: float, most_confounded: flo
     return sorted(rows, key=lambda row: -float(row["probability"]))
 
 
-def list_named(named: Sequence[Named], doubt: float) -> list[dict[str, Any]]:
-    """Return a row for each effect that was added and each muscle that carries it.
-
-    Parameters
-    ----------
-    named : sequence of Named
-        In the order of addition.
-    doubt : float
-        Probability of an effect without a name.
-    """
+def list_named(named: Sequence[Named]) -> list[dict[str, Any]]:
+    """Return a row for each effect and each muscle that carries it, in the order of addition."""
     return [
         {
             "order": order,
@@ -74,8 +67,9 @@ def list_named(named: Sequence[Named], doubt: float) -> list[dict[str, Any]]:
             "site": each.site,
             "channel": each.channel,
             "muscle": muscle,
-            "probability": each.doubt(doubt),
+            "probability": min(each.probability, 1.0),
             "shown": each.shown,
+            "p_value": each.p_value,
             "indistinguishable_from": ",".join(each.alternatives),
         }
         for order, each in enumerate(named, start=1)
@@ -83,28 +77,27 @@ def list_named(named: Sequence[Named], doubt: float) -> list[dict[str, Any]]:
     ]
 
 
-def list_unexplained(left: Mapping[str, Remainder]) -> list[dict[str, Any]]:
+def list_remainders(left: Mapping[str, Remainder]) -> list[dict[str, Any]]:
     """Return a row for each channel: what is left after all that was named."""
     return [
         {
             "channel": channel,
             "share": each.share,
             "probability": each.unknown,
-            "imitated": each.ambiguous,
+            "family": each.family,
             "line_hz": math.nan if each.line_hz is None else each.line_hz,
-            "remembered": each.linear_memory,
         }
         for channel, each in left.items()
     ]
 
 
-def list_steps(found: Search) -> list[dict[str, Any]]:
+def list_steps(steps: Sequence[Sequence[Fitted]]) -> list[dict[str, Any]]:
     """Return every value of every output after each addition."""
     rows = []
-    for step, fits in enumerate(found.steps):
+    for step, fits in enumerate(steps):
         for each in fits:
-            output = each.model.output
-            constants, effects = each.model.name_values(each.values)
+            output = each.fit.model.output
+            constants, effects = each.fit.model.name_values(each.fit.values)
             owners = [("", "", constants), *((form.name, form.form, values) for form, values in effects)]
             rows += [
                 {

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stages.science.discrepancy.fitted_channel import FittedChannel
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel
+from stages.science.discrepancy.naming import Named
 from stages.science.discrepancy.search import Search
 from stages.science.discrepancy.settings import RemainderSettings, SearchSettings
 from stages.science.signals.trajectories import Array
 
-DRAWS = 1000
+DRAWS, MEMORY = 1000, "memory"
 
 
 class Remainder(NamedTuple):
@@ -32,41 +33,62 @@ class Remainder(NamedTuple):
         Probability that the named effects leave more than forms of one effect differ by, or that they are too many.
     line_hz : float or None
         Frequency of an oscillation in all trials of one of its elements, Hz.
-    linear_memory : bool
-        Whether in one of them a linear memory of the inputs removes most.
+    family : str
+        That removes most in one of them, a linear memory of the inputs; else empty.
     """
 
     share: float
     unknown: float
     ambiguous: float
     line_hz: float | None
-    linear_memory: bool
+    family: str
 
 
-def weigh_remainder(found: Search, settings: SearchSettings, generator: np.random.Generator) -> dict[str, Remainder]:
-    """Return by channel what is left, over a Bayesian bootstrap of trials."""
+def weigh_remainder(
+    found: Search,
+    named: Sequence[Named],
+    last: Sequence[Fitted],
+    settings: SearchSettings,
+    generator: np.random.Generator,
+) -> dict[str, Remainder]:
+    """Return by channel what is left, over a Bayesian bootstrap of trials.
+
+    Parameters
+    ----------
+    found : Search
+        Ended.
+    named : sequence of Named
+        Effects that were added.
+    last : sequence of Fitted
+        Fits of all outputs with these.
+    settings : SearchSettings
+        When a gap matters.
+    generator : numpy.random.Generator
+        Draws weights of trials.
+    """
     remainders = {}
+    reached = {id(state): fitted for state, fitted in zip(found.outputs, last, strict=True)}
     for channel in dict.fromkeys(state.output.channel for state in found.outputs):
         states = [state for state in found.outputs if state.output.channel == channel]
         weights = generator.dirichlet(np.ones(len(states[0].samples)), DRAWS)
         initial = _draw_gap(states, weights, lambda state: state.nominal.raw)
-        now = _draw_gap(states, weights, lambda state: state.current.raw)
+        now = _draw_gap(states, weights, lambda state: reached[id(state)].raw)
         least = _draw_gap(states, weights, lambda state: state.leftover.raw)
         seen = initial > (1.0 + 0.5 * (settings.smallest_gap - 1.0)) * least  # beside no gap, no share of it means much
         share = np.where(seen, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
         unknown = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
-        named = any(state.current.forms for state in states)
-        ambiguous = float((share > settings.ambiguous_share).mean()) if named else 0.0
+        added = any(reached[id(state)].forms for state in states)
+        ambiguous = float((share > settings.ambiguous_share).mean()) if added else 0.0
         sure = float(unknown.mean())
         if any(_is_hidden(state, settings.remainder) for state in states):
-            ambiguous = 1.0 if named else 0.0
-            sure = sure if named else max(sure, settings.remainder.hidden_probability)
-        if sum(each.channel == channel and not each.shown for each in found.named) >= settings.remainder.many_names:
+            ambiguous = 1.0 if added else 0.0
+            sure = sure if added else max(sure, settings.remainder.hidden_probability)
+        if sum(each.channel == channel and not each.shown for each in named) >= settings.remainder.many_names:
             ambiguous = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else None
-        linear_memory = any(state.leftover.linear_memory for state in states)
-        remainders[channel] = Remainder(float(np.median(share)), sure, ambiguous, line_hz, linear_memory)
+        family = MEMORY if any(state.leftover.linear_memory for state in states) else ""
+        remainders[channel] = Remainder(float(np.median(share)), sure, ambiguous, line_hz, family)
     return remainders
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from stages.science.discrepancy.remainder import MEMORY
 from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.plant.effect import Effect, Parameter, find_effect
@@ -57,76 +58,90 @@ def describe_verdict(
 def _describe_no_discrepancy(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap = verdict["gap"]
     return [
-        f"Nothing that matters is missing: on {_count(verdict)} not fitted the gap is "
-        f"{_percent(gap['before'])} of range, {gap['before'] / gap['noise_floor']:.2f} times the noise floor "
-        f"({_percent(gap['noise_floor'])}); in its worst channel it is at most {gap['over_floor']['high']:.2f} times "
-        "the floor (one-sided limit over trials)."
+        f"Nothing that matters is missing (probability {_sure(1.0 - verdict['missing_probability'])}): on "
+        f"{_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
+        f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
+        f"{gap['over_floor']['high']:.2f} times the floor (one-sided limit over trials).",
+        *_describe_suspected(verdict),
+    ]
+
+
+def _compare_with_floor(gap: float, floor: float) -> str:
+    """Return how large a gap is beside the noise floor, or that it is not resolved."""
+    if gap < floor:
+        return f"the noise floor, {_percent(floor)}, is above it, so that the gap is not resolved"
+    return f"that is {gap / floor:.2f} times the noise floor ({_percent(floor)})"
+
+
+def _describe_suspected(verdict: Mapping[str, Any]) -> list[str]:
+    return [
+        f"Suspected, and not added to the plant: {_spell(each['name'])} on {_join(each['muscles'])} (probability "
+        f"{_sure(each['probability'])}; p = {each['p_value']:.2g} that trials left out of the fit gain nothing by it)."
+        for each in verdict["suspected"]
     ]
 
 
 def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
-    gap, effects = verdict["gap"], verdict["effects"]
+    gap, effects, left = verdict["gap"], verdict["effects"], verdict["remainder"]
     told = [_describe_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
-    channels = [each["channel"] for each in effects]
-    if max(channels.count(each) for each in channels) >= settings.search.remainder.many_names:
-        doubt = "So many names in one channel may stand in for one effect that the library does not hold."
-    elif verdict["unexplained_share"] > settings.report.least_share:
-        doubt = (
-            f"What is left ({_percent(verdict['unexplained_share'])} of the gap above the noise) is more than forms of "
-            "one effect usually differ by: the name may stand in for something that the library does not hold."
-        )
-    else:
-        doubt = (
-            "The noise floor is so far above the sensor's noise that it may hide what is there: the name may stand in "
-            "for something that the library does not hold."
-        )
+    remains = (
+        f"So much remains: {_name_family(left['family'])} would still take away {_percent(left['share'])} of what was "
+        "above the noise; that has no name in the library."
+    )
     return [
         *told,
-        *([doubt] if verdict["imitated"] > settings.report.ambiguous_probability else []),
-        f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} not fitted falls from "
+        f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} not fitted goes from "
         f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
-        f"{_percent(gap['high'])}, p = {gap['p_value']:.2g}); the noise floor is {_percent(gap['noise_floor'])}.",
+        f"{_percent(gap['high'])}, p = {gap['p_value']:.2g}); {_compare_with_floor(gap['after'], gap['noise_floor'])}.",
+        *([remains] if left["status"] == "unexplained" else []),
+        *_describe_suspected(verdict),
     ]
 
 
 def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, over_floor = verdict["gap"], verdict["gap"]["over_floor"]
     on_test = (
-        f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, the noise floor "
-        f"{_percent(gap['noise_floor'])}."
+        f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
+        f"{_compare_with_floor(gap['before'], gap['noise_floor'])}."
     )
-    if over_floor["value"] <= over_floor["smallest"]:
+    left, share = verdict["remainder"], verdict["remainder"]["share"]
+    if left["status"] == "none" and verdict["missing_probability"] < settings.search.certain:
         return [
             f"Whether something is missing cannot be told: the gap is {over_floor['value']:.2f} times the noise floor, "
             "but so much counts as noise that it may hide what is there. Nothing is named, and the plant is not "
             "changed but for its fitted constants.",
             on_test,
         ]
-    share = min(max(float(verdict["unexplained_share"]), 0.0), 1.0)
     alone = next(each["heldout_gap"] for each in verdict["ranking"] if each["name"] == "none")
     least = settings.report.nearest_gap * alone
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
-    near = f" The nearest is {_spell(nearest['name'])}, which is not enough." if nearest else ""
-    line_hz, model = verdict["line_hz"], _name_flexible_model(verdict["remembered"])
+    near = f" {_capitalise(_spell(nearest['name']))} would be one, but is not enough." if nearest else ""
+    line_hz = left["line_hz"]
     reproducible = (
-        "it is far above the sensor's noise, and no measured signal tells what it depends on"
-        if line_hz is None and share < settings.report.least_share
-        else f"{model} would still take away {_percent(share)} of what is above the noise"
-        if line_hz is None
-        else f"an oscillation at {line_hz:.3g} Hz runs through all trials, which the simulation lacks"
+        f"an oscillation at {line_hz:.3g} Hz runs through all trials, which the simulation lacks"
+        if line_hz is not None
+        else "no measured signal tells what it depends on"
+        if left["family"] is None and share < settings.report.least_share
+        else f"{_name_family(left['family'])} takes away {_percent(share)} of what is above the noise"
     )
     return [
-        f"A gap is real and no effect of the library explains it: {reproducible}.{near} Nothing is named, and the "
-        "plant is not changed but for its fitted constants.",
+        f"Something is missing (probability {_sure(verdict['missing_probability'])}) that no effect of the library "
+        f"explains better than what has no name: {reproducible}.{near} Nothing is named, and the plant is not changed "
+        "but for its fitted constants.",
         on_test,
+        *_describe_suspected(verdict),
     ]
 
 
-def _name_flexible_model(linear_memory: bool) -> str:
-    if not linear_memory:
+def _name_family(family: str | None) -> str:
+    if family != MEMORY:
         return "a flexible model"
-    return "a linear memory of the inputs (such as a resonance, a lag or a delay has that the plant lacks)"
+    return "a memory of the inputs (such as a resonance, a lag or a delay has that the plant lacks)"
+
+
+def _capitalise(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _describe_places(places: Sequence[Mapping[str, Any]], status: str, concentrated: float) -> list[str]:
@@ -277,20 +292,6 @@ def describe_high_floor(channels: pd.DataFrame, high: float, final: float = math
     ]
 
 
-def describe_unconfirmed(share: float) -> list[str]:
-    """Return that the gap of fitted trials is not there on those opened at the end.
-
-    Parameters
-    ----------
-    share : float
-        Of the fitted trials' gap, what a flexible model takes away.
-    """
-    return [
-        "Fitted trials, each left out in turn, show a gap of which a flexible model would take away "
-        f"{_percent(min(share, 1.0))}; those opened at the end show none."
-    ]
-
-
 def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSettings) -> list[str]:
     """Return on what depends that which stays unexplained, channel by channel; a hint, marked as one.
 
@@ -367,10 +368,10 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
         f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. "
         f"{_describe_sizes(effect, known)}"
     )
-    if not effect["confirmed"]:
+    if not effect["reproduced"]:
         step = effect["step"]
         text += (
-            f" Trials not fitted do not confirm it: with it the gap there goes from {_percent(step['before'])} to "
+            f" Trials not fitted do not show it: with it the gap there goes from {_percent(step['before'])} to "
             f"{_percent(step['after'])} of range (p = {step['p_value']:.2g}), so it may stand in for something else."
         )
     if effect["indistinguishable_from"]:

@@ -10,7 +10,6 @@ import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.fitted_channel import FittedChannel, resume
-from stages.science.discrepancy.verdict import Status, read_status
 from stages.science.output_channels.fitting import Model
 from stages.science.output_channels.flexible import Leftover
 from stages.science.output_channels.noise import Noise
@@ -41,8 +40,10 @@ class SearchTables:
     ----------
     channels : DataFrame
         Gap, noise floor and noise of each output channel after the nominal fit.
-    named_effects : DataFrame
-        Effects in the order in which they were added, by muscle.
+    decision : DataFrame
+        Status, and probability that something is missing; one row.
+    named_effects, suspected_effects : DataFrame
+        Effects that stand, and that do not, in the order in which they were added, by muscle.
     unexplained : DataFrame
         By channel, what is left after all that was named.
     steps : DataFrame
@@ -50,22 +51,21 @@ class SearchTables:
     """
 
     channels: pd.DataFrame
+    decision: pd.DataFrame
     named_effects: pd.DataFrame
+    suspected_effects: pd.DataFrame
     unexplained: pd.DataFrame
     steps: pd.DataFrame
 
     @property
     def last_step(self) -> int:
-        """Number of effects that were added."""
+        """Number of effects that stand."""
         return int(self.steps["step"].max())
 
-    def read_status(self, certain: float) -> Status:
-        """Return the status by the fitted trials; see `read_status`."""
-        return read_status(self.named_effects, self.unexplained, certain)
-
-    def count_accepted(self, certain: float) -> int:
-        """Return how many added effects the status lets stand: all, or none."""
-        return self.last_step if self.read_status(certain) == "named" else 0
+    @property
+    def status(self) -> str:
+        """What is said of the dataset."""
+        return str(self.decision["status"].iloc[0])
 
     def read_noise(self, output: OutputChannel) -> Noise:
         """Return the noise of an output channel."""

@@ -12,7 +12,14 @@ from itertools import product
 
 import numpy as np
 
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, assess, continue_from, prepare, refine
+from stages.science.discrepancy.fitted_channel import (
+    Fitted,
+    FittedChannel,
+    continue_from,
+    drop_effects,
+    prepare,
+    refine,
+)
 from stages.science.discrepancy.naming import Choice, Named, Round, list_candidates, rank
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.output_channels.fitting import Fit, fit
@@ -34,7 +41,7 @@ class Search:
     outputs: list[FittedChannel]
     rounds: list[Round] = field(default_factory=list)
     named: list[Named] = field(default_factory=list)
-    steps: list[list[Fit]] = field(default_factory=list)
+    steps: list[list[Fitted]] = field(default_factory=list)
 
 
 def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator: np.random.Generator) -> Search:
@@ -50,7 +57,7 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
         Draws weights of trials.
     """
     found = Search(list(outputs))
-    found.steps.append([state.nominal.fit for state in outputs])
+    found.steps.append([state.nominal for state in outputs])
     while len(found.named) < settings.most_effects:
         candidates = list_candidates(found.outputs, settings)
         looked, choices = rank(found.outputs, candidates, settings, generator)
@@ -62,7 +69,7 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
         _add(found, looked.named, choices, generator)
         found.named.append(looked.named)
         _take_out_redundant(found, settings)
-        found.steps.append([state.current.fit for state in found.outputs])
+        found.steps.append([state.current for state in found.outputs])
     return found
 
 
@@ -83,7 +90,7 @@ def _find_better_constants(found: Search, choices: Sequence[Choice], better_shar
                 found.outputs[place] = continue_from(state, again)
                 better, least = True, better_share * float(again.raw.sum())
     if better:
-        found.steps[-1] = [state.current.fit for state in found.outputs]
+        found.steps[-1] = [state.current for state in found.outputs]
     return better
 
 
@@ -141,7 +148,7 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
         for place, state in enumerate(found.outputs):
             if state.output.channel != named.channel or state.output.element not in named.elements:
                 continue
-            without = _without(state, named.name)
+            without = drop_effects(state.current, [named.name], state.noise)
             keep.append((place, without))
             worth |= _is_given(state, named.name)
             worth |= state.ratio(without.raw) - state.ratio(state.current.raw) > settings.least_gain
@@ -151,18 +158,6 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
             del found.steps[1 + found.named.index(named)]
             found.named.remove(named)
             return
-
-
-def _without(state: FittedChannel, name: str) -> Fitted:
-    model = state.current.fit.model
-    start = list(state.current.fit.values[: len(model.output.constants)])
-    place = len(start)
-    for form in model.forms:
-        if form.name != name:
-            start += list(state.current.fit.values[place : place + len(form.parameters)])
-        place += len(form.parameters)
-    kept = replace(model, forms=tuple(form for form in model.forms if form.name != name))
-    return assess(fit(kept, state.noise, np.array(start)), state.noise)
 
 
 def _is_given(state: FittedChannel, name: str) -> bool:

@@ -31,6 +31,7 @@ class RemainderSettings(Declared):
     hidden_probability: float = Field(ge=0.0, le=1.0)
     ambiguous_weight: float = Field(ge=0.0, le=1.0)
     many_names: int = Field(ge=2)
+    uninformative_error: float = Field(gt=0.0, le=1.0)
 
     def hides(self, floor: float, white: float) -> bool:
         """Return whether a noise floor hides what there is.
@@ -84,14 +85,6 @@ class SearchSettings(Declared):
         return tuple(name_module(name) for name in list_effects())
 
 
-class ConfirmationSettings(Declared):
-    """How test trials confirm what the fitted trials named."""
-
-    unconfirmed_factor: float = Field(ge=0.0, le=1.0)
-    hidden_probability: float = Field(ge=0.0, le=1.0)
-    uninformative_error: float = Field(gt=0.0, le=1.0)
-
-
 class RegimeSettings(Declared):
     """Regimes of motion and time in which a gap is looked for."""
 
@@ -114,7 +107,6 @@ class ReportSettings(Declared):
     few_trials: int = Field(ge=2)
     high_floor: float = Field(ge=1.0)
     concentrated: float = Field(ge=1.0)
-    ambiguous_probability: float = Field(ge=0.0, le=1.0)
     least_share: float = Field(ge=0.0, le=1.0)
     nearest_gap: float = Field(gt=0.0, le=1.0)
     odd_trial: float = Field(gt=1.0)
@@ -128,7 +120,6 @@ class DiscrepancySettings(Declared):
     bootstraps: int = Field(ge=100, le=100000)
     level: float = Field(gt=0.5, lt=1.0)
     search: SearchSettings
-    confirmation: ConfirmationSettings
     regimes: RegimeSettings
     detection: DetectionSettings
     muscle_channels: MuscleChannelSettings

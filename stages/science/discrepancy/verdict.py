@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from typing import Any, Literal
+from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.statistics.sign_flips import least_p
-
-Status = Literal["no_discrepancy", "named", "unexplained"]
 
 PLACE = ("channel", "muscle")
 UPSTREAM = ("command", "valve")
@@ -34,66 +32,29 @@ def list_confounded(ranking: pd.DataFrame, channels: Collection[str] = ()) -> li
     return [str(name) for name in rows.loc[sites, "name"]]
 
 
-def decide_status(named: Sequence[float], unknown: float, certain: float) -> Status:
-    """Return the status by the fitted trials: named if an effect is certain, else unexplained if a remainder is.
-
-    Parameters
-    ----------
-    named : sequence of float
-        Probabilities of the effects that were added, less the doubt; what exact values show stays sure.
-    unknown : float
-        Probability that something without a name is left.
-    certain : float
-        Probability above which that is said.
-    """
-    if max(named, default=0.0) > certain:
-        return "named"
-    if unknown > certain:
-        return "unexplained"
-    return "named" if named else "no_discrepancy"
-
-
-def read_status(named: pd.DataFrame, unexplained: pd.DataFrame, certain: float) -> Status:
-    """Return the status by the tables `named_effects` and `unexplained`; see `decide_status`."""
-    return decide_status(list(named["probability"]), unexplained["probability"].max(), certain)
-
-
-def confirm_status(status: Status, over_floor: float, smallest_gap: float, blind: bool) -> Status:
-    """Return the status by the test trials: where nothing was named, they decide whether there is a gap.
-
-    Parameters
-    ----------
-    status : str
-        By the fitted trials.
-    over_floor : float
-        Gap of the test trials over their noise floor.
-    smallest_gap : float
-        That matters.
-    blind : bool
-        Whether so much counts as noise that a gap would not be seen.
-    """
-    if status == "named":
-        return status
-    return "unexplained" if blind or over_floor > smallest_gap else "no_discrepancy"
-
-
-def summarise_unexplained(unexplained: pd.DataFrame, doubted: bool = False) -> dict[str, Any]:
-    """Return what is left without a name, over channels, as the verdict tells it; line and memory, of the worst.
+def summarise_remainder(unexplained: pd.DataFrame, remainder: pd.DataFrame, certain: float) -> dict[str, Any]:
+    """Return what is left without a name, as the verdict tells it: of the channel in which that is most probable.
 
     Parameters
     ----------
     unexplained : DataFrame
         Table `unexplained`.
-    doubted : bool
-        Whether the noise floor of trials not fitted hides what there is where something was named.
+    remainder : DataFrame
+        Table `remainder`.
+    certain : float
+        Probability from which on something is said to be left.
     """
-    worst = int(np.argmax(unexplained["probability"].to_numpy()))
-    line_hz = float(unexplained["line_hz"].to_numpy()[worst])
+    worst = unexplained.sort_values("probability", kind="stable").iloc[-1]
+    line_hz = float(worst["line_hz"])
     return {
-        "unexplained_share": float(unexplained["share"].clip(lower=0.0).max()),
-        "imitated": 1.0 if doubted else float(unexplained["imitated"].max()),
+        "status": "unexplained" if worst["probability"] >= certain else "none",
+        "family": str(worst["family"]) or None,
+        "share": min(max(float(worst["share"]), 0.0), 1.0),
+        "probability": float(worst["probability"]),
+        "channel": str(worst["channel"]),
         "line_hz": None if np.isnan(line_hz) else line_hz,
-        "remembered": bool(unexplained["remembered"].to_numpy()[worst]),
+        "patch": None,
+        "depends_on": list_remainder(remainder),
     }
 
 
@@ -167,13 +128,8 @@ def locate_most(
     return [{str(name): _plain(value) for name, value in row.items()} for row in best[kept].to_dict("records")]
 
 
-def confirm_effects(
-    named: pd.DataFrame, driven: pd.DataFrame, settings: DiscrepancySettings, hidden: Collection[str] = ()
-) -> pd.DataFrame:
-    """Return the added effects with the gap before and after each on the test trials, and whether these confirm it.
-
-    An effect that does not reduce the gap of the test trials loses probability, and so does one in a channel whose
-    noise floor hides what there is; an effect that exact values show keeps its probability.
+def reproduce_effects(named: pd.DataFrame, driven: pd.DataFrame, settings: DiscrepancySettings) -> pd.DataFrame:
+    """Return the effects that stand, with the gap before and after each on the test trials, and whether it falls there.
 
     Parameters
     ----------
@@ -182,31 +138,40 @@ def confirm_effects(
     driven : DataFrame
         Rows of the table `verification`, by step.
     settings : DiscrepancySettings
-        Significance level of the fall from the step before, above whose p-value an effect is not confirmed; with so few
-        trials that none could be less, the least that there can be. What is not confirmed loses probability.
-    hidden : collection of str
-        Channels whose noise floor on the test trials hides what there is.
+        Significance level of the fall from the step before; with so few trials that none could be less, the least
+        p-value that there can be.
 
     Returns
     -------
     DataFrame
-        With columns ``gap_before``, ``gap_after``, ``p_step`` and ``confirmed`` too.
+        With columns ``gap_before``, ``gap_after``, ``p_step`` and ``reproduced`` too.
     """
-    told = settings.confirmation
     gap, p_step = driven["gap"].to_numpy(), driven["p_step"].to_numpy()
     order = named["order"].to_numpy(dtype=int)
     bearable = max(settings.significance, least_p(int(driven["trials"].iloc[0])))
-    shown = named["shown"].to_numpy(dtype=bool)
-    confirmed = shown | (p_step[order] <= bearable)
-    seen = shown | ~named["channel"].isin(list(hidden)).to_numpy(dtype=bool)
-    probability = named["probability"].where(seen, named["probability"].clip(upper=told.hidden_probability))
     return named.assign(
-        gap_before=gap[order - 1],
-        gap_after=gap[order],
-        p_step=p_step[order],
-        confirmed=confirmed,
-        probability=probability.where(confirmed, told.unconfirmed_factor * probability),
+        gap_before=gap[order - 1], gap_after=gap[order], p_step=p_step[order], reproduced=p_step[order] <= bearable
     )
+
+
+def list_suspected(suspected: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the effects that the search added and the decision took out, as the verdict lists them.
+
+    Parameters
+    ----------
+    suspected : DataFrame
+        Table `suspected_effects`.
+    """
+    return [
+        {
+            "name": str(rows["name"].iloc[0]),
+            "channel": str(rows["channel"].iloc[0]),
+            "muscles": [str(each) for each in rows["muscle"]],
+            "probability": float(rows["probability"].iloc[0]),
+            "p_value": float(rows["p_value"].iloc[0]),
+        }
+        for _, rows in suspected.groupby("order", sort=True)
+    ]
 
 
 def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str, Any]]:
@@ -217,7 +182,7 @@ def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str
     Parameters
     ----------
     named : DataFrame
-        Table `named_effects`, from `confirm_effects`.
+        Table `named_effects`, from `reproduce_effects`.
     values : DataFrame
         Table `amended_values`.
     """
@@ -236,7 +201,8 @@ def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str
                 "channel": str(first["channel"]),
                 "muscles": [str(each) for each in rows["muscle"]],
                 "probability": float(first["probability"]),
-                "confirmed": bool(first["confirmed"]),
+                "p_value": float(first["p_value"]),
+                "reproduced": bool(first["reproduced"]),
                 "step": {"before": first["gap_before"], "after": first["gap_after"], "p_value": first["p_step"]},
                 "parameters": {str(name): _interval(row) for name, row in pooled.iterrows()},
                 "forms": dict(zip(rows["muscle"].astype(str), rows["form"].astype(str), strict=True)),

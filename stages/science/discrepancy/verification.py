@@ -5,7 +5,7 @@ Outputs with all trials and the values of each step flow in; predictions and gap
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
-from stages.science.discrepancy.resampling import find_interval
+from stages.science.discrepancy.resampling import find_interval, resample
 from stages.science.discrepancy.restoring import SearchTables
-from stages.science.discrepancy.settings import RemainderSettings
+from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.flexible import Mask, find_floor
 from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
@@ -23,6 +23,8 @@ from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs
+
+DRIVEN = "measured upstream"
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Verified:
     free : list of (T, K) ndarray
         Simulated from the command and the joint's motion alone; empty where nothing measured is upstream.
     floor : (K,) ndarray
-        Sum of squares that neither the last model nor a flexible one explains, by trial.
+        Sum of squares that a flexible model beside the last one leaves, by trial.
     """
 
     output: OutputChannel
@@ -69,6 +71,12 @@ class Verified:
         return found
 
 
+def select_judged(found: SearchTables, verified: Sequence[Verified]) -> list[Verified]:
+    """Return the outputs of the channels in which something was named, or all where nothing was."""
+    concerned = set(found.named_effects["channel"]) or set(found.channels["channel"])
+    return [each for each in verified if each.output.channel in concerned]
+
+
 def verify(outputs: Sequence[OutputChannel], fitted: Sequence[int], found: SearchTables) -> list[Verified]:
     """Simulate every output channel after each addition.
 
@@ -96,18 +104,21 @@ def verify(outputs: Sequence[OutputChannel], fitted: Sequence[int], found: Searc
                 free.append(driven.simulate(*model.name_values(values)))
             if output.channel == "pressure_kpa":
                 pressures[output.element, step] = simulated[-1]
-        floor = _find_floor(model, values, found.read_noise(output), learnt) / output.range**2
+        floor = find_test_floor(model, values, found.read_noise(output), learnt) / output.range**2
         verified.append(Verified(output, simulated, free, floor))
     return verified
 
 
-def _find_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
-    """Return each trial's sum of squares left by a flexible model fitted to the `learnt` trials; zero without data."""
+def find_test_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
+    """Return each trial's sum of squares left by a flexible model fitted to the `learnt` trials; zero without data.
+
+    It is not held below what the model itself leaves: where it is more, the gap is not resolved.
+    """
     seen = np.flatnonzero(model.output.present.any(axis=0))
     still = fit(replace(model, output=model.output.take(seen.tolist())), noise, values, iterations=0)
     floor = np.zeros(model.output.trials)
     least = find_floor(still, noise, learnt[seen])
-    floor[seen] = np.minimum(least.raw, (still.residual**2).sum(axis=0))
+    floor[seen] = least.raw
     return floor
 
 
@@ -122,12 +133,12 @@ def pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[i
 def compare_steps(
     found: Sequence[Verified],
     labels: Sequence[str],
+    part: str,
     trials: Sequence[int],
-    weights: Array,
-    level: float,
-    generator: np.random.Generator,
+    settings: DiscrepancySettings,
+    draw: Callable[..., np.random.Generator],
 ) -> list[dict[str, Any]]:
-    """Return the gap on the test trials before and after each addition, and the noise floor.
+    """Return the gap of some trials before and after each addition, and the noise floor.
 
     Parameters
     ----------
@@ -135,37 +146,43 @@ def compare_steps(
         Outputs that count.
     labels : sequence of str
         Of the steps.
+    part : str
+        What the trials are for.
     trials : sequence of int
-        Positions of the test trials.
-    weights : (B, len(trials)) ndarray
-        Resampled trials.
-    level : float
-        Of the intervals.
-    generator : numpy.random.Generator
-        For the exact test, where there are many trials.
+        Positions.
+    settings : DiscrepancySettings
+        Number of resamplings, and level of the intervals.
+    draw : callable
+        Returns the generator of a purpose and a part: to resample trials, and for the exact test of many.
     """
     rows: list[dict[str, Any]] = []
-    kinds = ("measured upstream", "free run") if any(each.free for each in found) else ("measured upstream",)
+    weights, level = resample(len(trials), settings.bootstraps, draw("resample", part)), settings.level
+    generator = draw("signs", part)
+    kinds = (DRIVEN, "free run") if any(each.free for each in found) else (DRIVEN,)
     for kind in kinds:
         first: Array | None = None
         before: Array | None = None
         for step, label in enumerate(labels):
-            chosen = [each.squares((each.steps if kind == "measured upstream" else each.free)[step]) for each in found]
+            chosen = [each.squares((each.steps if kind == DRIVEN else each.free)[step]) for each in found]
             gaps = pool(found, chosen, trials)
             first = gaps if first is None else first
             rows.append(_row(kind, step, label, gaps, (first, before), weights, level, generator))
             rows[-1]["gap_over_std"] = _pool_over_std(found, chosen, trials)
             before = gaps
-        if kind == "measured upstream":
+        if kind == DRIVEN:
             least = [each.floor for each in found]
             floor = pool(found, least, trials)
             rows.append(_row(kind, len(labels), "noise floor", floor, (first, before), weights, level, generator))
             rows[-1]["gap_over_std"] = _pool_over_std(found, least, trials)
-    return rows
+    return [{"part": part, **row} for row in rows]
 
 
 def bound_ratio(
-    found: Sequence[Verified], step: int, trials: Sequence[int], weights: Array, level: float
+    found: Sequence[Verified],
+    step: int,
+    trials: Sequence[int],
+    settings: DiscrepancySettings,
+    generator: np.random.Generator,
 ) -> dict[str, float]:
     """Return the gap over the noise floor in the channel where it is largest, with one-sided limits over trials.
 
@@ -177,12 +194,13 @@ def bound_ratio(
         Effects added.
     trials : sequence of int
         Positions of the test trials.
-    weights : (B, len(trials)) ndarray
-        Resampled trials.
-    level : float
-        Of each limit.
+    settings : DiscrepancySettings
+        Number of resamplings, and level of each limit.
+    generator : numpy.random.Generator
+        Resamples trials.
     """
-    ratios = []
+    ratios, level = [], settings.level
+    weights = resample(len(trials), settings.bootstraps, generator)
     for channel in dict.fromkeys(each.output.channel for each in found):
         outputs = [each for each in found if each.output.channel == channel]
         gap = pool(outputs, [each.squares(each.steps[step]) for each in outputs], trials) ** 2
@@ -191,45 +209,6 @@ def bound_ratio(
         low, high = np.quantile(drawn, [1.0 - level, level])
         ratios.append({"value": float(np.sqrt(gap.sum() / floor.sum())), "low": float(low), "high": float(high)})
     return max(ratios, key=lambda each: each["value"])
-
-
-def is_hidden(channels: pd.DataFrame, settings: RemainderSettings) -> bool:
-    """Return whether a noise floor of the fitted trials hides what there is.
-
-    Parameters
-    ----------
-    channels : DataFrame
-        Noise floor, white noise and range of each output.
-    settings : RemainderSettings
-        When a floor hides.
-    """
-    rows = channels[["noise_floor", "white", "range"]].to_numpy(dtype=float)
-    return any(settings.hides(floor / scale, white / scale) for floor, white, scale in rows)
-
-
-def list_hidden(
-    found: Sequence[Verified], channels: pd.DataFrame, trials: Sequence[int], settings: RemainderSettings
-) -> list[str]:
-    """Return the channels whose noise floor on the test trials hides what there is, each once.
-
-    Parameters
-    ----------
-    found : sequence of Verified
-        All outputs.
-    channels : DataFrame
-        Noise of each output.
-    trials : sequence of int
-        Positions of the test trials.
-    settings : RemainderSettings
-        When a floor hides.
-    """
-    white = channels.set_index(["channel", "muscle"])["white"]
-    hidden = []
-    for each in found:
-        floor = float(np.sqrt(np.mean(pool([each], [each.floor], trials) ** 2)))
-        if settings.hides(floor, float(white[each.output.channel, each.output.element]) / each.output.range):
-            hidden.append(each.output.channel)
-    return list(dict.fromkeys(hidden))
 
 
 def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> float:

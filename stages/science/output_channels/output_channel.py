@@ -6,12 +6,14 @@ values for all of these it simulates. Nothing else of the workflow knows what ma
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
-from multiprocessing import cpu_count
+from multiprocessing import cpu_count, current_process
 from typing import Self, TypeVar
 
 import numpy as np
@@ -57,16 +59,26 @@ class EffectForm:
 
 Case = tuple[Mapping[str, float], Sequence[tuple[EffectForm, Mapping[str, float]]]]
 """Constants by name, and effects with their parameters."""
+THREADS = "channel"
+"""Prefix of the names of threads."""
 Task = TypeVar("Task")
 Done = TypeVar("Done")
 
 
+@cache
+def _start_threads(process: int) -> ThreadPoolExecutor:
+    """Return the threads of a process; a forked one has none of its parent's."""
+    return ThreadPoolExecutor(max_workers=cpu_count(), thread_name_prefix=THREADS)
+
+
 def map_in_threads(work: Callable[[Task], Done], tasks: Sequence[Task], samples: int) -> list[Done]:
-    """Return the results of all tasks, computed in threads where they have at least `LONG` samples together."""
-    if samples < LONG or len(tasks) < 2:
+    """Return the results of all tasks, computed in threads where they have at least `LONG` samples together.
+
+    What is called in one of these threads computes its own tasks one after the other.
+    """
+    if samples < LONG or len(tasks) < 2 or threading.current_thread().name.startswith(THREADS):
         return [work(each) for each in tasks]
-    with ThreadPoolExecutor(max_workers=min(cpu_count(), len(tasks))) as pool:
-        return list(pool.map(work, tasks))
+    return list(_start_threads(current_process().pid or 0).map(work, tasks))
 
 
 def list_starts(form: EffectForm, most: int = MOST_STARTS) -> list[dict[str, float]]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stages.science.discrepancy.decision import decide
 from stages.science.discrepancy.fitted_channel import prepare, refine, resume
 from stages.science.discrepancy.ranking import rank_first
 from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
@@ -13,23 +14,23 @@ from stages.science.discrepancy.search import search
 from stages.science.output_channels.fitting import Model
 from stages.science.output_channels.flexible import Leftover
 from stages.science.output_channels.output_channel import list_starts
-from tests.science.discrepancy.searches import SETTINGS
+from tests.science.discrepancy.searches import DISCREPANCY, SETTINGS
 from tests.science.discrepancy.toys import KINK, LINE, WAVE, make_toy
 
 
 def run(*toys):
     found = search([prepare(each) for each in toys], SETTINGS, np.random.default_rng(0))
-    return found, weigh_remainder(found, SETTINGS, np.random.default_rng(1))
+    return found, decide(found, DISCREPANCY, np.random.default_rng(1))
 
 
 @pytest.mark.parametrize(("form", "size"), [(WAVE, 0.4), (KINK, 2.0)])
 @pytest.mark.parametrize("seed", range(2))
 def test_a_planted_effect_is_named(form, size, seed):
-    found, left = run(make_toy(seed, [(form.effect, size)]))
-    assert [each.name for each in found.named] == [form.name]
-    assert found.named[0].probability > 0.9
-    assert left["y"].unknown < 0.1
-    first = rank_first(found, left["y"].unknown, 0.9)[0]
+    found, said = run(make_toy(seed, [(form.effect, size)]))
+    assert (said.status, [each.name for each in said.effects]) == ("named", [form.name])
+    assert said.effects[0].probability > 0.9
+    assert said.unknown < 0.1
+    first = rank_first(found, said.unknown, 0.9)[0]
     assert (first["round"], first["name"], first["form"], first["site"]) == (1, form.name, "only", "muscle")
     assert found.outputs[0].current.fit.values[-1] == pytest.approx(size, rel=0.15)
 
@@ -37,9 +38,9 @@ def test_a_planted_effect_is_named(form, size, seed):
 @pytest.mark.parametrize("wander", [0.0, 0.1])
 @pytest.mark.parametrize("seed", range(5))
 def test_nothing_is_named_where_nothing_is_missing(seed, wander):
-    found, left = run(make_toy(seed, wander=wander))
-    assert not found.named
-    assert left["y"].unknown < 0.5
+    _, said = run(make_toy(seed, wander=wander))
+    assert (said.status, said.effects) == ("no_discrepancy", [])
+    assert said.missing < 0.5
 
 
 def test_two_effects_are_named_both_also_by_a_search_that_is_resumed():
@@ -65,9 +66,10 @@ def test_what_no_form_explains_is_left_unexplained(seed):
     def step(x):
         return np.where(np.abs(x - 0.2) < 0.35, 1.0, 0.0)
 
-    _, left = run(make_toy(seed, [(step, 0.8)], offered=(LINE, KINK)))
-    assert left["y"].unknown > 0.5
-    assert left["y"].share > SETTINGS.unexplained_share
+    _, said = run(make_toy(seed, [(step, 0.8)], offered=(LINE, KINK)))
+    assert (said.status, said.effects) == ("unexplained", [])
+    assert said.missing > 0.5
+    assert said.remainders["y"].share > SETTINGS.unexplained_share
 
 
 def test_the_element_that_carries_it_is_named():
@@ -101,21 +103,46 @@ def test_a_name_that_leaves_more_than_its_forms_differ_by_is_doubted(clean):
         return np.sin(3.0 * x) + 0.4 * np.where(np.abs(x - 0.7) < 0.3, 1.0, 0.0)
 
     single, sure = clean
-    found, left = run(make_toy(5, [(bent, 0.8)], offered=(WAVE,), noise=0.05))
+    found, said = run(make_toy(5, [(bent, 0.8)], offered=(WAVE,), noise=0.05))
+    left = said.remainders["y"]
     assert [each.name for each in (*single.named, *found.named)] == ["wave", "wave"]
-    assert sure["y"].ambiguous < 0.05
-    assert sum_doubt(sure, SETTINGS.remainder) < 0.05
-    assert 0.05 < left["y"].share < SETTINGS.unexplained_share
-    assert left["y"].ambiguous > 0.9
-    assert sum_doubt(left, SETTINGS.remainder) == pytest.approx(0.5 * left["y"].ambiguous)
+    assert sure.remainders["y"].ambiguous < 0.05
+    assert sure.doubt < 0.05
+    assert 0.05 < left.share < SETTINGS.unexplained_share
+    assert left.ambiguous > 0.9
+    assert said.doubt == pytest.approx(0.5 * left.ambiguous)
 
 
 @pytest.mark.parametrize(("names", "shown", "doubt"), [(2, False, 0.0), (3, False, 0.5), (3, True, 0.0)])
 def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt, clean):
     single = clean[0].named
     many = replace(clean[0], named=[*single * (names - 1), replace(single[0], shown=shown)])
-    left = weigh_remainder(many, SETTINGS, np.random.default_rng(1))
+    left = weigh_remainder(many, many.named, many.steps[-1], SETTINGS, np.random.default_rng(1))
     assert sum_doubt(left, SETTINGS.remainder) == pytest.approx(doubt, abs=0.05)
+
+
+def test_a_name_that_left_out_trials_do_not_confirm_is_suspected_and_taken_out_again(clean):
+    single = clean[0]
+    idle = [replace(each, raw=1e4 * each.raw) for each in single.steps[1]]
+    doubted = decide(replace(single, steps=[single.steps[0], idle]), DISCREPANCY, generator())
+    assert (doubted.status, doubted.effects) == ("unexplained", [])
+    assert [each.name for each in doubted.suspected] == ["wave"]
+    assert doubted.suspected[0].p_value > 0.05
+    assert doubted.steps == [single.steps[0]]
+
+
+def test_one_of_two_names_is_taken_out_and_the_other_stays():
+    found, said = run(make_toy(1, [(WAVE.effect, 0.5), (KINK.effect, 2.5)]))
+    assert [each.name for each in said.effects] == [each.name for each in found.named]
+    first, second = found.named
+    unlikely = decide(replace(found, named=[replace(first, probability=0.4), second]), DISCREPANCY, generator())
+    assert [each.name for each in unlikely.suspected] == [first.name]
+    assert [each.name for each in unlikely.effects] == [second.name]
+    assert [[form.name for form in step[0].forms] for step in unlikely.steps] == [[], [second.name]]
+
+
+def generator():
+    return np.random.default_rng(1)
 
 
 def test_a_second_channel_is_looked_at_though_no_gap_was_seen_in_it():

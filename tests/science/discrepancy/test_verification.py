@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stages.science.discrepancy.verification import bound_ratio
+from tests.science.discrepancy.searches import DISCREPANCY
 
 TRIALS, SAMPLES = 3, 10
 
@@ -23,6 +24,5 @@ def channel(name, gap, floor):
 @pytest.mark.parametrize("order", [1, -1])
 def test_the_gap_over_the_floor_is_that_of_the_channel_where_it_is_largest(order):
     found = [channel("force_n", 0.03, 0.01), channel("pressure_kpa", 0.08, 0.04)][::order]
-    weights = np.array([[1.0, 1.0, 1.0], [3.0, 0.0, 0.0]])
-    ratio = bound_ratio(found, 0, range(TRIALS), weights, 0.95)
+    ratio = bound_ratio(found, 0, range(TRIALS), DISCREPANCY, np.random.default_rng(0))
     assert ratio == {name: pytest.approx(3.0) for name in ("value", "low", "high")}
