@@ -78,6 +78,7 @@ UNEXPLAINED = Table(
         "probability": column(float, "that it is more than the limit, and matters", low=0, high=1),
         "family": column(str, "that removes it: memory, where a linear one of the inputs does, or empty"),
         "line_hz": column(float, "frequency of an oscillation in all trials", unit="Hz", low=0, nullable=True),
+        "imitated": column(float, "that what was named leaves more than one effect's forms differ by", low=0, high=1),
     },
     key=("channel",),
 )

@@ -135,7 +135,7 @@ def test_what_has_no_name_is_described_as_a_hint(pamid, tmp_path):
     assert result.returncode == 0, result.stderr
     check_verdict(verdict, meta["muscles"])
     assert verdict["status"] == "unexplained"
-    rows = {row["muscle"]: row for row in verdict["remainder"] if row["channel"] == "force_n"}
+    rows = {row["muscle"]: row for row in verdict["remainder"]["depends_on"] if row["channel"] == "force_n"}
     assert rows["pam1"]["inputs"][0] == "pam2 pressure_kpa"
     assert 0.0 < rows["pam1"]["low"] < rows["pam1"]["share"] < rows["pam1"]["high"] < 1.0
     said = " ".join(result.stdout.split())

@@ -85,6 +85,7 @@ def list_remainders(left: Mapping[str, Remainder]) -> list[dict[str, Any]]:
             "share": each.share,
             "probability": each.unknown,
             "family": each.family,
+            "imitated": each.ambiguous,
             "line_hz": math.nan if each.line_hz is None else each.line_hz,
         }
         for channel, each in left.items()

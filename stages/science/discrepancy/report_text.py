@@ -69,7 +69,7 @@ def _describe_no_discrepancy(verdict: Mapping[str, Any], settings: DiscrepancySe
 def _compare_with_floor(gap: float, floor: float) -> str:
     """Return how large a gap is beside the noise floor, or that it is not resolved."""
     if gap < floor:
-        return f"the noise floor, {_percent(floor)}, is above it, so that the gap is not resolved"
+        return f"that is not above the noise floor ({_percent(floor)}): no gap is resolved"
     return f"that is {gap / floor:.2f} times the noise floor ({_percent(floor)})"
 
 
@@ -84,12 +84,26 @@ def _describe_suspected(verdict: Mapping[str, Any]) -> list[str]:
 def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, effects, left = verdict["gap"], verdict["effects"], verdict["remainder"]
     told = [_describe_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
+    channels = [each["channel"] for each in effects]
+    if max(channels.count(each) for each in channels) >= settings.search.remainder.many_names:
+        doubt = "So many names in one channel may stand in for one effect that the library does not hold."
+    elif left["share"] > settings.report.least_share:
+        doubt = (
+            f"What is left ({_percent(left['share'])} of the gap above the noise) is more than forms of one effect "
+            "usually differ by: the name may stand in for something that the library does not hold."
+        )
+    else:
+        doubt = (
+            "The noise floor is so far above the sensor's noise that it may hide what is there: the name may stand in "
+            "for something that the library does not hold."
+        )
     remains = (
         f"So much remains: {_name_family(left['family'])} would still take away {_percent(left['share'])} of what was "
         "above the noise; that has no name in the library."
     )
     return [
         *told,
+        *([doubt] if left["imitated"] > settings.search.certain else []),
         f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} not fitted goes from "
         f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
         f"{_percent(gap['high'])}, p = {gap['p_value']:.2g}); {_compare_with_floor(gap['after'], gap['noise_floor'])}.",

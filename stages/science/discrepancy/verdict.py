@@ -53,6 +53,7 @@ def summarise_remainder(unexplained: pd.DataFrame, remainder: pd.DataFrame, cert
         "probability": float(worst["probability"]),
         "channel": str(worst["channel"]),
         "line_hz": None if np.isnan(line_hz) else line_hz,
+        "imitated": float(unexplained["imitated"].max()),
         "patch": None,
         "depends_on": list_remainder(remainder),
     }

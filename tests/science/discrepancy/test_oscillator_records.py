@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from stages.science.discrepancy.remainder import weigh_remainder
+from stages.science.discrepancy.decision import decide
 from tests.science.discrepancy.oscillators import NOISE_V, WANDER_V, configured, shake
-from tests.science.discrepancy.searches import SETTINGS, look
+from tests.science.discrepancy.searches import DISCREPANCY, look
 from tests.science.discrepancy.simulated_records import build_records
 
 
@@ -15,7 +15,7 @@ def test_dry_friction_is_named_and_nothing_in_a_linear_oscillator(rub, told, gen
     signals, blocks = shake(generator, lambda x, w: rub * w / np.sqrt(w**2 + 0.005**2))
     found, names = look(build_records(signals, blocks, configured("silverbox")))
     assert names == told
-    assert told or weigh_remainder(found, SETTINGS, generator)["response_v"].unknown < 0.5
+    assert told or decide(found, DISCREPANCY, generator).status == "no_discrepancy"
 
 
 @pytest.fixture(scope="module")

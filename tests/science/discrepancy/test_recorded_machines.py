@@ -13,12 +13,12 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
+from stages.science.discrepancy.decision import decide
 from stages.science.discrepancy.fitted_channel import prepare
-from stages.science.discrepancy.remainder import weigh_remainder
 from stages.science.discrepancy.search import search
 from stages.science.plant.machine import read_machine
 from tests.composing import compose_values
-from tests.science.discrepancy.searches import SETTINGS, look
+from tests.science.discrepancy.searches import DISCREPANCY, SETTINGS, look
 from tests.science.discrepancy.simulated_records import build_records, tabulate
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
@@ -115,7 +115,7 @@ def fitted():
 def test_without_its_effects_a_gap_of_the_tanks_has_no_other_name(left_out, said, fitted, generator):
     found = search([fitted(TANKS)[1]], SETTINGS.model_copy(update={"left_out": left_out}), generator)
     assert [each.name for each in found.named] == said
-    assert said or weigh_remainder(found, SETTINGS, generator)["level_v"].unknown > 0.5
+    assert said or decide(found, DISCREPANCY, generator).unknown > 0.5
     (state,) = found.outputs
     left = np.sqrt(state.current.raw.sum() / state.samples.sum())
     assert left > 0.25 * state.output.measured[state.output.present].std()

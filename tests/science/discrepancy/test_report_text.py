@@ -45,7 +45,11 @@ RANKING = [
 
 GONE = {**EFFECT, "reproduced": False, "step": {"before": 0.034, "after": 0.033, "p_value": 0.43}}
 LEAKAGE = {"name": "leakage", "channel": "pressure", "muscles": ["pam2"], "probability": 0.4, "p_value": 0.03}
-RESOLVED = {"status": "none", "share": 0.1, "family": None, "line_hz": None, "depends_on": []}
+RESOLVED = {"status": "none", "share": 0.1, "family": None, "line_hz": None, "imitated": 0.0, "depends_on": []}
+DOUBTED = {**RESOLVED, "imitated": 0.6, "share": 0.08}
+ELSEWHERE = {**EFFECT, "channel": "pressure"}
+IMITATION = "8.0 % of the gap above the noise) is more than forms of one effect"
+MANY = "So many names in one channel may stand in for one effect"
 LEFT_OVER = {**RESOLVED, "status": "unexplained", "share": 0.4}
 NAMED = {
     "status": "named",
@@ -75,7 +79,11 @@ DEEP = {**GAP, "noise_floor": 0.09}
         ({**NAMED, "effects": [EFFECT, GONE]}, [STAYS], []),
         ({**NAMED, "remainder": LEFT_OVER}, [CLOSED, SO_MUCH], []),
         ({**NAMED, "suspected": [LEAKAGE]}, [SUSPECTED], []),
-        ({**NAMED, "gap": DEEP}, ["the noise floor, 9.0 %, is above it, so that the gap is not resolved"], ["times"]),
+        ({**NAMED, "remainder": DOUBTED}, [IMITATION], []),
+        ({**NAMED, "remainder": {**DOUBTED, "imitated": 0.4}}, [], [IMITATION]),
+        ({**NAMED, "remainder": DOUBTED, "effects": [EFFECT] * 3}, [MANY], []),
+        ({**NAMED, "remainder": DOUBTED, "effects": [EFFECT, EFFECT, ELSEWHERE]}, [], [MANY]),
+        ({**NAMED, "gap": DEEP}, ["that is not above the noise floor (9.0 %): no gap is resolved"], ["times"]),
         (UNEXPLAINED, [LEFT, "(probability 0.97)", "Hysteresis would be one, but is not enough"], []),
         ({**UNEXPLAINED, "missing_probability": 0.2, "remainder": RESOLVED, "gap": GAP}, [BLIND], ["takes away"]),
         ({**UNEXPLAINED, "remainder": {**LEFT_OVER, "family": "memory"}}, ["a memory of the inputs (such as"], []),
@@ -116,10 +124,10 @@ def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
 
 def test_the_remainder_is_that_of_the_channel_in_which_it_is_most_probable():
     table = pd.DataFrame({"channel": ["x", "y"], "share": [-0.2, 0.9], "probability": [0.1, 1.0]})
-    table = table.assign(family=["", "memory"], line_hz=[13.0, np.nan])
+    table = table.assign(family=["", "memory"], line_hz=[13.0, np.nan], imitated=[0.3, 0.0])
     left = summarise_remainder(table, pd.DataFrame({"inputs": []}), 0.5)
     told = {"status": "unexplained", "family": "memory", "share": 0.9, "probability": 1.0, "channel": "y"}
-    assert left == {**told, "line_hz": None, "patch": None, "depends_on": []}
+    assert left == {**told, "line_hz": None, "imitated": 0.3, "patch": None, "depends_on": []}
     faint = summarise_remainder(table.iloc[:1], pd.DataFrame({"inputs": []}), 0.5)
     assert (faint["status"], faint["share"], faint["line_hz"]) == ("none", 0.0, 13.0)
 
