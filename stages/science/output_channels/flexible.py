@@ -79,14 +79,16 @@ def keep_least(
 
 
 def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
-    """Return what flexible models leave that are fitted to some trials alone; noise, as far as one can tell."""
+    """Return what flexible models leave that are fitted to some trials alone; noise, as far as one can tell.
+
+    A channel without inputs to remember has no memory: what the fit itself leaves is never taken for a floor.
+    """
     output = fit.model.output
     by_features = explain_by_features(fit, build_features(output), noise, learnt)
-    by_trees, by_memory = (
-        explain_by_trees(output, fit.residual, learnt),
-        explain_by_memory(output, fit.residual, learnt),
-    )
-    return keep_least([by_features, by_trees], output, learnt, by_memory)
+    by_trees = explain_by_trees(output, fit.residual, learnt)
+    by_memory = explain_by_memory(output, fit.residual, learnt)
+    remembered = None if by_memory is fit.residual else by_memory
+    return keep_least([by_features, by_trees], output, learnt, remembered)
 
 
 def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Array:

@@ -88,3 +88,12 @@ def test_the_floor_of_opened_trials_is_the_noise():
     learnt = np.arange(12) % 3 != 0
     floor = find_floor(fit_line(output), Noise(NOISE, 1e-6, 0.03, 1e-6, 1.0), learnt)
     assert np.sqrt(floor.raw[~learnt].sum() / (300 * 4)) == pytest.approx(NOISE, rel=0.12)
+
+
+def test_the_floor_of_opened_trials_is_estimated_and_not_what_the_fit_leaves():
+    output = make_toy(4, noise=NOISE, trials=12)
+    learnt, fitted = np.arange(12) % 3 != 0, fit_line(output)
+    floor = find_floor(fitted, Noise(NOISE, 1e-6, 0.03, 1e-6, 1.0), learnt)
+    gap = (fitted.residual**2).sum(axis=0)
+    assert (floor.raw[~learnt] != gap[~learnt]).all()
+    assert floor.raw[~learnt].sum() == pytest.approx(gap[~learnt].sum(), rel=0.2)
