@@ -200,7 +200,7 @@ def test_a_copied_sweep_is_whole_elsewhere(alone, tmp_path):
     shutil.rmtree(alone.outputs)
     (other.sweep / "sweep.parquet").unlink()
     other.environment |= {"TOY_MENDED": "yes"}
-    result = other("seed=0,1,2", "trying.fail_at=[1]")
+    result = other("seed=0,1,2", "trying.fail_at=[1]", "on_failure=stop")
     assert result.returncode == 0, result.stderr
     assert "3 jobs (1 done, 1 failed, 1 not begun)" in result.stdout
     assert other.count("ended") == {1: 1, 2: 1}

@@ -92,6 +92,13 @@ def test_screening_does_not_miss_what_full_fits_find(size):
     assert best.form.name == min(full, key=full.__getitem__) == "kink"
 
 
+def test_screening_takes_a_form_at_the_size_that_a_full_fit_finds():
+    state = prepare(make_toy(5, [(WAVE.effect, 0.4)], offered=(WAVE,), noise=0.02))
+    (promised,) = screen(state.nominal.fit, state.noise, state.output.forms)
+    fitted = refine(Model(state.output, (WAVE,)), np.append(state.nominal.fit.values, 0.4), 0.02)
+    assert promised.start["size"] == pytest.approx(fitted.fit.values[-1], rel=0.05)
+
+
 @pytest.fixture(scope="module")
 def clean():
     """A wave that its own form explains, and what is left of it."""

@@ -56,3 +56,9 @@ def test_what_is_left_without_the_line_is_the_noise():
 def test_short_or_empty_trials_show_none():
     assert find_line(make_noise(4, samples=50), np.ones((50, 10), dtype=bool), STEP_S, LIMITS) is None
     assert find_line(make_noise(4), np.zeros((1000, 10), dtype=bool), STEP_S, LIMITS) is None
+
+
+def test_noise_keeps_its_size_where_a_line_is_taken_out_of_few_samples():
+    noise = make_noise(3, trials=4000, samples=12)
+    left = remove_line(noise, np.ones(noise.shape, dtype=bool), STEP_S, 50.0)
+    assert np.mean(left**2) == pytest.approx(np.mean(noise**2), rel=0.02)

@@ -139,3 +139,8 @@ def test_free_movements_span_the_share_of_each_joints_range_about_its_middle(gen
         middle, width = (joint.lower_rad + joint.upper_rad) / 2.0, joint.upper_rad - joint.lower_rad
         assert np.abs(angle[:, column] - middle).max() <= width / 4.0
         assert np.ptp(angle[:, column]) > 0.45 * width
+
+
+def test_moves_and_rests_of_one_duration_are_accepted():
+    even = Movement(shortest_move_s=0.2, longest_move_s=0.2, shortest_rest_s=0.1, longest_rest_s=0.1, range_share=0.5)
+    assert (even.longest_move_s, even.longest_rest_s) == (0.2, 0.1)
