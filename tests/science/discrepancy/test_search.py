@@ -11,7 +11,7 @@ from stages.science.discrepancy.ranking import rank_first
 from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
 from stages.science.discrepancy.screening import screen
 from stages.science.discrepancy.search import search
-from stages.science.output_channels.fitting import Model
+from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.flexible import Leftover
 from stages.science.output_channels.output_channel import list_starts
 from tests.science.discrepancy.searches import DISCREPANCY, SETTINGS
@@ -93,10 +93,10 @@ def test_screening_does_not_miss_what_full_fits_find(size):
 
 
 def test_screening_takes_a_form_at_the_size_that_a_full_fit_finds():
-    state = prepare(make_toy(5, [(WAVE.effect, 0.4)], offered=(WAVE,), noise=0.02))
+    state = prepare(make_toy(0, [(WAVE.effect, 2.0)], offered=(WAVE,), noise=3.0, trials=4, samples=12))
     (promised,) = screen(state.nominal.fit, state.noise, state.output.forms)
-    fitted = refine(Model(state.output, (WAVE,)), np.append(state.nominal.fit.values, 0.4), 0.02)
-    assert promised.start["size"] == pytest.approx(fitted.fit.values[-1], rel=0.05)
+    fitted = fit(Model(state.output, (WAVE,)), state.noise, np.append(state.nominal.fit.values, 2.0))
+    assert promised.start["size"] == pytest.approx(fitted.values[-1], rel=0.1)
 
 
 @pytest.fixture(scope="module")
