@@ -1,4 +1,4 @@
-"""The gap on the test trials that the scorecard reads is the one that the verdict states, computed by hand."""
+"""The gap on the test trials that the scorecard reads is the one computed by hand."""
 
 from dataclasses import replace
 
