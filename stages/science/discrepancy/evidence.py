@@ -1,7 +1,7 @@
-"""Which name the held-out trials speak for: pseudo-BMA+ weights over names, forms and the muscles that carry them.
+"""Which name the left-out trials speak for, of names, of families without one, and of nothing.
 
-Trial-wise log scores flow in; probabilities flow out. The unit of evidence is the trial: a Bayesian bootstrap draws
-weights of trials, and each draw weighs all hypotheses by their prior times their score.
+Log scores of models flow in; probabilities flow out. Each channel may also follow a law other than the nominal one: all
+that is said of it is weighed without and with a static map beside it.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ import numpy as np
 
 from stages.science.signals.trajectories import Array
 
-DRAWS = 1000
-NONE = "none"
+NONE, STATIC_MAP, MEMORY = "none", "static_map", "memory"
 
 
 @dataclass(frozen=True)
@@ -24,16 +23,40 @@ class Verdicts:
     Parameters
     ----------
     names : mapping of str to float
-        With ``none`` among them.
+        With ``none`` and ``static_map`` among them.
     forms : mapping of str to list of str
         Most probable form of each name in every output; empty where no form was looked at.
     carries : mapping of str to (C,) ndarray
         Probability that each output is among those that carry the name, given the name.
+    maps : mapping of str to float
+        Probability that a channel follows a static map other than the nominal one, given that it carries no name.
     """
 
     names: Mapping[str, float]
     forms: Mapping[str, list[str]]
     carries: Mapping[str, Array]
+    maps: Mapping[str, float]
+
+    @property
+    def families(self) -> list[str]:
+        """Those of the names that name no effect."""
+        return [name for name in self.names if name in (STATIC_MAP, MEMORY)]
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Log scores of all models of the outputs, all without or all with a static map.
+
+    Parameters
+    ----------
+    none : (C,) ndarray
+        Of each output if it carries nothing more.
+    forms : mapping of (name, form) to mapping of output's place to float
+        Of each output if it carries this form.
+    """
+
+    none: Array
+    forms: Mapping[tuple[str, str], Mapping[int, float]]
 
 
 Worth = Callable[[str, list[str], Array], bool]
@@ -41,63 +64,131 @@ Worth = Callable[[str, list[str], Array], bool]
 
 
 def weigh_names(
-    scores: Mapping[tuple[str, str], Mapping[int, Array]],
-    none: Sequence[Array],
+    alone: Beside,
+    beside: Beside,
+    channels: Sequence[str],
     priors: Mapping[str, float],
-    generator: np.random.Generator,
+    most_evidence: float,
     worth: Worth,
 ) -> Verdicts:
     """Return the probability of each name.
 
     Parameters
     ----------
-    scores : mapping of (name, form) to mapping of output's place to (K_c,) ndarray
-        Log scores of an output's trials if it carries this form; an output that is missing cannot carry it.
-    none : sequence of (K_c,) ndarray
-        Those of each output if it carries nothing more.
+    alone, beside : Beside
+        Scores without and with a static map.
+    channels : sequence of str
+        Channel of each output; a name is carried by outputs of one channel, a static map by all of a channel.
     priors : mapping of str to float
-        Prior mass of each name. It is shared evenly by all sets of outputs, and in each output of a set by the forms.
-    generator : numpy.random.Generator
-        Draws the weights of trials.
+        Prior probability of each name, of nothing and, in each channel, of a static map. That of a name is shared
+        evenly by the numbers of outputs that may carry it, by the sets of that number, and by the forms.
+    most_evidence : float
+        Largest log ratio of two likelihoods that is believed, nats; larger ones are scaled down to it, all alike.
     worth : callable
         A name that is not worth it has no probability, however sure its small gain is.
 
     Notes
     -----
-    Yao, Vehtari, Simpson, Gelman, Using stacking to average Bayesian predictive distributions, Bayesian Analysis 13
-    (2018): pseudo-BMA+. As outputs are fitted apart, the sum over all sets of outputs and forms is a product.
+    Prior by number and set: Scott and Berger, Bayes and empirical-Bayes multiplicity adjustment in the
+    variable-selection problem, Annals of Statistics 38 (2010). A power of the likelihood under models that are all a
+    little wrong: Miller and Dunson, Robust Bayesian inference via coarsening, JASA 114 (2019).
     """
-    draws = [len(each) * generator.dirichlet(np.ones(len(each)), DRAWS) for each in none]
-    gain = {
-        key: {place: draws[place] @ (score - none[place]) for place, score in by_output.items()}
-        for key, by_output in scores.items()
-    }
-    names = list(dict.fromkeys(name for name, _ in scores))
-    log_weight, chosen, carries = {NONE: np.full(DRAWS, np.log(priors[NONE]))}, {}, {}
+    power = min(1.0, most_evidence / max(_find_largest(alone, beside), 1e-300))
+    names = list(dict.fromkeys(name for name, _ in alone.forms))
+    map_prior = priors[STATIC_MAP]
+    log_map = {each: power * float((beside.none - alone.none)[_at(channels, each)].sum()) for each in set(channels)}
+    log_law = {each: np.logaddexp(np.log1p(-map_prior), np.log(map_prior) + value) for each, value in log_map.items()}
+    log_weight, chosen, carries = {NONE: float(np.log(priors[NONE]))}, {}, {}
     for name in names:
-        forms = {form: by_output for (each, form), by_output in gain.items() if each == name}
-        pooled, chosen[name] = _pool_forms(forms, len(none))
-        carries[name] = np.where(
-            np.isfinite(pooled).all(axis=0), (1.0 / (1.0 + np.exp(-np.clip(pooled, -700, 700)))).mean(axis=0), 0.0
-        )
-        any_set = np.logaddexp(0.0, pooled).sum(axis=1)
-        some = any_set + np.log(-np.expm1(np.minimum(-any_set, -1e-12)))
-        weight = some - np.log(2.0 ** len(none) - 1.0) + np.log(priors[name])
-        log_weight[name] = weight if worth(name, chosen[name], carries[name]) else np.full(DRAWS, -np.inf)
-    stacked = np.column_stack(list(log_weight.values()))
-    weights = np.exp(stacked - stacked.max(axis=1, keepdims=True))
-    mean = (weights / weights.sum(axis=1, keepdims=True)).mean(axis=0)
-    return Verdicts({name: float(each) for name, each in zip(log_weight, mean, strict=True)}, chosen, carries)
+        found = [
+            _weigh_name(name, scores, power, channels, log_prior, log_map if scores is beside else {}, log_law)
+            for scores, log_prior in ((alone, np.log1p(-map_prior)), (beside, np.log(map_prior)))
+        ]
+        weight = np.logaddexp(found[0][0], found[1][0])
+        chosen[name], carries[name] = max(found, key=lambda each: each[0])[1:]
+        offered = worth(name, chosen[name], carries[name])
+        log_weight[name] = float(weight + np.log(priors[name])) if offered else -np.inf
+    weights = np.exp(np.array(list(log_weight.values())) - max(log_weight.values()))
+    shares = dict(zip(log_weight, map(float, weights / weights.sum()), strict=True))
+    maps = {each: 1.0 - float(np.exp(np.log1p(-map_prior) - value)) for each, value in log_law.items()}
+    lawful = float(np.prod([1.0 - each for each in maps.values()]))
+    shares |= {NONE: shares[NONE] * lawful, STATIC_MAP: shares[NONE] * (1.0 - lawful)}
+    return Verdicts(shares, chosen, carries, maps)
 
 
-def _pool_forms(forms: Mapping[str, Mapping[int, Array]], outputs: int) -> tuple[Array, list[str]]:
-    """Return the gain of a name in every output and draw, forms weighed alike, and the best form in each output."""
-    pooled = np.full((DRAWS, outputs), -np.inf)
-    best = [""] * outputs
-    for place in range(outputs):
-        there = {form: by_output[place] for form, by_output in forms.items() if place in by_output}
+def _at(channels: Sequence[str], channel: str) -> Array:
+    return np.array([each == channel for each in channels])
+
+
+def _find_largest(alone: Beside, beside: Beside) -> float:
+    """Return the largest log ratio of any explanation's likelihood to that of nothing."""
+    gains = [np.maximum(beside.none - alone.none, 0.0).sum()]
+    for scores in (alone, beside):
+        best: dict[str, Array] = {}
+        for (name, _), by_output in scores.forms.items():
+            gain = best.setdefault(name, np.maximum(scores.none - alone.none, 0.0))
+            for place, score in by_output.items():
+                gain[place] = max(gain[place], score - alone.none[place])
+        gains += [each.sum() for each in best.values()]
+    return float(max(gains))
+
+
+def _weigh_name(
+    name: str,
+    scores: Beside,
+    power: float,
+    channels: Sequence[str],
+    log_prior: float,
+    log_map: Mapping[str, float],
+    log_law: Mapping[str, float],
+) -> tuple[float, list[str], Array]:
+    """Return the log weight of a name over that of nothing, its form in each output, and which outputs carry it."""
+    best = [""] * len(channels)
+    gains = np.full(len(channels), -np.inf)
+    for place in range(len(channels)):
+        there = {
+            form: power * (by_output[place] - scores.none[place])
+            for (each, form), by_output in scores.forms.items()
+            if each == name and place in by_output
+        }
         if there:
-            pooled[:, place] = np.logaddexp.reduce(list(there.values()), axis=0) - np.log(len(there))
-            medians = {form: float(np.median(each)) for form, each in there.items()}
-            best[place] = max(medians, key=medians.__getitem__)
-    return pooled, best
+            best[place] = max(there, key=there.__getitem__)
+            gains[place] = np.logaddexp.reduce(list(there.values())) - np.log(len(there))
+    carries = np.zeros(len(channels))
+    weights = {}
+    offering = [each for each in dict.fromkeys(channels) if np.isfinite(gains[_at(channels, each)]).any()]
+    for channel in offering:
+        own = np.flatnonzero(_at(channels, channel) & np.isfinite(gains))
+        total, carries[own] = _weigh_sets(gains[own])
+        weights[channel] = total + log_prior + log_map.get(channel, 0.0) - log_law[channel]
+    if not weights:
+        return -np.inf, best, carries
+    likely = max(weights, key=weights.__getitem__)
+    carries[~_at(channels, likely)] = 0.0
+    return float(np.logaddexp.reduce(list(weights.values())) - np.log(len(weights))), best, carries
+
+
+def _weigh_sets(gains: Array) -> tuple[float, Array]:
+    """Return the log mean of the likelihood ratio over all sets of outputs but the empty, and each one's probability.
+
+    Every number of outputs is as likely as any other, and every set of a number.
+    """
+    from scipy.special import gammaln
+
+    number = np.arange(1, len(gains) + 1)
+    log_prior = -np.log(len(gains)) - (gammaln(len(gains) + 1) - gammaln(number + 1) - gammaln(len(gains) - number + 1))
+    total = float(np.logaddexp.reduce(log_prior + _sum_sets(gains)[1:]))
+    shares = np.empty(len(gains))
+    for place in range(len(gains)):
+        without = np.append(_sum_sets(np.delete(gains, place)), -np.inf)
+        shares[place] = 1.0 - np.exp(min(float(np.logaddexp.reduce(log_prior + without[1:])) - total, 0.0))
+    return total, shares
+
+
+def _sum_sets(gains: Array) -> Array:
+    """Return the log of the summed likelihood ratios of all sets of each number of outputs, zero to all."""
+    sums = np.full(len(gains) + 1, -np.inf)
+    sums[0] = 0.0
+    for gain in gains:
+        sums[1:] = np.logaddexp(sums[1:], sums[:-1] + gain)
+    return sums

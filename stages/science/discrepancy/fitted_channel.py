@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from stages.science.discrepancy.screening import Screened, screen
+from stages.science.output_channels.families import build_memory, build_static_map, choose_family
 from stages.science.output_channels.features import build_features
 from stages.science.output_channels.fitting import Fit, Model, fit
 from stages.science.output_channels.flexible import (
@@ -28,6 +29,9 @@ from stages.science.signals.trajectories import Array
 FAR, LARGE = 4.0, 0.1
 """Sum of squares of a left-out trial over its own when fitted, and over that of all trials, above both of which the
 model is fitted again without the trial."""
+
+BESIDE = 4
+"""Iterations of a fit beside a family, from the fit without it."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,16 @@ class FittedChannel:
     def features(self) -> Array:
         """Generic features of the output, for a flexible model."""
         return build_features(self.output)
+
+    @cached_property
+    def static_map(self) -> tuple[Array, list[Array]]:
+        """Columns of a static map of the output's signals, and standard deviations of their weights to try."""
+        return build_static_map(self.output)
+
+    @cached_property
+    def memory(self) -> tuple[Array, list[Array]]:
+        """The same of a memory of them."""
+        return build_memory(self.output)
 
     @cached_property
     def promises(self) -> list[Screened]:
@@ -174,6 +188,14 @@ def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
     return assess(fit(model, plain, start), plain)
 
 
+def fit_beside(fitted: Fitted, columns: Array, tried: Sequence[Array]) -> Fitted:
+    """Return the fit of a model beside a family without a name, whose priors are chosen for it."""
+    family = choose_family(fitted.fit, columns, tried)
+    model = replace(fitted.fit.model, family=family)
+    plain = make_plain(fitted.spread)
+    return assess(fit(model, plain, np.append(fitted.fit.values, np.zeros(len(family.sd))), iterations=BESIDE), plain)
+
+
 def refit_coloured(plain: Fitted) -> Fitted:
     """Fit a model once more, under the noise that it left; return what predicts better."""
     noise = plain.estimate_noise()
@@ -189,10 +211,9 @@ def assess(found: Fit, noise: Noise) -> Fitted:
     far = np.flatnonzero((squares > FAR * inside) & (squares > LARGE * squares.sum()))
     for trial in far if output.trials > 2 else ():
         others = [k for k in range(output.trials) if k != trial]
-        without = fit(replace(found.model, output=output.take(others)), noise, found.values)
-        alone = output.take([int(trial)])
-        left = alone.measured - replace(found.model, output=alone).simulate(without.values)
-        residual[:, trial] = np.where(alone.present, left, 0.0)[:, 0]
+        without, alone = fit(found.model.take(others), noise, found.values), found.model.take([int(trial)])
+        left = alone.output.measured - alone.simulate(without.values)
+        residual[:, trial] = np.where(alone.output.present, left, 0.0)[:, 0]
     return Fitted(found, residual, (residual**2).sum(axis=0))
 
 

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.science.discrepancy.evidence import NONE, Verdicts, weigh_names
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_plain, refit_coloured
+from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP, Beside, Verdicts, weigh_names
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_beside, fit_plain, refit_coloured
 from stages.science.discrepancy.screening import Screened
 from stages.science.discrepancy.settings import SearchSettings
-from stages.science.output_channels.noise import Noise
+from stages.science.discrepancy.trial_scores import compare_by
+from stages.science.output_channels.output_channel import map_in_threads
 from stages.science.signals.trajectories import Array
 
 Choice = dict[tuple[str, str], Fitted]
@@ -80,7 +81,6 @@ def rank(
     outputs: Sequence[FittedChannel],
     candidates: Sequence[Sequence[Screened]],
     settings: SearchSettings,
-    generator: np.random.Generator,
 ) -> tuple[Round, list[Choice]]:
     """Return the probabilities of the names and, for each output channel, the fits of the shortlisted forms."""
     close = _shortlist(outputs, candidates, settings)
@@ -88,29 +88,24 @@ def rank(
     for state, listed in zip(outputs, candidates, strict=True):
         chosen = [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close]
         choices.append(_extend(state, chosen, settings.near_best))
-    temper = settings.temper
-    noises = [_least_noise(state, fitted) for state, fitted in zip(outputs, choices, strict=True)]
-    none = [state.current.density(noise) / temper for state, noise in zip(outputs, noises, strict=True)]
-    scores: dict[tuple[str, str], dict[int, Array]] = {}
-    for place, listed in enumerate(candidates):
-        for each in listed:
-            by_output = scores.setdefault((each.form.name, each.form.form), {})
-            fitted = choices[place].get((each.form.name, each.form.form))
-            unfitted = none[place] - settings.unfitted_score
-            by_output[place] = fitted.density(noises[place]) / temper if fitted else unfitted
-    names = sorted({name for name, _ in scores})
+    names = sorted({each.form.name for listed in candidates for each in listed})
     sizes = _count_parameters(candidates)
     halved = {name: 0.5 ** sizes[name] for name in names}
-    every = sum(halved.values()) / (1.0 - settings.none_prior)
-    priors = {NONE: settings.none_prior, **{name: each / every for name, each in halved.items()}}
+    every = sum(halved.values()) / (1.0 - settings.none_prior - settings.family_prior)
+    priors = {name: each / every for name, each in halved.items()}
+    priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.static_prior}
 
     def worth(name: str, forms: list[str], carries: Array) -> bool:
-        return bool(_carriers(outputs, choices, name, forms, carries, settings))
+        return name == MEMORY or bool(_carriers(outputs, choices, name, forms, carries, settings))
 
-    verdicts = _choose_forms(weigh_names(scores, none, priors, generator, worth), choices)
+    alone, beside = _score_all(outputs, candidates, choices, settings.unfitted_score)
+    channels = [state.output.channel for state in outputs]
+    verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
+    verdicts = _choose_forms(verdicts, choices)
     verdicts = _believe_exact(outputs, choices, verdicts, settings)
     raws = {name: _raw_with(outputs, choices, verdicts, name) for name in names}
-    raws[NONE] = [state.current.raw for state in outputs]
+    for family in (NONE, *verdicts.families):
+        raws[family] = [state.current.raw for state in outputs]
     gaps = {name: _pool(outputs, each) for name, each in raws.items()}
     heldout = {name: _pool_over_range(outputs, each) for name, each in raws.items()}
     sites = {
@@ -167,13 +162,42 @@ def _is_shown(state: FittedChannel, fitted: Fitted, settings: SearchSettings) ->
     return float((fitted.fit.residual**2).sum()) < settings.exact_share * before
 
 
-def _least_noise(state: FittedChannel, choices: Choice) -> Noise:
-    """Return the noise under which all candidates of an output channel are scored: that of the best prediction.
+def _score_all(
+    outputs: Sequence[FittedChannel],
+    candidates: Sequence[Sequence[Screened]],
+    choices: Sequence[Choice],
+    unfitted_score: float,
+) -> tuple[Beside, Beside]:
+    """Return the scores of all models, without and with a static map of their own; a memory is one of them.
 
-    With a noise model of each candidate, a smooth large residual would be preferred to a rough small one.
+    Where no form is worth a fit nothing is missing, and a family would only predict noise.
     """
-    best = min([state.current, *choices.values()], key=lambda each: float(each.raw.sum()))
-    return best.estimate_noise()
+    samples = sum(state.output.measured.size for state in outputs)
+    found = map_in_threads(lambda each: _score_output(*each), list(zip(outputs, choices, strict=True)), samples)
+    both = []
+    for scores in zip(*found, strict=True):
+        none = np.array([each[NONE, ""] for each in scores])
+        forms: dict[tuple[str, str], dict[int, float]] = {}
+        for place, (listed, own) in enumerate(zip(candidates, scores, strict=True)):
+            keys = [(each.form.name, each.form.form) for each in listed] + [key for key in own if key[0] == MEMORY]
+            for key in keys:
+                forms.setdefault(key, {})[place] = own.get(key, none[place] - unfitted_score)
+        both.append(Beside(none, forms))
+    return both[0], both[1]
+
+
+def _score_output(state: FittedChannel, choice: Choice) -> list[dict[tuple[str, str], float]]:
+    alone: Choice = {(NONE, ""): state.current, **choice}
+    if not choice:
+        return [dict.fromkeys(alone, 0.0)] * 2
+    beside = {key: fit_beside(each, *state.static_map) for key, each in alone.items()}
+    wider = [np.concatenate([each, other], axis=2) for each, other in [(state.static_map[0], state.memory[0])]]
+    alone[MEMORY, ""] = fit_beside(state.current, *state.memory)
+    scale = [np.append(beside[NONE, ""].fit.model.weights_sd, each) for each in state.memory[1]]
+    beside[MEMORY, ""] = fit_beside(state.current, wider[0], scale)
+    best = min([*alone.values(), *beside.values()], key=lambda each: float(each.raw.sum()))
+    scores = compare_by(state.output, best.residual)
+    return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)]
 
 
 def _count_parameters(candidates: Sequence[Sequence[Screened]]) -> dict[str, int]:
@@ -275,10 +299,11 @@ def _decide(
     carried = {
         name: _carriers(outputs, choices, name, forms, verdicts.carries[name], settings)
         for name, forms in verdicts.forms.items()
+        if name not in verdicts.families
     }
     possible = [name for name in carried if carried[name]]
     best = max(possible, key=lambda name: verdicts.names[name], default=NONE)
-    if verdicts.names[best] <= verdicts.names[NONE]:
+    if verdicts.names[best] <= max(verdicts.names[NONE], *(verdicts.names[each] for each in verdicts.families)):
         return None
     closed = {name: gaps[NONE] - gaps[name] for name in possible}
     equals = [name for name in possible if name == best or closed[name] > settings.simpler_share * closed[best]]

@@ -60,7 +60,7 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
     found.steps.append([state.nominal for state in outputs])
     while len(found.named) < settings.most_effects:
         candidates = list_candidates(found.outputs, settings)
-        looked, choices = rank(found.outputs, candidates, settings, generator)
+        looked, choices = rank(found.outputs, candidates, settings)
         if _find_better_constants(found, choices, settings.better_constants):
             continue
         found.rounds.append(looked)

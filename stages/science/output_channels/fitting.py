@@ -7,7 +7,8 @@ simulations.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -29,12 +30,43 @@ ENOUGH = 1e-5
 """Relative fall of the cost below which a fit has converged."""
 
 
+@dataclass(frozen=True, eq=False)
+class Family:
+    """A family of functions without a physical name, linear in its weights.
+
+    Parameters
+    ----------
+    columns : (T, K, F) ndarray
+        What each weight of one adds to the channel, in the channel's unit.
+    sd : (F,) ndarray
+        Standard deviations of the weights' priors, whose means are zero.
+    """
+
+    columns: Array
+    sd: Array
+
+    def take(self, trials: Sequence[int]) -> Family:
+        """Return the family on some of its trials, by position."""
+        return Family(self.columns[:, list(trials)], self.sd)
+
+
 @dataclass(frozen=True)
 class Model:
-    """The nominal model of an output channel with a list of effects; it names the entries of a parameter vector."""
+    """The nominal model of an output channel with a list of effects; it names the entries of a parameter vector.
+
+    Parameters
+    ----------
+    output : OutputChannel
+        What is simulated.
+    forms : tuple of EffectForm
+        Effects.
+    family : Family, optional
+        What is added to the simulated channel; its weights are the last entries.
+    """
 
     output: OutputChannel
     forms: tuple[EffectForm, ...] = ()
+    family: Family | None = None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -42,20 +74,34 @@ class Model:
         return (*self.output.constants, *(each for form in self.forms for each in form.parameters))
 
     @property
+    def weights_sd(self) -> Array:
+        """Standard deviations of the priors of the family's weights, (F,) ndarray."""
+        return np.empty(0) if self.family is None else self.family.sd
+
+    @property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper bounds."""
-        return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
+        free = np.full(len(self.weights_sd), np.inf)
+        low, high = [p.low for p in self.parameters], [p.high for p in self.parameters]
+        return np.append(low, -free), np.append(high, free)
 
     @property
     def prior(self) -> tuple[Array, Array]:
         """Means and standard deviations of the priors."""
-        return np.array([p.prior_mean for p in self.parameters]), np.array([p.prior_sd for p in self.parameters])
+        means, sds = [p.prior_mean for p in self.parameters], [p.prior_sd for p in self.parameters]
+        return np.append(means, np.zeros(len(self.weights_sd))), np.append(sds, self.weights_sd)
 
     @property
     def start(self) -> Array:
-        """Values at which a fit starts: the prior means of the constants, the first start of each parameter."""
+        """Values at which a fit starts: prior means of constants and weights, the first start of each parameter."""
         means = [each.prior_mean for each in self.output.constants]
-        return np.array([*means, *(each.starts[0] for form in self.forms for each in form.parameters)], dtype=float)
+        starts = [each.starts[0] for form in self.forms for each in form.parameters]
+        return np.array([*means, *starts, *np.zeros(len(self.weights_sd))], dtype=float)
+
+    def take(self, trials: Sequence[int]) -> Model:
+        """Return the model on some of its trials, by position."""
+        family = None if self.family is None else self.family.take(trials)
+        return replace(self, output=self.output.take(trials), family=family)
 
     def name_values(self, values: Array) -> tuple[dict[str, float], list[tuple[EffectForm, dict[str, float]]]]:
         """Return values by name: the constants', and each effect's."""
@@ -70,16 +116,25 @@ class Model:
 
     def simulate(self, values: Array) -> Array:
         """Return the channel, (T, K)."""
-        return self.output.simulate(*self.name_values(values))
+        simulated = self.output.simulate(*self.name_values(values))
+        if self.family is not None:
+            simulated = simulated + self.family.columns @ values[len(self.parameters) :]
+        return simulated
 
     def differentiate(self, values: Array, simulated: Array) -> Array:
         """Return the derivatives of the channel by each value, (T, K, P)."""
-        high, sd = self.bounds[1], self.prior[1]
+        named = len(self.parameters)
+        values, weights = values[:named], values[named:]
+        high, sd = self.bounds[1][:named], self.prior[1][:named]
         steps = np.where(values + STEP * sd <= high, STEP * sd, -STEP * sd)
         moved = self.output.simulate_each([self.name_values(each) for each in values + np.diag(steps)])
-        moved -= simulated[:, :, None]
+        if self.family is None:
+            moved -= simulated[:, :, None]
+            moved /= steps
+            return moved
+        moved -= (simulated - self.family.columns @ weights)[:, :, None]
         moved /= steps
-        return moved
+        return np.concatenate([moved, self.family.columns], axis=2)
 
 
 @dataclass(frozen=True)
@@ -241,7 +296,7 @@ def fit(model: Model, noise: Noise, start: Array, iterations: int = ITERATIONS) 
         if fallen < ENOUGH * cost:
             break
     slopes, white = _linearise(model, values, simulated, residual, noise)
-    margin = 1e-9 * (high - low)
+    margin = 1e-9 * np.where(np.isfinite(high - low), high - low, 0.0)
     free = (values > low + margin) & (values < high - margin)
     return Fit(model, values, residual, slopes, white, free)
 

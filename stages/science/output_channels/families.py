@@ -1,0 +1,139 @@
+"""Families of functions without a physical name, as competitors of named effects.
+
+An output flows in; out flow the columns of a static map or of a memory of its measured signals, and, for a fit, the
+family that left-out trials chose. A wrong law is a static map: products of powers carry its bulk, two Gaussian
+processes of different widths the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from stages.science.output_channels.features import list_memory
+from stages.science.output_channels.fitting import Family, Fit, collect_grams
+from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.signals.trajectories import Array
+
+DEGREES = {1: 6, 2: 5}
+"""Largest degree of the products by the number of signals; 3 for more."""
+SMOOTH, ROUGH = (1.0, 16), (0.35, 40)
+"""Width of a Gaussian process in standard deviations of the signals, and number of its inducing points."""
+SCALES = (1e-5, 0.003, 0.01, 0.03, 0.1)
+"""Standard deviations of the processes, over the channel's range, of which left-out trials choose."""
+PRODUCTS = 0.1
+"""Standard deviation of the products' weights, over the channel's range."""
+FARTHEST = 2000
+"""Number of samples from which inducing points are taken, at most."""
+
+
+def build_static_map(output: OutputChannel) -> tuple[Array, list[Array]]:
+    """Return the columns of a static map, (T, K, F), as the output responds to them, and standard deviations to try.
+
+    Parameters
+    ----------
+    output : OutputChannel
+        Whose own signals, rates excepted, are the map's inputs.
+
+    Notes
+    -----
+    Inducing points: Quinonero-Candela and Rasmussen, A unifying view of sparse approximate Gaussian process
+    regression, Journal of Machine Learning Research 6 (2005).
+    """
+    signals = [each.values for each in output.drivers() if each.own and not each.rate]
+    inputs = np.stack([(each - each.mean()) / max(float(each.std()), 1e-12) for each in signals], axis=2)
+    most = DEGREES.get(len(signals), 3)
+    products = [
+        np.prod([inputs[:, :, place] for place in chosen], axis=0)
+        for degree in range(1, most + 1)
+        for chosen in combinations_with_replacement(range(len(signals)), degree)
+    ]
+    blocks = [np.stack([each / max(float(each.std()), 1e-12) for each in products], axis=2)]
+    blocks += [_expand(inputs, *each) for each in (SMOOTH, ROUGH)]
+    sizes = [each.shape[2] for each in blocks]
+    tried = [np.repeat([PRODUCTS, smooth, rough], sizes) for smooth in SCALES for rough in (1e-5, 0.3 * smooth, smooth)]
+    return _respond(output, np.concatenate(blocks, axis=2)), tried[2:]
+
+
+def build_memory(output: OutputChannel) -> tuple[Array, list[Array]]:
+    """Return the columns of a memory of the signals, (T, K, F), and standard deviations of its weights to try."""
+    columns = _respond(output, list_memory(output))
+    return columns, [np.full(columns.shape[2], each) for each in SCALES[1:]]
+
+
+def _respond(output: OutputChannel, columns: Array) -> Array:
+    return np.where(output.present[:, :, None], output.respond(output.range * columns), 0.0)
+
+
+def _expand(inputs: Array, width: float, points: int) -> Array:
+    """Return functions whose sum with weights of one deviation is a Gaussian process of that, at inducing points."""
+    from scipy.linalg import solve_triangular
+
+    flat = inputs.reshape(-1, inputs.shape[2])
+    centres = _spread_out(flat[:: max(len(flat) // FARTHEST, 1)], points)
+    among, beside = (_correlate(each, centres, width) for each in (centres, flat))
+    factor = np.linalg.cholesky(among + 1e-6 * np.eye(len(centres)))
+    columns: Array = solve_triangular(factor, beside.T, lower=True).T
+    return columns.reshape(*inputs.shape[:2], len(centres))
+
+
+def _correlate(first: Array, second: Array, width: float) -> Array:
+    apart = ((first[:, None] - second[None]) ** 2).sum(axis=2)
+    correlated: Array = np.exp(-0.5 * apart / width**2)
+    return correlated
+
+
+def _spread_out(places: Array, points: int) -> Array:
+    """Return points each of which is as far as possible from those before (Gonzalez 1985)."""
+    chosen = [places[np.argmin((places**2).sum(axis=1))]]
+    apart = ((places - chosen[0]) ** 2).sum(axis=1)
+    while len(chosen) < points and apart.max() > 1e-6:
+        chosen.append(places[np.argmax(apart)])
+        apart = np.minimum(apart, ((places - chosen[-1]) ** 2).sum(axis=1))
+    return np.array(chosen)
+
+
+def choose_family(fit: Fit, columns: Array, tried: Sequence[Array]) -> Family:
+    """Return a family beside a fit, with the priors by which left-out trials are predicted best.
+
+    Each trial may have an offset and a gain of its own, which decide nothing here.
+
+    Parameters
+    ----------
+    fit : Fit
+        A model without a family.
+    columns : (T, K, F) ndarray
+        Of the family.
+    tried : sequence of (F,) ndarray
+        Standard deviations of its weights to choose from.
+    """
+    output = fit.model.output
+    spread = float(np.sqrt((fit.residual**2).sum() / max(output.present.sum(), 1))) or 1.0
+    together = np.concatenate([fit.slopes, columns, fit.residual[:, :, None]], axis=2)
+    shapes = keep_shape(together, output) / spread
+    grams = collect_grams(shapes[:, :, :-1], shapes[:, :, -1], output.present)
+    total, cross = grams.slopes.sum(axis=0), grams.cross.sum(axis=0)
+
+    def predict(sd: Array) -> float:
+        scale = np.concatenate([fit.model.prior[1], sd])
+        curved = (total - grams.slopes) * scale * scale[:, None] + np.eye(len(scale))
+        weights = np.linalg.solve(curved, ((cross - grams.cross) * scale)[:, :, None])[:, :, 0] * scale
+        return float(grams.left_out(weights).sum())
+
+    return Family(columns, min(tried, key=predict))
+
+
+def keep_shape(signals: Array, output: OutputChannel) -> Array:
+    """Return signals, (T, K, Q), less their offset and their part along the measured channel in each trial."""
+    present = output.present
+    count = np.maximum(present.sum(axis=0), 1)
+    bare = np.where(present[:, :, None], signals, 0.0)
+    bare = np.where(present[:, :, None], bare - bare.sum(axis=0) / count[:, None], 0.0)
+    measured = np.where(present, output.measured, 0.0)
+    measured = np.where(present, measured - measured.sum(axis=0) / count, 0.0)
+    size = np.maximum((measured**2).sum(axis=0), 1e-300)
+    along = np.einsum("tk,tkq->kq", measured, bare) / size[:, None]
+    shape: Array = bare - measured[:, :, None] * along
+    return shape
