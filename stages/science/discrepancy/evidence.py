@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.science.signals.trajectories import Array
 
@@ -116,8 +117,8 @@ def weigh_names(
     return Verdicts(shares, chosen, carries, maps)
 
 
-def _at(channels: Sequence[str], channel: str) -> Array:
-    return np.array([each == channel for each in channels])
+def _at(channels: Sequence[str], channel: str) -> NDArray[np.bool_]:
+    return np.array([each == channel for each in channels], dtype=bool)
 
 
 def _find_largest(alone: Beside, beside: Beside) -> float:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from stages.science.discrepancy.screening import Screened, screen
-from stages.science.output_channels.families import build_memory, build_static_map, choose_family
+from stages.science.output_channels.families import Blocks, build_memory, build_static_map, choose_family
 from stages.science.output_channels.features import build_features
 from stages.science.output_channels.fitting import Fit, Model, fit
 from stages.science.output_channels.flexible import (
@@ -89,13 +89,13 @@ class FittedChannel:
         return build_features(self.output)
 
     @cached_property
-    def static_map(self) -> tuple[Array, list[Array]]:
-        """Columns of a static map of the output's signals, and standard deviations of their weights to try."""
+    def static_map(self) -> Blocks:
+        """A static map of the output's signals."""
         return build_static_map(self.output)
 
     @cached_property
-    def memory(self) -> tuple[Array, list[Array]]:
-        """The same of a memory of them."""
+    def memory(self) -> Blocks:
+        """A memory of them."""
         return build_memory(self.output)
 
     @cached_property
@@ -188,9 +188,9 @@ def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
     return assess(fit(model, plain, start), plain)
 
 
-def fit_beside(fitted: Fitted, columns: Array, tried: Sequence[Array]) -> Fitted:
+def fit_beside(fitted: Fitted, blocks: Blocks) -> Fitted:
     """Return the fit of a model beside a family without a name, whose priors are chosen for it."""
-    family = choose_family(fitted.fit, columns, tried)
+    family = choose_family(fitted.fit, *blocks)
     model = replace(fitted.fit.model, family=family)
     plain = make_plain(fitted.spread)
     return assess(fit(model, plain, np.append(fitted.fit.values, np.zeros(len(family.sd))), iterations=BESIDE), plain)

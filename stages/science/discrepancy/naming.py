@@ -15,6 +15,7 @@ from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit
 from stages.science.discrepancy.screening import Screened
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
+from stages.science.output_channels.families import join
 from stages.science.output_channels.output_channel import map_in_threads
 from stages.science.signals.trajectories import Array
 
@@ -114,7 +115,7 @@ def rank(
         for each in listed
         if verdicts.forms[each.form.name][place] == each.form.form
     }
-    named = _decide(outputs, choices, verdicts, gaps, sizes, settings)
+    named = _decide(outputs, choices, verdicts, gaps, settings)
     spoken = (named.name, *named.alternatives) if named else ()
     confounded = {name: each for name, each in _find_confounded(candidates, verdicts).items() if name not in spoken}
     return Round(verdicts, confounded, gaps, heldout, sites, named), choices
@@ -190,11 +191,9 @@ def _score_output(state: FittedChannel, choice: Choice) -> list[dict[tuple[str, 
     alone: Choice = {(NONE, ""): state.current, **choice}
     if not choice:
         return [dict.fromkeys(alone, 0.0)] * 2
-    beside = {key: fit_beside(each, *state.static_map) for key, each in alone.items()}
-    wider = [np.concatenate([each, other], axis=2) for each, other in [(state.static_map[0], state.memory[0])]]
-    alone[MEMORY, ""] = fit_beside(state.current, *state.memory)
-    scale = [np.append(beside[NONE, ""].fit.model.weights_sd, each) for each in state.memory[1]]
-    beside[MEMORY, ""] = fit_beside(state.current, wider[0], scale)
+    beside = {key: fit_beside(each, state.static_map) for key, each in alone.items()}
+    alone[MEMORY, ""] = fit_beside(state.current, state.memory)
+    beside[MEMORY, ""] = fit_beside(state.current, join(state.static_map, state.memory))
     best = min([*alone.values(), *beside.values()], key=lambda each: float(each.raw.sum()))
     scores = compare_by(state.output, best.residual)
     return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)]
@@ -292,10 +291,9 @@ def _decide(
     choices: Sequence[Choice],
     verdicts: Verdicts,
     gaps: Mapping[str, float],
-    sizes: Mapping[str, int],
     settings: SearchSettings,
 ) -> Named | None:
-    """Return the effect to add, if one is probable and closes a gap that matters; of equals, the simpler one."""
+    """Return the effect to add, if one is more probable than nothing and than any family, and closes what matters."""
     carried = {
         name: _carriers(outputs, choices, name, forms, verdicts.carries[name], settings)
         for name, forms in verdicts.forms.items()
@@ -306,9 +304,6 @@ def _decide(
     if verdicts.names[best] <= max(verdicts.names[NONE], *(verdicts.names[each] for each in verdicts.families)):
         return None
     closed = {name: gaps[NONE] - gaps[name] for name in possible}
-    equals = [name for name in possible if name == best or closed[name] > settings.simpler_share * closed[best]]
-    best = min(equals, key=lambda name: (sizes[name], -verdicts.names[name]))
-    equals = [name for name in equals if sizes[name] > sizes[best] or name == best]
     like = settings.alternative_share * closed[best]
     alternatives = tuple(
         name for name in sorted(possible, key=gaps.__getitem__) if name != best and closed[name] > like
@@ -325,7 +320,7 @@ def _decide(
         first.site,
         outputs[carriers[0]].output.channel,
         tuple(outputs[place].output.element for place in carriers),
-        min(sum(verdicts.names[name] for name in equals), settings.beside_bound if stuck else 1.0),
+        min(verdicts.names[best], settings.beside_bound if stuck else 1.0),
         alternatives[:2],
         shown,
     )

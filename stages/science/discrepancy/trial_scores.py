@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.output_channels.families import keep_shape
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
 LONGEST = 0.25

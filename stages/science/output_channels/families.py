@@ -19,23 +19,23 @@ from stages.science.signals.trajectories import Array
 
 DEGREES = {1: 6, 2: 5}
 """Largest degree of the products by the number of signals; 3 for more."""
+LOW = 3
+"""Degree up to which products are taken first."""
 SMOOTH, ROUGH = (1.0, 16), (0.35, 40)
 """Width of a Gaussian process in standard deviations of the signals, and number of its inducing points."""
-SCALES = (1e-5, 0.003, 0.01, 0.03, 0.1)
-"""Standard deviations of the processes, over the channel's range, of which left-out trials choose."""
-PRODUCTS = 0.1
-"""Standard deviation of the products' weights, over the channel's range."""
+NOTHING = 1e-6
+SCALES = (NOTHING, 0.001, 0.003, 0.01, 0.03)
+"""Standard deviations of weights, over the channel's range, of which left-out trials choose."""
 FARTHEST = 2000
 """Number of samples from which inducing points are taken, at most."""
 
 
-def build_static_map(output: OutputChannel) -> tuple[Array, list[Array]]:
-    """Return the columns of a static map, (T, K, F), as the output responds to them, and standard deviations to try.
+Blocks = tuple[Array, list[list[Array]]]
+"""Columns of a family, (T, K, F), and for each of its blocks the standard deviations of its weights to choose from."""
 
-    Parameters
-    ----------
-    output : OutputChannel
-        Whose own signals, rates excepted, are the map's inputs.
+
+def build_static_map(output: OutputChannel) -> Blocks:
+    """Return a static map of an output's own signals, rates excepted, as the output responds to it.
 
     Notes
     -----
@@ -45,22 +45,29 @@ def build_static_map(output: OutputChannel) -> tuple[Array, list[Array]]:
     signals = [each.values for each in output.drivers() if each.own and not each.rate]
     inputs = np.stack([(each - each.mean()) / max(float(each.std()), 1e-12) for each in signals], axis=2)
     most = DEGREES.get(len(signals), 3)
-    products = [
-        np.prod([inputs[:, :, place] for place in chosen], axis=0)
+    chosen = [
+        places
         for degree in range(1, most + 1)
-        for chosen in combinations_with_replacement(range(len(signals)), degree)
+        for places in combinations_with_replacement(range(len(signals)), degree)
     ]
+    products = [np.prod([inputs[:, :, place] for place in places], axis=0) for places in chosen]
     blocks = [np.stack([each / max(float(each.std()), 1e-12) for each in products], axis=2)]
     blocks += [_expand(inputs, *each) for each in (SMOOTH, ROUGH)]
-    sizes = [each.shape[2] for each in blocks]
-    tried = [np.repeat([PRODUCTS, smooth, rough], sizes) for smooth in SCALES for rough in (1e-5, 0.3 * smooth, smooth)]
-    return _respond(output, np.concatenate(blocks, axis=2)), tried[2:]
+    high = np.array([len(places) > LOW for places in chosen])
+    powers = [np.where(high, NOTHING, each) for each in (NOTHING, 0.01, 0.1)] + [np.full(len(high), 0.1)]
+    tried = [powers, *([np.full(each.shape[2], scale) for scale in SCALES] for each in blocks[1:])]
+    return _respond(output, np.concatenate(blocks, axis=2)), tried
 
 
-def build_memory(output: OutputChannel) -> tuple[Array, list[Array]]:
-    """Return the columns of a memory of the signals, (T, K, F), and standard deviations of its weights to try."""
+def build_memory(output: OutputChannel) -> Blocks:
+    """Return a memory of an output's own signals, as the output responds to it."""
     columns = _respond(output, list_memory(output))
-    return columns, [np.full(columns.shape[2], each) for each in SCALES[1:]]
+    return columns, [[np.full(columns.shape[2], each) for each in (*SCALES, 0.1)]]
+
+
+def join(*families: Blocks) -> Blocks:
+    """Return the sum of families."""
+    return np.concatenate([each for each, _ in families], axis=2), [block for _, each in families for block in each]
 
 
 def _respond(output: OutputChannel, columns: Array) -> Array:
@@ -95,7 +102,7 @@ def _spread_out(places: Array, points: int) -> Array:
     return np.array(chosen)
 
 
-def choose_family(fit: Fit, columns: Array, tried: Sequence[Array]) -> Family:
+def choose_family(fit: Fit, columns: Array, tried: Sequence[Sequence[Array]]) -> Family:
     """Return a family beside a fit, with the priors by which left-out trials are predicted best.
 
     Each trial may have an offset and a gain of its own, which decide nothing here.
@@ -106,23 +113,27 @@ def choose_family(fit: Fit, columns: Array, tried: Sequence[Array]) -> Family:
         A model without a family.
     columns : (T, K, F) ndarray
         Of the family.
-    tried : sequence of (F,) ndarray
-        Standard deviations of its weights to choose from.
+    tried : sequence of sequence of (F_b,) ndarray
+        Standard deviations of the weights of each of its blocks to choose from, block by block, twice.
     """
     output = fit.model.output
     spread = float(np.sqrt((fit.residual**2).sum() / max(output.present.sum(), 1))) or 1.0
-    together = np.concatenate([fit.slopes, columns, fit.residual[:, :, None]], axis=2)
+    together = np.concatenate([fit.slopes[:, :, fit.free], columns, fit.residual[:, :, None]], axis=2)
     shapes = keep_shape(together, output) / spread
     grams = collect_grams(shapes[:, :, :-1], shapes[:, :, -1], output.present)
     total, cross = grams.slopes.sum(axis=0), grams.cross.sum(axis=0)
 
     def predict(sd: Array) -> float:
-        scale = np.concatenate([fit.model.prior[1], sd])
+        scale = np.concatenate([fit.model.prior[1][fit.free], sd])
         curved = (total - grams.slopes) * scale * scale[:, None] + np.eye(len(scale))
         weights = np.linalg.solve(curved, ((cross - grams.cross) * scale)[:, :, None])[:, :, 0] * scale
         return float(grams.left_out(weights).sum())
 
-    return Family(columns, min(tried, key=predict))
+    chosen = [each[0] for each in tried]
+    for place in [*range(len(tried)), *range(len(tried) - 1)]:
+        before, after = chosen[:place], chosen[place + 1 :]
+        chosen[place] = min(tried[place], key=lambda each: predict(np.concatenate([*before, each, *after])))  # noqa: B023
+    return Family(columns, np.concatenate(chosen))
 
 
 def keep_shape(signals: Array, output: OutputChannel) -> Array:
