@@ -15,7 +15,7 @@ import numpy as np
 from stages.science.discrepancy.evidence import NONE
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, drop_effects
 from stages.science.discrepancy.naming import Named
-from stages.science.discrepancy.remainder import Remainder, sum_doubt, weigh_remainder
+from stages.science.discrepancy.remainder import Remainder, weigh_remainder
 from stages.science.discrepancy.search import Search
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.signals.trajectories import Array
@@ -46,7 +46,7 @@ class Decision:
     blind : bool
         Whether so much counts as noise that a gap would not be seen, or the simulation predicts nothing.
     doubt : float
-        Probability of an effect without a name; that of every name is reduced by it.
+        Probability of an effect without a name; that of every name in the same channel is reduced by it.
     """
 
     status: Status
@@ -82,14 +82,14 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     limits = settings.search
     bearable = max(settings.significance, least_p(found.outputs[0].output.trials))
     remainders = weigh_remainder(found, found.named, found.steps[-1], limits, generator)
-    doubt = sum_doubt(remainders, limits.remainder)
+    doubts = {channel: each.doubt for channel, each in remainders.items()}
     stand: list[Named] = []
     suspected: list[Named] = []
     present = found.steps[-1]
     for added in reversed(found.named):
         without = _drop(found, present, [added.name])
         p_value = compare_left_out(found.outputs, without, present, added, generator)
-        named = replace(added, p_value=p_value, probability=added.doubt(doubt))
+        named = replace(added, p_value=p_value, probability=added.doubt(doubts[added.channel]))
         if named.probability >= limits.certain and (named.shown or p_value <= bearable):
             stand.insert(0, named)
         else:
@@ -104,7 +104,9 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     missing = 1.0 - found.rounds[0].verdicts.names[NONE] * (1.0 - unknown)
     blind = any(_is_blind(state, each, settings) for state, each in zip(found.outputs, steps[-1], strict=True))
     left: Status = "unexplained" if blind or missing >= limits.certain else "no_discrepancy"
-    return Decision("named" if stand else left, missing, stand, suspected, steps, remainders, blind, doubt)
+    return Decision(
+        "named" if stand else left, missing, stand, suspected, steps, remainders, blind, max(doubts.values())
+    )
 
 
 def _drop(found: Search, fits: Sequence[Fitted], names: Collection[str]) -> list[Fitted]:

@@ -6,18 +6,20 @@ and two probabilities.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel
+from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_beside
 from stages.science.discrepancy.naming import Named
 from stages.science.discrepancy.search import Search
 from stages.science.discrepancy.settings import RemainderSettings, SearchSettings
 from stages.science.signals.trajectories import Array
 
-DRAWS, MEMORY = 1000, "memory"
+DRAWS = 1000
 
 
 class Remainder(NamedTuple):
@@ -34,7 +36,11 @@ class Remainder(NamedTuple):
     line_hz : float or None
         Frequency of an oscillation in all trials of one of its elements, Hz.
     family : str
-        That removes most in one of them, a linear memory of the inputs; else empty.
+        That explains it: a static map, where the channel follows one more probably than not, a linear memory of the
+        inputs, where it removes most in one of them; else empty.
+    doubt : float
+        Probability that names of the channel leave something that a static map does not explain either; where they
+        are ambiguous, `ambiguous_weight` shares it.
     """
 
     share: float
@@ -42,6 +48,7 @@ class Remainder(NamedTuple):
     ambiguous: float
     line_hz: float | None
     family: str
+    doubt: float
 
 
 def weigh_remainder(
@@ -68,18 +75,21 @@ def weigh_remainder(
     """
     remainders = {}
     reached = {id(state): fitted for state, fitted in zip(found.outputs, last, strict=True)}
-    for channel in dict.fromkeys(state.output.channel for state in found.outputs):
+    for channel, mapped in found.rounds[-1].verdicts.maps.items():
         states = [state for state in found.outputs if state.output.channel == channel]
         weights = generator.dirichlet(np.ones(len(states[0].samples)), DRAWS)
-        initial = _draw_gap(states, weights, lambda state: state.nominal.raw)
-        now = _draw_gap(states, weights, lambda state: reached[id(state)].raw)
-        least = _draw_gap(states, weights, lambda state: state.leftover.raw)
-        seen = initial > (1.0 + 0.5 * (settings.smallest_gap - 1.0)) * least  # beside no gap, no share of it means much
-        share = np.where(seen, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
-        unknown = (share > settings.unexplained_share) & (now > settings.smallest_gap * least)
-        added = any(reached[id(state)].forms for state in states)
-        ambiguous = float((share > settings.ambiguous_share).mean()) if added else 0.0
-        sure = float(unknown.mean())
+        fits = [state.nominal for state in states], [reached[id(state)] for state in states]
+        share, matters = _weigh(states, *fits, weights, settings)
+        sure = _count(share, matters, settings)
+        left = sure
+        if mapped >= settings.certain:
+            before, after = ([_map(*each) for each in zip(states, some, strict=True)] for some in fits)
+            unmapped = _weigh(states, before, after, weights, settings)
+            left, ambiguous = _count(*unmapped, settings), float((unmapped[0] > settings.ambiguous_share).mean())
+        else:
+            ambiguous = float((share > settings.ambiguous_share).mean())
+        added = any(each.forms for each in fits[1])
+        ambiguous = ambiguous if added else 0.0
         if any(_is_hidden(state, settings.remainder) for state in states):
             ambiguous = 1.0 if added else 0.0
             sure = sure if added else max(sure, settings.remainder.hidden_probability)
@@ -87,9 +97,34 @@ def weigh_remainder(
             ambiguous = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else None
-        family = MEMORY if any(state.leftover.linear_memory for state in states) else ""
-        remainders[channel] = Remainder(float(np.median(share)), sure, ambiguous, line_hz, family)
+        remembered = MEMORY if any(state.leftover.linear_memory for state in states) else ""
+        family = STATIC_MAP if mapped >= settings.certain else remembered
+        doubt = max(left, settings.remainder.ambiguous_weight * ambiguous)
+        remainders[channel] = Remainder(float(np.median(share)), sure, ambiguous, line_hz, family, doubt)
     return remainders
+
+
+def _map(state: FittedChannel, fitted: Fitted) -> Fitted:
+    return fit_beside(fitted, state.static_map)
+
+
+def _weigh(
+    states: Sequence[FittedChannel],
+    before: Sequence[Fitted],
+    after: Sequence[Fitted],
+    weights: Array,
+    settings: SearchSettings,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the share of the gap that is left, and whether a gap is, under each of the weights of trials."""
+    raws = [each.raw for each in before], [each.raw for each in after], [state.leftover.raw for state in states]
+    initial, now, least = (_draw_gap(states, weights, each) for each in raws)
+    seen = initial > (1.0 + 0.5 * (settings.smallest_gap - 1.0)) * least  # beside no gap, no share of it means much
+    share = np.where(seen, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
+    return share, now > settings.smallest_gap * least
+
+
+def _count(share: Array, matters: NDArray[np.bool_], settings: SearchSettings) -> float:
+    return float((matters & (share > settings.unexplained_share)).mean())
 
 
 def _is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
@@ -97,21 +132,11 @@ def _is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
     return settings.hides(state.floor / state.output.range, state.noise.white / state.output.range)
 
 
-def sum_doubt(remainders: Mapping[str, Remainder], settings: RemainderSettings) -> float:
-    """Return the probability of an effect without a name; the probability of every name is reduced by it.
-
-    Where a named effect leaves so much that it is ambiguous, `ambiguous_weight` shares the probability.
-    """
-    return max(
-        (max(each.unknown, settings.ambiguous_weight * each.ambiguous) for each in remainders.values()), default=0.0
-    )
-
-
-def _draw_gap(states: Sequence[FittedChannel], weights: Array, raw_of: Callable[[FittedChannel], Array]) -> Array:
+def _draw_gap(states: Sequence[FittedChannel], weights: Array, raws: Sequence[Array]) -> Array:
     ratios = []
-    for state in states:
+    for state, raw in zip(states, raws, strict=True):
         own = weights[:, : len(state.samples)]
-        mean = (own @ raw_of(state)) / (own @ state.samples)
+        mean = (own @ raw) / (own @ state.samples)
         ratios.append(mean / state.floor**2)
     gap: Array = np.sqrt(np.mean(ratios, axis=0))
     return gap

@@ -63,7 +63,6 @@ class SearchSettings(Declared):
     most_confounded: float = Field(gt=0.5, lt=1.0)
     none_prior: float = Field(gt=0.0, lt=1.0)
     certain: float = Field(gt=0.0, lt=1.0)
-    simpler_share: float = Field(gt=0.0, le=1.0)
     alternative_share: float = Field(gt=0.0, le=1.0)
     unfitted_score: float = Field(ge=0.0)
     exact_probability: float = Field(gt=0.0, lt=1.0)

@@ -46,9 +46,7 @@ def build_static_map(output: OutputChannel) -> Blocks:
     inputs = np.stack([(each - each.mean()) / max(float(each.std()), 1e-12) for each in signals], axis=2)
     most = DEGREES.get(len(signals), 3)
     chosen = [
-        places
-        for degree in range(1, most + 1)
-        for places in combinations_with_replacement(range(len(signals)), degree)
+        places for degree in range(1, most + 1) for places in combinations_with_replacement(range(len(signals)), degree)
     ]
     products = [np.prod([inputs[:, :, place] for place in places], axis=0) for places in chosen]
     blocks = [np.stack([each / max(float(each.std()), 1e-12) for each in products], axis=2)]
@@ -132,7 +130,7 @@ def choose_family(fit: Fit, columns: Array, tried: Sequence[Sequence[Array]]) ->
     chosen = [each[0] for each in tried]
     for place in [*range(len(tried)), *range(len(tried) - 1)]:
         before, after = chosen[:place], chosen[place + 1 :]
-        chosen[place] = min(tried[place], key=lambda each: predict(np.concatenate([*before, each, *after])))  # noqa: B023
+        chosen[place] = min(tried[place], key=lambda each: predict(np.concatenate([*before, each, *after])))
     return Family(columns, np.concatenate(chosen))
 
 
