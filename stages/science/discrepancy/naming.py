@@ -336,6 +336,17 @@ def _is_stuck(fitted: Fitted) -> bool:
     return False
 
 
+def is_worth(state: FittedChannel, without: Fitted, fitted: Fitted, settings: SearchSettings) -> bool:
+    """Return whether an effect takes enough of an output's gap, by fits without and with it.
+
+    Enough is a share of the first gap above the floor or, where that is more, one floor or a share of what is left: the
+    first gap may be one beside which all is small.
+    """
+    before, after, first = (state.ratio(each.raw, fitted.raw) for each in (without, fitted, state.nominal))
+    needed = min(settings.least_share * (first - 1.0), max(1.0, settings.least_rest * (before - 1.0)))
+    return before - after > max(settings.least_gain, needed)
+
+
 def _carriers(
     outputs: Sequence[FittedChannel],
     choices: Sequence[Choice],
@@ -350,13 +361,8 @@ def _carriers(
         fitted = choices[place].get((name, forms[place]))
         if fitted is None or carries[place] <= 0.5:
             continue
-        before, after, initial = (
-            state.ratio(raw, fitted.raw) for raw in (state.current.raw, fitted.raw, state.nominal.raw)
-        )
-        needed = settings.least_share * (initial - 1.0)
-        if state.current.forms:
-            needed = min(settings.later_share * (initial - 1.0), max(settings.later_gain, settings.later_rest * before))
-        if before - after > max(settings.least_gain, needed):
+        before = state.ratio(state.current.raw, fitted.raw)
+        if is_worth(state, state.current, fitted, settings):
             gains[place] = before
         elif _is_shown(state, fitted, settings):
             gains[place] = max(before, np.nextafter(settings.smallest_gap, np.inf))

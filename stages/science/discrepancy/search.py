@@ -20,7 +20,7 @@ from stages.science.discrepancy.fitted_channel import (
     prepare,
     refine,
 )
-from stages.science.discrepancy.naming import Choice, Named, Round, list_candidates, rank
+from stages.science.discrepancy.naming import Choice, Named, Round, is_worth, list_candidates, rank
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.noise import make_plain
@@ -67,10 +67,16 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
         if looked.named is None:
             break
         _add(found, looked.named, choices, generator)
-        found.named.append(looked.named)
+        found.named.append(_beside(looked.named, found.named))
         _take_out_redundant(found, settings)
         found.steps.append([state.current for state in found.outputs])
     return found
+
+
+def _beside(newest: Named, earlier: Sequence[Named]) -> Named:
+    """Return an effect with the probability that it and those which it was found beside are there."""
+    shared = [each for each in earlier if each.channel == newest.channel and {*each.elements} & {*newest.elements}]
+    return replace(newest, probability=min([1.0, *(each.probability for each in shared)]) * newest.probability)
 
 
 def _find_better_constants(found: Search, choices: Sequence[Choice], better_share: float) -> bool:
@@ -150,8 +156,7 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
                 continue
             without = drop_effects(state.current, [named.name], state.noise)
             keep.append((place, without))
-            worth |= _is_given(state, named.name)
-            worth |= state.ratio(without.raw) - state.ratio(state.current.raw) > settings.least_gain
+            worth |= _is_given(state, named.name) or is_worth(state, without, state.current, settings)
         if not worth:
             for place, without in keep:
                 found.outputs[place] = replace(found.outputs[place], current=without)

@@ -26,6 +26,8 @@ SMOOTH, ROUGH = (1.0, 16), (0.35, 40)
 NOTHING = 1e-6
 SCALES = (NOTHING, 0.001, 0.003, 0.01, 0.03)
 """Standard deviations of weights, over the channel's range, of which left-out trials choose."""
+NEAR = 0.2
+"""Standard deviations of the constants, over those of their priors, while a family is chosen beside straight lines."""
 FARTHEST = 2000
 """Number of samples from which inducing points are taken, at most."""
 
@@ -54,13 +56,13 @@ def build_static_map(output: OutputChannel) -> Blocks:
     high = np.array([len(places) > LOW for places in chosen])
     powers = [np.where(high, NOTHING, each) for each in (NOTHING, 0.01, 0.1)] + [np.full(len(high), 0.1)]
     tried = [powers, *([np.full(each.shape[2], scale) for scale in SCALES] for each in blocks[1:])]
-    return _respond(output, np.concatenate(blocks, axis=2)), tried
+    return _respond(output, np.concatenate(blocks, axis=2), tried)
 
 
 def build_memory(output: OutputChannel) -> Blocks:
     """Return a memory of an output's own signals, as the output responds to it."""
-    columns = _respond(output, list_memory(output))
-    return columns, [[np.full(columns.shape[2], each) for each in (*SCALES, 0.1)]]
+    columns = list_memory(output)
+    return _respond(output, columns, [[np.full(columns.shape[2], each) for each in (*SCALES, 0.1)]])
 
 
 def join(*families: Blocks) -> Blocks:
@@ -68,8 +70,14 @@ def join(*families: Blocks) -> Blocks:
     return np.concatenate([each for each, _ in families], axis=2), [block for _, each in families for block in each]
 
 
-def _respond(output: OutputChannel, columns: Array) -> Array:
-    return np.where(output.present[:, :, None], output.respond(output.range * columns), 0.0)
+def _respond(output: OutputChannel, columns: Array, tried: list[list[Array]]) -> Blocks:
+    """Return a family as the output responds to it; where it answers with several signals to each, block by block."""
+    answered = np.where(output.present[:, :, None], output.respond(output.range * columns), 0.0)
+    several = answered.shape[2] // columns.shape[2]
+    ends = np.cumsum([len(block[0]) for block in tried])
+    by_answer = answered.reshape(*answered.shape[:2], several, columns.shape[2])
+    blocks = [each.reshape(*each.shape[:2], -1) for each in np.split(by_answer, ends[:-1], axis=3)]
+    return np.concatenate(blocks, axis=2), [[np.tile(each, several) for each in block] for block in tried]
 
 
 def _expand(inputs: Array, width: float, points: int) -> Array:
@@ -122,7 +130,7 @@ def choose_family(fit: Fit, columns: Array, tried: Sequence[Sequence[Array]]) ->
     total, cross = grams.slopes.sum(axis=0), grams.cross.sum(axis=0)
 
     def predict(sd: Array) -> float:
-        scale = np.concatenate([fit.model.prior[1][fit.free], sd])
+        scale = np.concatenate([NEAR * fit.model.prior[1][fit.free], sd])
         curved = (total - grams.slopes) * scale * scale[:, None] + np.eye(len(scale))
         weights = np.linalg.solve(curved, ((cross - grams.cross) * scale)[:, :, None])[:, :, 0] * scale
         return float(grams.left_out(weights).sum())

@@ -8,7 +8,7 @@ import pytest
 from stages.science.discrepancy.decision import decide
 from stages.science.discrepancy.fitted_channel import prepare, refine, resume
 from stages.science.discrepancy.ranking import rank_first
-from stages.science.discrepancy.remainder import sum_doubt, weigh_remainder
+from stages.science.discrepancy.remainder import weigh_remainder
 from stages.science.discrepancy.screening import screen
 from stages.science.discrepancy.search import search
 from stages.science.output_channels.fitting import Model, fit
@@ -126,7 +126,7 @@ def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt, 
     single = clean[0].named
     many = replace(clean[0], named=[*single * (names - 1), replace(single[0], shown=shown)])
     left = weigh_remainder(many, many.named, many.steps[-1], SETTINGS, np.random.default_rng(1))
-    assert sum_doubt(left, SETTINGS.remainder) == pytest.approx(doubt, abs=0.05)
+    assert left["y"].doubt == pytest.approx(doubt, abs=0.05)
 
 
 def test_a_name_that_left_out_trials_do_not_confirm_is_suspected_and_taken_out_again(clean):
