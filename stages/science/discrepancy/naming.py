@@ -99,14 +99,13 @@ def rank(
     def worth(name: str, forms: list[str], carries: Array) -> bool:
         return name == MEMORY or bool(_carriers(outputs, choices, name, forms, carries, settings))
 
-    alone, beside = _score_all(outputs, candidates, choices, settings.unfitted_score)
+    alone, beside, families = _score_all(outputs, candidates, choices, settings.unfitted_score)
     channels = [state.output.channel for state in outputs]
     verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
     verdicts = _choose_forms(verdicts, choices)
     verdicts = _believe_exact(outputs, choices, verdicts, settings)
     raws = {name: _raw_with(outputs, choices, verdicts, name) for name in names}
-    for family in (NONE, *verdicts.families):
-        raws[family] = [state.current.raw for state in outputs]
+    raws |= {family: [each[family] for each in families] for family in (NONE, *verdicts.families)}
     gaps = {name: _pool(outputs, each) for name, each in raws.items()}
     heldout = {name: _pool_over_range(outputs, each) for name, each in raws.items()}
     sites = {
@@ -168,15 +167,15 @@ def _score_all(
     candidates: Sequence[Sequence[Screened]],
     choices: Sequence[Choice],
     unfitted_score: float,
-) -> tuple[Beside, Beside]:
-    """Return the scores of all models, without and with a static map of their own; a memory is one of them.
+) -> tuple[Beside, Beside, list[dict[str, Array]]]:
+    """Return the scores of all models, without and with a static map of their own, and what families leave.
 
-    Where no form is worth a fit nothing is missing, and a family would only predict noise.
+    A memory is one of the models. Where no form is worth a fit nothing is missing: a family would only predict noise.
     """
     samples = sum(state.output.measured.size for state in outputs)
     found = map_in_threads(lambda each: _score_output(*each), list(zip(outputs, choices, strict=True)), samples)
     both = []
-    for scores in zip(*found, strict=True):
+    for scores in zip(*(scores for scores, _ in found), strict=True):
         none = np.array([each[NONE, ""] for each in scores])
         forms: dict[tuple[str, str], dict[int, float]] = {}
         for place, (listed, own) in enumerate(zip(candidates, scores, strict=True)):
@@ -184,19 +183,21 @@ def _score_all(
             for key in keys:
                 forms.setdefault(key, {})[place] = own.get(key, none[place] - unfitted_score)
         both.append(Beside(none, forms))
-    return both[0], both[1]
+    return both[0], both[1], [left for _, left in found]
 
 
-def _score_output(state: FittedChannel, choice: Choice) -> list[dict[tuple[str, str], float]]:
+def _score_output(state: FittedChannel, choice: Choice) -> tuple[list[dict[tuple[str, str], float]], dict[str, Array]]:
+    """Return the scores of an output's models, without and with a static map, and what families leave."""
     alone: Choice = {(NONE, ""): state.current, **choice}
     if not choice:
-        return [dict.fromkeys(alone, 0.0)] * 2
+        return [dict.fromkeys(alone, 0.0)] * 2, dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     beside = {key: fit_beside(each, state.static_map) for key, each in alone.items()}
     alone[MEMORY, ""] = fit_beside(state.current, state.memory)
     beside[MEMORY, ""] = fit_beside(state.current, join(state.static_map, state.memory))
     best = min([*alone.values(), *beside.values()], key=lambda each: float(each.raw.sum()))
     scores = compare_by(state.output, best.residual)
-    return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)]
+    left = {NONE: state.current.raw, STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
+    return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)], left
 
 
 def _count_parameters(candidates: Sequence[Sequence[Screened]]) -> dict[str, int]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from stages.science.discrepancy.remainder import MEMORY
+from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
 from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.plant.effect import Effect, Parameter, find_effect
@@ -16,7 +16,11 @@ from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
 
-NOT_EFFECTS = ("none", "unknown")
+FAMILIES = {
+    MEMORY: "a memory of the inputs (such as a resonance, a lag or a delay has that the plant lacks)",
+    STATIC_MAP: "a static map of the measured signals (as a law has that is not quite the nominal one)",
+}
+NOT_EFFECTS = ("none", "unknown", *FAMILIES)
 MOST_LISTED = 4
 
 
@@ -149,9 +153,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
 
 
 def _name_family(family: str | None) -> str:
-    if family != MEMORY:
-        return "a flexible model"
-    return "a memory of the inputs (such as a resonance, a lag or a delay has that the plant lacks)"
+    return FAMILIES.get(family or "", "a flexible model")
 
 
 def _capitalise(text: str) -> str:
