@@ -141,12 +141,13 @@ def _believe_exact(
     """Return the verdicts with effects that exactly repeated values show as nearly certain, whatever their gain."""
     sure = settings.exact_probability
     for name, forms in verdicts.forms.items():
-        carries = verdicts.carries[name].copy()
-        for place, state in enumerate(outputs):
-            fitted = choices[place].get((name, forms[place]))
-            if fitted is not None and _is_shown(state, fitted, settings):
-                carries[place] = 1.0
-        if verdicts.names[name] < sure and (carries > verdicts.carries[name]).any():
+        fits = [choice.get((name, form)) for choice, form in zip(choices, forms, strict=True)]
+        shown = [
+            fitted is not None and _is_shown(state, fitted, settings)
+            for state, fitted in zip(outputs, fits, strict=True)
+        ]
+        if any(shown) and verdicts.names[name] < sure:
+            carries = np.where(shown, 1.0, verdicts.carries[name])
             rest = (1.0 - sure) / (1.0 - verdicts.names[name])
             names = {other: sure if other == name else rest * each for other, each in verdicts.names.items()}
             return replace(verdicts, names=names, carries={**verdicts.carries, name: carries})
@@ -340,11 +341,11 @@ def _is_stuck(fitted: Fitted) -> bool:
 def is_worth(state: FittedChannel, without: Fitted, fitted: Fitted, settings: SearchSettings) -> bool:
     """Return whether an effect takes enough of an output's gap, by fits without and with it.
 
-    Enough is a share of the first gap above the floor or, where that is more, one floor or a share of what is left: the
-    first gap may be one beside which all is small.
+    Enough is a share of the first gap above the floor or, where that is more than one floor and than a share of what is
+    left, the larger of these: the first gap may be one beside which all is small.
     """
     before, after, first = (state.ratio(each.raw, fitted.raw) for each in (without, fitted, state.nominal))
-    needed = min(settings.least_share * (first - 1.0), max(1.0, settings.least_rest * (before - 1.0)))
+    needed = min(settings.least_share * (first - 1.0), max(1.0, settings.least_rest * before))
     return before - after > max(settings.least_gain, needed)
 
 

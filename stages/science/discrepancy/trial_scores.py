@@ -52,7 +52,7 @@ class TrialScores:
         shape, offset, gain = split_residual(residual, self.output)
         samples, least = float(self.output.present.sum()), self.output.resolution**2
         score = -0.5 * self.effective * np.log((shape**2).sum() / samples + least + 1e-300)
-        for each in (offset, gain):
+        for each in (offset, gain) if self.output.jitters else ():
             score -= 0.5 * len(each) * np.log((each**2).mean() + self.noise + 1e-300)
         return float(score)
 

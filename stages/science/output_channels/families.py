@@ -143,8 +143,13 @@ def choose_family(fit: Fit, columns: Array, tried: Sequence[Sequence[Array]]) ->
 
 
 def keep_shape(signals: Array, output: OutputChannel) -> Array:
-    """Return signals, (T, K, Q), less their offset and their part along the measured channel in each trial."""
+    """Return signals, (T, K, Q), less their offset and their part along the measured channel in each trial.
+
+    Those of an output whose trials have no offset or gain of their own are returned as they are.
+    """
     present = output.present
+    if not output.jitters:
+        return np.where(present[:, :, None], signals, 0.0)
     count = np.maximum(present.sum(axis=0), 1)
     bare = np.where(present[:, :, None], signals, 0.0)
     bare = np.where(present[:, :, None], bare - bare.sum(axis=0) / count[:, None], 0.0)

@@ -213,6 +213,11 @@ class OutputChannel(ABC):
         """Other starting values of some constants for the nominal fit; the best fit is taken."""
         return []
 
+    @property
+    def jitters(self) -> bool:
+        """Whether each trial may have an offset and a gain of its own: trials of a session may, parts of a record not."""
+        return True
+
     def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return starting values of a form's parameters; none where the data exclude the form."""
         return list_starts(form)

@@ -249,6 +249,11 @@ class WholeRecordChannel(OutputChannel):
                 f"sign is a direction, Watched(name, samples, True); got {told}"
             )
 
+    @property
+    def jitters(self) -> bool:
+        """Parts of a record share its sensors' offsets and gains."""
+        return False
+
     def respond(self, features: Array) -> Array:
         """Return the features of a flexible model as the plant's output answers to them."""
         return self.plant.respond(features, self.step_s)
