@@ -99,7 +99,7 @@ def rank(
     def worth(name: str, forms: list[str], carries: Array) -> bool:
         return name == MEMORY or bool(_carriers(outputs, choices, name, forms, carries, settings))
 
-    alone, beside, families = _score_all(outputs, candidates, choices, settings.unfitted_score)
+    alone, beside, families = _score_all(outputs, candidates, choices, settings)
     channels = [state.output.channel for state in outputs]
     verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
     verdicts = _choose_forms(verdicts, choices)
@@ -167,14 +167,16 @@ def _score_all(
     outputs: Sequence[FittedChannel],
     candidates: Sequence[Sequence[Screened]],
     choices: Sequence[Choice],
-    unfitted_score: float,
+    settings: SearchSettings,
 ) -> tuple[Beside, Beside, list[dict[str, Array]]]:
     """Return the scores of all models, without and with a static map of their own, and what families leave.
 
-    A memory is one of the models. Where no form is worth a fit nothing is missing: a family would only predict noise.
+    A memory is one of the models. Where there is no gap, and no form is worth a fit, a family would only predict noise.
     """
     samples = sum(state.output.measured.size for state in outputs)
-    found = map_in_threads(lambda each: _score_output(*each), list(zip(outputs, choices, strict=True)), samples)
+    found = map_in_threads(
+        lambda each: _score_output(*each, settings.smallest_gap), list(zip(outputs, choices, strict=True)), samples
+    )
     both = []
     for scores in zip(*(scores for scores, _ in found), strict=True):
         none = np.array([each[NONE, ""] for each in scores])
@@ -182,15 +184,17 @@ def _score_all(
         for place, (listed, own) in enumerate(zip(candidates, scores, strict=True)):
             keys = [(each.form.name, each.form.form) for each in listed] + [key for key in own if key[0] == MEMORY]
             for key in keys:
-                forms.setdefault(key, {})[place] = own.get(key, none[place] - unfitted_score)
+                forms.setdefault(key, {})[place] = own.get(key, none[place] - settings.unfitted_score)
         both.append(Beside(none, forms))
     return both[0], both[1], [left for _, left in found]
 
 
-def _score_output(state: FittedChannel, choice: Choice) -> tuple[list[dict[tuple[str, str], float]], dict[str, Array]]:
+def _score_output(
+    state: FittedChannel, choice: Choice, smallest_gap: float
+) -> tuple[list[dict[tuple[str, str], float]], dict[str, Array]]:
     """Return the scores of an output's models, without and with a static map, and what families leave."""
     alone: Choice = {(NONE, ""): state.current, **choice}
-    if not choice:
+    if not choice and state.ratio(state.current.raw) <= smallest_gap:
         return [dict.fromkeys(alone, 0.0)] * 2, dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     beside = {key: fit_beside(each, state.static_map) for key, each in alone.items()}
     alone[MEMORY, ""] = fit_beside(state.current, state.memory)

@@ -215,7 +215,7 @@ class OutputChannel(ABC):
 
     @property
     def jitters(self) -> bool:
-        """Whether each trial may have an offset and a gain of its own: trials of a session may, parts of a record not."""
+        """Whether each trial may have an offset and a gain of its own, as parts of one record have not."""
         return True
 
     def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:

@@ -15,7 +15,7 @@ from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.flexible import Leftover
 from stages.science.output_channels.output_channel import list_starts
 from tests.science.discrepancy.searches import DISCREPANCY, SETTINGS
-from tests.science.discrepancy.toys import KINK, LINE, WAVE, make_toy
+from tests.science.discrepancy.toys import KINK, LINE, RISING, WAVE, make_toy
 
 
 def run(*toys):
@@ -164,3 +164,23 @@ def test_a_second_channel_is_looked_at_though_no_gap_was_seen_in_it():
     states[1] = replace(blind, leftover=Leftover(blind.nominal.raw, blind.nominal.residual, None))
     found = search(states, SETTINGS, np.random.default_rng(0))
     assert {each.name for each in found.named} == {"wave", "kink"}
+
+
+def bend(x):
+    """Return a smooth law that no form of the toys has."""
+    return 0.3 * x**2 - 0.2 * x**4 + 0.15 * np.cos(2.0 * x)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wrong_law_is_a_static_map_and_no_name(seed):
+    found, said = run(make_toy(seed, [(bend, 1.0)], offered=(WAVE, KINK)))
+    assert (said.status, said.effects) == ("unexplained", [])
+    assert said.remainders["y"].family == "static_map"
+    assert found.rounds[0].verdicts.names["static_map"] > 0.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_no_static_map_is_keeps_its_name_beside_a_wrong_law(seed):
+    _, said = run(make_toy(seed, [(bend, 1.0), (RISING.effect, 0.6)], offered=(WAVE, KINK, RISING)))
+    assert [each.name for each in said.effects] == ["rising"]
+    assert said.remainders["y"].family == "static_map"

@@ -27,6 +27,8 @@ def form(name, shape):
 WAVE = form("wave", lambda x: np.sin(3.0 * x))
 KINK = form("kink", lambda x: np.maximum(x - 1.0, 0.0))
 LINE = form("line", lambda x: x)
+RISING = form("rising", lambda x: np.sign(np.gradient(x, axis=0)))
+"""Depends on where x goes, not on where it is."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,93 @@
+"""Probabilities against sums over all hypotheses, written out."""
+
+from itertools import chain, combinations
+
+import numpy as np
+import pytest
+from scipy.special import comb
+
+from stages.science.discrepancy.evidence import Beside, weigh_names
+
+CHANNELS = ["y", "y", "z"]
+PRIORS = {"none": 0.4, "static_map": 0.1, "wave": 0.35, "kink": 0.25}
+ALONE = Beside(
+    np.array([1.0, -2.0, 0.5]),
+    {
+        ("wave", "short"): {0: 3.0, 1: -2.5},
+        ("wave", "long"): {0: 2.0, 1: 0.5},
+        ("kink", "only"): {0: 1.2, 1: -1.0, 2: 2.5},
+    },
+)
+BESIDE = Beside(
+    np.array([4.0, 0.5, 0.4]),
+    {
+        ("wave", "short"): {0: 4.5, 1: 0.4},
+        ("wave", "long"): {0: 4.0, 1: 3.5},
+        ("kink", "only"): {0: 4.1, 1: 0.5, 2: 3.5},
+    },
+)
+
+
+def list_sets(places):
+    return chain.from_iterable(combinations(places, count) for count in range(1, len(places) + 1))
+
+
+def sum_hypotheses(power):
+    """Return the weight of nothing, of a static map somewhere, and of each name, hypothesis by hypothesis."""
+    weights = dict.fromkeys(PRIORS, 0.0)
+    names = {"wave": ["short", "long"], "kink": ["only"]}
+    for maps in [(), ("y",), ("z",), ("y", "z")]:
+        prior = np.prod([PRIORS["static_map"] if each in maps else 1 - PRIORS["static_map"] for each in ("y", "z")])
+        scores = [BESIDE if channel in maps else ALONE for channel in CHANNELS]
+        base = [scores[place].none[place] for place in range(3)]
+        weights["static_map" if maps else "none"] += PRIORS["none"] * prior * np.exp(power * sum(base))
+        for name, forms in names.items():
+            offering = [each for each in ("y", "z") if any(CHANNELS[p] == each for p in ALONE.forms[name, forms[0]])]
+            for channel in offering:
+                places = [p for p in ALONE.forms[name, forms[0]] if CHANNELS[p] == channel]
+                for chosen in list_sets(places):
+                    likelihood = 1.0
+                    for place in range(3):
+                        if place in chosen:
+                            each = [np.exp(power * scores[place].forms[name, form][place]) for form in forms]
+                            likelihood *= np.mean(each)
+                        else:
+                            likelihood *= np.exp(power * base[place])
+                    share = 1.0 / len(offering) / len(places) / comb(len(places), len(chosen))
+                    weights[name] += PRIORS[name] * prior * share * likelihood
+    total = sum(weights.values())
+    return {name: each / total for name, each in weights.items()}
+
+
+def always(name, forms, carries):
+    return True
+
+
+def test_probabilities_are_those_of_a_sum_over_all_hypotheses():
+    said = weigh_names(ALONE, BESIDE, CHANNELS, PRIORS, 1e3, always)
+    assert said.names == pytest.approx(sum_hypotheses(1.0), rel=1e-9)
+    assert said.forms["wave"][:2] == ["short", "long"]
+
+
+def test_evidence_beyond_the_most_that_counts_is_scaled_down():
+    largest = (4.5 - 1.0) + (3.5 + 2.0)  # of wave beside a map, in both outputs that offer it
+    said = weigh_names(ALONE, BESIDE, CHANNELS, PRIORS, 0.5 * largest, always)
+    assert said.names == pytest.approx(sum_hypotheses(0.5), rel=1e-9)
+
+
+def test_what_is_not_worth_it_has_no_probability_and_the_rest_share_it():
+    said = weigh_names(ALONE, BESIDE, CHANNELS, PRIORS, 1e3, lambda name, forms, carries: name != "wave")
+    every = sum_hypotheses(1.0)
+    rest = 1.0 - every.pop("wave")
+    assert said.names == pytest.approx({"wave": 0.0} | {name: each / rest for name, each in every.items()}, rel=1e-9)
+
+
+def test_the_outputs_that_carry_a_name_are_told():
+    gains = {0: 8.0, 1: -6.0}
+    scores = Beside(np.zeros(3), {("wave", "only"): gains})
+    said = weigh_names(scores, scores, CHANNELS, {"none": 0.5, "static_map": 1e-9, "wave": 0.5}, 1e3, always)
+    first, second = np.exp(8.0), np.exp(-6.0)
+    total = 0.25 * first + 0.25 * second + 0.5 * first * second
+    both = 0.5 * first * second
+    expected = [(0.25 * first + both) / total, (0.25 * second + both) / total, 0.0]
+    np.testing.assert_allclose(said.carries["wave"], expected, rtol=1e-9)

@@ -1,0 +1,75 @@
+"""Scores of left-out trials against closed forms, and what may not count: a trial's own offset and gain."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import quad
+from scipy.signal import lfilter
+
+from stages.science.discrepancy.trial_scores import compare_by, split_residual
+from tests.science.discrepancy.toys import make_toy
+
+TOY = make_toy(0, trials=8, samples=400)
+
+
+def draw(seed, correlation=0.0):
+    noise = np.random.default_rng(seed).standard_normal(TOY.measured.shape)
+    return lfilter([np.sqrt(1.0 - correlation**2)], [1.0, -correlation], noise, axis=0)
+
+
+def test_a_residual_is_its_shape_and_its_offset_and_its_part_along_what_was_measured():
+    measured = TOY.measured - TOY.measured.mean(axis=0)
+    offset, gain = np.linspace(-1.0, 1.0, 8), np.linspace(0.5, -0.5, 8)
+    shape, found, along = split_residual(offset + gain * measured, TOY)
+    np.testing.assert_allclose(shape, 0.0, atol=1e-12)
+    np.testing.assert_allclose(found, offset, atol=1e-12)
+    np.testing.assert_allclose(along, np.abs(gain) * measured.std(axis=0), atol=1e-12)
+
+
+def test_white_noise_has_as_many_independent_samples_as_samples():
+    found = compare_by(TOY, draw(1))
+    assert found.effective == pytest.approx(TOY.measured.size, rel=0.25)
+
+
+@pytest.mark.parametrize("correlation", [0.5, 0.9])
+def test_correlated_samples_count_as_bartlett_says(correlation):
+    expected = TOY.measured.size * (1.0 - correlation**2) / (1.0 + correlation**2)
+    found = [compare_by(TOY, draw(seed, correlation)).effective for seed in range(8)]
+    assert np.median(found) == pytest.approx(expected, rel=0.25)
+
+
+def test_trials_that_differ_count_for_less():
+    uneven = draw(2) * np.where(np.arange(8) == 3, 5.0, 1.0)
+    assert compare_by(TOY, uneven).effective < 0.02 * compare_by(TOY, draw(2)).effective
+
+
+def test_differences_of_scores_are_those_of_an_integrated_likelihood():
+    small, large = draw(3), 1.3 * draw(4)
+    scores = compare_by(TOY, small)
+    count = int(scores.effective)
+
+    def integrate(residual):
+        shape, offset, along = split_residual(residual, TOY)
+        total = 0.0
+        for squares, number, least in (
+            ((shape**2).mean(), count, 0.0),
+            ((offset**2).mean(), 8, scores.noise),
+            ((along**2).mean(), 8, scores.noise),
+        ):
+            mean, width = squares + least, np.array([-1.0, 1.0]) / np.sqrt(number)
+
+            def density(log_sd, mean=mean, number=number):
+                return np.exp(number * (stats.norm.logpdf(np.sqrt(mean), 0.0, np.exp(log_sd)) + 0.5 * np.log(mean)))
+
+            total += -0.5 * number * np.log(mean) + np.log(quad(density, *(0.5 * np.log(mean) + 8.0 * width))[0])
+        return total
+
+    expected = integrate(small) - integrate(large)
+    assert scores.score(small) - scores.score(large) == pytest.approx(expected, rel=0.01)
+
+
+def test_jitter_of_trials_does_not_drown_a_better_shape():
+    jitter = 3.0 * np.random.default_rng(5).standard_normal(8)
+    better, worse = draw(6) + jitter, 1.1 * draw(6) + jitter
+    scores = compare_by(TOY, better)
+    assert scores.score(better) - scores.score(worse) == pytest.approx(scores.effective * np.log(1.1), rel=0.05)
