@@ -57,9 +57,10 @@ def test_differences_of_scores_are_those_of_an_integrated_likelihood():
             ((along**2).mean(), 8, scores.noise),
         ):
             mean, width = squares + least, np.array([-1.0, 1.0]) / np.sqrt(number)
+            top = stats.norm.logpdf(np.sqrt(mean), 0.0, np.sqrt(mean))
 
-            def density(log_sd, mean=mean, number=number):
-                return np.exp(number * (stats.norm.logpdf(np.sqrt(mean), 0.0, np.exp(log_sd)) + 0.5 * np.log(mean)))
+            def density(log_sd, mean=mean, number=number, top=top):
+                return np.exp(number * (stats.norm.logpdf(np.sqrt(mean), 0.0, np.exp(log_sd)) - top))
 
             total += -0.5 * number * np.log(mean) + np.log(quad(density, *(0.5 * np.log(mean) + 8.0 * width))[0])
         return total
