@@ -77,7 +77,9 @@ UNEXPLAINED = Table(
     "What is left in a channel after all that was named",
     {
         "channel": column(str, "measured channel"),
-        "share": column(float, "share of the initial gap above the floor that a flexible model still removes"),
+        "share": column(
+            float, "share of the initial gap above the floor that a flexible model, or the family, still removes"
+        ),
         "probability": column(float, "that it is more than the limit, and matters", low=0, high=1),
         "family": column(str, "without a name that explains it: static_map, memory, or empty"),
         "line_hz": column(float, "frequency of an oscillation in all trials", unit="Hz", low=0, nullable=True),

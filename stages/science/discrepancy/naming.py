@@ -311,10 +311,12 @@ def _decide(
         return None
     closed = {name: gaps[NONE] - gaps[name] for name in possible}
     like = settings.alternative_share * closed[best]
-    alternatives = tuple(
-        name for name in sorted(possible, key=gaps.__getitem__) if name != best and closed[name] > like
-    )
     carriers = carried[best]
+    alternatives = tuple(
+        name
+        for name in sorted(possible, key=gaps.__getitem__)
+        if name != best and closed[name] > like and {*carried[name]} & {*carriers}
+    )
     forms = tuple(verdicts.forms[best][place] for place in carriers)
     first = next(form for form in outputs[carriers[0]].output.forms if (form.name, form.form) == (best, forms[0]))
     fits = [choices[place][best, verdicts.forms[best][place]] for place in carriers]

@@ -28,7 +28,8 @@ class Remainder(NamedTuple):
     Parameters
     ----------
     share : float
-        Of the initial gap above the floor, what a flexible model would still remove; median over resampled trials.
+        Of the initial gap above the floor, what a flexible model would still remove, or the static map that explains
+        it; median over resampled trials.
     unknown : float
         Probability that it is more than the limit while the gap left is one that matters.
     ambiguous : float
@@ -81,11 +82,14 @@ def weigh_remainder(
         fits = [state.nominal for state in states], [reached[id(state)] for state in states]
         share, matters = _weigh(states, *fits, weights, settings)
         sure = _count(share, matters, settings)
-        left = sure
+        left, told = sure, float(np.median(share))
         if mapped >= settings.certain:
             before, after = ([_map(*each) for each in zip(states, some, strict=True)] for some in fits)
             unmapped = _weigh(states, before, after, weights, settings)
             left, ambiguous = _count(*unmapped, settings), float((unmapped[0] > settings.ambiguous_share).mean())
+            now, beside = (_draw_gap(states, weights, [each.raw for each in some]) for some in (fits[1], after))
+            least = _draw_gap(states, weights, [state.leftover.raw for state in states])
+            told = float(np.median(share * np.clip((now - beside) / np.maximum(now - least, 1e-9), 0.0, 1.0)))
         else:
             ambiguous = float((share > settings.ambiguous_share).mean())
         added = any(each.forms for each in fits[1])
@@ -100,7 +104,7 @@ def weigh_remainder(
         remembered = MEMORY if any(state.leftover.linear_memory for state in states) else ""
         family = STATIC_MAP if mapped >= settings.certain else remembered
         doubt = max(left, settings.remainder.ambiguous_weight * ambiguous)
-        remainders[channel] = Remainder(float(np.median(share)), sure, ambiguous, line_hz, family, doubt)
+        remainders[channel] = Remainder(told, sure, ambiguous, line_hz, family, doubt)
     return remainders
 
 

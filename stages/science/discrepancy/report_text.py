@@ -136,13 +136,16 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
     near = f" {_capitalise(_spell(nearest['name']))} would be one, but is not enough." if nearest else ""
     line_hz = left["line_hz"]
+    hum = f"an oscillation at {line_hz or 0.0:.3g} Hz runs through all trials, which the simulation lacks"
     reproducible = (
-        f"an oscillation at {line_hz:.3g} Hz runs through all trials, which the simulation lacks"
-        if line_hz is not None
+        hum
+        if line_hz is not None and left["family"] != STATIC_MAP
         else "no measured signal tells what it depends on"
         if left["family"] is None and share < settings.report.least_share
         else f"{_name_family(left['family'])} takes away {_percent(share)} of what is above the noise"
     )
+    if line_hz is not None and left["family"] == STATIC_MAP:
+        reproducible += f"; beside it {hum}"
     return [
         f"Something is missing (probability {_sure(verdict['missing_probability'])}) that no effect of the library "
         f"explains better than what has no name: {reproducible}.{near} Nothing is named, and the plant is not changed "
