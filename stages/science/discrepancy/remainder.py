@@ -37,8 +37,8 @@ class Remainder(NamedTuple):
     line_hz : float or None
         Frequency of an oscillation in all trials of one of its elements, Hz.
     family : str
-        That explains it: a static map, where the channel follows one more probably than not, a linear memory of the
-        inputs, where it removes most in one of them; else empty.
+        That explains it: a static map, where the channel follows one more probably than not and it removes more than
+        half, a linear memory of the inputs, where it removes most in one of them; else empty.
     doubt : float
         Probability that names of the channel leave something that a static map does not explain either; where they
         are ambiguous, `ambiguous_weight` shares it.
@@ -82,14 +82,14 @@ def weigh_remainder(
         fits = [state.nominal for state in states], [reached[id(state)] for state in states]
         share, matters = _weigh(states, *fits, weights, settings)
         sure = _count(share, matters, settings)
-        left, told = sure, float(np.median(share))
+        left, told, by_map = sure, float(np.median(share)), 0.0
         if mapped >= settings.certain:
             before, after = ([_map(*each) for each in zip(states, some, strict=True)] for some in fits)
             unmapped = _weigh(states, before, after, weights, settings)
             left, ambiguous = _count(*unmapped, settings), float((unmapped[0] > settings.ambiguous_share).mean())
             now, beside = (_draw_gap(states, weights, [each.raw for each in some]) for some in (fits[1], after))
             least = _draw_gap(states, weights, [state.leftover.raw for state in states])
-            told = float(np.median(share * np.clip((now - beside) / np.maximum(now - least, 1e-9), 0.0, 1.0)))
+            by_map = float(np.median(share * np.clip((now - beside) / np.maximum(now - least, 1e-9), 0.0, 1.0)))
         else:
             ambiguous = float((share > settings.ambiguous_share).mean())
         added = any(each.forms for each in fits[1])
@@ -102,9 +102,11 @@ def weigh_remainder(
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else None
         remembered = MEMORY if any(state.leftover.linear_memory for state in states) else ""
-        family = STATIC_MAP if mapped >= settings.certain else remembered
+        family = STATIC_MAP if by_map > 0.5 * told else remembered
         doubt = max(left, settings.remainder.ambiguous_weight * ambiguous)
-        remainders[channel] = Remainder(told, sure, ambiguous, line_hz, family, doubt)
+        remainders[channel] = Remainder(
+            by_map if family == STATIC_MAP else told, sure, ambiguous, line_hz, family, doubt
+        )
     return remainders
 
 
