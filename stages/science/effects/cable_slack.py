@@ -1,7 +1,8 @@
 """Slack of the cable: the muscle takes it up before any tension reaches the joint.
 
 `offset_length` makes the muscle shorter by the slack than the joint's geometry says; it goes slack earlier, and while
-always taut this is a zero of contraction. `hanging` loses tension beyond a contraction, where the cable hangs.
+always taut this is a zero of contraction. `hanging` loses tension beyond a contraction, where the cable hangs, and
+`opening` slackens a cable that hardly pulls, so that the muscle is shorter until it pulls again.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.muscle import compute_tension
 from stages.science.signals.trajectories import Array
 
 
@@ -24,6 +26,13 @@ def apply_hanging(signal: Array, state: State, parameters: Mapping[str, float]) 
     """Return the tension at the joint's end, N."""
     way = np.clip((state.contraction - parameters["onset"]) / parameters["width"], 0.0, 1.0)
     return signal * (1.0 - parameters["lost"] * way * way * (3.0 - 2.0 * way))
+
+
+def apply_opening(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the contraction of the muscle itself, with the slack that its load at the taut cable leaves."""
+    load = compute_tension(state.pressure_kpa, signal, state.velocity_per_s, state.muscles) / state.muscles.full_force_n
+    opened = 1.0 / (1.0 + np.exp(np.clip((load - parameters["load"]) / parameters["width"], -50.0, 50.0)))
+    return signal + parameters["slack"] * opened
 
 
 EFFECT = ChainEffect(
@@ -55,5 +64,17 @@ FORMS = (
         ),
         signature="force falls away beyond a contraction and is right below it",
         apply=apply_hanging,
+    ),
+    replace(
+        EFFECT,
+        form="opening",
+        parameters=(
+            EFFECT.parameters[0],
+            Parameter("load", "1", 0.005, 0.6, 0.1, 0.1, "load at which half is open, over the largest", (0.05, 0.2)),
+            Parameter("width", "1", 0.005, 0.2, 0.03, 0.03, "load over which it opens, over the largest", (0.03,)),
+        ),
+        signature="force is short at small loads and right at large ones",
+        split_by="low pressure and high pressure at the same contraction",
+        apply=apply_opening,
     ),
 )

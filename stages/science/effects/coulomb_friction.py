@@ -1,7 +1,8 @@
 """Dry friction of constant size against the direction of motion, smoothed around rest: of a joint, or of its cable.
 
 A joint's friction is a torque inside the motion. A cable's takes tension while the muscle shortens and adds as much
-while it lengthens; only a load cell at the joint's end sees it.
+while it lengthens; only a load cell at the joint's end sees it. The strands of a muscle's sleeve rub as hard as the
+pressure presses them (`sleeve`); any load cell sees that.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter, State
+from stages.science.plant.muscle import pull_at_rest
 from stages.science.plant.presliding import PRESLIDING, slide_after_yielding
 from stages.science.signals.trajectories import Array
 
@@ -31,6 +33,12 @@ def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, 
     """Return the tension at the joint's end, N, less a spring that slides at a constant force."""
     slide = slide_after_yielding(state, parameters)
     return signal - parameters["share"] * state.muscles.full_force_n * slide
+
+
+def apply_in_sleeve(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, less a friction that the pressure presses."""
+    slide = slide_after_yielding(state, parameters)
+    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * slide
 
 
 SOURCE = (
@@ -147,4 +155,19 @@ RUBBING_ELEMENT = ElementEffect(
     apply=apply_to_element,
 )
 
-FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLIDER, YIELDING_SLIDER, RUBBING_ELEMENT)
+SLEEVE = replace(
+    YIELDING_CABLE,
+    form="sleeve",
+    site="muscle",
+    signal="force_n",
+    parameters=(replace(CABLE.parameters[0], description="friction over the force at this pressure"), PRESLIDING),
+    source=(
+        "Tondu, Lopez, Modeling and control of McKibben artificial muscle robot actuators, IEEE Control Systems "
+        "Magazine 20 (2000): friction of the strands under the pressure"
+    ),
+    signature="force steps at every reversal in proportion to pressure",
+    split_by="slow reversals at two pressures: the step at reversal grows with pressure",
+    apply=apply_in_sleeve,
+)
+
+FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLEEVE, SLIDER, YIELDING_SLIDER, RUBBING_ELEMENT)

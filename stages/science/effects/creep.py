@@ -3,7 +3,8 @@
 A spring in series with a slow damper (a Maxwell element) beside the muscle; after a reach the force drifts back for
 seconds. `pressure_scaled` has an element as stiff as the pressure makes the muscle, `two_branches` a second, slower
 element, which approximates the logarithmic creep of rubber, and `force_relaxation` lets a share of the force follow
-slowly, so that a step of pressure creeps too.
+slowly, so that a step of pressure creeps too. In `stress_relaxation` the force itself overshoots after any change, and
+the surplus fades with two time constants.
 """
 
 from __future__ import annotations
@@ -44,6 +45,13 @@ def apply_two_branches(signal: Array, state: State, parameters: Mapping[str, flo
 def apply_to_force(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     """Return the force, N, of which a share follows slowly."""
     return signal - parameters["share"] * (signal - lag(signal, parameters["tau_s"], state.step_s))
+
+
+def apply_stress_relaxation(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the force, N, with a surplus after each of its changes that fades twice."""
+    slow = lag(signal, parameters["tau_s"], state.step_s)
+    slower = lag(signal, parameters["tau_s"] * parameters["ratio"], state.step_s)
+    return signal + parameters["share"] * (signal - 0.5 * (slow + slower))
 
 
 def _share_of(what: str) -> Parameter:
@@ -122,6 +130,22 @@ FORMS = (
         signature="force goes on rising for seconds after a step of pressure, or falling after one of contraction",
         split_by="a step of pressure held for ten seconds at constant contraction",
         apply=apply_to_force,
+    ),
+    replace(
+        EFFECT,
+        form="stress_relaxation",
+        parameters=(
+            Parameter("share", "1", 0.0, 2.0, 0.1, 0.2, "share of a change of force that fades", (0.05, 0.3)),
+            replace(TAU, low=0.05, high=10.0, prior_mean=0.5, prior_sd=1.0, starts=(0.2, 1.0)),
+            Parameter("ratio", "1", 3.0, 100.0, 10.0, 15.0, "slower over slow time constant", (10.0,)),
+        ),
+        source=(
+            "Fung, Biomechanics: mechanical properties of living tissues, 2nd edition (1993), chapter 7: quasi-linear "
+            "viscoelasticity, a reduced relaxation function of the elastic response"
+        ),
+        signature="force overshoots after every change, of pressure too, and fades within seconds",
+        split_by="a step of pressure held for ten seconds at constant contraction",
+        apply=apply_stress_relaxation,
     ),
     YIELDING_ELEMENT,
 )

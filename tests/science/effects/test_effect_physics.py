@@ -73,6 +73,8 @@ LAWS = [
      lambda f: nominal(300.0, SLACKENING + 0.02)),
     ("cable_slack-hanging", {"pressure": 300.0, "contraction": X}, {"lost": 1.0, "onset": 0.1, "width": 0.05},
      lambda f: f * [1.0, 1.0, 0.5, 0.0]),
+    ("cable_slack-opening", {"pressure": KPA, "contraction": 0.02}, {"slack": 0.03, "load": 0.2, "width": 0.05},
+     lambda f: nominal(KPA, 0.02 + 0.03 / (1.0 + np.exp((f / FULL - 0.2) / 0.05)))),
     ("cubic_stiffness", {"pressure": 500.0, "contraction": X}, {"share": 0.01, "middle": 0.05},
      lambda f: f - 0.01 * FULL * ((X - 0.05) / 0.1) ** 3),
     ("end_stiffening-contracted_end", {"pressure": 400.0, "contraction": 0.1 + BEYOND},
@@ -213,6 +215,29 @@ def test_force_relaxes_after_a_step_of_pressure():
     bent, plain = force("creep-force_relaxation", step, 0.1, share=0.2, tau_s=0.8)
     expected = 0.2 * (plain[-1] - plain[0]) * np.exp(-np.arange(2500) * STEP_S / 0.8)
     assert (plain - bent)[500:] == pytest.approx(expected, rel=0.01)
+
+
+def test_stress_overshoots_after_a_step_of_pressure_and_fades_twice():
+    step = np.where(np.arange(3000) < 500, 100.0, 200.0)
+    bent, plain = force("creep-stress_relaxation", step, 0.1, share=0.2, tau_s=0.1, ratio=8.0)
+    since = np.arange(2500) * STEP_S
+    expected = 0.1 * (plain[-1] - plain[0]) * (np.exp(-since / 0.1) + np.exp(-since / 0.8))
+    assert (bent - plain)[500:] == pytest.approx(expected, rel=0.03, abs=1e-3)
+
+
+def test_a_muscle_behind_a_play_stands_still_after_a_reversal():
+    way = 0.05 - np.abs(np.linspace(-0.05, 0.05, 401))
+    bent, plain = force("backlash", 300.0, way, play=0.01)
+    assert bent[20:200] == pytest.approx(nominal(300.0, way[20:200] - 0.005))
+    assert bent[201:240] == pytest.approx(bent[200])
+    assert bent[241:] == pytest.approx(nominal(300.0, way[241:] + 0.005))
+
+
+def test_strands_rub_as_hard_as_pressure_presses_them():
+    x = 0.1 + 0.02 * np.linspace(-1.0, 1.0, 200)
+    low, high = (np.subtract(*force("coulomb_friction-sleeve", kpa, x, share=0.05)) for kpa in (200.0, 400.0))
+    assert np.abs(low[20:]).min() > 1.0
+    assert high == pytest.approx(2.0 * low)
 
 
 @pytest.mark.parametrize("muscle", ["pam1", "pam2"])

@@ -64,7 +64,7 @@ def test_threads_change_no_bit_and_the_memory_bound_no_score(utility, models, ge
 
 @pytest.mark.parametrize(
     ("memory_mb", "threads", "samples"),
-    [*((memory_mb, threads, 1000) for memory_mb in (0.5, 1.0, 2.0) for threads in (1, 2)), (4.0, 2, 4000)],
+    [*((memory_mb, threads, 1000) for memory_mb in (0.5, 1.0, 2.0) for threads in (1, 2)), (4.0, 2, 8000)],
 )
 def test_working_memory_stays_within_its_bound_where_it_would_not(memory_mb, threads, samples, generator):
     theta = np.array([0.0, 0, 0, 0, -2])
