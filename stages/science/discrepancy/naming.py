@@ -38,8 +38,8 @@ class Named:
     p_value: float = 1.0
 
     def doubt(self, doubt: float) -> float:
-        """Return its probability, reduced by that of an effect without a name unless exact values show it."""
-        return min(self.probability * (1.0 if self.shown else 1.0 - doubt), 1.0)
+        """Return its probability, at most that of no effect without a name in its place unless exact values show it."""
+        return min(self.probability, 1.0 if self.shown else 1.0 - doubt)
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,9 @@ from stages.science.signals.trajectories import Array
 
 DEGREES = {1: 6, 2: 5}
 """Largest degree of the products by the number of signals; 3 for more."""
-LOW = 3
-"""Degree up to which products are taken first."""
+LOW, PRODUCTS = 3, 0.1
+"""Degree up to which products are taken before higher ones, and the standard deviation of their weights over the
+channel's range; powers of one signal alone are taken first."""
 SMOOTH, ROUGH = (1.0, 16), (0.35, 40)
 """Width of a Gaussian process in standard deviations of the signals, and number of its inducing points."""
 NOTHING = 1e-6
@@ -53,8 +54,12 @@ def build_static_map(output: OutputChannel) -> Blocks:
     products = [np.prod([inputs[:, :, place] for place in places], axis=0) for places in chosen]
     blocks = [np.stack([each / max(float(each.std()), 1e-12) for each in products], axis=2)]
     blocks += [_expand(inputs, *each) for each in (SMOOTH, ROUGH)]
-    high = np.array([len(places) > LOW for places in chosen])
-    powers = [np.where(high, NOTHING, each) for each in (NOTHING, 0.01, 0.1)] + [np.full(len(high), 0.1)]
+    several = [
+        *(np.array([{*places} == {signal} for places in chosen]) for signal in range(len(signals))),
+        np.array([len(places) <= LOW for places in chosen]),
+        np.ones(len(chosen), dtype=bool),
+    ]
+    powers = [np.full(len(chosen), NOTHING), *(np.where(each, PRODUCTS, NOTHING) for each in several)]
     tried = [powers, *([np.full(each.shape[2], scale) for scale in SCALES] for each in blocks[1:])]
     return _respond(output, np.concatenate(blocks, axis=2), tried)
 
@@ -111,7 +116,7 @@ def _spread_out(places: Array, points: int) -> Array:
 def choose_family(fit: Fit, columns: Array, tried: Sequence[Sequence[Array]]) -> Family:
     """Return a family beside a fit, with the priors by which left-out trials are predicted best.
 
-    Each trial may have an offset and a gain of its own, which decide nothing here.
+    They are fitted to whole trials, and judged by the shape of those left out: an offset and a gain are their own.
 
     Parameters
     ----------
@@ -124,16 +129,18 @@ def choose_family(fit: Fit, columns: Array, tried: Sequence[Sequence[Array]]) ->
     """
     output = fit.model.output
     spread = float(np.sqrt((fit.residual**2).sum() / max(output.present.sum(), 1))) or 1.0
-    together = np.concatenate([fit.slopes[:, :, fit.free], columns, fit.residual[:, :, None]], axis=2)
-    shapes = keep_shape(together, output) / spread
-    grams = collect_grams(shapes[:, :, :-1], shapes[:, :, -1], output.present)
-    total, cross = grams.slopes.sum(axis=0), grams.cross.sum(axis=0)
+    together = np.concatenate([fit.slopes[:, :, fit.free], columns, fit.residual[:, :, None]], axis=2) / spread
+    whole, shape = (
+        collect_grams(each[:, :, :-1], each[:, :, -1], output.present)
+        for each in (together, keep_shape(together, output))
+    )
+    total, cross = whole.slopes.sum(axis=0), whole.cross.sum(axis=0)
 
     def predict(sd: Array) -> float:
         scale = np.concatenate([NEAR * fit.model.prior[1][fit.free], sd])
-        curved = (total - grams.slopes) * scale * scale[:, None] + np.eye(len(scale))
-        weights = np.linalg.solve(curved, ((cross - grams.cross) * scale)[:, :, None])[:, :, 0] * scale
-        return float(grams.left_out(weights).sum())
+        curved = (total - whole.slopes) * scale * scale[:, None] + np.eye(len(scale))
+        weights = np.linalg.solve(curved, ((cross - whole.cross) * scale)[:, :, None])[:, :, 0] * scale
+        return float(shape.left_out(weights).sum())
 
     chosen = [each[0] for each in tried]
     for place in [*range(len(tried)), *range(len(tried) - 1)]:

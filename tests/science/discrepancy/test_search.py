@@ -44,10 +44,10 @@ def test_nothing_is_named_where_nothing_is_missing(seed, wander):
 
 
 def test_two_effects_are_named_both_also_by_a_search_that_is_resumed():
-    state = prepare(make_toy(1, [(WAVE.effect, 0.5), (KINK.effect, 2.5)]))
+    state = prepare(make_toy(1, [(WAVE.effect, 0.5), (RISING.effect, 0.6)], offered=(WAVE, KINK, RISING)))
     kept = resume(state.output, state.nominal.fit.values, state.noise, state.nominal.residual, state.leftover)
     found, again = (search([each], SETTINGS, np.random.default_rng(0)) for each in (state, kept))
-    assert {each.name for each in found.named} == {"wave", "kink"}
+    assert {each.name for each in found.named} == {"wave", "rising"}
     assert len(found.steps) == 3
     assert again.named == found.named
     values = [each.outputs[0].current.fit.values for each in (again, found)]
@@ -140,7 +140,7 @@ def test_a_name_that_left_out_trials_do_not_confirm_is_suspected_and_taken_out_a
 
 
 def test_one_of_two_names_is_taken_out_and_the_other_stays():
-    found, said = run(make_toy(1, [(WAVE.effect, 0.5), (KINK.effect, 2.5)]))
+    found, said = run(make_toy(1, [(WAVE.effect, 0.5), (RISING.effect, 0.6)], offered=(WAVE, KINK, RISING)))
     assert [each.name for each in said.effects] == [each.name for each in found.named]
     first, second = found.named
     unlikely = decide(replace(found, named=[replace(first, probability=0.4), second]), DISCREPANCY, generator())
