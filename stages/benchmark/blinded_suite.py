@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+import numpy as np
 import pandas as pd
 from pydantic import Field
 
@@ -25,6 +26,7 @@ from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.ranking import list_named, rank_first
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.science.recording.datasets import tabulate_session
+from stages.science.rig.sessions import RecordedSession
 
 KINDS = ["none", "one_effect", "one_muscle", "two_effects", "outsider"]
 
@@ -45,6 +47,9 @@ BLIND_SESSIONS = Table(
         "after": column(float, "the same with what was named", low=0),
         "oracle": column(float, "the same with the true names told; empty where the library lacks one", nullable=True),
         "floor": column(float, "the same, of what a flexible model leaves", low=0),
+        "further_gain": column(float, "share of the squared gap on further trials that what was named removes"),
+        "further_gain_low": column(float, "lower end of its interval, paired by trial"),
+        "further_gain_high": column(float, "upper end of it"),
     },
     key=("session",),
 )
@@ -98,6 +103,7 @@ class BlindedSuite(Section):
     """Config group ``blinded_suite``."""
 
     sessions: Annotated[list[str], Field(min_length=1)] | None
+    further_trials: Annotated[int, Field(ge=2)]
 
 
 class Config(Section):
@@ -115,7 +121,7 @@ def blinded_suite(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     names = cfg.blinded_suite.sessions or list(ctx.device.catalogue())
     if len(set(names)) < len(names):
         raise ConfigError("blinded_suite.sessions: expected each name once; leave out what is there twice")
-    jobs = [Job(cfg.discrepancy, ctx, name) for name in names]
+    jobs = [Job(cfg.discrepancy, ctx, name, cfg.blinded_suite.further_trials) for name in names]
     with ctx.progress("sessions", len(jobs)) as advance:
         for job, key in zip(jobs, ctx.spread(Job.run, jobs), strict=True):
             ctx.record.include([key])
@@ -130,6 +136,7 @@ class Job:
     settings: DiscrepancySettings
     ctx: Context
     name: str
+    further_trials: int
 
     def run(self) -> str:
         """Search the session, land its part and return the part's name."""
@@ -138,14 +145,16 @@ class Job:
 
     def search(self) -> dict[str, pd.DataFrame]:
         """Return the rows of this session."""
-        recorded = self.ctx.device.record(self.name)
-        tables = tabulate_session(recorded.samples, recorded.meta, self.name)
+        recorded = self.ctx.device.record(self.name, self.further_trials)
+        samples = recorded.samples
+        first = samples["trial"].isin(np.unique(samples["trial"])[: -self.further_trials])
+        tables = tabulate_session(samples[first], recorded.meta, self.name)
         outputs = build_muscle_channels(tables, self.settings)
         test = choose_verification(len(tables.measured_trials), self.settings.verification_share)
         judged = judge(outputs, test, self.settings, lambda *purpose: self.ctx.generator(self.name, *purpose))
         row = {"session": self.name, "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0])}
         rows: dict[str, Any] = {
-            BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
+            BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth), **self.look_further(judged, recorded)}],
             BLIND_TRUTH.name: list_hidden(recorded.truth),
             BLIND_NAMED.name: [
                 {**row, "not_excluded": row["indistinguishable_from"]} for row in list_named(judged.decision.effects)
@@ -175,6 +184,13 @@ class Job:
             "oracle": self.reach(judged, truth, channels),
             "floor": judged.floor(channels),
         }
+
+    def look_further(self, judged: Judgement, recorded: RecordedSession) -> dict[str, float]:
+        """Return what the named effects remove of the gap on the trials that no part of the search has read."""
+        whole = build_muscle_channels(tabulate_session(recorded.samples, recorded.meta, self.name), self.settings)
+        further = list(range(whole[0].trials - self.further_trials, whole[0].trials))
+        gain, low, high = judged.compare_further(whole, further, self.settings.level)
+        return {"further_gain": gain, "further_gain_low": low, "further_gain_high": high}
 
     def reach(self, judged: Judgement, truth: Mapping[str, Any], channels: set[str]) -> float:
         """Return the gap that is left when the true names are told; nan where the library lacks one."""

@@ -72,11 +72,10 @@ class HiddenSessions:
         """Names of the sessions that a scorecard is made of."""
         return [each.name for each in catalogue_named(self.catalogue_name)]
 
-    def record(self, name: str | None = None) -> Dataset:
-        """Return the session of this name, or the one that this rig hides."""
-        if name is None:
-            return simulate(self.hidden)
-        return simulate(replace(named_scenario(name, self.catalogue_name), trials=self.trials))
+    def record(self, name: str | None = None, further: int = 0) -> Dataset:
+        """Return the session of this name, or the one that this rig hides, with further trials at its end."""
+        asked = self.hidden if name is None else named_scenario(name, self.catalogue_name)
+        return simulate(replace(asked, trials=self.trials + further))
 
     def effects(self) -> list[dict[str, object]]:
         """List what there is to hide: key, the library's name, channel, whether it has one form, or no name."""

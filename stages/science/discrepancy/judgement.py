@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import t
 
 from stages.science.discrepancy.decision import Decision, decide
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, prepare_all
@@ -60,6 +61,29 @@ class Judgement:
                 simulated = replace(each.fit.model, output=output).simulate(each.fit.values)
                 squares.append(_mean_square(output, output.measured - simulated, self.test))
         return float(np.sqrt(np.mean(squares)))
+
+    def compare_further(
+        self, outputs: Sequence[OutputChannel], trials: Sequence[int], level: float
+    ) -> tuple[float, float, float]:
+        """Return the share of the squared gap on further trials that the decision removes, with its interval.
+
+        Parameters
+        ----------
+        outputs : sequence of OutputChannel
+            The same outputs of a longer session.
+        trials : sequence of int
+            Positions of its further trials.
+        level : float
+            Of Student's interval of the mean difference, paired by trial.
+        """
+        before, after = (
+            sum(_weigh_trials(output, each, trials) for output, each in zip(outputs, fits, strict=True))
+            for fits in (self.decision.steps[0], self.decision.steps[-1])
+        )
+        gained = (before - after) / np.mean(before)
+        half = float(t.ppf(0.5 + 0.5 * level, len(trials) - 1) * gained.std(ddof=1) / np.sqrt(len(trials)))
+        mean = float(gained.mean())
+        return mean, mean - half, mean + half
 
     def floor(self, channels: Collection[str]) -> float:
         """Return the noise floor of the test trials, in the same unit."""
@@ -124,6 +148,15 @@ def _restrict(output: OutputChannel, names: Collection[str]) -> OutputChannel:
     narrow: OutputChannel = object.__new__(kind)
     vars(narrow).update(vars(output))
     return narrow
+
+
+def _weigh_trials(output: OutputChannel, fitted: Fitted, trials: Sequence[int]) -> Array:
+    """Return the mean square of the residual of each of some trials, over the range squared; zero without samples."""
+    simulated = replace(fitted.fit.model, output=output).simulate(fitted.fit.values)
+    present = output.present[:, trials]
+    squares = np.where(present, output.measured[:, trials] - simulated[:, trials], 0.0) ** 2
+    weighed: Array = squares.sum(axis=0) / np.maximum(present.sum(axis=0), 1) / output.range**2
+    return weighed
 
 
 def _mean_square(output: OutputChannel, residual: Array, trials: Sequence[int]) -> float:

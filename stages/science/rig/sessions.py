@@ -47,8 +47,8 @@ class SessionRig(Protocol):
     def catalogue(self) -> Sequence[str]:
         """Return the names of the sessions that a scorecard is made of."""
 
-    def record(self, name: str | None = None) -> RecordedSession:
-        """Return the session of a name, or the one that the rig's configuration asks for."""
+    def record(self, name: str | None = None, further: int = 0) -> RecordedSession:
+        """Return the session of a name, or the one that the configuration asks for, with further trials at its end."""
 
     def effects(self) -> Sequence[Mapping[str, Any]]:
         """Return key, name, channel, only_form and outsider of each effect that it can hide."""
