@@ -153,8 +153,9 @@ class Job:
         test = choose_verification(len(tables.measured_trials), self.settings.verification_share)
         judged = judge(outputs, test, self.settings, lambda *purpose: self.ctx.generator(self.name, *purpose))
         row = {"session": self.name, "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0])}
+        said = {**self.measure(judged, recorded.truth), **self.look_further(judged, recorded)}
         rows: dict[str, Any] = {
-            BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth), **self.look_further(judged, recorded)}],
+            BLIND_SESSIONS.name: [{**row, **said}],
             BLIND_TRUTH.name: list_hidden(recorded.truth),
             BLIND_NAMED.name: [
                 {**row, "not_excluded": row["indistinguishable_from"]} for row in list_named(judged.decision.effects)
