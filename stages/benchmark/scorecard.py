@@ -7,10 +7,12 @@ against how often they were right) and `scorecard_sessions` (each session judged
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from itertools import pairwise
 from typing import Annotated, Any, Self
 
+import numpy as np
 import pandas as pd
 from pydantic import Field, model_validator
 
@@ -18,11 +20,12 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.scoring import Rules, score
+from stages.science.discrepancy.scoring import Rules, list_said, score
 from stages.science.figures.scores import draw_confusion, draw_rates, draw_reliability_of_names
 from stages.science.statistics.intervals import bound_median, bound_rate
 
 ALL = "all"
+RESAMPLES = 499
 
 SCORECARD_SESSIONS = Table(
     "scorecard_sessions",
@@ -53,6 +56,8 @@ SCORECARD_SESSIONS = Table(
         "oracle": column(float, "the same with the true names told", nullable=True),
         "floor": column(float, "the same, of what a flexible model leaves", low=0),
         "closed_share": column(float, "share of the closable gap that was closed", nullable=True),
+        "further_gain": column(float, "share of the squared gap on further trials that what was named removes"),
+        "worse": column(bool, "whether that is below zero, beyond its interval"),
     },
     key=("session",),
 )
@@ -94,11 +99,11 @@ SCORECARD_CELLS = Table(
 )
 RELIABILITY = Table(
     "reliability",
-    "Said probabilities of a first name between two bounds",
+    "Said probabilities of names between two bounds",
     {
         "from_probability": column(float, "lower bound", low=0, high=1),
         "to_probability": column(float, "upper bound", low=0, high=1),
-        "n": column(int, "sessions", low=0),
+        "n": column(int, "names said in a session, the first and those after it", low=0),
         "said": column(float, "mean probability said", nullable=True),
         "right": column(float, "share in which it was a true name, or one of its class", nullable=True),
         "low": column(float, "lower end of Wilson's interval", nullable=True),
@@ -130,6 +135,9 @@ class Targets(Section):
     right_muscle: Share
     absorbed_misnamed: Share
     absorbed_told: Share
+    calibration_error: Share
+    worse: Share
+    two_names: Share
 
 
 class Scorecard(Section):
@@ -175,7 +183,7 @@ class Config(Section):
     scorecard: Scorecard
 
 
-@stage(SCORECARD, SCORECARD_CELLS, RELIABILITY, SCORECARD_SESSIONS)
+@stage(SCORECARD, SCORECARD_CELLS, RELIABILITY, SCORECARD_SESSIONS, stream="calibration_error")
 def scorecard(
     cfg: Config,
     blind_sessions: pd.DataFrame,
@@ -188,8 +196,10 @@ def scorecard(
     section = cfg.scorecard
     scored = score(blind_sessions, blind_truth, blind_named, blind_ranking, section.rules)
     sessions = pd.DataFrame(scored, columns=list(SCORECARD_SESSIONS.columns))
-    rates = pd.DataFrame(list_rates(sessions, section), columns=list(SCORECARD.columns))
-    reliability = pd.DataFrame(tabulate_reliability(sessions, section), columns=list(RELIABILITY.columns))
+    said = list_said(blind_truth, blind_named, section.rules)
+    rows = [*list_rates(sessions, section), rate_calibration(said, section, ctx.generator("names"))]
+    rates = pd.DataFrame([{**each, "met": is_met(each)} for each in rows], columns=list(SCORECARD.columns))
+    reliability = pd.DataFrame(tabulate_reliability(said, section), columns=list(RELIABILITY.columns))
     ctx.figure(
         "scorecard",
         draw_rates(rates),
@@ -199,7 +209,7 @@ def scorecard(
     ctx.figure(
         "reliability",
         draw_reliability_of_names(reliability),
-        f"Share of right first names against the probability that was said, with {section.level:.0%} intervals.",
+        f"Share of right names against the probability that was said, with {section.level:.0%} intervals.",
     )
     return {
         SCORECARD.name: rates,
@@ -210,7 +220,7 @@ def scorecard(
 
 
 def list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
-    """Return every rate with its target."""
+    """Return every rate with its interval and target."""
     targets = section.targets
     whole = sessions[~sessions["magnitude"].isin(["absorbed"])]
     by = {
@@ -228,6 +238,9 @@ def list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any
     confident = (foreign["status"] == "named") & (foreign["probability"] > section.confident)
     found = (foreign["status"] == "unexplained") & (foreign["unexplained_channel"] == foreign["channel"])
     absorbed = sessions[sessions["magnitude"] == "absorbed"]
+    amended = sessions[sessions["status"] == "named"]
+    one_cause = amended[amended["kind"].isin(["one_effect", "one_muscle", "outsider"])]
+    two_names = one_cause["named"].str.contains("+", regex=False)
     rows += [
         rate("nothing hidden, something named", none["status"] == "named", targets.false_names, at_most=True),
         rate("nothing hidden, unexplained", none["status"] == "unexplained", targets.false_unexplained, at_most=True),
@@ -237,9 +250,10 @@ def list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any
         rate("one muscle, named there alone", single["right_muscles"], targets.right_muscle),
         rate("absorbed, misnamed", missaid(absorbed), targets.absorbed_misnamed, at_most=True),
         rate("absorbed, listed so or nothing found", is_told(absorbed), targets.absorbed_told),
+        rate("amended, worse on further trials", amended["worse"], targets.worse, at_most=True),
+        rate("one cause, two names", two_names, targets.two_names, at_most=True),
     ]
-    bounded = [bound(each, section.level) for each in rows]
-    return [{**each, "met": is_met(each)} for each in bounded]
+    return [bound(each, section.level) for each in rows]
 
 
 def missaid(absorbed: pd.DataFrame) -> pd.Series:
@@ -301,15 +315,37 @@ def list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:
     return rows
 
 
-def tabulate_reliability(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
-    """Return how often first names were right, by the probability that was said."""
-    named = sessions[sessions["status"] == "named"]
+def rate_calibration(said: pd.DataFrame, section: Scorecard, generator: np.random.Generator) -> dict[str, Any]:
+    """Return the row of the expected calibration error, whose interval is from names drawn again with replacement."""
+    drawn = (said.iloc[generator.integers(len(said), size=len(said))] for _ in range(RESAMPLES if len(said) else 0))
+    spread = [find_calibration_error(tabulate_reliability(each, section)) for each in drawn]
+    outside = 0.5 * (1.0 - section.level)
+    low, high = np.quantile(spread, [outside, 1.0 - outside]) if spread else (math.nan, math.nan)
+    value = find_calibration_error(tabulate_reliability(said, section))
+    row = rate("calibration error of what was said", said["right"], section.targets.calibration_error, at_most=True)
+    del row["values"]
+    return {**row, "n": len(said), "value": value, "low": float(low), "high": float(high)}
+
+
+def find_calibration_error(reliability: list[dict[str, Any]]) -> float:
+    """Return the mean distance between what was said and how often it was right, over all that was said.
+
+    Source: Naeini, Cooper and Hauskrecht, Obtaining well calibrated probabilities using Bayesian binning, AAAI 2015.
+    """
+    told = [each for each in reliability if each["n"]]
+    if not told:
+        return math.nan
+    return sum(each["n"] * abs(each["said"] - each["right"]) for each in told) / sum(each["n"] for each in told)
+
+
+def tabulate_reliability(named: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
+    """Return how often names were right, by the probability that was said."""
     rows = []
     for low, high in pairwise(section.reliability_edges):
         last = high == section.reliability_edges[-1]
         inside = (named["probability"] >= low) & ((named["probability"] < high) | last)
         its = named[inside]
-        value, least, most = bound_rate(its["right_class"].to_numpy(dtype=bool), section.level)
+        value, least, most = bound_rate(its["right"].to_numpy(dtype=bool), section.level)
         rows.append(
             {
                 "from_probability": low,

@@ -54,6 +54,8 @@ def test_a_small_scorecard(pamid):
     assert named["right_muscles"].all()
     assert (named["closed_share"] > 0.8).all()
     assert (named["probability"] > 0.6).all()
+    assert (named["further_gain"] > 0.0).all()
+    assert not judged["worse"].any()
     assert judged.loc["none-75", "status"] == "no_discrepancy"
     outsider = judged.loc["neighbour_pressure-strong-78"]
     assert (outsider["status"], outsider["unexplained_channel"]) == ("unexplained", "force_n")
@@ -94,7 +96,19 @@ class Said:
     def __init__(self):
         self.sessions, self.truth, self.named, self.ranking = [], [], [], []
 
-    def add(self, kind, hidden, named, *, gap=2.5, status=None, channel="force_n", probability=0.9, gaps=(8, 3, 2)):
+    def add(
+        self,
+        kind,
+        hidden,
+        named,
+        *,
+        gap=2.5,
+        status=None,
+        channel="force_n",
+        probability=0.9,
+        gaps=(8, 3, 2),
+        further=(0.4, 0.6),
+    ):
         session = f"s{len(self.sessions)}"
         before, after, oracle = map(float, gaps)
         self.sessions.append(
@@ -112,6 +126,9 @@ class Said:
                 "after": after,
                 "oracle": oracle if kind not in ("none", "outsider") else np.nan,
                 "floor": 1.0,
+                "further_gain": float(np.mean(further)),
+                "further_gain_low": further[0],
+                "further_gain_high": further[1],
             }
         )
         for order, (name, muscles) in enumerate(hidden, start=1):
@@ -196,9 +213,26 @@ def test_faults_and_muscles(tmp_path):
     }
     assert {measure: value(found, measure)["value"] for measure in shares} == pytest.approx(shares)
     bins = found["reliability"].set_index("from_probability")
-    assert bins.loc[0.9, "n"] == 5
-    assert bins.loc[0.9, "right"] == pytest.approx(4 / 5)
+    assert bins.loc[0.9, "n"] == 6
+    assert bins.loc[0.9, "right"] == pytest.approx(5 / 6)
     assert bins.loc[0.7, "right"] == 0.0
+    expected = (6 * abs(0.9 - 5 / 6) + 0.7 + 0.85) / 8
+    row = value(found, "calibration error of what was said")
+    assert row["value"] == pytest.approx(expected)
+    assert row["low"] < expected < row["high"]
+
+
+def test_a_model_that_is_worse_counts_where_its_interval_says_so_and_two_names_where_there_is_one_cause(tmp_path):
+    said = Said()
+    said.add("one_effect", [("creep", TWO)], [("creep", TWO)], further=(-0.4, -0.1))
+    said.add("one_effect", [("creep", TWO)], [("creep", TWO), ("hysteresis", TWO)], further=(-0.4, 0.1))
+    said.add("one_effect", [("creep", TWO)], [], status="unexplained", further=(0.0, 0.0))
+    said.add("outsider", [("bulge", TWO)], [("creep", TWO), ("hysteresis", TWO)])
+    said.add("two_effects", [("creep", TWO), ("hysteresis", TWO)], [("hysteresis", TWO), ("creep", TWO)])
+    found = said.score(tmp_path)
+    worse, two = value(found, "amended, worse on further trials"), value(found, "one cause, two names")
+    assert (worse["n"], worse["value"], worse["met"]) == (4, 1 / 4, False)
+    assert (two["n"], two["value"]) == (3, 2 / 3)
 
 
 def test_intervals_of_medians_hold_them():

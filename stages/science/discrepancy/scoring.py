@@ -97,7 +97,7 @@ def judge_one(
     hidden, said = by_name(truth), by_name(named)
     first = next(iter(said), "")
     right = [(name, true) for name in said for true in hidden if rules.alike(name, true)]
-    kept = ("session", "kind", "asked", "status", "before", "after", "oracle", "floor")
+    kept = ("session", "kind", "asked", "status", "before", "after", "oracle", "floor", "further_gain")
     probable = named["probability"].iloc[0] if len(named) else ranking.loc[ranking["name"] == NONE, "probability"].sum()
     return {
         **{name: row[name] for name in kept},
@@ -118,7 +118,32 @@ def judge_one(
         "all_named": bool(hidden) and all(any(rules.alike(name, true) for name in said) for true in hidden),
         "unexplained_channel": row["unexplained_channel"] if row["status"] == "unexplained" else "",
         "closed_share": close(row, rules.least_closable),
+        "worse": row["further_gain_high"] < 0.0,
     }
+
+
+def list_said(truth: pd.DataFrame, named: pd.DataFrame, rules: Rules) -> pd.DataFrame:
+    """Return every name that was said, once a session.
+
+    Parameters
+    ----------
+    truth, named : DataFrame
+        A row per session, effect in its order, and muscle.
+    rules : Rules
+        Which names are alike.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``session name probability right``.
+    """
+    hidden = truth.groupby("session")["name"].unique()
+    said = named.drop_duplicates(["session", "order"])[["session", "name", "probability"]]
+    right = [
+        any(rules.alike(name, true) for true in hidden.get(session, ()))
+        for session, name in zip(said["session"], said["name"], strict=True)
+    ]
+    return said.assign(right=np.array(right, dtype=bool)).reset_index(drop=True)
 
 
 def by_name(effects: pd.DataFrame) -> dict[str, list[str]]:

@@ -82,12 +82,12 @@ def draw_confusion(sessions: pd.DataFrame) -> Figure:
 
 
 def draw_reliability_of_names(reliability: pd.DataFrame) -> Figure:
-    """Draw the share of right first names against the mean probability that was said.
+    """Draw the share of right names against the mean probability that was said.
 
     Parameters
     ----------
     reliability : DataFrame
-        Columns said, right, low, high and n; bins without sessions are left out.
+        Columns said, right, low, high and n; bins without names are left out.
     """
     from matplotlib.figure import Figure
 
@@ -100,7 +100,7 @@ def draw_reliability_of_names(reliability: pd.DataFrame) -> Figure:
     for row in shown.to_dict("records"):
         place = (100 * row["said"], 100 * row["right"])
         axis.annotate(f"{row['n']}", place, (6, 6), textcoords="offset points", fontsize=8.5)
-    axis.set(xlabel="probability said (%)", ylabel="right first names (%)", xlim=(0, 108), ylim=(-3, 108))
+    axis.set(xlabel="probability said (%)", ylabel="right names (%)", xlim=(0, 108), ylim=(-3, 108))
     axis.grid(alpha=0.25)
     axis.legend(loc="upper left", frameon=False, fontsize=9)
     return figure

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import ttest_1samp
 
 from stages.science.discrepancy.judgement import judge
 from tests.science.discrepancy.searches import DISCREPANCY
@@ -41,3 +42,25 @@ def test_the_wave_is_found_and_the_test_trials_fall_to_the_noise(judged):
     before, after = (judged.gap(judged.decision.steps[place], {"y"}) for place in (0, -1))
     assert after < 0.5 * before
     assert judged.floor({"y"}) == pytest.approx(after, rel=0.2)
+
+
+def test_further_trials_compare_the_amended_with_the_nominal_model_either_way(judged):
+    further = [1, 5, 7]
+    gained = []
+    for place in (0, -1):
+        left = 0.0
+        for output, fitted in zip(judged.outputs, judged.decision.steps[place], strict=True):
+            wrong = output.measured - output.simulate(*fitted.fit.model.name_values(fitted.fit.values))
+            each = [np.mean(wrong[output.present[:, k], k] ** 2) for k in further]
+            left = left + np.array(each) / output.range**2
+        gained.append(left)
+    told = (gained[0] - gained[1]) / gained[0].mean()
+    interval = ttest_1samp(told, 0.0).confidence_interval(0.95)
+    found = judged.compare_further(judged.outputs, further, 0.95)
+    assert found == pytest.approx((told.mean(), interval.low, interval.high))
+    assert found[1] > 0.0
+    steps = judged.decision.steps
+    swapped = replace(judged, decision=replace(judged.decision, steps=[*steps[:-1], steps[0]]))
+    assert swapped.compare_further(judged.outputs, further, 0.95) == (0.0, 0.0, 0.0)
+    worse = replace(judged, decision=replace(judged.decision, steps=steps[::-1]))
+    assert worse.compare_further(judged.outputs, further, 0.95)[2] < 0.0
