@@ -24,14 +24,15 @@ from stages.science.output_channels.flexible import (
 )
 from stages.science.output_channels.noise import Noise, estimate_noise, log_density, make_plain
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel, map_in_threads
+from stages.science.output_channels.trial_noise import TrialNoise
 from stages.science.signals.trajectories import Array
 
 FAR, LARGE = 4.0, 0.1
 """Sum of squares of a left-out trial over its own when fitted, and over that of all trials, above both of which the
 model is fitted again without the trial."""
 
-BESIDE = 4
-"""Iterations of a fit beside a family, from the fit without it."""
+AGAIN = 4
+"""Iterations of a fit under another noise or beside a family, from the fit before."""
 
 
 @dataclass(frozen=True)
@@ -188,22 +189,22 @@ def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
     return assess(fit(model, plain, start), plain)
 
 
-def fit_beside(fitted: Fitted, blocks: Blocks) -> Fitted:
-    """Return the fit of a model beside a family without a name, whose priors are chosen for it."""
-    family = choose_family(fitted.fit, *blocks)
-    model = replace(fitted.fit.model, family=family)
-    plain = make_plain(fitted.spread)
-    return assess(fit(model, plain, np.append(fitted.fit.values, np.zeros(len(family.sd))), iterations=BESIDE), plain)
+def refit(fitted: Fitted, noise: Noise | TrialNoise, blocks: Blocks | None = None) -> Fitted:
+    """Return a model fitted under another noise, beside a family without a name if one is given, from where it was."""
+    model, start = fitted.fit.model, fitted.fit.values
+    if blocks is not None:
+        family = choose_family(fitted.fit, noise, *blocks)
+        model, start = replace(model, family=family), np.append(start, np.zeros(len(family.sd)))
+    return assess(fit(model, noise, start, iterations=AGAIN), noise)
 
 
 def refit_coloured(plain: Fitted) -> Fitted:
     """Fit a model once more, under the noise that it left; return what predicts better."""
     noise = plain.estimate_noise()
-    coloured = assess(fit(plain.fit.model, noise, plain.fit.values, iterations=4), noise)
-    return min(plain, coloured, key=lambda each: float(each.raw.sum()))
+    return min(plain, refit(plain, noise), key=lambda each: float(each.raw.sum()))
 
 
-def assess(found: Fit, noise: Noise) -> Fitted:
+def assess(found: Fit, noise: Noise | TrialNoise) -> Fitted:
     """Evaluate a fit on each trial left out; where that changes much, by a new fit without the trial."""
     output = found.model.output
     residual = np.where(output.present, found.leave_each_out(), 0.0)

@@ -5,22 +5,26 @@ Outputs at their present fits and what each effect promises there flow in; proba
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP, Beside, Verdicts, weigh_names
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_beside, fit_plain, refit_coloured
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_plain, refit, refit_coloured
 from stages.science.discrepancy.screening import Screened
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.families import join
 from stages.science.output_channels.output_channel import map_in_threads
+from stages.science.output_channels.trial_noise import estimate_trial_noise, split_residual
 from stages.science.signals.trajectories import Array
 
 Choice = dict[tuple[str, str], Fitted]
 """By name and form: the fit of one output that carries it."""
+
+PASSES = 2
+"""Times that candidates are fitted under the noise of trials that the best of them leaves."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +179,7 @@ def _score_all(
     """
     samples = sum(state.output.measured.size for state in outputs)
     found = map_in_threads(
-        lambda each: _score_output(*each, settings.smallest_gap), list(zip(outputs, choices, strict=True)), samples
+        lambda each: _score_output(*each, settings), list(zip(outputs, choices, strict=True)), samples
     )
     both = []
     for scores in zip(*(scores for scores, _ in found), strict=True):
@@ -190,17 +194,32 @@ def _score_all(
 
 
 def _score_output(
-    state: FittedChannel, choice: Choice, smallest_gap: float
+    state: FittedChannel, choice: Choice, settings: SearchSettings
 ) -> tuple[list[dict[tuple[str, str], float]], dict[str, Array]]:
-    """Return the scores of an output's models, without and with a static map, and what families leave."""
-    alone: Choice = {(NONE, ""): state.current, **choice}
-    if not choice and state.ratio(state.current.raw) <= smallest_gap:
-        return [dict.fromkeys(alone, 0.0)] * 2, dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
-    beside = {key: fit_beside(each, state.static_map) for key, each in alone.items()}
-    alone[MEMORY, ""] = fit_beside(state.current, state.memory)
-    beside[MEMORY, ""] = fit_beside(state.current, join(state.static_map, state.memory))
-    best = min([*alone.values(), *beside.values()], key=lambda each: float(each.raw.sum()))
-    scores = compare_by(state.output, best.residual)
+    """Return the scores of an output's models, without and with a static map, and what families leave.
+
+    All are fitted under one noise, that of the trials of the best of them.
+    """
+    output, largest = state.output, settings.largest_jitter
+    first: Choice = {(NONE, ""): state.current, **choice}
+    if not choice and state.ratio(state.current.raw) <= settings.smallest_gap:
+        return [dict.fromkeys(first, 0.0)] * 2, dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
+
+    def find_best(fits: Iterable[Fitted]) -> Array:
+        return min(
+            (each.residual for each in fits), key=lambda left: float((split_residual(left, output)[0] ** 2).sum())
+        )
+
+    alone = first
+    for _ in range(PASSES):
+        noise = estimate_trial_noise(find_best(alone.values()), output, largest)
+        alone = {key: refit(each, noise) for key, each in first.items()}
+    noise = estimate_trial_noise(find_best(alone.values()), output, largest)
+    beside = {key: refit(each, noise, state.static_map) for key, each in alone.items()}
+    nothing = alone[NONE, ""]
+    alone[MEMORY, ""] = refit(nothing, noise, state.memory)
+    beside[MEMORY, ""] = refit(nothing, noise, join(state.static_map, state.memory))
+    scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
     left = {NONE: state.current.raw, STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
     return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)], left
 

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_beside
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, refit
 from stages.science.discrepancy.naming import Named
 from stages.science.discrepancy.search import Search
 from stages.science.discrepancy.settings import RemainderSettings, SearchSettings
+from stages.science.output_channels.noise import make_plain
 from stages.science.signals.trajectories import Array
 
 DRAWS = 1000
@@ -111,7 +112,7 @@ def weigh_remainder(
 
 
 def _map(state: FittedChannel, fitted: Fitted) -> Fitted:
-    return fit_beside(fitted, state.static_map)
+    return refit(fitted, make_plain(fitted.spread), state.static_map)
 
 
 def _weigh(

@@ -63,6 +63,7 @@ class SearchSettings(Declared):
     certain: float = Field(gt=0.0, lt=1.0)
     alternative_share: float = Field(gt=0.0, le=1.0)
     unfitted_score: float = Field(ge=0.0)
+    largest_jitter: float = Field(gt=0.0)
     exact_probability: float = Field(gt=0.0, lt=1.0)
     exact_share: float = Field(gt=0.0, le=1.0)
     beside_bound: float = Field(ge=0.0, le=1.0)

@@ -10,12 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.science.output_channels.families import keep_shape
 from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.output_channels.trial_noise import bound_jitter, count_effective, split_residual
 from stages.science.signals.trajectories import Array
-
-LONGEST = 0.25
-"""Longest lag of a correlation that is looked at, over the length of a trial."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +27,14 @@ class TrialScores:
         Number of independent samples of shape.
     noise : float
         Variance of a trial's offset and gain that the noise of its shape alone makes.
+    jitter : float
+        Largest variance of them beside that.
     """
 
     output: OutputChannel
     effective: float
     noise: float
+    jitter: float
 
     def score(self, residual: Array) -> float:
         """Return the log score of a model.
@@ -47,30 +47,19 @@ class TrialScores:
         Notes
         -----
         The log marginal likelihood of normal errors whose variance has Jeffreys' prior, up to what is the same for all
-        models of the output.
+        models of the output. Offsets and gains have the variance that makes them most likely, up to the largest.
         """
         shape, offset, gain = split_residual(residual, self.output)
         samples, least = float(self.output.present.sum()), self.output.resolution**2
         score = -0.5 * self.effective * np.log((shape**2).sum() / samples + least + 1e-300)
         for each in (offset, gain) if self.output.jitters else ():
-            score -= 0.5 * len(each) * np.log((each**2).mean() + self.noise + 1e-300)
+            found = float((each**2).mean())
+            likely = min(found, self.jitter) + self.noise + 1e-300
+            score -= 0.5 * len(each) * (np.log(likely) + (found + self.noise) / likely)
         return float(score)
 
 
-def split_residual(residual: Array, output: OutputChannel) -> tuple[Array, Array, Array]:
-    """Return the shape of each trial's residual, (T, K), its offset and its part along the measured signal, (K,) each.
-
-    The latter is told as a root mean square, in the channel's unit.
-    """
-    shape = keep_shape(residual[:, :, None], output)[:, :, 0]
-    present = output.present
-    count = np.maximum(present.sum(axis=0), 1)
-    offset = np.where(present, residual, 0.0).sum(axis=0) / count
-    along = np.where(present, residual - offset, 0.0) - shape
-    return shape, offset, np.sqrt((along**2).sum(axis=0) / count)
-
-
-def compare_by(output: OutputChannel, best: Array) -> TrialScores:
+def compare_by(output: OutputChannel, best: Array, largest_jitter: float) -> TrialScores:
     """Return how models of an output are scored.
 
     Parameters
@@ -79,6 +68,8 @@ def compare_by(output: OutputChannel, best: Array) -> TrialScores:
         What they predict.
     best : (T, K) ndarray
         Residual of the best of them, by which the number of independent samples is told.
+    largest_jitter : float
+        Largest offset or gain of a trial, over the root mean square of the measured signal.
 
     Notes
     -----
@@ -86,7 +77,7 @@ def compare_by(output: OutputChannel, best: Array) -> TrialScores:
     fewer still: the dispersion of quasi-likelihood (McCullagh and Nelder, Generalized linear models, 1989).
     """
     shape = split_residual(best, output)[0]
-    effective = _count_effective(shape, output)
+    effective = count_effective(shape, output)
     count = np.maximum(output.present.sum(axis=0), 1)
     squares = (shape**2).sum(axis=0) / count
     mean = float(np.average(squares, weights=count))
@@ -97,16 +88,4 @@ def compare_by(output: OutputChannel, best: Array) -> TrialScores:
         spread = 0.5 * each[seen] * (squares[seen] / mean - 1.0) ** 2
         dispersion = max(float(spread.sum()) / (int(seen.sum()) - 1), 1.0)
     per_trial = max(effective / max(int(seen.sum()), 1), 1.0)
-    return TrialScores(output, effective / dispersion, mean / per_trial)
-
-
-def _count_effective(shape: Array, output: OutputChannel) -> float:
-    samples = float(output.present.sum())
-    size = float((shape**2).sum())
-    if size <= 0.0:
-        return samples
-    padded = np.zeros((2 * len(shape), shape.shape[1]))
-    padded[: len(shape)] = shape
-    spectrum = np.abs(np.fft.rfft(padded, axis=0)) ** 2
-    correlation = np.fft.irfft(spectrum.sum(axis=1))[: max(int(LONGEST * len(shape)), 2)] / size
-    return samples / (1.0 + 2.0 * float((correlation[1:] ** 2).sum()))
+    return TrialScores(output, effective / dispersion, mean / per_trial, bound_jitter(output, largest_jitter) ** 2)

@@ -13,8 +13,10 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from stages.science.output_channels.features import list_memory
-from stages.science.output_channels.fitting import Family, Fit, collect_grams
+from stages.science.output_channels.fitting import Family, Fit, collect_grams, weigh
+from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.output_channels.trial_noise import TrialNoise, split_signals
 from stages.science.signals.trajectories import Array
 
 DEGREES = {1: 6, 2: 5}
@@ -113,31 +115,34 @@ def _spread_out(places: Array, points: int) -> Array:
     return np.array(chosen)
 
 
-def choose_family(fit: Fit, columns: Array, tried: Sequence[Sequence[Array]]) -> Family:
+def choose_family(fit: Fit, noise: Noise | TrialNoise, columns: Array, tried: Sequence[Sequence[Array]]) -> Family:
     """Return a family beside a fit, with the priors by which left-out trials are predicted best.
 
-    They are fitted to whole trials, and judged by the shape of those left out: an offset and a gain are their own.
+    It is fitted under the noise, and judged by the shape of trials left out.
 
     Parameters
     ----------
     fit : Fit
         A model without a family.
+    noise : Noise or TrialNoise
+        Of the channel.
     columns : (T, K, F) ndarray
         Of the family.
     tried : sequence of sequence of (F_b,) ndarray
         Standard deviations of the weights of each of its blocks to choose from, block by block, twice.
     """
-    output = fit.model.output
-    spread = float(np.sqrt((fit.residual**2).sum() / max(output.present.sum(), 1))) or 1.0
-    together = np.concatenate([fit.slopes[:, :, fit.free], columns, fit.residual[:, :, None]], axis=2) / spread
+    output, free = fit.model.output, np.flatnonzero(fit.free)
+    together = np.concatenate([fit.slopes[:, :, free], columns, fit.residual[:, :, None]], axis=2)
     whole, shape = (
         collect_grams(each[:, :, :-1], each[:, :, -1], output.present)
-        for each in (together, keep_shape(together, output))
+        for each in (weigh(together, output, noise), split_signals(together, output)[0])
     )
-    total, cross = whole.slopes.sum(axis=0), whole.cross.sum(axis=0)
+    mean, prior_sd = fit.model.prior
+    pull = np.append(((mean - fit.values) / prior_sd**2)[free], np.zeros(columns.shape[2]))
+    total, cross = whole.slopes.sum(axis=0), whole.cross.sum(axis=0) + pull
 
     def predict(sd: Array) -> float:
-        scale = np.concatenate([NEAR * fit.model.prior[1][fit.free], sd])
+        scale = np.concatenate([NEAR * prior_sd[free], sd])
         curved = (total - whole.slopes) * scale * scale[:, None] + np.eye(len(scale))
         weights = np.linalg.solve(curved, ((cross - whole.cross) * scale)[:, :, None])[:, :, 0] * scale
         return float(shape.left_out(weights).sum())
@@ -147,22 +152,3 @@ def choose_family(fit: Fit, columns: Array, tried: Sequence[Sequence[Array]]) ->
         before, after = chosen[:place], chosen[place + 1 :]
         chosen[place] = min(tried[place], key=lambda each: predict(np.concatenate([*before, each, *after])))
     return Family(columns, np.concatenate(chosen))
-
-
-def keep_shape(signals: Array, output: OutputChannel) -> Array:
-    """Return signals, (T, K, Q), less their offset and their part along the measured channel in each trial.
-
-    Those of an output whose trials have no offset or gain of their own are returned as they are.
-    """
-    present = output.present
-    if not output.jitters:
-        return np.where(present[:, :, None], signals, 0.0)
-    count = np.maximum(present.sum(axis=0), 1)
-    bare = np.where(present[:, :, None], signals, 0.0)
-    bare = np.where(present[:, :, None], bare - bare.sum(axis=0) / count[:, None], 0.0)
-    measured = np.where(present, output.measured, 0.0)
-    measured = np.where(present, measured - measured.sum(axis=0) / count, 0.0)
-    size = np.maximum((measured**2).sum(axis=0), 1e-300)
-    along = np.einsum("tk,tkq->kq", measured, bare) / size[:, None]
-    shape: Array = bare - measured[:, :, None] * along
-    return shape

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from stages.science.output_channels.noise import Noise, whiten
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel
+from stages.science.output_channels.trial_noise import TrialNoise
 from stages.science.plant.effect import Parameter
 from stages.science.signals.trajectories import Array
 
@@ -219,7 +220,7 @@ class Fit:
     def cost(self, noise: Noise) -> float:
         """Return the whitened sum of squares under a noise, and that of the values' distances from their priors."""
         output = self.model.output
-        white = whiten(self.residual[:, :, None], output.present, noise, output.step_s)
+        white = weigh(self.residual[:, :, None], output, noise)
         mean, sd = self.model.prior
         return float((white**2).sum() + (((self.values - mean) / sd) ** 2).sum())
 
@@ -252,14 +253,21 @@ def collect_grams(slopes: Array, residual: Array, present: NDArray[np.bool_]) ->
     )
 
 
-def fit(model: Model, noise: Noise, start: Array, iterations: int = ITERATIONS) -> Fit:
+def weigh(signals: Array, output: OutputChannel, noise: Noise | TrialNoise) -> Array:
+    """Return signals of an output, (T, K, Q), as samples of white noise of variance one, if they are of this noise."""
+    if isinstance(noise, TrialNoise):
+        return noise.whiten(signals, output)
+    return whiten(signals, output.present, noise, output.step_s)
+
+
+def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int = ITERATIONS) -> Fit:
     """Fit a model.
 
     Parameters
     ----------
     model : Model
         What to fit.
-    noise : Noise
+    noise : Noise or TrialNoise
         Of the channel.
     start : (P,) ndarray
         Values to begin at.
@@ -268,13 +276,13 @@ def fit(model: Model, noise: Noise, start: Array, iterations: int = ITERATIONS) 
     """
     low, high = model.bounds
     mean, sd = model.prior
-    present, step_s = model.output.present, model.output.step_s
+    present = model.output.present
     values = np.clip(start, low, high)
 
     def look(at: Array) -> tuple[Array, Array, float]:
         simulated = model.simulate(at)
         residual = np.where(present, model.output.measured - simulated, 0.0)
-        white = whiten(residual[:, :, None], present, noise, step_s)[:, :, 0]
+        white = weigh(residual[:, :, None], model.output, noise)
         return simulated, residual, float((white**2).sum() + (((at - mean) / sd) ** 2).sum())
 
     simulated, residual, cost = look(values)
@@ -301,10 +309,12 @@ def fit(model: Model, noise: Noise, start: Array, iterations: int = ITERATIONS) 
     return Fit(model, values, residual, slopes, white, free)
 
 
-def _linearise(model: Model, values: Array, simulated: Array, residual: Array, noise: Noise) -> tuple[Array, Grams]:
+def _linearise(
+    model: Model, values: Array, simulated: Array, residual: Array, noise: Noise | TrialNoise
+) -> tuple[Array, Grams]:
     present = model.output.present
     slopes = np.where(present[:, :, None], model.differentiate(values, simulated), 0.0)
-    white = whiten(np.concatenate([slopes, residual[:, :, None]], axis=2), present, noise, model.output.step_s)
+    white = weigh(np.concatenate([slopes, residual[:, :, None]], axis=2), model.output, noise)
     return slopes, collect_grams(white[:, :, :-1], white[:, :, -1], present)
 
 

@@ -1,15 +1,19 @@
 """Scores of left-out trials against closed forms, and what may not count: a trial's own offset and gain."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.integrate import quad
 from scipy.signal import lfilter
 
-from stages.science.discrepancy.trial_scores import compare_by, split_residual
+from stages.science.discrepancy.trial_scores import compare_by
+from stages.science.output_channels.trial_noise import TrialNoise, estimate_trial_noise, split_residual
 from tests.science.discrepancy.toys import make_toy
 
 TOY = make_toy(0, trials=8, samples=400)
+ANY = 1e9
 
 
 def draw(seed, correlation=0.0):
@@ -27,25 +31,25 @@ def test_a_residual_is_its_shape_and_its_offset_and_its_part_along_what_was_meas
 
 
 def test_white_noise_has_as_many_independent_samples_as_samples():
-    found = compare_by(TOY, draw(1))
+    found = compare_by(TOY, draw(1), ANY)
     assert found.effective == pytest.approx(TOY.measured.size, rel=0.25)
 
 
 @pytest.mark.parametrize("correlation", [0.5, 0.9])
 def test_correlated_samples_count_as_bartlett_says(correlation):
     expected = TOY.measured.size * (1.0 - correlation**2) / (1.0 + correlation**2)
-    found = [compare_by(TOY, draw(seed, correlation)).effective for seed in range(8)]
+    found = [compare_by(TOY, draw(seed, correlation), ANY).effective for seed in range(8)]
     assert np.median(found) == pytest.approx(expected, rel=0.25)
 
 
 def test_trials_that_differ_count_for_less():
     uneven = draw(2) * np.where(np.arange(8) == 3, 5.0, 1.0)
-    assert compare_by(TOY, uneven).effective < 0.02 * compare_by(TOY, draw(2)).effective
+    assert compare_by(TOY, uneven, ANY).effective < 0.02 * compare_by(TOY, draw(2), ANY).effective
 
 
 def test_differences_of_scores_are_those_of_an_integrated_likelihood():
     small, large = draw(3), 1.3 * draw(4)
-    scores = compare_by(TOY, small)
+    scores = compare_by(TOY, small, ANY)
     count = int(scores.effective)
 
     def integrate(residual):
@@ -72,5 +76,46 @@ def test_differences_of_scores_are_those_of_an_integrated_likelihood():
 def test_jitter_of_trials_does_not_drown_a_better_shape():
     jitter = 3.0 * np.random.default_rng(5).standard_normal(8)
     better, worse = draw(6) + jitter, 1.1 * draw(6) + jitter
-    scores = compare_by(TOY, better)
+    scores = compare_by(TOY, better, ANY)
     assert scores.score(better) - scores.score(worse) == pytest.approx(scores.effective * np.log(1.1), rel=0.05)
+
+
+def test_jitter_beyond_the_largest_counts_against_a_model():
+    largest = 0.1
+    size = np.sqrt(TOY.measured.var(axis=0).mean())
+    scores = compare_by(TOY, draw(7), largest)
+    offset = 5.0 * largest * size * np.where(np.arange(8) % 2, 1.0, -1.0)
+    moved = draw(7) - draw(7).mean(axis=0)
+    sd = np.sqrt((largest * size) ** 2 + scores.noise)
+    expected = stats.norm.logpdf(0.0, 0.0, np.sqrt(scores.noise)) - stats.norm.logpdf(offset[0], 0.0, sd)
+    expected += 0.5 * scores.noise / sd**2 - 0.5
+    assert scores.score(moved) - scores.score(moved + offset) == pytest.approx(8.0 * expected, rel=1e-6)
+
+
+def test_trials_are_whitened_by_the_covariance_of_their_offset_gain_and_shape():
+    noise, rng = TrialNoise(0.7, 0.3, 0.2), np.random.default_rng(8)
+    toy = make_toy(1, trials=3, samples=60)
+    toy = replace(toy, present=toy.present & (np.arange(60)[:, None] >= [0, 5, 20]))
+    signals = rng.standard_normal((60, 3, 2)) + rng.standard_normal((3, 2))
+    white = noise.whiten(signals, toy)
+    for k in range(3):
+        kept = toy.present[:, k]
+        along = toy.measured[kept, k] - toy.measured[kept, k].mean()
+        along *= np.sqrt(kept.sum()) / np.linalg.norm(along)
+        covariance = 0.7**2 * np.eye(kept.sum()) + 0.3**2 + 0.2**2 * np.outer(along, along)
+        expected = signals[kept, k].T @ np.linalg.solve(covariance, signals[kept, k])
+        np.testing.assert_allclose(white[:, k].T @ white[:, k], expected, rtol=1e-9)
+        assert not white[~kept, k].any()
+
+
+def test_the_noise_of_trials_is_that_which_was_drawn_up_to_the_largest():
+    toy = make_toy(2, trials=60, samples=200)
+    rng = np.random.default_rng(9)
+    centred = toy.measured - toy.measured.mean(axis=0)
+    size = np.sqrt((centred**2).mean())
+    residual = 0.1 * rng.standard_normal(toy.measured.shape) + 0.5 * size * rng.standard_normal(60)
+    residual += 0.05 * centred * rng.standard_normal(60)
+    found = estimate_trial_noise(residual, toy, 0.2)
+    assert found.shape == pytest.approx(0.1, rel=0.2)
+    assert found.offset == pytest.approx(0.2 * size, rel=1e-6)
+    assert found.gain == pytest.approx(0.05 * size, rel=0.3)

@@ -1,0 +1,111 @@
+"""Noise of an output whose trials each have an offset and a gain of their own, beside the noise of their shape.
+
+Signals of trials flow in; their parts, and the signals over the standard deviations of these parts, flow out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.signals.trajectories import Array
+
+LONGEST = 0.25
+"""Longest lag of a correlation that is looked at, over the length of a trial."""
+SMALLEST = 1e-6
+"""Least standard deviation, over the channel's range."""
+
+
+@dataclass(frozen=True)
+class TrialNoise:
+    """Standard deviations of the parts of a trial's residual, in the channel's unit.
+
+    Parameters
+    ----------
+    shape : float
+        Of its shape, as if samples were independent: larger than the shape's own where they are not.
+    offset : float
+        Of its offset.
+    gain : float
+        Of its part along the measured signal, as a root mean square.
+    """
+
+    shape: float
+    offset: float
+    gain: float
+
+    def whiten(self, signals: Array, output: OutputChannel) -> Array:
+        """Return signals, (T, K, Q), whose sum of squares is that of their parts, each over its variance."""
+        shape, offset, along = split_signals(signals, output)
+        count = np.maximum(output.present.sum(axis=0), 1)[:, None]
+        scale = [np.sqrt(self.shape**2 + count * each**2) for each in (self.offset, self.gain)]
+        moved = np.where(output.present[:, :, None], offset / scale[0], 0.0)
+        white: Array = shape / self.shape + moved + along / scale[1]
+        return white
+
+
+def split_signals(signals: Array, output: OutputChannel) -> tuple[Array, Array, Array]:
+    """Return signals' shape in each trial, (T, K, Q), their offset, (K, Q), and the part along the measured one.
+
+    All is shape in an output whose trials have no offset or gain of their own.
+    """
+    present = output.present[:, :, None]
+    bare = np.where(present, signals, 0.0)
+    if not output.jitters:
+        return bare, np.zeros(bare.shape[1:]), np.zeros_like(bare)
+    measured = centre_measured(output)
+    offset = bare.sum(axis=0) / np.maximum(present.sum(axis=0), 1)
+    moving = np.where(present, bare - offset, 0.0)
+    share = np.einsum("tk,tkq->kq", measured, moving) / np.maximum((measured**2).sum(axis=0), 1e-300)[:, None]
+    along = measured[:, :, None] * share
+    return moving - along, offset, along
+
+
+def centre_measured(output: OutputChannel) -> Array:
+    """Return the measured signal less its mean in each trial, (T, K); zero where not present."""
+    measured = np.where(output.present, output.measured, 0.0)
+    mean = measured.sum(axis=0) / np.maximum(output.present.sum(axis=0), 1)
+    return np.where(output.present, measured - mean, 0.0)
+
+
+def split_residual(residual: Array, output: OutputChannel) -> tuple[Array, Array, Array]:
+    """Return the shape of each trial's residual, (T, K), its offset and its part along the measured signal, (K,) each.
+
+    The latter is told as a root mean square, in the channel's unit.
+    """
+    shape, offset, along = split_signals(residual[:, :, None], output)
+    count = np.maximum(output.present.sum(axis=0), 1)
+    return shape[:, :, 0], offset[:, 0], np.sqrt((along[:, :, 0] ** 2).sum(axis=0) / count)
+
+
+def bound_jitter(output: OutputChannel, largest: float) -> float:
+    """Return the largest offset or gain of a trial, as a root mean square: a share of the measured signal's."""
+    count = np.maximum(output.present.sum(axis=0), 1)
+    return largest * float(np.sqrt(((centre_measured(output) ** 2).sum(axis=0) / count).mean()))
+
+
+def estimate_trial_noise(residual: Array, output: OutputChannel, largest: float) -> TrialNoise:
+    """Return the noise of which a residual, (T, K), would be a sample, its jitter no larger than `bound_jitter`'s."""
+    shape, offset, gain = split_residual(residual, output)
+    least, most = SMALLEST * output.range, bound_jitter(output, largest)
+    moved = (max(float(np.sqrt((each**2).mean())), least) for each in (offset, gain))
+    spread = float(np.sqrt((shape**2).sum() / max(count_effective(shape, output), 1.0)))
+    return TrialNoise(max(spread, least), *(min(each, most) for each in moved))
+
+
+def count_effective(shape: Array, output: OutputChannel) -> float:
+    """Return the number of independent samples in a mean square of a signal, (T, K), by its correlation.
+
+    Source: Bartlett, Journal of the Royal Statistical Society Supplement 8 (1946).
+    """
+    samples = float(output.present.sum())
+    size = float((shape**2).sum())
+    if size <= 0.0:
+        return samples
+    padded = np.zeros((2 * len(shape), shape.shape[1]))
+    padded[: len(shape)] = shape
+    spectrum = np.abs(np.fft.rfft(padded, axis=0)) ** 2
+    correlation = np.fft.irfft(spectrum.sum(axis=1))[: max(int(LONGEST * len(shape)), 2)] / size
+    return samples / (1.0 + 2.0 * float((correlation[1:] ** 2).sum()))
