@@ -175,7 +175,7 @@ def _score_all(
 ) -> tuple[Beside, Beside, list[dict[str, Array]]]:
     """Return the scores of all models, without and with a static map of their own, and what families leave.
 
-    A memory is one of the models. Where there is no gap, and no form is worth a fit, a family would only predict noise.
+    A memory is one of the models. Where there is no gap, a family would only predict noise.
     """
     samples = sum(state.output.measured.size for state in outputs)
     found = map_in_threads(
@@ -202,25 +202,27 @@ def _score_output(
     """
     output, largest = state.output, settings.largest_jitter
     first: Choice = {(NONE, ""): state.current, **choice}
-    if not choice and state.ratio(state.current.raw) <= settings.smallest_gap:
+    gap = state.ratio(state.current.raw) > settings.smallest_gap
+    if not choice and not gap:
         return [dict.fromkeys(first, 0.0)] * 2, dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
 
     def find_best(fits: Iterable[Fitted]) -> Array:
-        return min(
-            (each.residual for each in fits), key=lambda left: float((split_residual(left, output)[0] ** 2).sum())
-        )
+        residuals = [each.residual for each in fits]
+        return min(residuals, key=lambda each: float((split_residual(each, output)[0] ** 2).sum()))
 
     alone = first
     for _ in range(PASSES):
         noise = estimate_trial_noise(find_best(alone.values()), output, largest)
         alone = {key: refit(each, noise) for key, each in first.items()}
     noise = estimate_trial_noise(find_best(alone.values()), output, largest)
-    beside = {key: refit(each, noise, state.static_map) for key, each in alone.items()}
-    nothing = alone[NONE, ""]
-    alone[MEMORY, ""] = refit(nothing, noise, state.memory)
-    beside[MEMORY, ""] = refit(nothing, noise, join(state.static_map, state.memory))
+    beside, left = alone, dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
+    if gap:
+        beside = {key: refit(each, noise, state.static_map) for key, each in alone.items()}
+        nothing = alone[NONE, ""]
+        alone[MEMORY, ""] = refit(nothing, noise, state.memory)
+        beside[MEMORY, ""] = refit(nothing, noise, join(state.static_map, state.memory))
+        left |= {STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
     scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
-    left = {NONE: state.current.raw, STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
     return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)], left
 
 
