@@ -181,6 +181,7 @@ class Config(Section):
     """What this stage reads."""
 
     scorecard: Scorecard
+    seed: int
 
 
 @stage(SCORECARD, SCORECARD_CELLS, RELIABILITY, SCORECARD_SESSIONS, stream="calibration_error")

@@ -16,8 +16,9 @@ from stages.science.discrepancy.screening import Screened
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.families import join
+from stages.science.output_channels.noise import Noise, make_plain
 from stages.science.output_channels.output_channel import map_in_threads
-from stages.science.output_channels.trial_noise import estimate_trial_noise, split_residual
+from stages.science.output_channels.trial_noise import TrialNoise, estimate_trial_noise, split_residual
 from stages.science.signals.trajectories import Array
 
 Choice = dict[tuple[str, str], Fitted]
@@ -198,7 +199,7 @@ def _score_output(
 ) -> tuple[list[dict[tuple[str, str], float]], dict[str, Array]]:
     """Return the scores of an output's models, without and with a static map, and what families leave.
 
-    All are fitted under one noise, that of the trials of the best of them.
+    Where trials have an offset and a gain of their own, all are fitted under one noise, which the best of them leaves.
     """
     output, largest = state.output, settings.largest_jitter
     first: Choice = {(NONE, ""): state.current, **choice}
@@ -210,17 +211,19 @@ def _score_output(
         residuals = [each.residual for each in fits]
         return min(residuals, key=lambda each: float((split_residual(each, output)[0] ** 2).sum()))
 
-    alone = first
-    for _ in range(PASSES):
-        noise = estimate_trial_noise(find_best(alone.values()), output, largest)
-        alone = {key: refit(each, noise) for key, each in first.items()}
-    noise = estimate_trial_noise(find_best(alone.values()), output, largest)
-    beside, left = alone, dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
+    def judge_by(each: Fitted) -> Noise | TrialNoise:
+        return common if output.jitters else make_plain(each.spread)
+
+    alone, common = dict(first), estimate_trial_noise(find_best(first.values()), output, largest)
+    for _ in range(PASSES if output.jitters else 0):
+        alone = {key: refit(each, common) for key, each in first.items()}
+        common = estimate_trial_noise(find_best(alone.values()), output, largest)
+    beside, left = dict(alone), dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     if gap:
-        beside = {key: refit(each, noise, state.static_map) for key, each in alone.items()}
+        beside = {key: refit(each, judge_by(each), state.static_map) for key, each in alone.items()}
         nothing = alone[NONE, ""]
-        alone[MEMORY, ""] = refit(nothing, noise, state.memory)
-        beside[MEMORY, ""] = refit(nothing, noise, join(state.static_map, state.memory))
+        alone[MEMORY, ""] = refit(nothing, judge_by(nothing), state.memory)
+        beside[MEMORY, ""] = refit(nothing, judge_by(nothing), join(state.static_map, state.memory))
         left |= {STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
     scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
     return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)], left
