@@ -23,6 +23,7 @@ ROOMS = {
     "recording": {"plant", "signals"},
     "output_channels": {"plant", "recording", "signals"},
     "discrepancy": {"gp", "output_channels", "plant", "recording", "signals", "statistics"},
+    "scorecard": {"discrepancy", "output_channels", "signals", "statistics"},
 }
 """Of science, with the rooms that each may import."""
 STAGES = {

@@ -21,12 +21,12 @@ from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.judgement import Judgement, judge, search_with_truth
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.ranking import list_named, rank_first
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.science.recording.datasets import tabulate_session
 from stages.science.rig.sessions import RecordedSession
+from stages.science.scorecard.judgement import Judgement, judge, search_with_truth
 
 KINDS = ["none", "one_effect", "one_muscle", "two_effects", "outsider"]
 

@@ -19,11 +19,11 @@ from pipeline.config import Section, Target
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.exactness import explain_exactly
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.recording.datasets import tabulate_session
+from stages.science.scorecard.exactness import explain_exactly
 
 INVERSE_CRIME_CHECK = Table(
     "inverse_crime_check",

@@ -20,8 +20,8 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.scoring import Rules, list_said, score
 from stages.science.figures.scores import draw_confusion, draw_rates, draw_reliability_of_names
+from stages.science.scorecard.scoring import Rules, list_said, score
 from stages.science.statistics.intervals import bound_median, bound_rate
 
 ALL = "all"

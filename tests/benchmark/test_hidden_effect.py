@@ -10,10 +10,10 @@ import pytest
 from pipeline.errors import InputError
 from stages.benchmark.blinded_rig.dataset import write
 from stages.benchmark.blinded_rig.sessions import HiddenSessions
-from stages.science.discrepancy.judgement import judge
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.settings import choose_verification
 from stages.science.recording.datasets import tabulate_session
+from stages.science.scorecard.judgement import judge
 from tests.science.discrepancy.searches import DISCREPANCY
 from tests.studies import read_stages, run_stage
 

@@ -8,10 +8,10 @@ import yaml
 
 from stages.benchmark.blinded_rig.dataset import simulate
 from stages.benchmark.blinded_rig.scenarios import named_scenario
-from stages.science.discrepancy.judgement import judge
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.settings import choose_verification
 from stages.science.recording.datasets import tabulate_session
+from stages.science.scorecard.judgement import judge
 from tests.science.discrepancy.searches import DISCREPANCY
 
 STORED = Path(__file__).with_suffix(".yaml")

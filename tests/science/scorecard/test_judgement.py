@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_1samp
 
-from stages.science.discrepancy.judgement import judge
+from stages.science.scorecard.judgement import judge
 from tests.science.discrepancy.searches import DISCREPANCY
 from tests.science.discrepancy.toys import WAVE, make_toy
 

@@ -1,0 +1,1 @@
+"""How often the discrepancy workflow is right on rigs whose missing effect is known."""
