@@ -6,7 +6,7 @@ the scorecard all read it. The test trials have no part in it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -85,19 +85,19 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     doubts = {channel: each.doubt for channel, each in remainders.items()}
     stand: list[Named] = []
     suspected: list[Named] = []
+    reached: list[list[Fitted]] = []
     present = found.steps[-1]
-    for added in reversed(found.named):
-        without = _drop(found, present, [added.name])
+    for added, step in zip(reversed(found.named), reversed(found.steps), strict=False):
+        without = _drop(found, present, [added])
         p_value = compare_left_out(found.outputs, without, present, added, generator)
         named = replace(added, p_value=p_value, probability=added.doubt(doubts[added.channel]))
         if named.probability >= limits.certain and (named.shown or p_value <= bearable):
             stand.insert(0, named)
+            reached.insert(0, step)
         else:
             suspected.insert(0, named)
             present = without
-    kept, names = {each.name for each in stand}, [each.name for each in suspected]
-    reached = [step for added, step in zip(found.named, found.steps[1:], strict=True) if added.name in kept]
-    steps = [found.steps[0], *(_drop(found, step, names) for step in reached)]
+    steps = [found.steps[0], *(_drop(found, each, suspected) for each in reached)]
     if suspected:
         remainders = weigh_remainder(found, stand, steps[-1], limits, generator)
     unknown = max((each.unknown for each in remainders.values()), default=0.0)
@@ -109,8 +109,11 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     )
 
 
-def _drop(found: Search, fits: Sequence[Fitted], names: Collection[str]) -> list[Fitted]:
-    return [drop_effects(each, names, state.noise) for state, each in zip(found.outputs, fits, strict=True)]
+def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> list[Fitted]:
+    return [
+        drop_effects(fitted, [each.name for each in dropped if each.is_in(state.output)], state.noise)
+        for state, fitted in zip(found.outputs, fits, strict=True)
+    ]
 
 
 def compare_left_out(
@@ -135,7 +138,7 @@ def compare_left_out(
     """
     gaps: list[list[Array]] = [[], []]
     for state, *fits in zip(outputs, before, after, strict=True):
-        if state.output.channel == named.channel and state.output.element in named.elements:
+        if named.is_in(state.output):
             for kept, each in zip(gaps, fits, strict=True):
                 kept.append(each.raw / np.maximum(state.samples, 1.0) / state.output.range**2)
     old, new = (np.sqrt(np.mean(each, axis=0)) for each in gaps)

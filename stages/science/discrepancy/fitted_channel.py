@@ -94,6 +94,11 @@ class FittedChannel:
         """A static map of the output's signals."""
         return build_static_map(self.output)
 
+    def map_beside(self, fitted: Fitted) -> Blocks:
+        """Return a static map of a model's signals: the output's, or those that the model takes for true."""
+        output = fitted.fit.model.output
+        return self.static_map if output is self.output else build_static_map(output)
+
     @cached_property
     def memory(self) -> Blocks:
         """A memory of them."""

@@ -17,7 +17,7 @@ from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.families import join
 from stages.science.output_channels.noise import Noise, make_plain
-from stages.science.output_channels.output_channel import map_in_threads
+from stages.science.output_channels.output_channel import OutputChannel, map_in_threads
 from stages.science.output_channels.trial_noise import TrialNoise, estimate_trial_noise, split_residual
 from stages.science.signals.trajectories import Array
 
@@ -26,6 +26,9 @@ Choice = dict[tuple[str, str], Fitted]
 
 PASSES = 2
 """Times that candidates are fitted under the noise of trials that the best of them leaves."""
+
+NEAR_BEST = 1.25
+"""Sum of squares over that of the best form, up to which a form is fitted under its own noise too."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,10 @@ class Named:
     alternatives: tuple[str, ...]
     shown: bool = False
     p_value: float = 1.0
+
+    def is_in(self, output: OutputChannel) -> bool:
+        """Return whether an output carries it."""
+        return output.channel == self.channel and output.element in self.elements
 
     def doubt(self, doubt: float) -> float:
         """Return its probability, at most that of no effect without a name in its place unless exact values show it."""
@@ -93,7 +100,7 @@ def rank(
     choices = []
     for state, listed in zip(outputs, candidates, strict=True):
         chosen = [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close]
-        choices.append(_extend(state, chosen, settings.near_best))
+        choices.append(_extend(state, chosen))
     names = sorted({each.form.name for listed in candidates for each in listed})
     sizes = _count_parameters(candidates)
     halved = {name: 0.5 ** sizes[name] for name in names}
@@ -176,12 +183,29 @@ def _score_all(
 ) -> tuple[Beside, Beside, list[dict[str, Array]]]:
     """Return the scores of all models, without and with a static map of their own, and what families leave.
 
-    A memory is one of the models. Where there is no gap, a family would only predict noise.
+    A memory is one of the models. Where no output of a channel has a gap, a family would only predict noise.
     """
+    corrected = _correct_inputs(outputs, choices)
+    extended = [dict(choice) for choice in choices]
+    for place, _, sensor, fitted in corrected:
+        extended[place][sensor] = fitted
     samples = sum(state.output.measured.size for state in outputs)
+    gaps = [
+        any(state.ratio(state.current.raw, each.raw) > settings.smallest_gap for each in (state.current, *own.values()))
+        for state, own in zip(outputs, choices, strict=True)
+    ]
+    open_channels = {state.output.channel for state, gap in zip(outputs, gaps, strict=True) if gap}
     found = map_in_threads(
-        lambda each: _score_output(*each, settings), list(zip(outputs, choices, strict=True)), samples
+        lambda each: _score_output(*each, each[0].output.channel in open_channels, settings),
+        list(zip(outputs, extended, strict=True)),
+        samples,
     )
+    laws = np.log([1.0 - settings.static_prior, settings.static_prior])
+    for place, source, sensor, _ in corrected:
+        without, having = ([here[each] for here in found[place][0]] for each in ((NONE, ""), sensor))
+        for own, here in zip(found[source][0], found[place][0], strict=True):
+            own[sensor] += float(np.max(laws + having) - np.max(laws + without))
+            del here[sensor]
     both = []
     for scores in zip(*(scores for scores, _ in found), strict=True):
         none = np.array([each[NONE, ""] for each in scores])
@@ -194,8 +218,29 @@ def _score_all(
     return both[0], both[1], [left for _, left in found]
 
 
+def _correct_inputs(
+    outputs: Sequence[FittedChannel], choices: Sequence[Choice]
+) -> list[tuple[int, int, tuple[str, str], Fitted]]:
+    """Return what candidates do to other outputs of their element: its place, the candidate's place, key and fit.
+
+    A sensor's effect corrupts the input of another output, whose present model is fitted to the corrected one.
+    """
+    corrected = []
+    for source, key, fitted in [(source, *each) for source, choice in enumerate(choices) for each in choice.items()]:
+        form, values = fitted.fit.model.name_values(fitted.fit.values)[1][-1]
+        for place, state in enumerate(outputs):
+            if place == source or outputs[source].output.element != state.output.element or state.current.forms:
+                continue
+            output = state.output.correct([(form.name, form.form, values)])
+            if output is not state.output:
+                model = replace(state.current.fit.model, output=output)
+                present = replace(state.current, fit=replace(state.current.fit, model=model))
+                corrected.append((place, source, key, refit(present, make_plain(state.current.spread))))
+    return corrected
+
+
 def _score_output(
-    state: FittedChannel, choice: Choice, settings: SearchSettings
+    state: FittedChannel, choice: Choice, gap: bool, settings: SearchSettings
 ) -> tuple[list[dict[tuple[str, str], float]], dict[str, Array]]:
     """Return the scores of an output's models, without and with a static map, and what families leave.
 
@@ -203,7 +248,6 @@ def _score_output(
     """
     output, largest = state.output, settings.largest_jitter
     first: Choice = {(NONE, ""): state.current, **choice}
-    gap = state.ratio(state.current.raw) > settings.smallest_gap
     if not choice and not gap:
         return [dict.fromkeys(first, 0.0)] * 2, dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
 
@@ -220,7 +264,7 @@ def _score_output(
         common = estimate_trial_noise(find_best(alone.values()), output, largest)
     beside, left = dict(alone), dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     if gap:
-        beside = {key: refit(each, judge_by(each), state.static_map) for key, each in alone.items()}
+        beside = {key: refit(each, judge_by(each), state.map_beside(each)) for key, each in alone.items()}
         nothing = alone[NONE, ""]
         alone[MEMORY, ""] = refit(nothing, judge_by(nothing), state.memory)
         beside[MEMORY, ""] = refit(nothing, judge_by(nothing), join(state.static_map, state.memory))
@@ -271,7 +315,7 @@ def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set
     return kept
 
 
-def _extend(state: FittedChannel, chosen: Sequence[Screened], near_best: float) -> Choice:
+def _extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
     """Fit an output channel with each form added in turn; those near the best also under their own noise."""
     spread = float(np.sqrt(state.current.raw.sum() / max(state.samples.sum(), 1.0)))
     plain: Choice = {}
@@ -279,7 +323,7 @@ def _extend(state: FittedChannel, chosen: Sequence[Screened], near_best: float) 
         model = replace(state.current.fit.model, forms=(*state.current.forms, each.form))
         start = np.concatenate([each.known, [each.start[own.name] for own in each.form.parameters]])
         plain[each.form.name, each.form.form] = fit_plain(model, start, spread)
-    near = near_best * min((float(fitted.raw.sum()) for fitted in plain.values()), default=0.0)
+    near = NEAR_BEST * min((float(fitted.raw.sum()) for fitted in plain.values()), default=0.0)
     return {key: refit_coloured(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
 
 
@@ -352,7 +396,7 @@ def _decide(
         first.site,
         outputs[carriers[0]].output.channel,
         tuple(outputs[place].output.element for place in carriers),
-        min(verdicts.names[best], settings.beside_bound if stuck else 1.0),
+        min(verdicts.names[best], settings.certain if stuck else 1.0),
         alternatives[:2],
         shown,
     )

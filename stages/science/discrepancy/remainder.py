@@ -97,8 +97,8 @@ def weigh_remainder(
         ambiguous = ambiguous if added else 0.0
         if any(_is_hidden(state, settings.remainder) for state in states):
             ambiguous = 1.0 if added else 0.0
-            sure = sure if added else max(sure, settings.remainder.hidden_probability)
-        if sum(each.channel == channel and not each.shown for each in named) >= settings.remainder.many_names:
+            sure = sure if added else max(sure, settings.certain)
+        if sum(each.channel == channel and not each.shown for each in named) >= settings.most_effects:
             ambiguous = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else None

@@ -89,7 +89,7 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
     gap, effects, left = verdict["gap"], verdict["effects"], verdict["remainder"]
     told = [_describe_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
     channels = [each["channel"] for each in effects]
-    if max(channels.count(each) for each in channels) >= settings.search.remainder.many_names:
+    if max(channels.count(each) for each in channels) >= settings.search.most_effects:
         doubt = "So many names in one channel may stand in for one effect that the library does not hold."
     elif left["share"] > settings.report.least_share:
         doubt = (

@@ -33,6 +33,9 @@ NEARBY_STARTS, NEARBY = 8, 0.1
 """Number of random starts near a fit of an effect with a threshold, as its cost has local minima, and their standard
 deviation in those of the priors."""
 
+BETTER = 0.9
+"""Sum of squares over the present one, below which constants found with a candidate are taken alone."""
+
 
 @dataclass
 class Search:
@@ -61,7 +64,7 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
     while len(found.named) < settings.most_effects:
         candidates = list_candidates(found.outputs, settings)
         looked, choices = rank(found.outputs, candidates, settings)
-        if _find_better_constants(found, choices, settings.better_constants):
+        if _find_better_constants(found, choices):
             continue
         found.rounds.append(looked)
         if looked.named is None:
@@ -79,14 +82,14 @@ def _beside(newest: Named, earlier: Sequence[Named]) -> Named:
     return replace(newest, probability=min([1.0, *(each.probability for each in shared)]) * newest.probability)
 
 
-def _find_better_constants(found: Search, choices: Sequence[Choice], better_share: float) -> bool:
+def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
     """Take over the constants of a candidate's fit where these alone are better; return whether there are any.
 
     A form with a threshold is fitted from several values of the constants, and may have found better ones by chance.
     """
     better = False
     for place, state in enumerate(found.outputs):
-        least = better_share * float(state.current.raw.sum())
+        least = BETTER * float(state.current.raw.sum())
         for fitted in choices[place].values():
             if fitted.forms[-1].scales or fitted.raw.sum() >= least:
                 continue
@@ -94,7 +97,7 @@ def _find_better_constants(found: Search, choices: Sequence[Choice], better_shar
             again = refine(state.current.fit.model, fitted.fit.values[:known], fitted.spread)
             if again.raw.sum() < least:
                 found.outputs[place] = continue_from(state, again)
-                better, least = True, better_share * float(again.raw.sum())
+                better, least = True, BETTER * float(again.raw.sum())
     if better:
         found.steps[-1] = [state.current for state in found.outputs]
     return better
@@ -152,7 +155,7 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
         keep: list[tuple[int, Fitted]] = []
         worth = False
         for place, state in enumerate(found.outputs):
-            if state.output.channel != named.channel or state.output.element not in named.elements:
+            if not named.is_in(state.output):
                 continue
             without = drop_effects(state.current, [named.name], state.noise)
             keep.append((place, without))

@@ -28,9 +28,7 @@ class RemainderSettings(Declared):
 
     hiding_share: float = Field(gt=0.0, lt=1.0)
     hiding_ratio: float = Field(ge=1.0)
-    hidden_probability: float = Field(ge=0.0, le=1.0)
     ambiguous_weight: float = Field(ge=0.0, le=1.0)
-    many_names: int = Field(ge=2)
     uninformative_error: float = Field(gt=0.0, le=1.0)
 
     def hides(self, floor: float, white: float) -> bool:
@@ -66,9 +64,6 @@ class SearchSettings(Declared):
     largest_jitter: float = Field(gt=0.0)
     exact_probability: float = Field(gt=0.0, lt=1.0)
     exact_share: float = Field(gt=0.0, le=1.0)
-    beside_bound: float = Field(ge=0.0, le=1.0)
-    near_best: float = Field(ge=1.0)
-    better_constants: float = Field(gt=0.0, le=1.0)
     remainder: RemainderSettings
     left_out: list[str] = Field(description="effects that are not looked for")
 

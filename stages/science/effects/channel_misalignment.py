@@ -1,8 +1,8 @@
-"""Channels that were sampled at different times: the force, or the motion, is late against the others.
+"""Channels that were sampled at different times: the force, the pressure or the motion is late against the others.
 
-`force` shifts the load cell; `contraction` says by how much the recorded motion is later than the one that acted. The
-recorded rate of contraction, which enters the mild damping alone, is left where it is. Within a sample, signals run
-straight.
+`force` shifts the load cell, `pressure` the pressure sensor; `contraction` says by how much the recorded motion is
+later than the one that acted. The recorded rate of contraction, which enters the mild damping alone, is left where it
+is. Within a sample, signals run straight.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from stages.science.signals.trajectories import Array
 
 
 def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, as late as its channel is."""
+    """Return the signal as late as its channel is."""
     return shift(signal, parameters["late_s"] / state.step_s)
 
 
-def apply_to_motion(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the contraction that acted, given one that was recorded late."""
+def take_back(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the signal that acted, given one that was recorded late."""
     return shift(signal, -parameters["late_s"] / state.step_s)
 
 
@@ -65,6 +65,18 @@ FORMS = (
     EFFECT,
     replace(
         EFFECT,
+        form="pressure",
+        signal="sensed_pressure_kpa",
+        parameters=(
+            Parameter(
+                "late_s", "s", -0.1, 0.1, 0.0, 0.01, "by which pressure is later than force and motion", (0.012, -0.012)
+            ),
+        ),
+        signature="pressure errs in proportion to its own rate of change, and force as if it came before the pressure",
+        invert=take_back,
+    ),
+    replace(
+        EFFECT,
         form="contraction",
         signal="contraction",
         parameters=(
@@ -73,7 +85,7 @@ FORMS = (
             ),
         ),
         signature="force errs in proportion to the velocity of the joint and to pressure",
-        apply=apply_to_motion,
+        apply=take_back,
     ),
     LATE_ELEMENT,
 )

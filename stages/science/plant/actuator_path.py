@@ -30,6 +30,9 @@ class Acting(Protocol):
     def apply(self, values: Array, state: State) -> Array:
         """Return the mapped signal."""
 
+    def invert(self, values: Array, state: State) -> Array:
+        """Return the signal that it maps to these values."""
+
 
 @dataclass(frozen=True)
 class Everywhere:
@@ -46,6 +49,21 @@ class Everywhere:
     def apply(self, values: Array, state: State) -> Array:
         """Return the mapped signal."""
         return self.effect.apply(values, state, self.parameters)
+
+    def invert(self, values: Array, state: State) -> Array:
+        """Return the signal that is mapped to these values.
+
+        Notes
+        -----
+        Where an effect has no inverse of its own, a few fixed-point passes, exact for offset and drift, and within the
+        cube of a small gain error. Counts and a clipped range, which hide what was there, are left as shown.
+        """
+        if self.effect.invert is not None:
+            return self.effect.invert(values, state, self.parameters)
+        found = values
+        for _ in range(INVERSIONS):
+            found = found + (values - self.apply(found, state))
+        return found
 
 
 @dataclass(frozen=True)
@@ -93,17 +111,11 @@ class ActuatorPath:
         return self._apply("sensed_pressure_kpa", pressure_kpa, lambda: self._upstream(pressure_kpa, pressure_kpa))
 
     def unsense_pressure(self, shown_kpa: Array) -> Array:
-        """Return the pressure, kPa, that the sensor shows so.
-
-        Notes
-        -----
-        A few fixed-point passes, exact for offset and drift, and within the cube of a small gain error. Counts and a
-        clipped range, which hide what was there, are left as shown.
-        """
+        """Return the pressure, kPa, that the sensor shows so."""
         pressure = shown_kpa
-        if any(effect.signal == "sensed_pressure_kpa" for effect in self.effects):
-            for _ in range(INVERSIONS):
-                pressure = pressure + (shown_kpa - self.sense_pressure(pressure))
+        for effect in reversed(self.effects):
+            if effect.signal == "sensed_pressure_kpa":
+                pressure = effect.invert(pressure, self._upstream(pressure, pressure))
         return pressure
 
     def sense_force(self, force_n: Array, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:

@@ -6,6 +6,8 @@ simulated side by side. Effects are applied at their sites in the order in which
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from stages.science.plant.actuator_path import ActuatorPath, Everywhere
@@ -128,9 +130,15 @@ class _OnSome:
         return self.effect.signal
 
     def apply(self, values: Array, state: State) -> Array:
+        return self._change(self.effect.apply, values, state)
+
+    def invert(self, values: Array, state: State) -> Array:
+        return self._change(self.effect.invert, values, state)
+
+    def _change(self, change: Callable[[Array, State], Array], values: Array, state: State) -> Array:
         mask = np.tile(self.mask, values.shape[1] // self.mask.size)
         changed = values.copy()
-        changed[:, mask] = self.effect.apply(np.ascontiguousarray(values[:, mask]), state.select(mask))
+        changed[:, mask] = change(np.ascontiguousarray(values[:, mask]), state.select(mask))
         return changed
 
 

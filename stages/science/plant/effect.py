@@ -131,6 +131,8 @@ class ChainEffect:
         Names of effects that ordinary excitation may not tell from it.
     apply : callable
         Returns a new array of the signal's shape.
+    invert : callable, optional
+        Returns the signal of which ``apply`` made another; without it, fixed-point passes of ``apply`` do.
     """
 
     name: str
@@ -143,6 +145,7 @@ class ChainEffect:
     split_by: str
     relatives: tuple[str, ...]
     apply: Callable[[Array, State, Mapping[str, float]], Array]
+    invert: Callable[[Array, State, Mapping[str, float]], Array] | None = None
 
 
 @dataclass(frozen=True)
