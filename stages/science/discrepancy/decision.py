@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from stages.science.discrepancy.evidence import NONE
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, drop_effects
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, drop_effects, refit
 from stages.science.discrepancy.naming import Named
 from stages.science.discrepancy.remainder import Remainder, weigh_remainder
 from stages.science.discrepancy.search import Search
@@ -110,10 +110,17 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
 
 
 def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> list[Fitted]:
-    return [
+    """Return fits without some effects; where a sensor's effect is among them, of inputs as they were recorded."""
+    left = [
         drop_effects(fitted, [each.name for each in dropped if each.is_in(state.output)], state.noise)
         for state, fitted in zip(found.outputs, fits, strict=True)
     ]
+    for place, (state, first) in enumerate(zip(found.outputs, found.steps[0], strict=True)):
+        recorded, model = first.fit.model.output, left[place].fit.model
+        if model.output is not recorded and correct_inputs(recorded, left) is recorded:
+            again = replace(left[place].fit, model=replace(model, output=recorded))
+            left[place] = refit(replace(left[place], fit=again), state.noise)
+    return left
 
 
 def compare_left_out(

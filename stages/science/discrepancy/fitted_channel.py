@@ -238,6 +238,25 @@ def drop_effects(fitted: Fitted, names: Collection[str], noise: Noise) -> Fitted
     return assess(fit(replace(model, forms=kept), noise, np.array(start)), noise)
 
 
+def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChannel:
+    """Return an output with its inputs corrected for the effects of sensors that the fits of its element's others hold.
+
+    Parameters
+    ----------
+    output : OutputChannel
+        As it was recorded, of any trials.
+    fits : sequence of Fitted
+        Of all outputs.
+    """
+    effects = [
+        (form.name, form.form, values)
+        for each in fits
+        if each.fit.model.output.element == output.element and each.fit.model.output.channel != output.channel
+        for form, values in each.fit.model.name_values(each.fit.values)[1]
+    ]
+    return output.correct(effects)
+
+
 def continue_from(state: FittedChannel, current: Fitted) -> FittedChannel:
     """Return an output channel with another present fit; one without effects is its nominal fit too."""
     noise = current.estimate_noise()

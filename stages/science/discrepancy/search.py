@@ -16,6 +16,7 @@ from stages.science.discrepancy.fitted_channel import (
     Fitted,
     FittedChannel,
     continue_from,
+    correct_inputs,
     drop_effects,
     prepare,
     refine,
@@ -134,12 +135,12 @@ def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
 
 def _correct_others(found: Search, place: int) -> None:
     """Correct the inputs of other output channels for the sensor effects that were found, and prepare these again."""
-    source = found.outputs[place].current.fit
+    fits = [state.current for state in found.outputs]
     for other, state in enumerate(found.outputs):
-        if other != place and state.output.element == source.model.output.element and not state.current.forms:
-            effects = source.model.name_values(source.values)[1]
-            corrected = state.output.correct([(form.name, form.form, values) for form, values in effects])
-            if corrected is not state.output:
+        if other != place and state.output.element == found.outputs[place].output.element and not state.current.forms:
+            recorded = found.steps[0][other].fit.model.output
+            corrected = correct_inputs(recorded, fits)
+            if corrected is not recorded:
                 found.outputs[other] = prepare(corrected)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import t
 
 from stages.science.discrepancy.decision import Decision, decide
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, prepare_all
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, prepare_all
 from stages.science.discrepancy.search import Search, search
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.verification import find_test_floor
@@ -56,7 +56,8 @@ class Judgement:
     def gap(self, fits: Sequence[Fitted], channels: Collection[str]) -> float:
         """Return the gap on the test trials, RMSE over range, root mean square over outputs of some channels."""
         squares = []
-        for output, each in zip(self.outputs, fits, strict=True):
+        for recorded, each in zip(self.outputs, fits, strict=True):
+            output = correct_inputs(recorded, fits)
             if output.channel in channels:
                 simulated = replace(each.fit.model, output=output).simulate(each.fit.values)
                 squares.append(_mean_square(output, output.measured - simulated, self.test))
@@ -77,7 +78,10 @@ class Judgement:
             Of Student's interval of the mean difference, paired by trial.
         """
         before, after = (
-            sum(_weigh_trials(output, each, trials) for output, each in zip(outputs, fits, strict=True))
+            sum(
+                _weigh_trials(correct_inputs(output, fits), each, trials)
+                for output, each in zip(outputs, fits, strict=True)
+            )
             for fits in (self.decision.steps[0], self.decision.steps[-1])
         )
         gained = (before - after) / np.mean(before)
@@ -89,7 +93,8 @@ class Judgement:
         """Return the noise floor of the test trials, in the same unit."""
         means = []
         learnt = ~np.isin(np.arange(self.outputs[0].trials), self.test)
-        for output, state, each in zip(self.outputs, self.prepared, self.decision.steps[-1], strict=True):
+        for recorded, state, each in zip(self.outputs, self.prepared, self.decision.steps[-1], strict=True):
+            output = correct_inputs(recorded, self.decision.steps[-1])
             if output.channel in channels:
                 model = replace(each.fit.model, output=output)
                 left = find_test_floor(model, each.fit.values, state.noise, learnt)[self.test]
