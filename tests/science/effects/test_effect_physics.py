@@ -275,7 +275,7 @@ def test_contraction_is_the_integral_of_the_arm(form, values, arm, muscle):
 def test_misaligned_channels_are_shifted(late):
     time = np.arange(1000) * STEP_S
     kpa, x = 200 + 50 * np.sin(3 * time), 0.1 + 0.03 * np.sin(2 * time)
-    for form, shift_kpa, shift_x in (("force", late, late), ("contraction", 0.0, -late)):
+    for form, shift_kpa, shift_x in (("force", late, late), ("pressure", -late, 0.0), ("contraction", 0.0, -late)):
         shown = force(f"channel_misalignment-{form}", kpa, x, late_s=late)[0]
         truth = nominal(200 + 50 * np.sin(3 * (time - shift_kpa)), 0.1 + 0.03 * np.sin(2 * (time - shift_x)))
         assert shown[20:-20] == pytest.approx(truth[20:-20], rel=1e-4)
