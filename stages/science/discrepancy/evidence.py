@@ -97,7 +97,9 @@ def weigh_names(
     power = min(1.0, most_evidence / max(_find_largest(alone, beside), 1e-300))
     names = list(dict.fromkeys(name for name, _ in alone.forms))
     map_prior = priors[STATIC_MAP]
-    log_map = {each: power * float((beside.none - alone.none)[_at(channels, each)].sum()) for each in dict.fromkeys(channels)}
+    log_map = {
+        each: power * float((beside.none - alone.none)[_at(channels, each)].sum()) for each in dict.fromkeys(channels)
+    }
     log_law = {each: np.logaddexp(np.log1p(-map_prior), np.log(map_prior) + value) for each, value in log_map.items()}
     log_weight, chosen, carries = {NONE: float(np.log(priors[NONE]))}, {}, {}
     for name in names:
