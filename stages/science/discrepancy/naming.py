@@ -185,7 +185,7 @@ def _score_all(
 
     A memory is one of the models. Where no output of a channel has a gap, a family would only predict noise.
     """
-    corrected = _correct_inputs(outputs, choices)
+    corrected = _fit_corrected(outputs, choices)
     extended = [dict(choice) for choice in choices]
     for place, _, sensor, fitted in corrected:
         extended[place][sensor] = fitted
@@ -218,7 +218,7 @@ def _score_all(
     return both[0], both[1], [left for _, left in found]
 
 
-def _correct_inputs(
+def _fit_corrected(
     outputs: Sequence[FittedChannel], choices: Sequence[Choice]
 ) -> list[tuple[int, int, tuple[str, str], Fitted]]:
     """Return what candidates do to other outputs of their element: its place, the candidate's place, key and fit.

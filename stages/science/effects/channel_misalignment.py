@@ -67,11 +67,7 @@ FORMS = (
         EFFECT,
         form="pressure",
         signal="sensed_pressure_kpa",
-        parameters=(
-            Parameter(
-                "late_s", "s", -0.1, 0.1, 0.0, 0.01, "by which pressure is later than force and motion", (0.012, -0.012)
-            ),
-        ),
+        parameters=(replace(EFFECT.parameters[0], description="by which pressure is later than force and motion"),),
         signature="pressure errs in proportion to its own rate of change, and force as if it came before the pressure",
         invert=take_back,
     ),
@@ -79,11 +75,7 @@ FORMS = (
         EFFECT,
         form="contraction",
         signal="contraction",
-        parameters=(
-            Parameter(
-                "late_s", "s", -0.1, 0.1, 0.0, 0.01, "by which motion is later than pressure and force", (0.012, -0.012)
-            ),
-        ),
+        parameters=(replace(EFFECT.parameters[0], description="by which motion is later than pressure and force"),),
         signature="force errs in proportion to the velocity of the joint and to pressure",
         apply=take_back,
     ),
