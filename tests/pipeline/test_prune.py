@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-from pathlib import Path
 
 import pytest
 
@@ -13,25 +12,30 @@ from tests.faults import check_wholeness, find_parts, ledger_of, obey_permission
 from tests.pipeline.conftest import ALONE, CONFIG, SLOWLY, Toy
 
 
+def prune(command, keep, *more, **how):
+    """Return what is told of a pruning that ends well."""
+    result = command.review("prune", "--keep", str(keep), *more, **how)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def told_of(told, folder):
+    (line,) = (each for each in told.splitlines() if f"{folder}  " in each)
+    return line
+
+
 def snapshot(folder):
     """Return every file in a folder, with what it is."""
-    return {
-        path: (path.lstat().st_ino, path.lstat().st_nlink, path.lstat().st_size) for path in sorted(folder.rglob("*"))
-    }
+    found = {path: path.lstat() for path in sorted(folder.rglob("*"))}
+    return {path: (each.st_ino, each.st_nlink, each.st_size, each.st_mtime_ns) for path, each in found.items()}
 
 
 def use_of(folder):
     """Return the bytes that a folder takes, each file once."""
-    found = {path.lstat().st_ino: path.lstat().st_size for path in folder.rglob("*") if not path.is_dir()}
-    return sum(found.values())
+    return sum({path.lstat().st_ino: path.lstat().st_size for path in folder.rglob("*") if not path.is_dir()}.values())
 
 
-def told_of(result, run):
-    (line,) = (each for each in result.stdout.splitlines() if f"{run}  " in each)
-    return line
-
-
-def two(text):
+def to_bytes(text):
     """Return the number of bytes that a line of totals tells, to the digits that it has."""
     number, unit = text.split()
     return float(number) * {"bytes": 1, "kB": 1e3, "MB": 1e6}[unit]
@@ -60,51 +64,43 @@ def test_all_but_the_newest_go_and_the_rest_is_whole(many):
     runs = many.runs
     tables = [tables_of(run) for run in runs]
     assert len({each["numbers.parquet"] for each in tables}) == 4  # one for each seed
-    found = snapshot(many.outputs)
-    times = {path: path.lstat().st_mtime_ns for path in found}
-    before = use_of(many.outputs / "runs")
-    dry = many.review("prune", "--keep", "2", "--dry-run")
-    assert dry.returncode == 0, dry.stderr
-    assert dry.stdout.splitlines()[-1] == "nothing was changed (--dry-run)"
-    assert "2 folders would be removed, " in dry.stdout
+    found, before = snapshot(many.outputs), use_of(many.outputs / "runs")
+    dry = prune(many, 2, "--dry-run")
+    assert dry.splitlines()[-1] == "nothing was changed (--dry-run)"
+    assert "2 folders would be removed, " in dry
     assert snapshot(many.outputs) == found
-    assert {path: path.lstat().st_mtime_ns for path in found} == times
-    result = many.review("prune", "--keep", "2")
-    assert result.returncode == 0, result.stderr
+    told = prune(many, 2)
     assert many.runs == runs[2:]
-    assert "is among the newest 2" in told_of(result, runs[2])
-    freed = result.stdout.splitlines()[-1].removeprefix("2 folders removed, ").removesuffix(" freed")
-    assert two(freed) == pytest.approx(before - use_of(many.outputs / "runs"), rel=0.01)
-    assert f"{freed} would be freed" in dry.stdout
+    assert "is among the newest 2" in told_of(told, runs[2])
+    freed = told.splitlines()[-1].removeprefix("2 folders removed, ").removesuffix(" freed")
+    assert to_bytes(freed) == pytest.approx(before - use_of(many.outputs / "runs"), rel=0.01)
+    assert f"{freed} would be freed" in dry
     assert [tables_of(run) for run in many.runs] == tables[2:]
     for run in many.runs:
         check_wholeness(run)
     assert runs[3].name in many.review("list").stdout
     assert "everything is fresh" in many("seed=2", "plan=true").stdout
     assert "not made before" not in many("seed=0", "plan=true").stdout
-    assert many.review("prune", "--keep", "0").returncode == 0
+    prune(many, 0)
     assert many.runs == []
-    assert "0 folders removed, 0 bytes freed" in many.review("prune", "--keep", "0").stdout
+    assert "0 folders removed, 0 bytes freed" in prune(many, 0)
 
 
 def test_what_a_kept_run_shares_is_not_counted_as_freed(toy):
-    many = "counting.count=20000"
-    stop = "doubling.fail_at=0"
-    toy(many, stop)
-    toy(many, stop, "doubling.digits=3")
-    toy(many, stop, "doubling.digits=4")
-    first, second, last = toy.runs
+    for more in ([], ["doubling.digits=3"], ["doubling.digits=4"]):
+        toy("counting.count=20000", "doubling.fail_at=0", *more)
+    *old, last = toy.runs
     shared = (last / "tables" / "numbers.parquet").stat()
     assert shared.st_nlink == 3
     before = use_of(toy.outputs / "runs")
-    result = toy.review("prune", "--keep", "1")
-    line = result.stdout.splitlines()[-1]
+    told = prune(toy, 1)
+    line = told.splitlines()[-1]
     assert "more stay, as folders that are kept have them too" in line
-    freed = line.removeprefix("2 folders removed, ").split(" freed")[0]
-    assert two(freed) == pytest.approx(before - use_of(toy.outputs / "runs"), rel=0.01)
-    assert two(freed) < shared.st_size < two(line.split("; ")[1].split(" more")[0]) * 1.01
-    for run in (first, second):
-        assert float(told_of(result, run).split()[-2]) * 1000 > shared.st_size
+    freed = to_bytes(line.removeprefix("2 folders removed, ").split(" freed")[0])
+    assert freed == pytest.approx(before - use_of(toy.outputs / "runs"), rel=0.01)
+    assert freed < shared.st_size < to_bytes(line.split("; ")[1].split(" more")[0]) * 1.01
+    for run in old:
+        assert float(told_of(told, run).split()[-2]) * 1000 > shared.st_size
     check_wholeness(last)
 
 
@@ -112,9 +108,7 @@ def test_a_run_at_work_or_paused_stays_and_one_that_was_killed_or_interrupted_go
     process = killed.start("doubling.pause_s=0.1")
     wait_until(process, lambda: [part for part in find_parts(killed) if killed.runs[0] not in part.parents])
     busy = killed.runs[1]
-    result = killed.review("prune", "--keep", "0")
-    assert result.returncode == 0, result.stderr
-    assert "is at work" in told_of(result, busy)
+    assert "is at work" in told_of(prune(killed, 0), busy)
     assert killed.runs == [busy]
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
@@ -125,8 +119,7 @@ def test_a_run_at_work_or_paused_stays_and_one_that_was_killed_or_interrupted_go
     process.communicate()
     (busy / "run.json").write_text(json.dumps(ledger_of(busy) | {"status": "paused"}))
     assert ledger_of(killed.runs[1])["status"] == "interrupted"
-    result = killed.review("prune", "--keep", "0")
-    assert "is paused, and waits for a person" in told_of(result, busy)
+    assert "is paused, and waits for a person" in told_of(prune(killed, 0), busy)
     assert killed.runs == [busy]
 
 
@@ -136,13 +129,11 @@ def test_what_was_measured_stays(tmp_path):
     lab = Command(tmp_path / "outputs", *CONFIG, "workflow=lab")
     lab("device=real", f"device.file={reading}")
     lab()
-    real, simulated = lab.runs
+    real = lab.runs[0]
     for _ in range(2):  # the second time with ledgers that do not say it
-        assert "holds what measuring measured on real hardware" in told_of(lab.review("prune", "--keep", "0"), real)
-        assert real.exists()
-        assert not simulated.exists()
+        assert "holds what measuring measured on real hardware" in told_of(prune(lab, 0), real)
+        assert lab.runs == [real]
         lab("seed=1")
-        simulated = lab.runs[-1]
         for run in lab.runs:
             facts = ledger_of(run)
             for record in facts["stages"].values():
@@ -150,10 +141,8 @@ def test_what_was_measured_stays(tmp_path):
             (run / "run.json").write_text(json.dumps(facts))
     text = (real / "run.json").read_text()
     (real / "run.json").write_text(text.replace("device.Real", "no_device.Real"))
-    result = lab.review("prune", "--keep", "0")
-    assert "may hold what measuring measured: tests.pipeline.toy.no_device.Real cannot be asked" in told_of(
-        result, real
-    )
+    reason = "may hold what measuring measured: tests.pipeline.toy.no_device.Real cannot be asked"
+    assert reason in told_of(prune(lab, 0), real)
 
 
 def test_what_a_kept_run_needs_stays_and_what_that_needs(done, tmp_path):
@@ -166,18 +155,17 @@ def test_what_a_kept_run_needs_stays_and_what_that_needs(done, tmp_path):
     middle = done.runs[-1]
     scales(f"weighing.what={middle}/tables")
     last = scales.runs[-1]
-    result = done.review("prune", "--keep", "1")
-    assert result.returncode == 0
+    told = prune(done, 1)
     assert done.runs == [base, middle, last]
-    assert f"is needed by {last.name}, which names {middle}/tables" in told_of(result, middle)
-    assert f"is needed by {middle.name}, which names " in told_of(result, base)
+    assert f"is needed by {last.name}, which names {middle}/tables" in told_of(told, middle)
+    assert f"is needed by {middle.name}, which names " in told_of(told, base)
     assert "everything is fresh" in scales(f"weighing.what={middle}/tables", "plan=true").stdout
     moved = Command(tmp_path / "moved")
     shutil.move(done.outputs, moved.outputs)
-    assert moved.review("prune", "--keep", "1").returncode == 0
+    prune(moved, 1)
     assert [run.name for run in moved.runs] == [base.name, middle.name, last.name]
     shutil.rmtree(moved.runs[-1])
-    moved.review("prune", "--keep", "0")
+    prune(moved, 0)
     assert moved.runs == []
 
 
@@ -187,7 +175,7 @@ def test_a_path_that_counts_from_within_a_run_is_understood(done):
     within = Command(done.outputs, "--config-dir", str(ROOT / "tests/pipeline/conf"), "workflow=toy")
     within.root = base / "documents"
     assert within("counting=amended.yaml").returncode == 0
-    assert "which names amended.yaml" in told_of(done.review("prune", "--keep", "1"), base)
+    assert "which names amended.yaml" in told_of(prune(done, 1), base)
     assert len(done.runs) == 2
 
 
@@ -197,12 +185,10 @@ def test_sweeps_stay_unless_told_and_go_whole(toy):
         assert made.returncode == 0, made.stderr
     toy()
     sweeps = toy.outputs / "sweeps"
-    result = toy.review("prune", "--keep", "0")
-    assert result.returncode == 0
+    prune(toy, 0)
     assert toy.runs == []
     assert len(list(sweeps.glob("*/*/run.json"))) == 3
-    result = toy.review("prune", "--keep", "0", "--sweeps", "1")
-    assert "is the newest" in told_of(result, sweeps / "new")
+    assert "is the newest" in told_of(prune(toy, 0, "--sweeps", "1"), sweeps / "new")
     assert [each.name for each in sweeps.iterdir()] == ["new"]
     for job in (sweeps / "new").glob("[!.]*/"):
         check_wholeness(job)
@@ -210,8 +196,7 @@ def test_sweeps_stay_unless_told_and_go_whole(toy):
     scales = Command(toy.outputs, *CONFIG, "workflow=scales")
     job = next((sweeps / "new").glob("*seed=0*"))
     assert scales(f'weighing.what="{job}/tables"').returncode == 0
-    kept = toy.review("prune", "--keep", "1", "--sweeps", "0")
-    assert f"is needed by {toy.runs[0].name}" in told_of(kept, sweeps / "new")
+    assert f"is needed by {toy.runs[0].name}" in told_of(prune(toy, 1, "--sweeps", "0"), sweeps / "new")
 
 
 @pytest.mark.slow
@@ -219,12 +204,11 @@ def test_a_sweep_at_work_stays(toy):
     process = toy.start("-m", "sweep=s", "seed=0,1", SLOWLY)
     wait_until(process, lambda: list(toy.outputs.glob("sweeps/s/.launches/*/launch.json")))
     for _ in range(3):
-        result = toy.review("prune", "--keep", "0", "--sweeps", "0")
-        assert result.returncode == 0
+        prune(toy, 0, "--sweeps", "0")
         assert list(toy.outputs.glob("sweeps/s/.launches/*/launch.json"))
     output, errors = process.communicate(timeout=120)
     assert process.returncode == 0, errors + output
-    assert toy.review("prune", "--keep", "0", "--sweeps", "0").returncode == 0
+    prune(toy, 0, "--sweeps", "0")
     assert not list((toy.outputs / "sweeps").iterdir())
 
 
@@ -239,9 +223,7 @@ def test_links_are_not_followed_and_read_only_files_go(done, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     shutil.copytree(run, elsewhere, symlinks=True)
     (run.parent / "2001-01-01_00-00-00").symlink_to(elsewhere)
-    result = done.review("prune", "--keep", "0", before=obey_permissions)
-    assert result.returncode == 0, result.stderr
-    assert "is a link to elsewhere; remove it by hand" in result.stdout
+    assert "is a link to elsewhere; remove it by hand" in prune(done, 0, before=obey_permissions)
     assert not run.exists()
     assert (outside / "file").read_text() == "kept"
     assert (elsewhere / "run.json").exists()
@@ -253,9 +235,8 @@ def test_what_cannot_be_read_is_left_alone(done):
     (run.parent / "mine").mkdir()
     (run.parent / "note.txt").touch()
     before = snapshot(run.parent)
-    result = done.review("prune", "--keep", "0")
-    assert result.returncode == 0
-    assert "has no run.json that can be read; look at it, and remove it by hand" in told_of(result, run)
+    reason = "has no run.json that can be read; look at it, and remove it by hand"
+    assert reason in told_of(prune(done, 0), run)
     assert snapshot(run.parent) == before
 
 
@@ -274,10 +255,9 @@ def test_killed_in_between_leaves_what_the_next_one_clears_up(many):
     assert f"{first.name} " not in many.review("list").stdout
     assert "not made before" not in many("seed=2", "plan=true").stdout
     assert many("seed=4").returncode == 0
+    assert "left by a prune that was stopped" in prune(many, 4, "--dry-run")
     assert hidden.exists()
-    assert "left by a prune that was stopped" in many.review("prune", "--keep", "4", "--dry-run").stdout
-    assert hidden.exists()
-    assert many.review("prune", "--keep", "4").returncode == 0
+    prune(many, 4)
     assert not hidden.exists()
     assert many.runs[:3] == others
 
@@ -310,10 +290,9 @@ def test_bad_input_is_refused(toy, arguments, told):
     assert not toy.outputs.exists()
 
 
-def test_outputs_that_are_not_there_or_no_folder(toy, tmp_path):
-    assert "0 folders removed" in toy.review("prune", "--keep", "1").stdout
+def test_outputs_that_are_not_there_or_no_folder(toy):
+    assert "0 folders removed" in prune(toy, 1)
     assert not toy.outputs.exists()
-    Path(toy.outputs).write_text("a letter")
+    toy.outputs.write_text("a letter")
     result = toy.review("prune", "--keep", "1")
-    assert result.returncode == 2
-    assert len(result.stderr.splitlines()) == 1
+    assert (result.returncode, len(result.stderr.splitlines())) == (2, 1)
