@@ -14,7 +14,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
 import jinja2
 import pandas as pd
@@ -32,13 +31,13 @@ class Picture(NamedTuple):
 
     Parameters
     ----------
-    data : str
-        The PNG, in base64; empty for one that is not shown.
+    png : bytes
+        Empty for one that is not shown.
     caption : str
         What it shows, and what its marks are.
     """
 
-    data: str
+    png: bytes
     caption: str
 
 
@@ -86,13 +85,19 @@ def read_templates() -> None:
 
 @cache
 def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(PAGES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters |= {
+        "shown": format_value,
+        "exact": lambda value: "" if value is None or value != value else repr(float(value)),
+        "base64": lambda png: base64.b64encode(png).decode(),
+    }
+    return environment
 
 
 def make_grid(
@@ -101,12 +106,12 @@ def make_grid(
     meanings: Mapping[str, str] | None = None,
     links: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return a frame as the templates show it.
+    """Return a frame, short enough to be shown whole, as the templates show it.
 
     Parameters
     ----------
     frame : DataFrame
-        Short enough to be shown whole.
+        What is shown.
     units, meanings : mapping, optional
         Of columns that have one.
     links : sequence of str
@@ -114,15 +119,10 @@ def make_grid(
     """
     units, meanings = units or {}, meanings or {}
     names = [str(each) for each in frame.columns]
-    numeric = [bool(pd.api.types.is_numeric_dtype(frame[each])) for each in frame.columns]
     return {
         "columns": [(name, units.get(name, "1"), meanings.get(name, "")) for name in names],
-        "numeric": numeric,
-        "cells": [[format_value(value) for value in row] for row in frame.itertuples(index=False)],
-        "exact": [
-            ["" if each != each or each is None else repr(float(each)) if number else None for each, number in pairs]
-            for pairs in (zip(row, numeric, strict=True) for row in frame.itertuples(index=False))
-        ],
+        "numeric": [bool(pd.api.types.is_numeric_dtype(frame[each])) for each in frame.columns],
+        "rows": list(frame.itertuples(index=False)),
         "links": list(links),
     }
 
@@ -148,16 +148,6 @@ def show_traceback(summary: str, traceback: str, is_open: bool) -> list[Block]:
     return [make_details(summary, [("text", traceback)], is_open)] if traceback else []
 
 
-def encode(png: bytes) -> str:
-    """Return the bytes of a PNG as `Picture` holds them."""
-    return base64.b64encode(png).decode()
-
-
 def make_rows(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, Any]:
     """Return rows of texts as the templates show a frame."""
     return make_grid(pd.DataFrame([list(each) for each in rows], columns=list(heads)))
-
-
-def link_to(*parts: str) -> str:
-    """Return the relative address of a file below the page's folder."""
-    return "./" + "/".join(quote(each) for each in parts)

@@ -24,7 +24,6 @@ from pipeline.page import (
     Block,
     Picture,
     Section,
-    encode,
     list_sentences,
     make_details,
     make_grid,
@@ -47,7 +46,7 @@ ROWS_SHOWN_AT_ONCE = 8
 
 
 def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: str | None = None) -> Path:
-    """Write report.html into a run's folder, also of a run that did not get to its end.
+    """Write report.html into a run's folder, also of a run that did not get to its end; return its path.
 
     Parameters
     ----------
@@ -59,11 +58,6 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: 
         All stages of the workflow; of a run that failed, those up to the one that did are told.
     status : str, optional
         How the run ended, where its ledger does not say so yet.
-
-    Returns
-    -------
-    Path
-        The page.
     """
     status = status or ledger.status
     reached = _list_reached(ledger, stages)
@@ -177,7 +171,11 @@ def _show_verdict(ledger: Ledger, stage: Stage) -> list[Block]:
     if VERDICT not in ledger.records[stage.name]["files"]:
         return []
     values = json.loads((ledger.folder / VERDICT).read_text(encoding="utf-8"))
-    lists = {key: each for key, each in values.items() if _is_grid(each)}
+    lists = {
+        key: each
+        for key, each in values.items()
+        if isinstance(each, list) and each and all(isinstance(row, Mapping) for row in each)
+    }
     rest = {key: each for key, each in values.items() if key not in lists}
     blocks: list[Block] = [("facts", [*flatten(rest, form=_format).items()] if rest else [])]
     for key, rows in lists.items():
@@ -198,10 +196,6 @@ def _format(value: Any) -> str:
     if isinstance(value, list) and all(map(_is_plain, value)):
         return ", ".join(map(format_value, value)) or "-"
     return format_value(value) if _is_plain(value) else show(value)
-
-
-def _is_grid(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(each, Mapping) for each in value)
 
 
 def _is_plain(value: Any) -> bool:
@@ -230,16 +224,15 @@ def _show_stage(ledger: Ledger, stage: Stage, shown_above: bool) -> list[Block]:
 
 
 def _list_pictures(ledger: Ledger, stage: str) -> list[Picture]:
-    """Return a stage's figures; one that was not kept as PNG has no data."""
     files = ledger.records[stage]["files"]
     captions = {Path(file).stem: str(facts["caption"]) for file, facts in files.items() if facts["kind"] == "figure"}
     pictures = []
     for name, caption in captions.items():
         shown = f"figures/{name}.png"
-        data = encode((ledger.folder / shown).read_bytes()) if shown in files else ""
+        png = (ledger.folder / shown).read_bytes() if shown in files else b""
         kept = ", ".join(each for each in files if Path(each).stem == name)
-        hidden = "" if data else ", not shown here: no PNG was kept"
-        pictures.append(Picture(data, f"{caption} ({kept}{hidden})"))
+        hidden = "" if png else ", not shown here: no PNG was kept"
+        pictures.append(Picture(png, f"{caption} ({kept}{hidden})"))
     return pictures
 
 

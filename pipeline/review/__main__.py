@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 
 from rich.console import Console
@@ -52,20 +53,25 @@ def list_runs(options: argparse.Namespace, console: Console) -> None:
     frame = sort_rows(keep_rows(frame, conditions), options.sort)
     print_frame(f"Runs in {folder.parent}", frame, console, options.rows, "--rows")
     if not options.jobs and frame["run"].str.endswith("/").any():
-        command = review_line(options.outputs, "sweep", "NAME")
-        say(f"a sweep's jobs: --jobs, or {command}", console)
+        say(f"a sweep's jobs: --jobs, or {review_line(options.outputs, 'sweep', 'NAME')}", console)
 
 
 def show(options: argparse.Namespace, console: Console) -> None:
     """Print how a run went, or one of its tables."""
+    from pipeline.table import read_frame
+
     ledger = find_run(options.outputs, options.run)
     if options.table is None:
-        show_run(ledger, options.outputs, console)
-    else:
-        show_table(ledger, options.table, options.rows, console)
+        _show_run(ledger, options.outputs, console)
+        return
+    known = [table for record in ledger.records.values() for table in record["tables"]]
+    if options.table not in known:
+        raise ConfigError(f"run {ledger.name} has no table '{options.table}'; {suggest(options.table, known)}")
+    path = ledger.folder / "tables" / f"{options.table}.parquet"
+    print_frame(str(path), read_frame(path), console, options.rows, "--rows")
 
 
-def show_run(ledger: Ledger, outputs: str, console: Console) -> None:
+def _show_run(ledger: Ledger, outputs: str, console: Console) -> None:
     """Print how a run went and which tables it holds."""
     say(f"{ledger.folder}  {live_status(ledger)}", console)
     say(f"command: {ledger.facts['command']}", console)
@@ -81,19 +87,7 @@ def show_run(ledger: Ledger, outputs: str, console: Console) -> None:
         console.print(f"[bold]{name:<{width}}[/bold]  {told}", highlight=False)
         for text in (f"because: {escape(record['reason'])}", f"tables (rows): {tables or '-'}"):
             console.print(Padding(text, (0, 0, 0, width + 2)), highlight=False)
-    command = review_line(outputs, "show", ledger.name, "TABLE")
-    say(f"a table: {command}", console)
-
-
-def show_table(ledger: Ledger, name: str, rows: int, console: Console) -> None:
-    """Print the first rows of one table of a run."""
-    from pipeline.table import read_frame
-
-    known = [table for record in ledger.records.values() for table in record["tables"]]
-    if name not in known:
-        raise ConfigError(f"run {ledger.name} has no table '{name}'; {suggest(name, known)}")
-    path = ledger.folder / "tables" / f"{name}.parquet"
-    print_frame(str(path), read_frame(path), console, rows, "--rows")
+    say(f"a table: {review_line(outputs, 'show', ledger.name, 'TABLE')}", console)
 
 
 def _make_parser() -> argparse.ArgumentParser:
@@ -125,9 +119,10 @@ def _make_parser() -> argparse.ArgumentParser:
     swept.add_argument("sweep", metavar="DIR|NAME", help="its name, its folder, or latest")
     swept.add_argument("--all", action="store_true", help="all columns, not those alone that vary")
     _add_selection(swept)
+    from_0 = partial(_count, least=0)
     pruned = add("prune", "remove all but the newest runs, and those that something needs", _act_of("prune"))
-    pruned.add_argument("--keep", type=_count_or_none, required=True, metavar="N", help="runs to keep, the newest")
-    pruned.add_argument("--sweeps", type=_count_or_none, metavar="N", help="whole sweeps to keep; without it all stay")
+    pruned.add_argument("--keep", type=from_0, required=True, metavar="N", help="runs to keep, the newest")
+    pruned.add_argument("--sweeps", type=from_0, metavar="N", help="whole sweeps to keep; without it all stay")
     pruned.add_argument("--dry-run", action="store_true", help="say what would be removed; change nothing")
     return parser
 
@@ -157,10 +152,6 @@ def _count(text: str, least: int = 1) -> int:
     if not text.isdigit() or int(text) < least:
         raise argparse.ArgumentTypeError(f"expected a number from {least}, got {text}")
     return int(text)
-
-
-def _count_or_none(text: str) -> int:
-    return _count(text, 0)
 
 
 if __name__ == "__main__":

@@ -28,14 +28,6 @@ STRANGE = re.compile(r"[^\w.=+-]+")
 def review(options: argparse.Namespace, console: Console) -> None:
     """Print how runs differ, and write a page of it, with their curves.
 
-    Parameters
-    ----------
-    options : Namespace
-        ``outputs`` (folder), ``runs`` (names of runs and sweeps), ``html`` (file to write; else one in the outputs
-        folder), ``all`` (list also what does not differ), ``rows`` (of each table to print).
-    console : Console
-        Standard output.
-
     Raises
     ------
     PipelineError
@@ -43,7 +35,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
     """
     names = options.runs
     found = Comparison(choose_runs(options.outputs, names), options.all)
-    curves, complaints = make_curves(found.ledgers, [each.name for each in found.ledgers], found.nested, found.flat)
+    curves, complaints = make_curves(found.ledgers, found.nested, found.flat)
     for each in replace(found, most=COLUMNS_OF_A_TERMINAL).differences():
         title = f"{each.name}: {each.told}" if each.told else each.name
         if each.frame.empty:
@@ -89,7 +81,7 @@ def _show_difference(difference: Difference) -> list[Block]:
 
 
 def _show_curves(curves: Sequence[Curves], complaints: Sequence[str]) -> list[Block]:
-    from pipeline.review.curve_drawing import draw_curves
+    from pipeline.review.drawing import draw_curves
 
     blocks: list[Block] = []
     for each in curves:

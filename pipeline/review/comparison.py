@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -32,33 +32,20 @@ MOST_ROWS = 400
 """Rows up to which differences of a table are listed."""
 
 
-@dataclass(frozen=True)
-class Difference:
-    """How runs differ in one respect.
-
-    Parameters
-    ----------
-    name : str
-        The respect.
-    told : str
-        In words; empty where the frame tells it.
-    frame : DataFrame
-        A row for each value that differs; empty where none does, or none can be compared.
-    """
+class Difference(NamedTuple):
+    """How runs differ in one respect: in words, or in a frame with a row for each value that differs."""
 
     name: str
     told: str
-    frame: pd.DataFrame
+    frame: pd.DataFrame = pd.DataFrame()
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs beside each other.
+    """Runs beside each other, in the order in which they were named.
 
     Parameters
     ----------
-    ledgers : tuple of Ledger
-        Of the runs, in the order in which they were named.
     everything : bool
         Whether what is the same in all is listed too.
     most : int
@@ -105,9 +92,8 @@ class Comparison:
 
     def configuration(self) -> pd.DataFrame:
         """Return the keys that differ, of those that say what is computed."""
-        return self._across(
-            "key", self.flat, [] if self.everything else [*filter(is_incidental, self._keys(self.flat))]
-        )
+        keys = self._keys(self.flat)
+        return self._across("key", self.flat, [] if self.everything else [*filter(is_incidental, keys)])
 
     def surroundings(self) -> pd.DataFrame:
         """Return how code, libraries and machines differ."""
@@ -136,9 +122,8 @@ class Comparison:
                 columns[add_unit(name, unit)] = values
             else:
                 same.append(name)
-        told = (
-            f"the same in all: {', '.join(same)}" if same else "" if columns else "none is declared, or none was kept"
-        )
+        told = "" if columns else "none is declared, or none was kept"
+        told = f"the same in all: {', '.join(same)}" if same else told
         return Difference("Metrics", told, pd.DataFrame({"run": self.labels, **columns} if columns else {}))
 
     def _compare_files(self) -> list[Difference]:
@@ -153,7 +138,7 @@ class Comparison:
         others = self._across("table", told, same)
         return [
             Difference("Tables that differ", "" if len(others) else "none", others),
-            Difference("the same to the byte in all", ", ".join(same) or "no table", pd.DataFrame()),
+            Difference("the same to the byte in all", ", ".join(same) or "no table"),
         ]
 
     def _compare_table(self, name: str) -> Difference | None:
@@ -162,10 +147,10 @@ class Comparison:
         if len(having) < 2:
             return None
         if len({facts["sha256"] for facts in kept if facts}) == 1:
-            return Difference(name, "the same to the byte in all runs that have it", pd.DataFrame())
+            return Difference(name, "the same to the byte in all runs that have it")
         read = {index: found for index in having if (found := read_whole_table(self.ledgers[index], name))}
         if len(read) < 2:
-            return Difference(name, "cannot be read in all runs but one", pd.DataFrame())
+            return Difference(name, "cannot be read in all runs but one")
         frames = {index: found[0] for index, found in read.items()}
         labels = {index: self.labels[index] for index in frames}
         if all(is_prose(each) for each in frames.values()):

@@ -7,9 +7,8 @@ interval of the mean (t) over all that repeats, runs and what the workflow names
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,7 +17,6 @@ from pipeline.flat import INCIDENTAL, is_seed, list_differences
 from pipeline.ledger import Ledger
 from pipeline.printing import add_unit, join_some, shorten
 from pipeline.review.kept import list_tables, read_whole_table
-from pipeline.review.pictures import half_width
 from pipeline.sweeps.sweep_table import split_overrides
 
 if TYPE_CHECKING:
@@ -28,47 +26,34 @@ SHOWN = ("workflow.headline", "workflow.metrics", "workflow.curves", "workflow.q
 """Sections that say how a run is told, not what it computes."""
 NOT_SET = "not set"
 LONGEST_VALUE = 24
+CONFIDENCE = 0.95
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """One series of a curve.
 
     Parameters
     ----------
     label : str
         What tells it from the others.
-    runs : tuple of str
+    runs : list of str
         That it is made of.
     points : DataFrame
         Columns ``x``, ``mean``, ``half`` (half of the 95 % interval; nan where nothing repeats) and ``n``.
     """
 
     label: str
-    runs: tuple[str, ...]
+    runs: list[str]
     points: pd.DataFrame
 
 
-@dataclass(frozen=True)
-class Curves:
-    """All series of one declared curve.
-
-    Parameters
-    ----------
-    name : str
-        As declared.
-    x, y : str
-        What the axes are, with units.
-    lines : tuple of Line
-        In the order of the runs.
-    told : str
-        What the lines and their bands are.
-    """
+class Curves(NamedTuple):
+    """All series of one declared curve, in the order of the runs; its axes with units, and what lines and bands are."""
 
     name: str
     x: str
     y: str
-    lines: tuple[Line, ...]
+    lines: list[Line]
     told: str
 
 
@@ -78,71 +63,43 @@ def is_incidental(key: str) -> bool:
     return parts[0] in (*INCIDENTAL, "stages") or ".".join(parts[:2]) in SHOWN
 
 
-def group_runs(configs: Sequence[Mapping[str, str]]) -> list[int]:
-    """Return for each run which group it is of: runs of a group differ in seeds alone.
+def half_width(spread: pd.Series, count: pd.Series) -> pd.Series:
+    """Return half of the 95 % interval (t) of means, from SD and number of their values; nan for fewer than two."""
+    from scipy.special import stdtrit
 
-    Parameters
-    ----------
-    configs : sequence of mapping
-        Flat configuration of each run.
-    """
+    half: pd.Series = spread * stdtrit(count - 1, (1 + CONFIDENCE) / 2) / np.sqrt(count)
+    return half
+
+
+def _group_runs(configs: Sequence[Mapping[str, str]]) -> list[int]:
+    """Return for each run which group it is of: runs of a group differ in seeds alone."""
     kinds: dict[tuple[tuple[str, str], ...], int] = {}
     return [kinds.setdefault(tuple(sorted(_select_meaningful(each).items())), len(kinds)) for each in configs]
 
 
-def name_groups(
-    typed: Sequence[Mapping[str, str]], configs: Sequence[Mapping[str, str]], groups: Sequence[int]
-) -> dict[int, str]:
-    """Return for each group what tells it from the others: what was typed, where that does, else the configuration.
-
-    Parameters
-    ----------
-    typed : sequence of mapping
-        Overrides of each run.
-    configs : sequence of mapping
-        Flat configuration of each run.
-    groups : sequence of int
-        From `group_runs`.
-    """
-    by_typed, by_config = (_name_groups(each, groups) for each in (typed, configs))
-    named = by_typed if len(set(by_typed.values())) == len(by_typed) else by_config
-    names = list(named.values())
-    return {group: f"{name} (group {group + 1})" if names.count(name) > 1 else name for group, name in named.items()}
-
-
 def _name_groups(configs: Sequence[Mapping[str, str]], groups: Sequence[int]) -> dict[int, str]:
+    """Return for each group what tells it from the others in what is given of each run."""
     firsts = {group: _select_meaningful(config) for group, config in reversed([*zip(groups, configs, strict=True)])}
     keys = list_differences(list(firsts.values()))
     ends = [key.rpartition(".")[2] for key in keys]
     short = {key: end if ends.count(end) == 1 else key for key, end in zip(keys, ends, strict=True)}
-    named = {}
-    for group, config in firsts.items():
-        parts = [f"{short[key]}={shorten(config.get(key, NOT_SET), LONGEST_VALUE)}" for key in keys]
-        named[group] = join_some(parts, 3)
-    return dict(sorted(named.items()))
+    return {
+        group: join_some([f"{short[key]}={shorten(config.get(key, NOT_SET), LONGEST_VALUE)}" for key in keys], 3)
+        for group, config in sorted(firsts.items())
+    }
 
 
 def make_curves(
-    ledgers: Sequence[Ledger],
-    names: Sequence[str],
-    nested: Sequence[Mapping[str, Any]],
-    flat: Sequence[Mapping[str, str]],
+    ledgers: Sequence[Ledger], nested: Sequence[Mapping[str, Any]], flat: Sequence[Mapping[str, str]]
 ) -> tuple[list[Curves], list[str]]:
-    """Return every curve that the runs' workflows declare.
+    """Return the curves that the runs' workflows declare and some run holds, and why another is not there.
 
     Parameters
     ----------
-    ledgers, names : sequence
-        The runs, and what each is called.
+    ledgers : sequence of Ledger
+        The runs.
     nested, flat : sequence of mapping
         Their configurations.
-
-    Returns
-    -------
-    curves : list of Curves
-        Those that some run holds.
-    complaints : list of str
-        Why another is not there.
     """
     from pydantic import ValidationError
 
@@ -158,12 +115,16 @@ def make_curves(
                 declared.setdefault(str(name), Curve.model_validate(values))
             except ValidationError:
                 complaints.append(f"curve {name}: not declared as this version reads it")
-    groups = group_runs(flat)
-    labels = name_groups([_read_overrides(each) for each in ledgers], flat, groups)
+    groups = _group_runs(flat)
+    labels = _name_groups([_read_overrides(each) for each in ledgers], groups)  # by what was typed, where that tells
+    if len(set(labels.values())) < len(labels):
+        labels = _name_groups(flat, groups)
+    told = list(labels.values())
+    labels = {group: f"{name} (group {group + 1})" if told.count(name) > 1 else name for group, name in labels.items()}
     curves = []
     for name, curve in declared.items():
         try:
-            made = _make(name, curve, ledgers, names, groups, labels)
+            made = _make(name, curve, ledgers, groups, labels)
         except (KeyError, TypeError, ValueError):
             complaints.append(f"curve {name}: table {curve.table} lacks a column that it names, or numbers in it")
             continue
@@ -175,34 +136,29 @@ def make_curves(
 
 
 def _make(
-    name: str,
-    curve: Curve,
-    ledgers: Sequence[Ledger],
-    names: Sequence[str],
-    groups: Sequence[int],
-    labels: dict[int, str],
+    name: str, curve: Curve, ledgers: Sequence[Ledger], groups: Sequence[int], labels: dict[int, str]
 ) -> Curves | None:
     frames: dict[int, list[pd.DataFrame]] = {}
     runs: dict[int, list[str]] = {}
-    seen: dict[tuple[int, str], str] = {}
+    seen: set[tuple[int, str]] = set()
     twins = []
     units: dict[str, str] = {}
-    for ledger, run, group in zip(ledgers, names, groups, strict=True):
+    for ledger, group in zip(ledgers, groups, strict=True):
         kept = list_tables(ledger).get(curve.table)
         read = read_whole_table(ledger, curve.table) if kept else None
         if kept is None or read is None:
             continue
         if (group, kept["sha256"]) in seen:
-            twins.append(run)
+            twins.append(ledger.name)
             continue
-        seen[group, kept["sha256"]] = run
+        seen.add((group, kept["sha256"]))
         frame, units, _ = read
         frame = _average(frame, curve)
         if not frame.empty:
             frames.setdefault(group, []).append(frame)
-            runs.setdefault(group, []).append(run)
+            runs.setdefault(group, []).append(ledger.name)
     lines = [
-        Line(", ".join(each for each in (value, labels[group]) if each) or curve.y, tuple(runs[group]), points)
+        Line(", ".join(each for each in (value, labels[group]) if each) or curve.y, runs[group], points)
         for group, found in frames.items()
         for value, points in _split(pd.concat(found), curve)
     ]
@@ -214,9 +170,8 @@ def _make(
     told += f"Lines are means, bands 95 % intervals of the mean (t) over {repeats}; a line without band has n = 1"
     if twins:
         told += f"; counted once, as its table is that of another run to the byte: {', '.join(twins)}"
-    return Curves(
-        name, add_unit(curve.x, units.get(curve.x, "1")), add_unit(curve.y, units.get(curve.y, "1")), tuple(lines), told
-    )
+    x, y = (add_unit(each, units.get(each, "1")) for each in (curve.x, curve.y))
+    return Curves(name, x, y, lines, told)
 
 
 def _average(frame: pd.DataFrame, curve: Curve) -> pd.DataFrame:
@@ -229,24 +184,12 @@ def _average(frame: pd.DataFrame, curve: Curve) -> pd.DataFrame:
     return found.groupby(keys, sort=False)[curve.y].mean().reset_index()
 
 
-def _split(frame: pd.DataFrame, curve: Curve) -> list[tuple[str, pd.DataFrame]]:
-    if not curve.by:
-        return [("", _band(frame, curve))]
-    lines = []
-    for values, part in frame.groupby(curve.by, sort=False):
-        told = (f"{column} {value}" for column, value in zip(curve.by, _as_tuple(values), strict=True))
-        lines.append((", ".join(told), _band(part, curve)))
-    return lines
-
-
-def _as_tuple(values: Any) -> tuple[Any, ...]:
-    return values if isinstance(values, tuple) else (values,)
-
-
-def _band(frame: pd.DataFrame, curve: Curve) -> pd.DataFrame:
-    found = frame.groupby(curve.x)[curve.y].agg(["mean", "std", "count"]).reset_index()
-    half = np.array([half_width(spread, count) for spread, count in zip(found["std"], found["count"], strict=True)])
-    return pd.DataFrame({"x": found[curve.x], "mean": found["mean"], "half": half, "n": found["count"]})
+def _split(frame: pd.DataFrame, curve: Curve) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yield what tells a series from the others of its runs, and its points."""
+    for values, part in frame.groupby(curve.by, sort=False) if curve.by else [((), frame)]:
+        found = part.groupby(curve.x)[curve.y].agg(["mean", "std", "count"]).reset_index(names="x")
+        points = found.assign(half=half_width(found["std"], found["count"]), n=found["count"])
+        yield ", ".join(f"{column} {value}" for column, value in zip(curve.by, values, strict=True)), points
 
 
 def _read_overrides(ledger: Ledger) -> dict[str, str]:

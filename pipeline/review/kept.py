@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -64,18 +63,6 @@ def read_whole_table(ledger: Ledger, name: str) -> tuple[pd.DataFrame, dict[str,
     }
     title = (schema.metadata or {}).get(b"title", name.encode()).decode(errors="replace")
     return frame, units, title
-
-
-def read_short_tables(
-    ledger: Ledger, names: list[str], most: int
-) -> Iterator[tuple[pd.DataFrame, dict[str, str], str]]:
-    """Yield those tables of a run that have some rows, and not more than so many."""
-    kept = list_tables(ledger)
-    for name in names:
-        if name in kept and 0 < int(kept[name].get("rows", 0)) <= most:
-            found = read_whole_table(ledger, name)
-            if found:
-                yield found
 
 
 def read_surroundings(ledger: Ledger) -> dict[str, dict[str, str]]:

@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from pipeline.errors import ConfigError, suggest
+from pipeline.flat import flatten
 from pipeline.ledger import Ledger
 from pipeline.printing import format_count
 from pipeline.review.kept import read_slices
@@ -22,16 +23,9 @@ WORST_FIRST = ("running", "failed", "killed", "paused", "interrupted", "unreadab
 
 
 def list_everything(outputs: str | Path, with_jobs: bool, keys: Sequence[str] = ()) -> pd.DataFrame:
-    """Return a row for each run, and one for each sweep or each of its jobs, newest first.
+    """Return a row for each run, and one for each sweep or (`with_jobs`) each of its jobs, newest first.
 
-    Parameters
-    ----------
-    outputs : str or Path
-        The outputs folder.
-    with_jobs : bool
-        Whether a sweep's jobs have a row each instead of one together.
-    keys : sequence of str
-        Metrics or configuration keys that are to be columns too.
+    `keys` are metrics or configuration keys that are to be columns too.
 
     Raises
     ------
@@ -57,7 +51,8 @@ def list_everything(outputs: str | Path, with_jobs: bool, keys: Sequence[str] = 
             continue
         values = [_look_up(found, key) for found in frame["found"]]
         if all(value is None for value in values):
-            raise _unknown(key, [ledger for found in frame["found"] for ledger in found])
+            offered = _suggest(key, [ledger for found in frame["found"] for ledger in found])
+            raise ConfigError(f"no column, metric or configuration key '{key}' in any run; {offered}")
         frame.insert(len(frame.columns) - 2, key, pd.Series(values, dtype=object, index=frame.index))
     return frame.drop(columns="found")
 
@@ -65,8 +60,7 @@ def list_everything(outputs: str | Path, with_jobs: bool, keys: Sequence[str] = 
 def _describe(folder: Path, ledger: Ledger | None, is_job: bool) -> dict[str, Any]:
     name = f"{folder.parent.name}/{folder.name}" if is_job else folder.name
     if ledger is None:
-        status = describe_status(folder, None)
-        return {"run": name, "status": status, "finished": None, "command": None, "age": (-1, name), "found": []}
+        return {"run": name, "status": describe_status(folder, None), "age": (-1, name), "found": []}
     done = sum(ledger.finished(each) is not None for each in ledger.records)
     return {
         "run": name,
@@ -94,7 +88,6 @@ def _summarise(sweep: Path, jobs: Sequence[tuple[Path, Ledger | None]]) -> dict[
         "started": min((each.facts["started"] for each in ledgers), default=None),
         "wall_s": sum(seconds) if seconds else None,
         "finished": f"{counts['done']} of {format_count(counts.total(), 'job')}{others}",
-        "command": None,
         "age": max((each.age for each in ledgers), default=(-1, sweep.name)),
         "found": ledgers,
     }
@@ -119,15 +112,9 @@ def _look_up_one(ledger: Ledger, key: str) -> Any:
     return None
 
 
-def _unknown(key: str, ledgers: Sequence[Ledger]) -> ConfigError:
-    metrics = {name for each in ledgers for name in (each.facts.get("metrics") or {})}
+def _suggest(key: str, ledgers: Sequence[Ledger]) -> str:
+    named = [*COLUMNS, *{name for each in ledgers for name in (each.facts.get("metrics") or {})}]
     sections = {name: section for each in ledgers for name, section in read_slices(each).items()}
-    paths = [path for name, section in sections.items() for path in _paths(name, section)]
-    offered = suggest(key, [*COLUMNS, *metrics, *paths])
-    if offered.startswith("choose"):
-        offered = f"{suggest(key, [*COLUMNS, *metrics])}, or a configuration key"
-    return ConfigError(f"no column, metric or configuration key '{key}' in any run; {offered}")
-
-
-def _paths(name: str, section: Any) -> list[str]:
-    return [f"{name}.{key}" for key in section] if isinstance(section, dict) else [name]
+    paths = [path for name, its in sections.items() for path in flatten({name: its})]
+    offered = suggest(key, [*named, *paths])
+    return f"{suggest(key, named)}, or a configuration key" if offered.startswith("choose") else offered

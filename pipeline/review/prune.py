@@ -9,9 +9,10 @@ import argparse
 import os
 import re
 import shutil
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -36,55 +37,15 @@ UNITS = ("bytes", "kB", "MB", "GB", "TB")
 
 @dataclass
 class Unit:
-    """What is kept or removed as one: a run, or a sweep with all of its jobs.
-
-    Parameters
-    ----------
-    folder : Path
-        Its folder.
-    runs : list of Path
-        The folder itself, or those of a sweep's jobs.
-    ledgers : list of Ledger
-        Of these, as far as they can be read.
-    """
+    """What is kept or removed as one: a run, or a sweep with the folders and the readable ledgers of its jobs."""
 
     folder: Path
     runs: list[Path]
     ledgers: list[Ledger]
 
-    @property
-    def age(self) -> int:
-        """Sort key: the later it began, the larger."""
-        return max((each.age[0] for each in self.ledgers), default=0)
-
-
-@dataclass
-class Freed:
-    """Files of removed folders, by device and inode: bytes, and how many links are left."""
-
-    files: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
-
-    def add(self, files: Iterable[os.stat_result]) -> None:
-        """Count files that went."""
-        for each in files:
-            key = (each.st_dev, each.st_ino)
-            self.files[key] = each.st_size, self.files.get(key, (0, each.st_nlink))[1] - 1
-
-    def total(self, shared: bool = False) -> int:
-        """Return the bytes of the files of which no link is left, or of which another folder has one."""
-        return sum(size for size, left in self.files.values() if (left > 0) == shared)
-
 
 def review(options: argparse.Namespace, console: Console) -> int:
     """Remove the runs that are neither among the newest nor at work, measured or needed.
-
-    Parameters
-    ----------
-    options : Namespace
-        ``outputs`` (folder), ``keep`` and ``sweeps`` (how many of the newest runs and sweeps stay in any case; None for
-        all sweeps), ``dry_run`` (say what would be done, and do nothing).
-    console : Console
-        For what is told.
 
     Returns
     -------
@@ -103,7 +64,7 @@ def review(options: argparse.Namespace, console: Console) -> int:
                 for within, _, _ in os.walk(folder):
                     os.chmod(within, 0o700)
                 shutil.rmtree(folder)
-            freed.add(files)
+            gone.extend(files)
         except OSError as error:
             problems.append(f"cannot remove {error.filename} ({error.strerror}); make it removable, then prune again")
 
@@ -117,7 +78,8 @@ def review(options: argparse.Namespace, console: Console) -> int:
     else:
         reasons |= _find_reasons(all_sweeps, sweeps)
     _add_needed([*all_runs, *all_sweeps], reasons)
-    freed, problems, removed = Freed(), [], 0
+    gone: list[os.stat_result] = []
+    problems, removed = [], 0
     for leftover in [*runs_folder(outputs).glob(f"{HIDDEN}*"), *sweeps_folder(outputs).glob(f"{HIDDEN}*")]:
         files = _list_files(leftover)
         say(f"remove  {leftover}  {_size(files)}, left by a prune that was stopped", console)
@@ -139,24 +101,18 @@ def review(options: argparse.Namespace, console: Console) -> int:
         say(f"remove  {unit.folder}  {_size(files)}", console)
         removed += 1
         remove(hidden, files)
-    left = freed.total(shared=True)
-    shared = f"; {format_bytes(left)} more stay, as folders that are kept have them too" if left else ""
+    links = Counter((each.st_dev, each.st_ino) for each in gone)
+    found = {(each.st_dev, each.st_ino): each for each in reversed(gone)}  # as it was before the first link went
+    left = [each for key, each in found.items() if each.st_nlink > links[key]]
+    freed = [each for key, each in found.items() if each.st_nlink <= links[key]]
+    shared = f"; {_size(left)} more stay, as folders that are kept have them too" if left else ""
     would = "would be " if dry_run else ""
-    folders = format_count(removed, "folder")
-    say(f"{folders} {would}removed, {format_bytes(freed.total())} {would}freed{shared}", console)
+    say(f"{format_count(removed, 'folder')} {would}removed, {_size(freed)} {would}freed{shared}", console)
     if dry_run:
         say("nothing was changed (--dry-run)", console)
     for each in problems:
         complain(each)
     return 1 if problems else 0
-
-
-def format_bytes(count: int) -> str:
-    """Return a number of bytes as a person reads it."""
-    value, power = float(count), 0
-    while value >= 999.5 and power < len(UNITS) - 1:
-        value, power = value / 1000, power + 1
-    return f"{count} bytes" if not power else f"{value:.3g} {UNITS[power]}"
 
 
 def _list_files(folder: Path) -> list[os.stat_result]:
@@ -165,7 +121,12 @@ def _list_files(folder: Path) -> list[os.stat_result]:
 
 
 def _size(files: Iterable[os.stat_result]) -> str:
-    return format_bytes(sum({(each.st_dev, each.st_ino): each.st_size for each in files}.values()))
+    """Return the bytes of files, each once, as a person reads them."""
+    count = sum({(each.st_dev, each.st_ino): each.st_size for each in files}.values())
+    value, power = float(count), 0
+    while value >= 999.5 and power < len(UNITS) - 1:
+        value, power = value / 1000, power + 1
+    return f"{count} bytes" if not power else f"{value:.3g} {UNITS[power]}"
 
 
 def _find_units(folder: Path, of_jobs: bool) -> list[Unit]:
@@ -174,7 +135,7 @@ def _find_units(folder: Path, of_jobs: bool) -> list[Unit]:
     for each in _list_visible(folder):
         runs = _list_visible(each) if of_jobs else [each]
         units.append(Unit(each, runs, [ledger for run in runs if (ledger := Ledger.look(run))]))
-    return sorted(units, key=lambda each: each.age, reverse=True)
+    return sorted(units, key=lambda unit: max((each.age[0] for each in unit.ledgers), default=0), reverse=True)
 
 
 def _list_visible(folder: Path) -> list[Path]:

@@ -6,7 +6,7 @@ import math
 import operator
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -16,19 +16,8 @@ SIGNS = re.compile(r"!=|<=|>=|==?|~|<|>")
 COMPARISONS = {"<": operator.lt, ">": operator.gt, "<=": operator.le, ">=": operator.ge}
 
 
-@dataclass(frozen=True)
-class Condition:
-    """What a row must fulfil.
-
-    Parameters
-    ----------
-    key : str
-        Of a column.
-    sign : str
-        ``=``, ``!=``, ``~`` (contains) or, for numbers, ``<``, ``>``, ``<=``, ``>=``.
-    value : str
-        As typed.
-    """
+class Condition(NamedTuple):
+    """What a row must fulfil: a key, ``=``, ``!=``, ``~``, ``<``, ``>``, ``<=`` or ``>=``, and a value as typed."""
 
     key: str
     sign: str
@@ -43,9 +32,7 @@ class Condition:
         if self.sign in ("=", "!="):
             same = text == self.value or (number is not None and number == wanted)
             return same == (self.sign == "=")
-        if number is None or wanted is None:
-            return False
-        return bool(COMPARISONS[self.sign](number, wanted))
+        return number is not None and wanted is not None and bool(COMPARISONS[self.sign](number, wanted))
 
 
 def read_condition(text: str) -> Condition:
@@ -75,7 +62,7 @@ def keep_rows(frame: pd.DataFrame, conditions: Iterable[Condition]) -> pd.DataFr
         When a condition is about no column.
     """
     for each in conditions:
-        check_key("--where", each.key, frame.columns)
+        _check_key("--where", each.key, frame)
         frame = frame[[each.holds(value) for value in frame[each.key]]]
     return frame
 
@@ -91,22 +78,15 @@ def sort_rows(frame: pd.DataFrame, by: str | None) -> pd.DataFrame:
     if by is None:
         return frame
     key = by if by in frame.columns else by.removeprefix("-")
-    check_key("--sort", key, frame.columns)
-    present = [row for row, value in enumerate(frame[key]) if not _is_missing(value)]
-    missing = [row for row, value in enumerate(frame[key]) if _is_missing(value)]
-    present.sort(key=lambda row: order_of(str(frame[key].iloc[row])), reverse=key != by)
-    return frame.iloc[[*present, *missing]]
+    _check_key("--sort", key, frame)
+    values = list(enumerate(frame[key]))
+    present = [(order_of(str(value)), row) for row, value in values if not _is_missing(value)]
+    present.sort(key=operator.itemgetter(0), reverse=key != by)
+    return frame.iloc[[*(row for _, row in present), *(row for row, value in values if _is_missing(value))]]
 
 
-def check_key(option: str, key: str, known: Iterable[str]) -> None:
-    """Refuse a key that no column has.
-
-    Raises
-    ------
-    ConfigError
-        With the nearest name.
-    """
-    names = [str(each) for each in known]
+def _check_key(option: str, key: str, frame: pd.DataFrame) -> None:
+    names = [str(each) for each in frame.columns]
     if key not in names:
         raise ConfigError(f"{option} {key}: no such column; {suggest(key, names)}")
 

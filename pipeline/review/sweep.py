@@ -3,32 +3,50 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+from urllib.parse import quote
 
+import pandas as pd
 from rich.console import Console
 
 from pipeline.errors import PipelineError
-from pipeline.failures import list_commands, list_reasons
-from pipeline.printing import format_count, print_frame
+from pipeline.failures import describe_reason, list_commands, list_reasons, read_traceback
+from pipeline.ledger import Ledger
+from pipeline.page import (
+    Block,
+    Section,
+    make_details,
+    make_grid,
+    make_rows,
+    show_frame,
+    show_traceback,
+    write_page,
+)
+from pipeline.printing import format_count, join_some, print_frame
+from pipeline.review.comparison import Comparison
+from pipeline.review.kept import list_headlines, list_tables, read_config, read_whole_table
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
-from pipeline.review.sweep_page import FILE_NAME, describe_counts, write_sweep_page
-from pipeline.review.sweep_view import Sweep, find_sweep
+from pipeline.review.sweep_view import AS_CONFIGURED, Sweep, find_sweep
+from pipeline.sweeps.launch import list_launches
 from pipeline.sweeps.sweep_table import write_frame
 from pipeline.terminal import say
 
+FILE_NAME = "sweep.html"
 NOT_TOLD = ("done", "not begun", "running")
+MOST_VALUES = 12
+MOST_DIFFERENCES = 200
+MOST_JOBS_WITH_RESULTS = 12
+MOST_ROWS_OF_RESULTS = 12
+MOST_KINDS = 20
+MOST_JOBS_OF_A_KIND = 20
+MOST_COMMANDS = 5
 
 
 def review(options: argparse.Namespace, console: Console) -> None:
     """Print a sweep's jobs, failures and the commands that finish it; write ``sweep.parquet`` and ``sweep.html``.
 
-    Parameters
-    ----------
-    options : Namespace
-        ``outputs`` (folder), ``sweep`` (name or folder), and of the jobs to print, as the files hold all: ``where``,
-        ``sort``, ``rows``, and ``all`` for columns that do not vary, too.
-    console : Console
-        Standard output.
+    The files hold all jobs; options say which rows and columns are printed.
 
     Raises
     ------
@@ -36,8 +54,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
         When there is no such sweep, or its folder cannot be written.
     """
     found = find_sweep(options.outputs, options.sweep)
-    jobs = format_count(len(found.frame), "job")
-    say(f"sweep {found.folder}: {jobs} ({describe_counts(found.counts)})", console)
+    say(f"sweep {found.folder}: {format_count(len(found.frame), 'job')} ({_describe_counts(found)})", console)
     if found.alike and not options.all:
         say(f"the same in all: {', '.join(f'{key}={value}' for key, value in found.alike.items())}", console)
     chosen = sort_rows(keep_rows(found.frame, [read_condition(each) for each in options.where]), options.sort)
@@ -49,7 +66,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
         say(line, console)
     try:
         say(f"table: {write_frame(found.folder, found.frame, found.units)}", console)
-        write_sweep_page(found)
+        _write_page(found)
     except OSError as error:
         raise PipelineError(
             f"cannot write {error.filename2 or error.filename or found.folder}: {error.strerror}; jobs' own folders "
@@ -59,7 +76,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
 
 
 def _describe_failures(found: Sweep) -> Iterator[str]:
-    statuses = dict(zip(found.frame["job"], found.frame["status"], strict=True))
+    statuses = found.statuses
     unfinished = [job for job, status in statuses.items() if status != "done"]
     yield from list_reasons(found.folder, {job: statuses[job] for job in unfinished if statuses[job] not in NOT_TOLD})
     commands = list_commands(found.folder, unfinished)
@@ -72,3 +89,153 @@ def _describe_failures(found: Sweep) -> Iterator[str]:
 
 def _describe_unfinished(count: int, statuses: dict[str, str]) -> str:
     return f"{count} of {len(statuses)} jobs {'is' if count == 1 else 'are'} not done"
+
+
+def _describe_counts(sweep: Sweep) -> str:
+    return ", ".join(f"{count} {status}" for status, count in sweep.counts.items())
+
+
+def _write_page(sweep: Sweep) -> None:
+    ledgers = {job: found for job in sweep.frame["job"] if (found := Ledger.look(sweep.folder / job))}
+    statuses = sweep.statuses
+    unfinished = {job: status for job, status in statuses.items() if status != "done"}
+    failed = {job: status for job, status in unfinished.items() if status not in NOT_TOLD}
+    kinds = _list_failures(sweep, ledgers, failed)
+    done = [ledgers[job] for job, status in statuses.items() if status == "done"]
+    commands = [str(each.get("command", "-")) for each in list_launches(sweep.folder)][-MOST_COMMANDS:]
+    write_page(
+        sweep.folder / FILE_NAME,
+        title=f"sweep {sweep.folder.name}",
+        heading=f"Sweep {sweep.folder.name}",
+        lead=f"{format_count(len(sweep.frame), 'job')}: {_describe_counts(sweep)}",
+        status=f"{len(unfinished)} not done" if unfinished else "done",
+        opening=[*(("command", each) for each in commands), ("facts", _list_facts([*ledgers.values()]))],
+        sections=[
+            Section("Plan", _show_plan(sweep)),
+            Section("Metrics", _show_metrics(sweep)),
+            Section("Jobs", _show_jobs(sweep)),
+            Section("Failures", [*_show_commands(sweep, unfinished), *_show_failures(kinds)] if failed else []),
+            Section("Results", _show_results(done)),
+            Section("Differences", _show_differences(sweep, done or [*ledgers.values()])),
+        ],
+    )
+
+
+def _show_plan(sweep: Sweep) -> list[Block]:
+    blocks: list[Block] = [("note", "No key varies between the jobs.")]
+    if sweep.varying:
+        blocks = [("note", "Keys that vary, and how many jobs have each value."), ("grid", _list_axes(sweep))]
+    blocks += [("heading", "Jobs by status"), ("grid", make_rows(["status", "jobs"], sweep.counts.items()))]
+    if sweep.alike:
+        blocks.append(make_details("the same in all jobs", [("facts", [*sweep.alike.items()])]))
+    return blocks
+
+
+def _show_metrics(sweep: Sweep) -> list[Block]:
+    if not sweep.metrics:
+        return []
+    from pipeline.review.drawing import draw_metrics
+
+    blocks: list[Block] = []
+    for head, pictures, told in draw_metrics(sweep):
+        blocks += [("heading", head), ("pictures", pictures)]
+        blocks += [("note", f"{told}.")] if told else []
+    return blocks
+
+
+def _show_jobs(sweep: Sweep) -> list[Block]:
+    table = sweep.table(everything=False)
+    if table.columns[0] != "job":
+        table = table.assign(job=sweep.frame["job"])[["job", *table.columns]]
+    links = [_link(sweep, job) for job in table["job"]]
+    note = "A heading sorts by its column, again the other way round. A job's link leads to its own report."
+    return [("note", note), ("sortable", make_grid(table, sweep.units, links=links))]
+
+
+def _link(sweep: Sweep, job: str) -> str:
+    """Return the relative address of a job's report."""
+    return f"./{quote(job)}/report.html" if (sweep.folder / job / "report.html").is_file() else ""
+
+
+def _list_facts(ledgers: Sequence[Ledger]) -> list[tuple[str, str]]:
+    started = [str(each.facts["started"]) for each in ledgers]
+    ended = [str(each.facts["ended"]) for each in ledgers if each.facts["ended"]]
+    seconds = sum(float(each.facts.get("seconds") or 0.0) for each in ledgers)
+    facts = [("Started", min(started))] if started else []
+    facts += [("Last ended", max(ended))] if ended else []
+    return [*facts, ("Work", f"{seconds:.1f} s in all jobs together")]
+
+
+def _list_axes(sweep: Sweep) -> dict[str, Any]:
+    rows = []
+    for key, values in sweep.varying.items():
+        counts = sweep.frame[key].where(sweep.frame[key].notna(), AS_CONFIGURED).astype(str).value_counts()
+        shown = join_some([f"{value} ({counts[value]})" for value in values], MOST_VALUES)
+        rows.append([key, len(values), shown, "repeats" if key in sweep.seeds else "axis"])
+    return make_rows(["key", "values", "value (jobs)", "taken for"], rows)
+
+
+def _list_failures(sweep: Sweep, ledgers: dict[str, Ledger], failed: dict[str, str]) -> list[dict[str, Any]]:
+    """Return failures by kind: status, stage, and the traceback up to its last line."""
+    kinds: dict[tuple[str, ...], dict[str, Any]] = {}
+    for job, status in failed.items():
+        reason = describe_reason(ledgers.get(job), status)
+        traceback = read_traceback(sweep.folder / job) if status == "failed" else ""
+        where = traceback.rpartition("\n")[0] or reason
+        found = kinds.setdefault((status, where), {"status": status, "traceback": traceback, "jobs": [], "reasons": {}})
+        found["jobs"].append((job, _link(sweep, job)))
+        found["reasons"][reason] = None
+    for each in kinds.values():
+        reasons = list(each["reasons"])
+        each["reason"] = "; ".join(reasons[:3]) + (f"; and {len(reasons) - 3} more" if len(reasons) > 3 else "")
+        each["more"] = len(each["jobs"][MOST_JOBS_OF_A_KIND:])
+        each["jobs"] = each["jobs"][:MOST_JOBS_OF_A_KIND]
+    return list(kinds.values())
+
+
+def _show_commands(sweep: Sweep, unfinished: Iterable[str]) -> list[Block]:
+    blocks: list[Block] = []
+    for command, count in list_commands(sweep.folder, unfinished):
+        note = f"This finishes {format_count(count, 'job')}, when that is mended:"
+        blocks += [("note", note), ("command", command)]
+    return blocks
+
+
+def _show_failures(kinds: Sequence[dict[str, Any]]) -> list[Block]:
+    blocks: list[Block] = []
+    for position, each in enumerate(kinds[:MOST_KINDS]):
+        shown: list[Block] = [("status", (each["status"], each["reason"])), ("links", each["jobs"])]
+        shown += [("note", f"and {each['more']} more")] if each["more"] else []
+        summary = "traceback of the first" if len(each["jobs"]) > 1 else "traceback"
+        blocks.append(("failure", shown + show_traceback(summary, each["traceback"], is_open=position == 0)))
+    left = len(kinds[MOST_KINDS:])
+    return blocks + ([("note", f"and {left} more kinds of failure: see the table")] if left else [])
+
+
+def _show_results(done: Sequence[Ledger]) -> list[Block]:
+    """Return the short tables that the reports of the first jobs begin with."""
+    results: list[Block] = []
+    for ledger in done:
+        kept = list_tables(ledger)
+        names = [each for each in list_headlines(read_config(ledger.folder)) if each in kept]
+        short = [each for each in names if 0 < int(kept[each].get("rows", 0)) <= MOST_ROWS_OF_RESULTS]
+        blocks = [block for name in short if (read := read_whole_table(ledger, name)) for block in show_frame(*read)]
+        if blocks:
+            results.append(make_details(ledger.folder.name, blocks, is_open=not results))
+        if len(results) == MOST_JOBS_WITH_RESULTS:
+            break
+    if not results:
+        return []
+    part = f", of the first {len(results)} jobs that are done" if len(done) > len(results) else ""
+    return [("note", f"Short tables that each job's report begins with{part}."), *results]
+
+
+def _show_differences(sweep: Sweep, ledgers: Sequence[Ledger]) -> list[Block]:
+    """Return what jobs differ in beyond their overrides, each value with the number of jobs that have it."""
+    found = Comparison(tuple(ledgers), most=0, whole=False)
+    frame = found.configuration().set_axis(["key", "value (jobs)"], axis="columns")
+    around = found.surroundings().set_axis(frame.columns, axis="columns")
+    rows = pd.concat([frame[~frame["key"].isin(sweep.keys)], around]).head(MOST_DIFFERENCES)
+    note = "Keys of the configuration that stages read and in which jobs differ, beyond what the command says; then "
+    note += "code, libraries and machines."
+    return [("note", note), ("grid", make_grid(rows)) if len(rows) else ("note", "None.")]

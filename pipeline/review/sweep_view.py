@@ -5,7 +5,6 @@ A sweep's table flows in; out flow its axes, the numbers behind a figure of each
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,26 +24,16 @@ AS_CONFIGURED = "not set"
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep to look at.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the sweep.
-    frame : DataFrame
-        From `pipeline.sweeps.sweep_table.collect_sweep`.
-    units : dict of str to str
-        Of columns that have one.
-    """
+    """A sweep to look at: its folder, and what `pipeline.sweeps.sweep_table.collect_sweep` returns of it."""
 
     folder: Path
     frame: pd.DataFrame
     units: dict[str, str]
 
     @property
-    def name(self) -> str:
-        """Of its folder."""
-        return self.folder.name
+    def statuses(self) -> dict[str, str]:
+        """Status of each job."""
+        return dict(zip(self.frame["job"], self.frame["status"], strict=True))
 
     @property
     def counts(self) -> dict[str, int]:
@@ -130,26 +119,13 @@ def find_sweep(outputs: str | Path, name: str) -> Sweep:
         name = jobs[0].name if jobs else name
     folder = next((each for each in (place / name, Path(name)) if name and each.is_dir()), None)
     if folder is None or folder == place:
-        names = list_sweeps(outputs)
+        names = sorted({each.parent.name for each in list_folders(outputs) if each.parent.parent == place})
         told = suggest(name, [*names, "latest"]) if names else f"make one with: {command_line(['-m', 'seed=0,1'])}"
         raise ConfigError(f"no sweep '{name}' in {place}, nor a folder of this name; {told}")
     frame, units = collect_sweep(folder)
-    jobs_with_ledger = not {*frame["status"]} <= {"no ledger"}
-    if frame.empty or not jobs_with_ledger:
+    if {*frame["status"]} <= {"no ledger"}:
         raise ConfigError(f"{folder} is no sweep: expected a folder with a folder for each job, each with a run.json")
     return Sweep(folder, frame, units)
-
-
-def list_sweeps(outputs: str | Path) -> list[str]:
-    """Return the names of all sweeps."""
-    place = sweeps_folder(outputs)
-    return sorted({each.parent.name for each in list_folders(outputs) if each.parent.parent == place})
-
-
-def summarise(points: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
-    """Return mean, least, most and number of values for each combination of some axes."""
-    grouped = points.groupby(list(by), sort=False)["value"]
-    return grouped.agg(["mean", "min", "max", "count", "std"]).reset_index()
 
 
 def _differs(values: pd.Series) -> bool:

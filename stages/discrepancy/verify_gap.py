@@ -52,9 +52,7 @@ from stages.science.discrepancy.verification import (
     select_judged,
     verify,
 )
-from stages.science.figures.effect_signature import draw_effect_signature
-from stages.science.figures.gap_waterfall import draw_gap_waterfall
-from stages.science.figures.verified_trials import draw_verified_trials
+from stages.science.figures.verified_gap import draw_effect_signature, draw_gap_waterfall, draw_verified_trials
 from stages.science.plant.effect import find_effect
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import Machine

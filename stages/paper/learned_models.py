@@ -24,9 +24,7 @@ from pipeline.context import Context
 from pipeline.errors import suggest
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.force_surfaces import draw_force_surfaces
-from stages.science.figures.frequent_references import draw_frequent_references
-from stages.science.figures.reliability import draw_reliability
+from stages.science.figures.learned_models import draw_force_surfaces, draw_frequent_references, draw_reliability
 from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES
 from stages.science.muscle_models.recorded_models import RecordedModels

@@ -20,7 +20,7 @@ from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.shift_curves import draw_shift_curves
+from stages.science.figures.learning_curves import draw_shift_curves
 from stages.science.muscle_models.error_rates import average_muscles, summarise_error_rates
 from stages.science.muscle_models.force_test import ForceTest
 from stages.science.muscle_models.loop_settings import LoopSettings, Movements

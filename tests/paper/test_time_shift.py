@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from pipeline.context import Context
 from stages.paper.time_shift import Config, TimeShift, TrialsEnough, compare_shifts, summarise, time_shift
-from stages.science.figures.shift_curves import draw_shift_curves
+from stages.science.figures.learning_curves import draw_shift_curves
 from tests import planted
 from tests.composing import compose_values
 from tests.planted import assert_holm, assert_paired

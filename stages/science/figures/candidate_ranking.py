@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from stages.science.figures.canvas import new_figure
 from stages.science.figures.signal_words import AFTER, BEFORE, MEASURED, QUIET, spell
 
 if TYPE_CHECKING:
@@ -22,23 +23,14 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
     ranking : DataFrame
         Of one round: columns name, probability, heldout_gap and absorbed.
     """
-    from matplotlib.figure import Figure
-
-    rows = choose_rows(ranking)
-    figure = Figure(figsize=(10.6, 0.27 * len(rows) + 1.1), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1.0, 1.1])
+    rows = _choose_rows(ranking)
+    figure, ((left, right),) = new_figure(10.6, 0.27 * len(rows) + 1.1, 1, 2, sharey=True, width_ratios=[1.0, 1.1])
     place = range(len(rows))
     left.barh(place, rows["probability"], color=[BEFORE if each == 0 else AFTER for each in place], height=0.66)
-    for each, row in zip(place, rows.to_dict("records"), strict=True):
-        told = "absorbed" if row["absorbed"] else format_probability(float(row["probability"]))
-        left.annotate(
-            told,
-            (float(row["probability"]), each),
-            (4, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8,
-        )
+    for each, row in enumerate(rows.to_dict("records")):
+        p = float(row["probability"])
+        told = "absorbed" if row["absorbed"] else "> 0.99" if p > 0.995 else "< 0.01" if p < 0.005 else f"{p:.2f}"
+        left.annotate(told, (p, each), (4, 0), textcoords="offset points", va="center", fontsize=8)
     left.set_yticks(place, [spell(each) for each in rows["name"]])
     left.invert_yaxis()
     left.set(xlim=(0.0, 1.18), xlabel="probability (1)", xticks=[0.0, 0.25, 0.5, 0.75, 1.0])
@@ -56,15 +48,10 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
     return figure
 
 
-def choose_rows(ranking: pd.DataFrame) -> pd.DataFrame:
+def _choose_rows(ranking: pd.DataFrame) -> pd.DataFrame:
     """Return the candidates that say something, the most probable first; none and unknown always."""
     now = float(ranking.loc[ranking["name"] == "none", "heldout_gap"].iloc[0])
     always = ranking["name"].isin(["none", "unknown"])
     tells = (ranking["probability"] >= LEAST_PROBABILITY) | (ranking["heldout_gap"] < now) | ranking["absorbed"]
     order = ["absorbed", "probability", "heldout_gap"]
     return ranking[always | tells].sort_values(order, ascending=[True, False, True]).reset_index(drop=True)
-
-
-def format_probability(value: float) -> str:
-    """Return a probability with two digits; none is certain."""
-    return "> 0.99" if value > 0.995 else "< 0.01" if value < 0.005 else f"{value:.2f}"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from stages.science.figures.canvas import new_figure
 from stages.science.figures.learning_curves import COLOURS
 
 if TYPE_CHECKING:
@@ -23,10 +24,8 @@ def draw_channel_lines(points: pd.DataFrame, lines: pd.DataFrame) -> Figure:
     lines : DataFrame
         Columns channel, unit, status, per_count, zero_count and sign, one row for each panel.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(max(2.9 * len(lines), 4.2), 4.6), layout="constrained")
-    above, below = figure.subplots(2, len(lines), squeeze=False, sharex="col", height_ratios=(2, 1))
+    sharing = {"sharex": "col", "height_ratios": (2, 1)}
+    figure, (above, below) = new_figure(max(2.9 * len(lines), 4.2), 4.6, 2, len(lines), **sharing)
     for top, bottom, line in zip(above, below, lines.to_dict("records"), strict=True):
         its = points[(points["channel"] == line["channel"]) & points["known"].notna() & points["count"].notna()]
         used = its[its["problem"] == ""]

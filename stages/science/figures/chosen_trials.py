@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from stages.science.figures.canvas import new_figure
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -27,28 +29,21 @@ def draw_chosen_trials(
     muscles_of_joint : mapping of str to sequence of str
         Gives the panels and their order.
     """
-    from matplotlib.figure import Figure
-
     panels = []
     for joint, muscles in muscles_of_joint.items():
         panels.append((f"{joint}\nangle (rad)", muscles[0], "joint_angle_rad", ANGLE_COLOUR))
         panels += [(f"{name}\npressure (kPa)", name, "pressure_command_kpa", PRESSURE_COLOUR) for name in muscles]
-    figure = Figure(figsize=(11.0, 1.25 * len(panels) + 0.6), layout="constrained")
-    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = new_figure(11.0, 1.25 * len(panels) + 0.6, len(panels), sharex=True)
     times = references["time_s"].drop_duplicates().sort_values().to_numpy()
     duration_s = float(times[-1] + times[1] - times[0])
-    for axis, (label, muscle, quantity, colour) in zip(axes, panels, strict=True):
+    for (axis,), (label, muscle, quantity, colour) in zip(axes, panels, strict=True):
         its = references[references["muscle"] == muscle]
         for position, trajectory in enumerate(chosen["trajectory"]):
             samples = its[its["trajectory"] == trajectory]
             axis.plot(samples["time_s"] + position * duration_s, samples[quantity], color=colour, linewidth=1.2)
             axis.axvline(position * duration_s, color="#dde3ea", linewidth=0.8, zorder=0)
         axis.set_ylabel(label, fontsize=9)
-    axes[-1].set_xlim(0, len(chosen) * duration_s)
-    axes[-1].set_xticks(
-        [(position + 0.5) * duration_s for position in range(len(chosen))],
-        [f"{row.trial}\nmovement {row.trajectory}" for row in chosen.itertuples()],
-        fontsize=8,
-    )
-    axes[-1].set_xlabel(f"trial, {duration_s:g} s each")
+    axis.set(xlim=(0, len(chosen) * duration_s), xlabel=f"trial, {duration_s:g} s each")
+    places = [(position + 0.5) * duration_s for position in range(len(chosen))]
+    axis.set_xticks(places, [f"{row.trial}\nmovement {row.trajectory}" for row in chosen.itertuples()], fontsize=8)
     return figure

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from stages.science.figures.canvas import new_figure
 from stages.science.figures.learning_curves import AVERAGE
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BARS = (("#c1272d", ""), ("#6b7480", ""), ("#3b6fb6", "//"), ("#ffffff", "\\\\"), ("#e0b45c", "..."))
@@ -30,14 +30,11 @@ def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence
     groups : sequence of str
         Values of the muscle column, in this order.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.6, 4.6), layout="constrained")
-    axis: Axes = figure.subplots()
+    figure, ((axis,),) = new_figure(10.6, 4.6)
     width = 0.84 / len(lines)
     at = np.arange(len(groups))
-    means = 100 * errors.set_index(["tested_on", "muscle", "line"])["error_rate_mean"].unstack("line")
-    spread = 100 * errors.set_index(["tested_on", "muscle", "line"])["error_rate_sd"].unstack("line").fillna(0.0)
+    wide = 100 * errors.set_index(["tested_on", "muscle", "line"])[["error_rate_mean", "error_rate_sd"]].unstack("line")
+    means, spread = wide["error_rate_mean"], wide["error_rate_sd"].fillna(0.0)
     handles: list[Any] = []
     places = []
     for position, (line, (colour, hatch)) in enumerate(zip(lines, BARS, strict=False)):

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from stages.science.figures.canvas import new_figure
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -16,6 +18,7 @@ MOST_BARS = 4
 """Lines beyond which only the first has bars: more would hide each other."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 STYLES = ("-", "--", "-.", ":")
+TITLES = {"bank": "tested on the bank", "unseen_bank": "tested on an unseen bank"}
 
 
 def draw_learning_curves(
@@ -49,13 +52,7 @@ def draw_learning_curves(
     cut : bool
         Whether the panels end above the highest mean, so that large SDs do not flatten the means.
     """
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator
-
-    columns = min(3, len(panels))
-    rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(3.9 * columns, 3.1 * rows + 0.4), layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    figure, axes = begin_panels(len(panels), 3.9, 3.1)
     for axis, muscle in zip(axes, panels, strict=False):
         panel = summary[(summary["muscle"] == muscle) & summary[by].isin(lines)]
         for position, line in enumerate(lines):
@@ -75,18 +72,41 @@ def draw_learning_curves(
             )
         axis.set(title="average of the muscles" if muscle == AVERAGE else muscle, ylabel="error rate (%)")
         axis.set_ylim(0, 115 * panel["error_rate_mean"].max() if cut else None)
-        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axis.xaxis.get_major_locator().set_params(integer=True)
         axis.tick_params(labelbottom=True)
         axis.grid(alpha=0.25)
     finish_panels(axes, len(panels), title)
     return figure
 
 
+def draw_shift_curves(summary: pd.DataFrame) -> Figure:
+    """Draw learning curves of replayed experiments, a line for each time shift, a panel for each set of recordings.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        Columns tested_on, amplitude_s (0 = no shift), trial, error_rate_mean and error_rate_sd, in the order of panels
+        and lines.
+    """
+    names = {each: f"up to {each:g} s" if each else "none" for each in summary["amplitude_s"].unique()}
+    told = summary.assign(line=summary["amplitude_s"].map(names), muscle=summary["tested_on"].map(TITLES))
+    panels = list(told["muscle"].unique())
+    return draw_learning_curves(told, list(names.values()), panels, "line", "time shift", STYLES, apart=0.12)
+
+
+def begin_panels(count: int, width: float, height: float, **sharing: bool) -> tuple[Figure, Any]:
+    """Return a figure and its panels, up to three abreast, of so many inches each; the last ones may be spare."""
+    columns = min(3, count)
+    rows = -(-count // columns)
+    figure, axes = new_figure(width * columns, height * rows + 0.4, rows, columns, sharex=True, **sharing)
+    return figure, axes.ravel()
+
+
 def finish_panels(axes: Any, count: int, title: str | None = None) -> None:
     """Label the lowest panels' abscissa and put the legend into a spare panel, or the first."""
     for axis in axes[count:]:
         axis.axis("off")
-    for axis in axes[max(0, count - min(3, count)) : count]:
+    for axis in axes[max(0, count - 3) : count]:
         axis.set_xlabel("trial")
     spare, place = (axes[count], "center") if count < len(axes) else (axes[0], "best")
     spare.legend(*axes[0].get_legend_handles_labels(), title=title, loc=place, frameon=False)

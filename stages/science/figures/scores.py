@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from stages.science.figures.canvas import new_figure
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -22,11 +24,8 @@ def draw_rates(rates: pd.DataFrame) -> Figure:
     rates : DataFrame
         Columns measure, magnitude, n, value, low, high, target, at_most and met; rows without sessions are left out.
     """
-    from matplotlib.figure import Figure
-
     shown = rates[rates["n"] > 0].iloc[::-1].reset_index(drop=True)
-    figure = Figure(figsize=(8.6, 1.3 + 0.3 * len(shown)), layout="constrained")
-    axis = figure.subplots()
+    figure, ((axis,),) = new_figure(8.6, 1.3 + 0.3 * len(shown))
     for place, row in enumerate(shown.to_dict("records")):
         colour = BLUE if row["met"] else RED
         axis.plot([100 * row["low"], 100 * row["high"]], [place, place], color=colour, linewidth=1.6)
@@ -58,8 +57,6 @@ def draw_confusion(sessions: pd.DataFrame) -> Figure:
     sessions : DataFrame
         Columns kind, hidden, named and status; names joined by +, in the order added.
     """
-    from matplotlib.figure import Figure
-
     first = sessions["named"].str.split("+").str[0]
     said = first.where(first != "", sessions["status"].map(UNNAMED)).str.replace("_", " ")
     hidden = sessions["hidden"].where(sessions["hidden"] != "", "(nothing)").str.replace("_", " ")
@@ -68,8 +65,7 @@ def draw_confusion(sessions: pd.DataFrame) -> Figure:
     columns = [str(name) for name in rows if name in counts] + sorted({str(name) for name in counts} - set(rows))
     counts = counts.loc[rows, columns]
     shares = counts.div(counts.sum(axis=1), axis=0).to_numpy()
-    figure = Figure(figsize=(3.4 + 0.36 * len(columns), 2.4 + 0.27 * len(rows)), layout="constrained")
-    axis = figure.subplots()
+    figure, ((axis,),) = new_figure(3.4 + 0.36 * len(columns), 2.4 + 0.27 * len(rows))
     image = axis.imshow(100 * shares, cmap="Blues", vmin=0, vmax=100, aspect="auto")
     for y, x in zip(*np.nonzero(counts.to_numpy()), strict=True):
         tone = "white" if shares[y, x] > 0.55 else DARK
@@ -89,11 +85,8 @@ def draw_reliability_of_names(reliability: pd.DataFrame) -> Figure:
     reliability : DataFrame
         Columns said, right, low, high and n; bins without names are left out.
     """
-    from matplotlib.figure import Figure
-
     shown = reliability[reliability["n"] > 0]
-    figure = Figure(figsize=(5.2, 4.4), layout="constrained")
-    axis = figure.subplots()
+    figure, ((axis,),) = new_figure(5.2, 4.4)
     axis.plot([0, 100], [0, 100], color=DARK, linestyle=":", linewidth=1.0, label="said as often as right")
     ends = 100 * np.array([shown["right"] - shown["low"], shown["high"] - shown["right"]])
     axis.errorbar(100 * shown["said"], 100 * shown["right"], np.maximum(ends, 0.0), fmt="o", color=BLUE, capsize=3)

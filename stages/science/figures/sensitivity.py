@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.shift_curves import TITLES
+from stages.science.figures.canvas import new_figure
+from stages.science.figures.learning_curves import TITLES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,11 +28,8 @@ def draw_sensitivity(errors: pd.DataFrame, labels: Mapping[tuple[str, float], st
     labels : mapping of (kind, setting) to str
         The settings in their order, with their names; `STYLES` has the kinds.
     """
-    from matplotlib.figure import Figure
-
     panels = list(errors["tested_on"].unique())
-    figure = Figure(figsize=(5.4 * len(panels) + 0.4, 4.2), layout="constrained")
-    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    figure, (axes,) = new_figure(5.4 * len(panels) + 0.4, 4.2, 1, len(panels), sharey=True)
     for axis, panel in zip(axes, panels, strict=True):
         for position, (kind, setting) in enumerate(labels):
             chosen = (errors["tested_on"] == panel) & (errors["kind"] == kind) & (errors["setting"] == setting)
@@ -49,12 +47,9 @@ def draw_sensitivity(errors: pd.DataFrame, labels: Mapping[tuple[str, float], st
         axis.grid(axis="y", alpha=0.25)
     axes[0].set_ylabel("error rate, average of the muscles (%)")
     handles = [
-        axes[0].plot([], [], **style, color="#2b2b2b", label=label)[0]
-        for label, style in (
-            ("an experiment after its last trial", {"marker": "o", "linestyle": "none", "markersize": 4}),
-            ("their mean", {"linewidth": 2.2}),
-            ("their mean before any trial", {"linestyle": ":", "linewidth": 1.6}),
-        )
+        *axes[0].plot([], [], "o", color="#2b2b2b", markersize=4, label="an experiment after its last trial"),
+        *axes[0].plot([], [], color="#2b2b2b", linewidth=2.2, label="their mean"),
+        *axes[0].plot([], [], ":", color="#2b2b2b", linewidth=1.6, label="their mean before any trial"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure

@@ -19,6 +19,13 @@ SHORT = {"force_n": "force", "pressure_kpa": "pressure"}
 
 MEASURED, BEFORE, AFTER, QUIET = "#2b2b2b", "#d55e00", "#0072b2", "#9aa5b1"
 """Colours told apart with any colour vision (Okabe and Ito 2008)."""
+STYLES = {"rising": (BEFORE, "-"), "falling": (AFTER, "--"), "both": (MEASURED, "-")}
+"""Of the directions of a signal."""
+DIRECTIONS = {
+    "force_n": {"rising": "while shortening", "falling": "while lengthening"},
+    "pressure_kpa": {"rising": "after a rise", "falling": "after a fall"},
+}
+"""What they mean in a channel."""
 
 
 def label(signal: str, channel: str = "", unit: str = "") -> str:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from stages.science.figures.canvas import new_figure
 from stages.science.figures.signal_words import AFTER, BEFORE, MEASURED, shorten
 
 if TYPE_CHECKING:
@@ -22,20 +23,16 @@ def draw_unexplained(averages: pd.DataFrame) -> Figure:
     averages : DataFrame
         Columns channel, muscle, unit, variable, beside, x, mean, error, said and deviation.
     """
-    from matplotlib.figure import Figure
-
     cells = list(averages.groupby(["channel", "muscle"], sort=False))
     columns = min(len(cells), ABREAST)
     rows = -(-len(cells) // ABREAST)
-    figure = Figure(figsize=(max(5.3, 2.65 * columns + 0.6), 3.1 * rows + 0.3), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False)
+    figure, panels = new_figure(max(5.3, 2.65 * columns + 0.6), 3.1 * rows + 0.3, rows, columns)
     for axis in panels.flat[len(cells) :]:
         axis.axis("off")
     for place, (axis, (_, its)) in enumerate(zip(panels.flat, cells, strict=False)):
         for (beside, line), colour in zip(its.groupby("beside", sort=False), (BEFORE, AFTER), strict=False):
-            axis.errorbar(
-                line["x"], line["mean"], 2 * line["error"], fmt="o", color=colour, markersize=3, elinewidth=0.9
-            )
+            bars = {"fmt": "o", "color": colour, "markersize": 3, "elinewidth": 0.9}
+            axis.errorbar(line["x"], line["mean"], 2 * line["error"], **bars)
             axis.plot(line["x"], line["said"], color=colour, linewidth=1.6, label=str(beside) or None)
             low, high = line["said"] - 2 * line["deviation"], line["said"] + 2 * line["deviation"]
             axis.fill_between(line["x"], low, high, color=colour, alpha=0.18, linewidth=0)

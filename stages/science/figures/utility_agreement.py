@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from stages.science.figures.canvas import new_figure
 from stages.science.figures.learning_curves import COLOURS
 
 if TYPE_CHECKING:
@@ -24,11 +25,9 @@ def draw_agreement(agreement: pd.DataFrame, utilities: Sequence[str], targets: S
     utilities, targets : sequence of str
         Values of those columns, in this order.
     """
-    from matplotlib.figure import Figure
     from scipy.stats import t
 
-    figure = Figure(figsize=(10.6, 3.6), layout="constrained")
-    panels = figure.subplots(1, len(targets), sharey=True, squeeze=False)[0]
+    figure, (panels,) = new_figure(10.6, 3.6, 1, len(targets), sharey=True)
     for axis, target in zip(panels, targets, strict=True):
         its = agreement[agreement["target"] == target]
         for position, utility in enumerate(utilities):

@@ -10,8 +10,8 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, PositiveFloat
@@ -51,28 +51,9 @@ class OperatorSettings(Declared):
     needed: list[Literal["participant", "operator"]] = Field(description="pages whose loss stops a trial")
 
 
-class Frame(NamedTuple):
-    """What a page drew.
-
-    Parameters
-    ----------
-    shown_s : float
-        When, by the monotonic clock, s.
-    reference_s, measured_s : float
-        Times within the trial of the reference and of the measured posture that it shows, s; nan for none.
-    """
-
-    shown_s: float
-    reference_s: float
-    measured_s: float
-
-
-@dataclass
-class Page:
-    """An open page."""
-
-    role: str
-    heard_s: float
+Frame = tuple[float, ...]
+"""When a page drew it, by the monotonic clock, and times within the trial of the reference and of the measured posture
+that it shows, s; nan for none."""
 
 
 class Refused(Exception):
@@ -80,26 +61,21 @@ class Refused(Exception):
 
 
 class OperatorSession:
-    """Attends the trials of a rig.
-
-    Parameters
-    ----------
-    settings : OperatorSettings
-        How.
-    drawn : bool
-        Whether the participant sees trials, and can point at postures.
-    """
+    """Attends the trials of a rig; `drawn` says whether the participant sees them, and can point at postures."""
 
     def __init__(self, settings: OperatorSettings, drawn: bool = True):
         self.settings, self.drawn = settings, drawn
         self.note = ""
         self._changed = threading.Condition()
+        self.number = 0
+        """Of the scene; another one means that something else is to be seen."""
+        self.moment: Moment | None = None
+        """The newest sample of this trial."""
         self._phase: Phase = "busy"
-        self._number = 0
         self._question = 0
         self._machine: dict[str, Any] = {}
         self._described: dict[str, Any] | None = None
-        self._rate_hz = 1.0
+        self._rate_hz, self._every = 1.0, 1
         self._choices: tuple[Word, ...] = ()
         self._decision: tuple[Word, str] | None = None
         self._starts_at_s: float | None = None
@@ -109,8 +85,7 @@ class OperatorSession:
         self._outcome: dict[str, Any] = {}
         self._history: list[dict[str, str]] = []
         self._frames: deque[Frame] = deque(maxlen=MOST_FRAMES)
-        self._pages: dict[int, Page] = {}
-        self._moment: Moment | None = None
+        self._pages: dict[int, tuple[str, float]] = {}  # role, and when it was heard, s
         self._pointer: Array | None = None
 
     # what the rig does
@@ -126,12 +101,10 @@ class OperatorSession:
         if pointed and not self.drawn:
             raise RigError("a participant who points at postures does so on a page: set operator_ui=pages")
         self._rate_hz = exoskeleton.sampling_rate_hz
+        self._every = max(round(self._rate_hz / SHOWN_HZ), 1)
         self._machine = {
             "pointer": pointed,
-            "joints": [
-                {"name": each.name, "lower_rad": each.lower_rad, "upper_rad": each.upper_rad}
-                for each in exoskeleton.joints
-            ],
+            "joints": [each.model_dump(include={"name", "lower_rad", "upper_rad"}) for each in exoskeleton.joints],
             "muscles": [
                 {"name": each.name, "joint": each.joint, "role": each.role, "max_kpa": each.max_pressure_kpa}
                 for each in exoskeleton.muscles
@@ -151,7 +124,7 @@ class OperatorSession:
         """
         can_skip = trial.proposal is not None and trial.proposal.can_skip
         choices: tuple[Word, ...] = ("accept", "skip", "pause") if can_skip else ("accept", "pause")
-        self._described, self._outcome, self._moment = _describe(trial, self._rate_hz), {}, None
+        self._described, self._outcome, self.moment = self._describe(trial), {}, None
         while True:
             word, note = ACCEPTED if self._automatic else self._ask("proposed", choices)
             if word != "accept":
@@ -170,7 +143,7 @@ class OperatorSession:
 
     def show(self, moment: Moment) -> None:
         """Take the newest sample."""
-        self._moment = moment
+        self.moment = moment
 
     def why_stop(self) -> str:
         """Return why somebody wants the trial stopped."""
@@ -196,12 +169,13 @@ class OperatorSession:
         if recording is None:
             self._automatic = False
             log.warning("%s: %s", trial.label or trial.kind, stopped)
-            choices: tuple[Word, ...] = (*again, "pause")
-        else:
-            choices = ("keep", *again)
+        choices: tuple[Word, ...] = (*again, "pause") if recording is None else ("keep", *again)
         if self._automatic:
             self._turn("judging")
-            self._wait(self.settings.result_s)
+            until_s = clock.now_s() + self.settings.result_s
+            with self._changed:
+                while self._automatic and clock.now_s() < until_s:
+                    clock.wait(self._changed, min(0.1, until_s - clock.now_s()))
         word, note = KEPT if self._automatic else self._ask("judging", choices)
         self._starts_at_s = None
         self.note = "; ".join(filter(None, (self.note, note)))
@@ -223,8 +197,15 @@ class OperatorSession:
             ended_s = self._began_s + float(recording.time_s[-1])
             clock.sleep(ended_s + LATEST_FRAMES_S - clock.now_s())
         with self._changed:
-            frames = list(self._frames)
-        return _add_display(recording, frames, self._began_s)
+            shown = np.array(sorted(self._frames), dtype=float).reshape(-1, 3)
+        found = {}
+        for name, column in (("reference_shown_s", 1), ("measured_shown_s", 2)):
+            drawn = shown[np.isfinite(shown[:, column])]
+            reached = np.maximum.accumulate(drawn[:, column])
+            first = np.searchsorted(reached, recording.time_s - 1e-9)
+            times = np.append(drawn[:, 0] - self._began_s, np.nan)
+            found[name] = times[np.minimum(first, len(drawn))]
+        return replace(recording, **found)
 
     def ask_pointer(self) -> Array | None:
         """Return the posture that the participant points at, rad; None before the first."""
@@ -236,7 +217,7 @@ class OperatorSession:
         """Return all that is to be seen but the newest sample."""
         with self._changed:
             return {
-                "number": self._number,
+                "number": self.number,
                 "question": self._question,
                 "phase": self._phase,
                 "machine": self._machine,
@@ -250,16 +231,6 @@ class OperatorSession:
                 "pages": {role: self._count(role) for role in ROLES},
                 "needed": list(self.settings.needed),
             }
-
-    @property
-    def number(self) -> int:
-        """Of the scene; another one means that something else is to be seen."""
-        return self._number
-
-    @property
-    def moment(self) -> Moment | None:
-        """The newest sample of this trial."""
-        return self._moment
 
     def decide(self, word: str, note: str, question: int) -> None:
         """Take the operator's decision on the question of a scene.
@@ -286,8 +257,7 @@ class OperatorSession:
         with self._changed:
             self._automatic = False
             self._stop = self._stop or why
-            self._number += 1
-            self._changed.notify_all()
+            self._change()
 
     def go_on(self, automatic: bool) -> None:
         """Have trials follow each other by themselves until somebody stops one, or no longer."""
@@ -295,8 +265,7 @@ class OperatorSession:
             self._automatic = automatic
             if automatic and self._phase not in ("countdown", "running"):
                 self._stop = ""
-            self._number += 1
-            self._changed.notify_all()
+            self._change()
 
     def draw(self, frames: Sequence[Frame], starts_at_s: float) -> None:
         """Take what a participant's page drew of the trial that begins at a time; of another one, nothing is taken."""
@@ -310,25 +279,25 @@ class OperatorSession:
 
     def join(self, key: int, role: str) -> None:
         """Take note of an open page, and again each time it is heard."""
-        known = self._pages.get(key)
-        self._pages[key] = Page(role, clock.now_s())
-        if known is None:
-            with self._changed:
-                self._number += 1
+        with self._changed:
+            self.number += key not in self._pages
+            self._pages[key] = role, clock.now_s()
 
     def leave(self, key: int) -> None:
         """Take note that a page was closed."""
-        if self._pages.pop(key, None) is not None:
-            with self._changed:
-                self._number += 1
+        with self._changed:
+            self.number += self._pages.pop(key, None) is not None
 
     # within
+
+    def _change(self) -> None:
+        self.number += 1
+        self._changed.notify_all()
 
     def _turn(self, phase: Phase) -> None:
         with self._changed:
             self._phase = phase
-            self._number += 1
-            self._changed.notify_all()
+            self._change()
 
     def _ask(self, phase: Phase, choices: tuple[Word, ...]) -> tuple[Word, str]:
         """Wait for a decision; a signal ends the wait."""
@@ -337,19 +306,12 @@ class OperatorSession:
             if phase == "proposed":
                 self._stop = ""
             self._question += 1
-            self._number += 1
+            self.number += 1
             while self._decision is None and not (self._automatic and phase == "proposed"):
                 clock.wait(self._changed, 0.1)
             decision = self._decision or ACCEPTED
             self._choices = ()
             return decision
-
-    def _wait(self, time_s: float) -> None:
-        """Wait unless somebody stops."""
-        until = clock.now_s() + time_s
-        with self._changed:
-            while self._automatic and clock.now_s() < until:
-                clock.wait(self._changed, min(0.1, until - clock.now_s()))
 
     def _count_down(self) -> bool:
         """Return whether nobody stopped the trial before it began."""
@@ -368,7 +330,7 @@ class OperatorSession:
     def _find_lost(self) -> str:
         now = clock.now_s()
         for role in self.settings.needed:
-            heard = [each.heard_s for each in list(self._pages.values()) if each.role == role]
+            heard = [heard_s for its, heard_s in list(self._pages.values()) if its == role]
             if not heard:
                 return f"the {role}'s page was closed"
             if now - max(heard) > self.settings.lost_after_s:
@@ -376,7 +338,7 @@ class OperatorSession:
         return ""
 
     def _count(self, role: str) -> int:
-        return sum(each.role == role for each in list(self._pages.values()))
+        return sum(its == role for its, _ in list(self._pages.values()))
 
     def _leave(self, trial: Trial, word: Word, note: str, stopped: str = "") -> None:
         """End a trial that does not become part of the study."""
@@ -393,7 +355,7 @@ class OperatorSession:
 
     def _sum_up(self, trial: Trial, recording: Recording) -> dict[str, Any]:
         """Return what is shown of a recording."""
-        every = max(round(self._rate_hz / SHOWN_HZ), 1)
+        every = self._every
         summary: dict[str, Any] = {
             name: getattr(recording, name)[::every].tolist()
             for name in ("time_s", "joint_angle_rad", "pressure_command_kpa", "pressure_kpa", "force_n")
@@ -405,37 +367,19 @@ class OperatorSession:
             summary["tracking_error_rad"] = np.sqrt(np.mean(off**2, axis=0)).tolist()
         return summary
 
-
-def _describe(trial: Trial, rate_hz: float) -> dict[str, Any]:
-    """Return what is shown of a trial before it is executed."""
-    every = max(round(rate_hz / SHOWN_HZ), 1)
-    samples = len(trial.pressure_command_kpa)
-    told = trial.proposal
-    return {
-        "label": trial.label or trial.kind,
-        "kind": trial.kind,
-        "participant": trial.participant,
-        "duration_s": samples / rate_hz,
-        "time_s": (np.arange(samples)[::every] / rate_hz).tolist(),
-        "pressure_command_kpa": trial.pressure_command_kpa[::every].tolist(),
-        "reference_rad": None if trial.reference_rad is None else trial.reference_rad[::every].tolist(),
-        "position": None if told is None else told.position,
-        "total": None if told is None else told.total,
-        "reason": "" if told is None else told.reason,
-        "trajectory": None if told is None else told.trajectory,
-        "utilities": [] if told is None else [[int(k), float(v)] for k, v in told.utilities.items()],
-        "errors": [] if told is None else list(told.errors),
-    }
-
-
-def _add_display(recording: Recording, frames: Sequence[Frame], began_s: float) -> Recording:
-    """Return a recording with the instants at which frames first showed each sample's reference and its posture."""
-    shown = np.array(sorted(frames), dtype=float).reshape(-1, 3)
-    found = {}
-    for name, column in (("reference_shown_s", 1), ("measured_shown_s", 2)):
-        drawn = shown[np.isfinite(shown[:, column])]
-        reached = np.maximum.accumulate(drawn[:, column]) if len(drawn) else drawn[:, column]
-        first = np.searchsorted(reached, recording.time_s - 1e-9)
-        times = np.append(drawn[:, 0] - began_s, np.nan)
-        found[name] = times[np.minimum(first, len(drawn))]
-    return replace(recording, **found)
+    def _describe(self, trial: Trial) -> dict[str, Any]:
+        """Return what is shown of a trial before it is executed."""
+        told, every, samples = trial.proposal, self._every, len(trial.pressure_command_kpa)
+        return {
+            "label": trial.label or trial.kind,
+            "kind": trial.kind,
+            "participant": trial.participant,
+            "duration_s": samples / self._rate_hz,
+            "time_s": (np.arange(samples)[::every] / self._rate_hz).tolist(),
+            "pressure_command_kpa": trial.pressure_command_kpa[::every].tolist(),
+            "reference_rad": None if trial.reference_rad is None else trial.reference_rad[::every].tolist(),
+            **{name: getattr(told, name, None) for name in ("position", "total", "trajectory")},
+            "reason": told.reason if told else "",
+            "utilities": [[int(k), float(v)] for k, v in told.utilities.items()] if told else [],
+            "errors": list(told.errors) if told else [],
+        }

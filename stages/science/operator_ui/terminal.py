@@ -24,15 +24,7 @@ POLL_S = 0.02
 
 
 class Terminal:
-    """Asks and hears in a terminal.
-
-    Parameters
-    ----------
-    session : OperatorSession
-        What is asked.
-    source, sink : TextIO or None
-        Where lines come from and go to; the process's own if not given.
-    """
+    """Asks what a session asks and hears the answers, in this process's terminal unless lines come and go elsewhere."""
 
     def __init__(self, session: OperatorSession, source: TextIO | None = None, sink: TextIO | None = None):
         self.session = session
@@ -66,16 +58,14 @@ class Terminal:
         self._told = now
         phase = scene["phase"]
         if phase == "proposed" and scene["choices"]:
-            self._say(*describe_proposal(scene["trial"]), self._offer(scene))
+            self._say(*_describe_proposal(scene["trial"]), self._offer(scene))
         elif phase == "countdown":
             ahead_s = max((scene["starts_at_s"] or 0.0) - clock.now_s(), 0.0)
-            self._say(
-                f"begins in {math.ceil(ahead_s)} s; Enter stops it" if ahead_s > 0.0 else "begins; Enter stops it"
-            )
+            self._say(f"begins{f' in {math.ceil(ahead_s)} s' if ahead_s > 0.0 else ''}; Enter stops it")
         elif phase == "running" and not scene["stop"]:
             self._say("running; Enter stops it")
         elif phase == "judging" and scene["choices"]:
-            self._say(*describe_outcome(scene), self._offer(scene))
+            self._say(*_describe_outcome(scene), self._offer(scene))
 
     def _offer(self, scene: dict[str, Any]) -> str:
         letters = [f"{letter} = {MEANT[word]}" for letter, word in LETTERS.items() if word in scene["choices"]]
@@ -115,8 +105,7 @@ class Terminal:
         self.session.stop("the terminal's input has ended")
         while not self._closed.is_set():
             scene = self.session.see()
-            if "pause" in scene["choices"] or "keep" in scene["choices"]:
-                word = "pause" if "pause" in scene["choices"] else "keep"
+            for word in [each for each in ("pause", "keep") if each in scene["choices"]][:1]:
                 with contextlib.suppress(Refused):
                     self.session.decide(word, "the terminal's input had ended", scene["question"])
             clock.sleep(POLL_S)
@@ -126,7 +115,7 @@ class Terminal:
         self._sink.flush()
 
 
-def describe_proposal(trial: dict[str, Any]) -> list[str]:
+def _describe_proposal(trial: dict[str, Any]) -> list[str]:
     """Return lines that say which trial is proposed and why."""
     which = f"{trial['position']} of {trial['total']}: " if trial["position"] is not None else ""
     who = {"passive": "nobody moves", "free": f"{trial['participant']} moves freely"}
@@ -137,7 +126,7 @@ def describe_proposal(trial: dict[str, Any]) -> list[str]:
     return lines
 
 
-def describe_outcome(scene: dict[str, Any]) -> list[str]:
+def _describe_outcome(scene: dict[str, Any]) -> list[str]:
     """Return lines that say how a trial went."""
     outcome = scene["outcome"]
     if "stopped" in outcome:
@@ -147,8 +136,7 @@ def describe_outcome(scene: dict[str, Any]) -> list[str]:
         lines.append(f"  {outcome['not_ok']} of {outcome['samples']} samples are not ok")
     if "tracking_error_rad" in outcome:
         names = [each["name"] for each in scene["machine"]["joints"]]
-        degrees = [
-            f"{name} {math.degrees(e):.1f}" for name, e in zip(names, outcome["tracking_error_rad"], strict=True)
-        ]
+        errors = zip(names, outcome["tracking_error_rad"], strict=True)
+        degrees = [f"{name} {math.degrees(error):.1f}" for name, error in errors]
         lines.append(f"  tracking error (RMS, degrees): {', '.join(degrees)}")
     return lines

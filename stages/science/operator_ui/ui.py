@@ -5,7 +5,6 @@ The configuration's ``operator_ui`` flows in; out flows the operator session to 
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 
 from pydantic import Field, PrivateAttr
@@ -15,24 +14,7 @@ from stages.science.operator_ui.pages.server import PageServer
 from stages.science.operator_ui.terminal import Terminal
 
 
-class OperatorUi(OperatorSettings):
-    """What the operator, and perhaps the participant, sits at."""
-
-    @property
-    @abstractmethod
-    def greeting(self) -> Sequence[str]:
-        """Lines that say where it is, once it is open."""
-
-    @abstractmethod
-    def open(self) -> OperatorSession:
-        """Return the operator session behind it."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Let it go; harmless when it is not open."""
-
-
-class Pages(OperatorUi):
+class Pages(OperatorSettings):
     """Pages of the operator and of the participant, in browsers.
 
     Parameters
@@ -48,12 +30,7 @@ class Pages(OperatorUi):
     @property
     def greeting(self) -> Sequence[str]:
         """The pages' addresses."""
-        if self._server is None:
-            return []
-        return [
-            f"operator's page: {self._server.operator_url}",
-            f"participant's page: {self._server.participant_url}",
-        ]
+        return [f"{role}'s page: {self._server.address(role)}" for role in ("operator", "participant") if self._server]
 
     def open(self) -> OperatorSession:
         """Serve the pages.
@@ -76,7 +53,7 @@ class Pages(OperatorUi):
         self._server = None
 
 
-class TerminalUi(OperatorUi):
+class TerminalUi(OperatorSettings):
     """Questions and keys in the terminal; nobody sees the trial drawn."""
 
     _terminal: Terminal | None = PrivateAttr(default=None)

@@ -41,22 +41,15 @@ def make_trial(machine, kind="tracked", position=1, label="", total=12):
         can_skip=True,
         can_reject=True,
     )
-    who = "nobody" if kind == "passive" else "p1"
-    return Trial(
-        kind, who, command, reference if kind == "tracked" else None, label or f"trial {position}", 0, proposal
-    )
+    who, shown = "nobody" if kind == "passive" else "p1", reference if kind == "tracked" else None
+    return Trial(kind, who, command, shown, label or f"trial {position}", 0, proposal)
 
 
 def take(trial, machine, time_s):
     """The sample that such a machine gives."""
     row = int(np.clip(round(time_s * RATE_HZ), 0, machine.samples - 1))
-    reference = (
-        0.4 + 0 * trial.pressure_command_kpa[0, ::2]
-        if trial.reference_rad is None
-        else trial.reference_rad[max(row - 12, 0)]
-    )
-    command = trial.pressure_command_kpa[row]
-    lag = trial.pressure_command_kpa[max(row - 8, 0)]
+    command, lag = trial.pressure_command_kpa[[row, max(row - 8, 0)]]
+    reference = 0.4 + 0 * command[::2] if trial.reference_rad is None else trial.reference_rad[max(row - 12, 0)]
     wave = np.sin(7 * time_s + np.arange(len(command)))
     return Moment(time_s, reference + 0.04 * np.sin(5 * time_s), command, lag + 4 * wave, 0.8 * lag + 25 * wave)
 
@@ -76,11 +69,10 @@ class Study(threading.Thread):
         for trial in self.trials:
             try:
                 self.ended.append(self.execute(trial))
-            except TrialDeclined as error:
+            except (TrialDeclined, StudyPaused) as error:
                 self.ended.append(error)
-            except StudyPaused as error:
-                self.ended.append(error)
-                return
+                if isinstance(error, StudyPaused):
+                    return
 
     def leave(self):
         """Stop, and pause at the next question."""
@@ -92,32 +84,23 @@ class Study(threading.Thread):
             clock.sleep(0.01)
 
     def execute(self, trial):
-        self.session.propose(trial)
-        moments, why = self.move(trial, clock.now_s() + self.fill_s)
-        if why:
-            self.session.judge(trial, None, f"stopped: {why}")
-            raise AssertionError("a stopped trial was kept")
-        recording = self.gather(moments)
-        self.session.judge(trial, recording, "")
-        return self.session.add_display(recording)
-
-    def move(self, trial, starts_at_s):
-        self.session.begin(trial, starts_at_s)
+        session, samples = self.session, self.session.machine.samples
+        session.propose(trial)
+        starts_at_s = clock.now_s() + self.fill_s
+        session.begin(trial, starts_at_s)
         moments = []
-        first = -round(self.fill_s * RATE_HZ)
-        for index in range(first, self.session.machine.samples):
+        for index in range(-round(self.fill_s * RATE_HZ), samples):
             clock.sleep(starts_at_s + index / RATE_HZ - clock.now_s())
-            if why := self.session.why_stop():
+            if why := session.why_stop():
                 self.stopped_s = clock.now_s()
-                return moments, why
-            moment = take(trial, self.session.machine, index / RATE_HZ)
-            self.session.show(moment)
-            moments.append(moment)
-        return [each for each in moments if each.time_s >= 0], ""
-
-    def gather(self, moments):
-        time_s, angle, command, pressure, force = (np.array(each) for each in zip(*moments, strict=True))
-        return Recording(time_s, command, pressure, 0 * pressure, 0 * pressure, force, angle, 0 * angle)
+                session.judge(trial, None, f"stopped: {why}")
+                raise AssertionError("a stopped trial was kept")
+            moments.append(take(trial, session.machine, index / RATE_HZ))
+            session.show(moments[-1])
+        time_s, angle, command, pressure, force = map(np.array, zip(*moments[-samples:], strict=True))
+        recording = Recording(time_s, command, pressure, 0 * pressure, 0 * pressure, force, angle, 0 * angle)
+        session.judge(trial, recording, "")
+        return session.add_display(recording)
 
 
 def wait_until(holds, within_s=30.0):

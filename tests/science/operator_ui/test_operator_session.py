@@ -3,7 +3,6 @@
 import queue
 import re
 import signal
-import subprocess
 import threading
 from unittest.mock import patch
 
@@ -62,28 +61,6 @@ class Operator:
         self.session = session
         return Terminal(session, source=self, sink=self)
 
-    def attend_process(self, command):
-        """Sit at the terminal of a command in a process of its own, where ^C is a signal."""
-        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-        environment = {**command.environment, "PYTHONUNBUFFERED": "1"}
-        with subprocess.Popen(command.line(), cwd=command.root, env=environment, text=True, **pipes) as process:
-            watchdog = threading.Timer(LONGEST_S, process.kill)
-            watchdog.start()
-
-            def type_or_signal(line):
-                if line == "^C\n":
-                    process.send_signal(signal.SIGINT)
-                else:
-                    process.stdin.write(line)
-                    process.stdin.flush()
-
-            self.type = type_or_signal
-            for line in process.stdout:
-                self.write(line)
-            errors = process.stderr.read()
-            watchdog.cancel()
-        return subprocess.CompletedProcess(process.args, process.returncode, "".join(self.printed), errors)
-
     def flush(self):
         pass
 
@@ -99,7 +76,10 @@ class Operator:
         waiting = self.answers.get(self.label)
         answer = waiting.pop(0) if waiting else usual
         self.asked.append((self.label, answer))
-        self.type("" if answer is None else f"{answer}\n")
+        if answer == "^C":
+            signal.raise_signal(signal.SIGINT)
+        else:
+            self.type("" if answer is None else f"{answer}\n")
 
 
 def read(run, table):
@@ -149,7 +129,7 @@ def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_pa
     assert lost.returncode == 3
     assert "next is bank 2 (the terminal's input had ended)" in lost.stderr
 
-    signalled = Operator({"bank 3": ["^C"]}).attend_process(broken)
+    signalled = Operator({"bank 3": ["^C"]}).attend(broken)
     assert signalled.returncode == 130
     assert f"stopped by Ctrl-C{TO_CONTINUE}" in signalled.stderr
 

@@ -1,6 +1,7 @@
 """A whole study of designed trials, decided on and followed on pages in a browser."""
 
 import asyncio
+import contextlib
 import re
 import threading
 import time
@@ -11,7 +12,6 @@ import pytest
 from tests import browsing
 from tests.browsing import browser as browser
 from tests.conftest import Command
-from tests.science.operator_ui.attended import wait_until
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed")
 
@@ -38,53 +38,30 @@ ANSWERS = {
 }
 
 
-class Served:
-    """A command in a process of its own, and the addresses that it tells."""
-
-    def __init__(self, process):
-        self.process, self.printed = process, []
-        self.reading = threading.Thread(target=lambda: self.printed.extend(process.stdout), daemon=True)
-        self.reading.start()
-
-    def find(self, role):
-        return wait_until(lambda: re.search(rf"{role}'s page: (\S+)", "".join(self.printed)), 60.0)[1]
-
-    def close(self):
-        """Return its exit code and its complaints, once it has ended or does not do so in time."""
-        watchdog = threading.Timer(60.0, self.process.kill)
+@contextlib.contextmanager
+def serve(outputs, **how):
+    """Start the study; the command, its process and the addresses that it tells. It ends with the test."""
+    command, addresses = Command(outputs, *STUDY), {}
+    with command.start(**how) as process:
+        watchdog = threading.Timer(300.0, process.kill)
         watchdog.start()
-        self.reading.join()
-        with self.process:
-            errors = self.process.stderr.read()
-        watchdog.cancel()
-        return self.process.returncode, errors
-
-
-@pytest.fixture
-def serve(tmp_path):
-    """Start the study; it ends with the test."""
-    command, begun = Command(tmp_path / "outputs", *STUDY), []
-
-    def serve(**how):
-        begun.append(Served(command.start(**how)))
-        return command, begun[-1]
-
-    yield serve
-    for each in begun:
-        each.process.kill()
-        if not each.process.stderr.closed:
-            each.close()
+        try:
+            while len(addresses) < 2:
+                line = process.stdout.readline()
+                assert line, process.stderr.read()
+                addresses |= re.findall(r"(\w+)'s page: (\S+)", line)
+            yield command, process, addresses
+        finally:
+            process.kill()
+            watchdog.cancel()
 
 
 def read(run, table):
     return pd.read_parquet(run / "tables" / f"{table}.parquet")
 
 
-def test_what_an_operator_never_saw_is_not_begun_and_a_signal_closes_the_study(serve):
-    command, study = serve()
-    address = study.find("participant").replace("/participant?", "/ws/participant?")
-
-    async def see_proposed():
+def test_what_an_operator_never_saw_is_not_begun_and_a_signal_closes_the_study(tmp_path):
+    async def see_proposed(address):
         async with aiohttp.ClientSession() as client, client.ws_connect(address) as socket:
             while (await socket.receive_json(timeout=60.0)).get("phase") != "proposed":
                 pass
@@ -92,12 +69,13 @@ def test_what_an_operator_never_saw_is_not_begun_and_a_signal_closes_the_study(s
             while time.monotonic() < until:
                 assert (await socket.receive_json(timeout=60.0)).get("phase", "proposed") == "proposed"
 
-    asyncio.run(see_proposed())
-    assert study.process.poll() is None
-    assert not list((command.runs[0] / "parts").glob("*/0"))
-    study.process.terminate()
-    code, errors = study.close()
-    assert code == 143
+    with serve(tmp_path / "outputs") as (command, process, addresses):
+        asyncio.run(see_proposed(addresses["participant"].replace("/participant?", "/ws/participant?")))
+        assert process.poll() is None
+        assert not list((command.runs[0] / "parts").glob("*/0"))
+        process.terminate()
+        _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 143
     assert "to continue, type: " in errors
 
 
@@ -119,21 +97,19 @@ def answer(operator, waiting):
 
 
 @pytest.mark.realtime
-def test_a_study_is_driven_through_its_pages(browser, serve):
-    command, study = serve(anew=True)
+def test_a_study_is_driven_through_its_pages(browser, tmp_path):
     waiting = {label: list(words) for label, words in ANSWERS.items()}
     looks = {role: browsing.Look(browser, (1280, 800)) for role in ("participant", "operator")}
-    for role, look in looks.items():
-        look.page.goto(study.find(role))
-    operator = looks["operator"].page
-    until = time.monotonic() + 240
-    while study.process.poll() is None and time.monotonic() < until:
-        try:
-            answer(operator, waiting)
-        except browsing.playwright.Error:  # the server goes with the study
-            time.sleep(0.02)
-    code, errors = study.close()
-    assert code == 0, errors
+    with serve(tmp_path / "outputs", anew=True) as (command, process, addresses):
+        for role, look in looks.items():
+            look.page.goto(addresses[role])
+        while process.poll() is None:
+            try:
+                answer(looks["operator"].page, waiting)
+            except browsing.playwright.Error:  # the server goes with the study
+                time.sleep(0.02)
+        _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 0, errors
     assert [each for look in looks.values() for each in look.errors] == []
     (run,) = command.runs
     decisions = read(run, "decisions").set_index(["trial", "attempt"])

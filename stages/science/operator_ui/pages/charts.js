@@ -18,13 +18,9 @@ function ticks(low, high, about) {
 }
 
 function span(values, least) {
-  let [low, high] = [Infinity, -Infinity];
-  for (const value of values) {
-    if (value === null || !Number.isFinite(value)) continue;
-    low = Math.min(low, value);
-    high = Math.max(high, value);
-  }
-  if (low > high) return [0, least];
+  const known = values.filter(Number.isFinite);
+  if (!known.length) return [0, least];
+  const [low, high] = [known.reduce((a, b) => Math.min(a, b)), known.reduce((a, b) => Math.max(a, b))];
   const missing = Math.max(least - (high - low), 0.08 * (high - low));
   return [low - missing / 2, high + missing / 2];
 }
@@ -52,10 +48,8 @@ function begin(canvas, x, y, colours, xTicks = null) {
   context.textBaseline = "bottom";
   context.textAlign = "center";
   const about = xTicks ?? Math.max(1, Math.min(4, (width - LEFT) / 45));
-  if (about) {
-    for (const { value, text } of ticks(...x, about)) {
-      context.fillText(text, Math.min(toX(value), width - context.measureText(text).width / 2 - 1), height - 1);
-    }
+  for (const { value, text } of about ? ticks(...x, about) : []) {
+    context.fillText(text, Math.min(toX(value), width - context.measureText(text).width / 2 - 1), height - 1);
   }
   return { context, toX, toY, width, height };
 }

@@ -1,5 +1,5 @@
 import { drawBars, drawCurves, drawLearning } from "./charts.js";
-import { degrees, find, followTheme, Line, make, pageTime, write } from "./shared.js";
+import { degrees, find, followTheme, isMoving, Line, make, pageTime, write } from "./shared.js";
 
 const DRAWN_EVERY_S = 1 / 15;
 const KEYS = { accept: "a", skip: "s", keep: "k", repeat: "r", reject: "x", pause: "q" };
@@ -13,9 +13,9 @@ const PHASES = {
   over: "the study is over for now",
 };
 const KINDS = [
-  { title: "angle (°)", of: "angle", least: 5 },
-  { title: "pressure (kPa)", of: "pressure", least: 20 },
-  { title: "force (N)", of: "force", least: 10 },
+  { title: "angle (°)", of: "angle_rad", least: 5 },
+  { title: "pressure (kPa)", of: "pressure_kpa", least: 20 },
+  { title: "force (N)", of: "force_n", least: 10 },
 ];
 
 let scene = null;
@@ -25,8 +25,7 @@ let panels = [];
 let decided = null;
 let dirty = true;
 let drawn_s = 0;
-window.pamid = { frames: 0, fps: 0, phase: "busy" };
-const times = [];
+window.pamid = { frames: 0, phase: "busy" };
 
 const line = new Line("operator", (message) => {
   if (message.kind === "moment") {
@@ -56,10 +55,6 @@ function takeScene(next) {
   show();
 }
 
-function isMoving() {
-  return scene !== null && ["countdown", "running"].includes(scene.phase);
-}
-
 // what goes to the server
 
 function decide(word) {
@@ -71,7 +66,7 @@ function decide(word) {
 }
 
 function stop() {
-  if (isMoving()) line.send({ kind: "stop", why: "the operator pressed stop" });
+  if (isMoving(scene)) line.send({ kind: "stop", why: "the operator pressed stop" });
 }
 
 // what is shown
@@ -85,13 +80,13 @@ function show() {
   const { trial, outcome, phase } = scene;
   write(find("label"), trial ? trial.label : "No trial yet");
   const facts = trial ? [trial.kind, `participant: ${trial.participant}`, `${trial.duration_s.toFixed(1)} s`] : [];
-  if (trial?.trajectory !== null && trial) facts.push(`movement ${trial.trajectory}`);
+  if (trial && trial.trajectory !== null) facts.push(`movement ${trial.trajectory}`);
   write(find("facts"), facts.join(" · "));
   write(find("reason"), trial?.reason ?? "");
   const off = outcome.tracking_error_rad ?? [];
   const told = off.map((each, index) => `${scene.machine.joints[index].name} ${degrees(each).toFixed(1)}°`);
   write(find("result"), phase === "judging" && told.length ? `Tracking error (root mean square): ${told.join(", ")}` : "");
-  const stopping = isMoving() && scene.stop ? `stopping: ${scene.stop}` : "";
+  const stopping = isMoving(scene) && scene.stop ? `stopping: ${scene.stop}` : "";
   warn("problem", stopping || outcome.problem || outcome.stopped || "");
   if (decided === null && !["proposed", "judging"].includes(phase)) warn("refused", "");
   find("automatic").checked = scene.automatic;
@@ -117,7 +112,7 @@ function showState() {
   write(find("phase"), told);
   find("phase").classList.toggle("bad", lost);
   find("choices").inert = lost;
-  find("stop").disabled = lost || !isMoving() || Boolean(scene.stop);
+  find("stop").disabled = lost || !isMoving(scene) || Boolean(scene.stop);
   window.pamid.phase = lost ? "lost" : scene?.phase ?? "busy";
 }
 
@@ -149,10 +144,9 @@ function showChoices() {
 }
 
 function showProgress() {
-  const { trial } = scene;
-  const known = trial !== null && trial.position !== null;
-  write(find("progress"), known ? `trial ${trial.position} of ${trial.total}` : "");
-  find("done").style.width = known ? `${(100 * (trial.position - 1)) / Math.max(trial.total, 1)}%` : "0";
+  const { position = null, total } = scene.trial ?? {};
+  write(find("progress"), position === null ? "" : `trial ${position} of ${total}`);
+  find("done").style.width = position === null ? "0" : `${(100 * (position - 1)) / Math.max(total, 1)}%`;
 }
 
 function showHistory() {
@@ -212,25 +206,14 @@ function makePanels() {
 }
 
 function gather() {
-  const { outcome, trial } = scene;
-  if (scene.phase === "judging" && outcome.time_s) {
-    return {
-      time_s: outcome.time_s,
-      angle: outcome.joint_angle_rad,
-      pressure: outcome.pressure_kpa,
-      force: outcome.force_n,
-      command: outcome.pressure_command_kpa,
-      command_s: outcome.time_s,
-    };
+  const { outcome, trial, phase } = scene;
+  if (phase === "judging" && outcome.time_s) {
+    const { time_s, joint_angle_rad, pressure_command_kpa, pressure_kpa, force_n } = outcome;
+    return { time_s, angle_rad: joint_angle_rad, pressure_kpa, force_n, command_s: time_s, command_kpa: pressure_command_kpa };
   }
-  return {
-    time_s: samples.map((each) => each.time_s),
-    angle: samples.map((each) => each.angle_rad),
-    pressure: samples.map((each) => each.pressure_kpa),
-    force: samples.map((each) => each.force_n),
-    command: trial?.pressure_command_kpa ?? [],
-    command_s: trial?.time_s ?? [],
-  };
+  const of = (name) => [name, samples.map((each) => each[name])];
+  const measured = Object.fromEntries(["time_s", "angle_rad", "pressure_kpa", "force_n"].map(of));
+  return { ...measured, command_s: trial?.time_s ?? [], command_kpa: trial?.pressure_command_kpa ?? [] };
 }
 
 function drawPanels() {
@@ -239,16 +222,16 @@ function drawPanels() {
   const now_s = scene.phase === "running" ? data.time_s.at(-1) ?? null : null;
   for (const { of, column, muscles, canvas, least } of panels) {
     const curves = [];
-    if (of === "angle") {
+    if (of === "angle_rad") {
       if (trial?.reference_rad) {
         const values = trial.reference_rad.map((row) => degrees(row[column]));
         curves.push({ time_s: trial.time_s, values, colour: "target", dashed: true });
       }
-      curves.push({ time_s: data.time_s, values: data.angle.map((row) => degrees(row[column])), colour: "you" });
+      curves.push({ time_s: data.time_s, values: data.angle_rad.map((row) => degrees(row[column])), colour: "you" });
     } else {
       for (const { index, role } of muscles) {
-        if (of === "pressure") {
-          const values = data.command.map((row) => row[index]);
+        if (of === "pressure_kpa") {
+          const values = data.command_kpa.map((row) => row[index]);
           curves.push({ time_s: data.command_s, values, colour: role, dashed: true });
         }
         curves.push({ time_s: data.time_s, values: data[of].map((row) => row[index]), colour: role });
@@ -265,23 +248,21 @@ function turn() {
     drawn_s = now_s;
     drawPanels();
     window.pamid.frames += 1;
-    times.push(now_s);
   }
-  while (times.length && times[0] <= now_s - 1) times.shift();
-  window.pamid.fps = times.length;
   showState();
   requestAnimationFrame(turn);
 }
 
+function redraw() {
+  dirty = true;
+  if (scene !== null) showFigures();
+}
+
 const toggleTheme = followTheme((named) => {
   colours = named;
-  dirty = true;
-  if (scene !== null) showFigures();
+  redraw();
 });
-addEventListener("resize", () => {
-  dirty = true;
-  if (scene !== null) showFigures();
-});
+addEventListener("resize", redraw);
 find("stop").addEventListener("click", stop);
 find("automatic").addEventListener("change", (event) => line.send({ kind: "automatic", on: event.target.checked }));
 find("copy").addEventListener("click", async () => {
@@ -296,7 +277,7 @@ addEventListener("keydown", (event) => {
   const typing = event.target === find("note");
   if ((event.key === " " && !typing) || event.key === "Escape") {
     // while nothing moves, the space bar presses the button that is chosen, as everywhere
-    if (!isMoving()) return;
+    if (!isMoving(scene)) return;
     event.preventDefault();
     stop();
   } else if (typing || event.ctrlKey || event.metaKey || event.altKey || event.repeat) {

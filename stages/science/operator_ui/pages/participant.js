@@ -1,5 +1,5 @@
 import { chain, drawArm, drawBody, findBox, placeBox, reach } from "./arm.js";
-import { degrees, find, fit, followTheme, interpolate, Line, make, pageTime, write } from "./shared.js";
+import { degrees, find, fit, followTheme, interpolate, isMoving, Line, make, pageTime, write } from "./shared.js";
 
 const GHOSTS_S = [1, 0.75, 0.5, 0.25];
 const REPORTED_EVERY_S = 0.2;
@@ -9,7 +9,6 @@ const WORDS = [[3, "very close"], [6, "close"], [12, "not far off"], [Infinity, 
 
 const canvas = find("arms");
 const context = canvas.getContext("2d", { alpha: false });
-const times = [];
 let scene = { phase: "busy", machine: {}, trial: null, outcome: {} };
 let moment = null;
 let box = null;
@@ -21,7 +20,7 @@ let pointed = null;
 let pointed_s = 0;
 let posture = null;
 let leavingFull = false;
-window.pamid = { frames: 0, fps: 0, phase: "busy" };
+window.pamid = { frames: 0, phase: "busy" };
 
 const line = new Line("participant", (message) => {
   if (message.kind === "moment") {
@@ -41,12 +40,8 @@ function takeScene(next) {
   scene = next;
   const joints = scene.machine.joints ?? [];
   box = joints.length ? findBox(joints) : null;
-  find("stop").disabled = !canStop();
+  find("stop").disabled = !isMoving(scene) || Boolean(scene.stop);
   tell();
-}
-
-function canStop() {
-  return ["countdown", "running"].includes(scene.phase) && !scene.stop;
 }
 
 function isRunning() {
@@ -58,7 +53,7 @@ function trialTime() {
 }
 
 function stop(why) {
-  if (["countdown", "running"].includes(scene.phase)) line.send({ kind: "stop", why });
+  if (isMoving(scene)) line.send({ kind: "stop", why });
 }
 
 // words
@@ -68,7 +63,7 @@ function say() {
   const tracked = Boolean(trial?.reference_rad);
   if (line.ended) return ["The study has ended", "or stops for today: thank you"];
   if (line.lost) return ["Connection lost", "please wait; the robot is let down"];
-  if (scene.stop && ["countdown", "running"].includes(phase)) return ["Stopped", "stay relaxed, the robot is let down"];
+  if (scene.stop && isMoving(scene)) return ["Stopped", "stay relaxed, the robot is let down"];
   if (phase === "proposed") return ["The next movement begins soon", outcome.stopped ? "the last one did not begin" : ""];
   if (phase === "countdown") return ["Get ready", tracked ? "the red arm shows where it begins" : ""];
   if (phase === "running") {
@@ -94,16 +89,11 @@ function tell() {
   write(find("told"), told);
   write(find("more"), more);
   const off = scene.phase === "judging" && !line.lost ? scene.outcome.tracking_error_rad ?? [] : [];
-  const shown = off.map((each, index) => `${scene.machine.joints[index].name} ${degrees(each).toFixed(1)}°`).join(", ");
+  const shown = off.map((each, index) => [scene.machine.joints[index].name, `${degrees(each).toFixed(1)}°`]);
   const list = find("errors");
-  if (list.dataset.shown !== shown) {
-    list.dataset.shown = shown;
-    list.replaceChildren(
-      ...off.flatMap((each, index) => [
-        make("dt", scene.machine.joints[index].name),
-        make("dd", `${degrees(each).toFixed(1)}°`),
-      ]),
-    );
+  if (list.dataset.shown !== String(shown)) {
+    list.dataset.shown = String(shown);
+    list.replaceChildren(...shown.flatMap(([name, error]) => [make("dt", name), make("dd", error)]));
   }
   find("legend").classList.toggle("shown", isShowing());
   window.pamid.phase = line.lost ? "lost" : scene.phase;
@@ -111,13 +101,12 @@ function tell() {
 
 function count() {
   const left = scene.starts_at_s === null ? null : scene.starts_at_s - line.clock.now();
+  const silent = line.lost || left === null || scene.stop;
   let [text, share] = ["", 0];
-  if (line.lost || left === null || scene.stop) {
-    share = 0;
-  } else if (scene.phase === "countdown") {
-    text = left > 0 ? String(Math.ceil(left)) : "";
-    share = left > 0 ? left - Math.floor(left) : 0;
-  } else if (scene.phase === "running" && left <= 0) {
+  if (!silent && scene.phase === "countdown" && left > 0) {
+    text = String(Math.ceil(left));
+    share = left - Math.floor(left);
+  } else if (!silent && scene.phase === "running" && left <= 0) {
     share = Math.min(-left / scene.trial.duration_s, 1);
     text = String(Math.ceil(Math.max(scene.trial.duration_s + left, 0)));
   }
@@ -130,7 +119,7 @@ function count() {
 // the picture
 
 function isShowing() {
-  return ["countdown", "running"].includes(scene.phase) && Boolean(scene.trial?.reference_rad);
+  return isMoving(scene) && Boolean(scene.trial?.reference_rad);
 }
 
 function draw() {
@@ -171,14 +160,10 @@ function report() {
   if (drawn.length) line.send({ kind: "drawn", starts_at_s: scene.starts_at_s, frames: drawn.splice(0) });
 }
 
-// a posture that the pointer asks for, where the machine or the address says so
-
-function isPointing() {
-  return scene.machine.pointer === true || new URLSearchParams(location.search).get("pointer") === "1";
-}
+// a posture that the pointer asks for, where the machine says so
 
 function drawPointer(place) {
-  if (pointed === null || !isPointing()) return;
+  if (pointed === null || !scene.machine.pointer) return;
   const joints = scene.machine.joints;
   if (posture?.length !== joints.length) posture = joints.map((each) => (each.lower_rad + each.upper_rad) / 2);
   const target = [(pointed.x - place.x) / place.scale, (pointed.y - place.y) / place.scale];
@@ -201,7 +186,7 @@ function drawPointer(place) {
 }
 
 canvas.addEventListener("pointermove", (event) => {
-  if (!isPointing()) return;
+  if (!scene.machine.pointer) return;
   const area = canvas.getBoundingClientRect();
   pointed = { x: event.clientX - area.left, y: event.clientY - area.top };
   dirty = true;
@@ -211,15 +196,11 @@ canvas.addEventListener("pointermove", (event) => {
 
 function turn() {
   const now_s = pageTime();
-  const moving = ["countdown", "running"].includes(scene.phase);
-  if (moving || dirty || pointed !== null) {
+  if (isMoving(scene) || dirty || pointed !== null) {
     dirty = false;
     draw();
-    times.push(now_s);
     window.pamid.frames += 1;
   }
-  while (times.length && times[0] <= now_s - 1) times.shift();
-  window.pamid.fps = times.length;
   tell();
   count();
   if (now_s - reported_s > REPORTED_EVERY_S) report();

@@ -20,13 +20,14 @@ import time
 from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import numpy as np
 
-from stages.science.operator_ui.operator_session import ROLES, Frame, OperatorSession, Refused
+from stages.science.operator_ui.operator_session import ROLES, OperatorSession, Refused
 from stages.science.rig import clock
 from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import RigError
@@ -82,17 +83,7 @@ class Socket:
 
 
 class PageServer:
-    """Shows the pages of an operator session.
-
-    Parameters
-    ----------
-    session : OperatorSession
-        Whose scenes are shown.
-    host : str
-        Address at which pages are shown; ``127.0.0.1`` keeps them to this computer.
-    port : int
-        Port; 0 takes any free one.
-    """
+    """Shows the pages of an operator session at a host, ``127.0.0.1`` here alone, and a port, 0 for any."""
 
     def __init__(self, session: OperatorSession, host: str, port: int):
         self.session, self.host, self.port = session, host, port
@@ -106,15 +97,10 @@ class PageServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing: asyncio.Event | None = None
 
-    @property
-    def participant_url(self) -> str:
-        """Address of the participant's page, with what opens it."""
-        return self._address("participant")
-
-    @property
-    def operator_url(self) -> str:
-        """Address of the operator's page, with what opens it."""
-        return self._address("operator")
+    def address(self, role: str) -> str:
+        """Return the address of a role's page, with what opens it."""
+        host = _find_own_address() if _is(self.host, "is_unspecified") else self.host
+        return f"http://{_in_url(host)}:{self.port}/{role}?token={quote(self._tokens[role])}"
 
     def open(self) -> None:
         """Show the pages.
@@ -130,9 +116,7 @@ class PageServer:
             import aiohttp  # noqa: F401 (told here rather than by a thread)
         except ImportError as error:
             raise RigError('pages need aiohttp, which is not installed; pip install "pamid[pages]"') from error
-        self._files = {
-            each.name: each.read_bytes() for each in files(__package__).iterdir() if _end(each.name) in TYPES
-        }
+        self._files = {each.name: each.read_bytes() for each in files(__package__).iterdir() if _type(each.name)}
         listening = _listen(self.host, self.port)
         self.port = listening.getsockname()[1]
         opened = threading.Event()
@@ -151,12 +135,6 @@ class PageServer:
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._closing.set)
         thread.join(5.0)
-
-    def _address(self, role: str) -> str:
-        host = self.host
-        if _is(host, "is_unspecified"):
-            host = _find_own_address()
-        return f"http://{_in_url(host)}:{self.port}/{role}?token={quote(self._tokens[role])}"
 
     # requests
 
@@ -213,9 +191,8 @@ class PageServer:
 
         given = request.query.get("token", "")
         if not secrets.compare_digest(given.encode(), self._tokens[role].encode()):
-            raise web.HTTPForbidden(
-                text=f"the {role}'s page opens at the address that the program printed when it began\n"
-            )
+            told = f"the {role}'s page opens at the address that the program printed when it began\n"
+            raise web.HTTPForbidden(text=told)
 
     async def _send_file(self, request: web.Request) -> web.Response:
         from aiohttp import web
@@ -226,7 +203,7 @@ class PageServer:
             name = f"{name}.html"
         elif name not in self._files or name.endswith(".html"):
             raise web.HTTPNotFound(text="nothing is here; open the address that the program printed\n")
-        return web.Response(body=self._files[name], content_type=TYPES[_end(name)], charset="utf-8")
+        return web.Response(body=self._files[name], content_type=_type(name), charset="utf-8")
 
     # sockets
 
@@ -239,9 +216,8 @@ class PageServer:
             raise web.HTTPNotFound(text="nothing is here; open the address that the program printed\n")
         self._check_token(request, role)
         if sum(each.role == role for each in self._sockets) >= MOST_SOCKETS:
-            raise web.HTTPServiceUnavailable(
-                text=f"expected at most {MOST_SOCKETS} open pages of the {role}; close one\n"
-            )
+            told = f"expected at most {MOST_SOCKETS} open pages of the {role}; close one\n"
+            raise web.HTTPServiceUnavailable(text=told)
         connection = web.WebSocketResponse(max_msg_size=MOST_BYTES, heartbeat=DEAD_AFTER_S, compress=False, timeout=1.0)
         await connection.prepare(request)
         key, page = next(self._keys), Socket(role, connection)
@@ -266,7 +242,7 @@ class PageServer:
         return connection
 
     async def _tell(self, page: Socket) -> None:
-        """Tell a page what is to be seen; each turn tells the newest, and none waits in a queue."""
+        """Tell a page what is to be seen until it is closed."""
         try:
             with contextlib.suppress(ConnectionError):
                 await self._tell_newest(page)
@@ -275,6 +251,7 @@ class PageServer:
             raise
 
     async def _tell_newest(self, page: Socket) -> None:
+        """Tell the newest in each turn, so that nothing waits in a queue."""
         number, moment, asked_s, due_s = -1, None, -math.inf, time.monotonic()
         while not page.connection.closed:
             while page.answers:
@@ -290,7 +267,7 @@ class PageServer:
                 moment = newest
                 if newest is not None:
                     page.on_the_way += 1
-                    await page.connection.send_str(encode(describe_moment(newest)))
+                    await page.connection.send_str(encode(_describe_moment(newest)))
             if time.monotonic() - asked_s >= BEAT_S:
                 asked_s = time.monotonic()
                 await page.connection.send_str('{"kind":"beat"}')
@@ -304,14 +281,11 @@ class PageServer:
             return told
         scene = {"kind": "scene", **self.session.see()}
         if role == "operator":
-            scene["participant_url"] = self.participant_url
+            scene["participant_url"] = self.address("participant")
         parts = []
         for name, value in scene.items():
-            if not isinstance(value, dict):
-                text = encode(value)
-            elif (known := self._encoded.get(name)) is not None and known[0] is value:
-                text = known[1]
-            else:
+            known, text = self._encoded.get(name, (None, ""))
+            if not isinstance(value, dict) or known is not value:
                 text = encode(value)
                 self._encoded[name] = value, text
             parts.append(f'"{name}":{text}')
@@ -326,7 +300,12 @@ class PageServer:
         Malformed
             When no page sends such a message.
         """
-        message = _read(text)
+        try:
+            message = json.loads(text)
+        except (ValueError, RecursionError):
+            message = None
+        if not isinstance(message, dict):
+            raise Malformed("expected a JSON object")
         kind = message.get("kind")
         if kind == "stop":
             why = message.get("why")
@@ -339,7 +318,10 @@ class PageServer:
         elif kind == "clock":
             page.answers.append({"kind": "clock", "page_s": _number(message.get("page_s")), "heard_s": clock.now_s()})
         elif kind in ("decide", "automatic"):
-            self._decide(page, message)
+            try:
+                self._decide(page.role, message)
+            except Refused as error:
+                page.answers.append({"kind": "refused", "why": str(error)})
         elif kind in ("drawn", "pointer"):
             if page.role != "participant":
                 raise Malformed(f"{kind}: expected from the participant's page")
@@ -350,10 +332,9 @@ class PageServer:
         else:
             raise Malformed("expected a kind of message that these pages send")
 
-    def _decide(self, page: Socket, message: dict[str, Any]) -> None:
-        if page.role != "operator":
-            page.answers.append({"kind": "refused", "why": "only the operator's page decides"})
-            return
+    def _decide(self, role: str, message: dict[str, Any]) -> None:
+        if role != "operator":
+            raise Refused("only the operator's page decides")
         if message["kind"] == "automatic":
             if not isinstance(message.get("on"), bool):
                 raise Malformed("automatic: expected on as true or false")
@@ -363,13 +344,8 @@ class PageServer:
         if not isinstance(word, str) or not isinstance(note, str) or type(question) is not int:
             raise Malformed("decide: expected word and note as text, question as a number")
         if len(note) > MOST_CHARACTERS:
-            why = f"a note has at most {MOST_CHARACTERS} characters, got {len(note)}"
-            page.answers.append({"kind": "refused", "why": why})
-            return
-        try:
-            self.session.decide(word[:MOST_CHARACTERS], note, question)
-        except Refused as error:
-            page.answers.append({"kind": "refused", "why": str(error)})
+            raise Refused(f"a note has at most {MOST_CHARACTERS} characters, got {len(note)}")
+        self.session.decide(word[:MOST_CHARACTERS], note, question)
 
     def _draw(self, message: dict[str, Any]) -> None:
         drawn = message.get("frames")
@@ -377,12 +353,11 @@ class PageServer:
             raise Malformed(f"drawn: expected at most {MOST_FRAMES} frames")
         if any(not isinstance(each, list) or len(each) != 3 for each in drawn):
             raise Malformed("drawn: expected three times for each frame")
-        now_s = clock.now_s()
         frames = [
-            Frame(_number(shown_s), *(math.nan if each is None else _number(each) for each in times))
+            (_number(shown_s), *(math.nan if each is None else _number(each) for each in times))
             for shown_s, *times in drawn
         ]
-        near = [each for each in frames if abs(each.shown_s - now_s) < MOST_OFF_S]
+        near = [each for each in frames if abs(each[0] - clock.now_s()) < MOST_OFF_S]
         self.session.draw(near, _number(message.get("starts_at_s")))
 
     def _point(self, message: dict[str, Any]) -> None:
@@ -394,45 +369,18 @@ class PageServer:
         self.session.point(np.clip(np.array([_number(each) for each in angles]), low, high))
 
 
-def describe_moment(moment: Moment) -> dict[str, Any]:
+def _describe_moment(moment: Moment) -> dict[str, Any]:
     """Return what a page is told of a sample."""
-    return {
-        "kind": "moment",
-        "time_s": round(float(moment.time_s), 5),
-        **{name: np.round(getattr(moment, name), 5).tolist() for name in Moment._fields[1:]},
-    }
+    return {"kind": "moment", **{name: np.round(value, 5).tolist() for name, value in moment._asdict().items()}}
 
 
 def encode(value: Any) -> str:
     """Return a value as JSON that browsers read, with null for what is not a finite number."""
+    write = partial(json.dumps, separators=(",", ":"), default=lambda each: each.tolist())
     try:
-        return json.dumps(value, allow_nan=False, separators=(",", ":"), default=_plain)
+        return write(value, allow_nan=False)
     except ValueError:
-        return json.dumps(_without_gaps(value), allow_nan=False, separators=(",", ":"), default=_plain)
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
-
-
-def _without_gaps(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _without_gaps(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_gaps(each) for each in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return _without_gaps(value.tolist())
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _read(text: str) -> dict[str, Any]:
-    try:
-        message = json.loads(text)
-    except (ValueError, RecursionError):
-        message = None
-    if not isinstance(message, dict):
-        raise Malformed("expected a JSON object")
-    return message
+        return write(json.loads(write(value), parse_constant=lambda _: None))
 
 
 def _number(value: Any) -> float:
@@ -443,26 +391,16 @@ def _number(value: Any) -> float:
 
 def _listen(host: str, port: int) -> socket.socket:
     """Return a socket that listens."""
-    if not 0 <= port <= 65535:
-        raise RigError(f"operator_ui.port: expected 0 to 65535, got {port}; type operator_ui.port=0 for any free one")
     try:
         return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
+        expected = f"host: expected an address of this computer, got {host}"
+        remedy = "host=127.0.0.1"
+        if error.errno in (errno.EADDRINUSE, errno.EACCES):
+            which = "free port" if error.errno == errno.EADDRINUSE else "port that this user may take"
+            expected, remedy = f"port: expected a {which}, got {port}", "port=0 for any free one"
         told = error.strerror or error
-        if error.errno == errno.EADDRINUSE:
-            raise RigError(
-                f"operator_ui.port: expected a free port, got {port}, which another program uses; "
-                "type operator_ui.port=0 for any free one"
-            ) from error
-        if error.errno == errno.EACCES:
-            raise RigError(
-                f"operator_ui.port: expected a port that this user may take, got {port} ({told}); "
-                "type operator_ui.port=0 for any free one"
-            ) from error
-        raise RigError(
-            f"operator_ui.host: expected an address of this computer, got {host} ({told}); "
-            "type operator_ui.host=127.0.0.1"
-        ) from error
+        raise RigError(f"operator_ui.{expected} ({told}); type operator_ui.{remedy}") from error
 
 
 def _find_own_address() -> str:
@@ -482,8 +420,8 @@ def _is(host: str, what: str) -> bool:
         return False
 
 
-def _end(name: str) -> str:
-    return name.rpartition(".")[2]
+def _type(name: str) -> str | None:
+    return TYPES.get(name.rpartition(".")[2])
 
 
 def _in_url(host: str) -> str:

@@ -26,10 +26,6 @@ export class Clock {
     this.offset_s = this.exchanges.reduce((best, each) => (each.took_s < best.took_s ? each : best)).offset_s;
   }
 
-  forget() {
-    this.exchanges = [];
-  }
-
   get known() {
     return this.offset_s !== null;
   }
@@ -63,7 +59,7 @@ export class Line {
     this.socket.onopen = () => {
       this.again_s = 0.5;
       this.ended = false;
-      this.clock.forget();
+      this.clock.exchanges = [];
       this.ask();
     };
     this.socket.onmessage = (event) => this.take(JSON.parse(event.data));
@@ -116,6 +112,11 @@ export function followTheme(changed) {
   set(dark.matches ? "dark" : "light");
   dark.addEventListener("change", () => set(dark.matches ? "dark" : "light"));
   return () => set(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+}
+
+/** Return whether a trial is about to begin or runs. */
+export function isMoving(scene) {
+  return ["countdown", "running"].includes(scene?.phase);
 }
 
 export function find(id) {

@@ -1,27 +1,60 @@
-"""Figures of many runs: numbers flow in, pictures with captions for a page flow out."""
+"""Pictures of many runs for a page: metrics of a sweep or lines with bands flow in, pictures with captions flow out."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from pipeline.page import Picture
-from pipeline.printing import format_range
-from pipeline.review.pictures import half_width, make_picture, new_figure, shorten_label
+from pipeline.printing import format_range, shorten
+from pipeline.review.curves import Curves, half_width
 from pipeline.review.selection import order_of, read_number
-from pipeline.review.sweep_view import Sweep, summarise
+from pipeline.review.sweep_view import Sweep
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RESOLUTION = 130
 MOST_AXES = 4
 MOST_CELLS = 30
 """Values of an axis up to which it can be one of a grid's."""
 MOST_LABELLED_CELLS = 12
 MOST_PANELS = 24
+MOST_LINES = 24
 LONGEST_LABEL = 22
+LONGEST_LINE_LABEL = 34
 BLUE, DARK, GREY = "#0b5fa5", "#1d2530", "#5b6775"
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#1d2530", "#e69f00", "#56b4e9", "#8c6d31")
+STYLES = ("-", "--", ":", "-.")
+MARKERS = "os^Dv<>P"
+
+
+def draw_curves(curves: Curves) -> Picture:
+    """Draw the lines of a curve, told apart by colour, marker and style."""
+    lines = curves.lines[:MOST_LINES]
+    rows = -(-len(lines) // 2)
+    figure, axes = _new_figure(6.0, 3.7 + 0.19 * rows)
+    for index, line in enumerate(lines):
+        points = line.points
+        colour = COLOURS[index % len(COLOURS)]
+        x, mean, half = (points[each].to_numpy() for each in ("x", "mean", "half"))
+        axes.fill_between(x, mean - half, mean + half, color=colour, alpha=0.16, lw=0)
+        style = STYLES[(index // len(COLOURS)) % len(STYLES)]
+        marker = MARKERS[index % len(MARKERS)]
+        label = _shorten_label(line.label, LONGEST_LINE_LABEL)
+        every = max(1, len(x) // 15)
+        axes.plot(x, mean, style, color=colour, marker=marker, ms=4.5, markevery=every, lw=1.6, label=label)
+    axes.set(xlabel=curves.x, ylabel=curves.y)
+    if all(float(each).is_integer() for line in lines for each in line.points["x"]):
+        axes.xaxis.get_major_locator().set_params(integer=True)
+    figure.legend(loc="outside lower left", ncols=2, fontsize=8, frameon=False, borderpad=0.1)
+    left = len(curves.lines) - len(lines)
+    return _make_picture(figure, f"{curves.told}{f'; {left} more lines are in the table alone' if left else ''}.")
 
 
 def draw_metrics(sweep: Sweep) -> Iterator[tuple[str, list[Picture], str]]:
@@ -55,21 +88,20 @@ def _draw_metric(sweep: Sweep, metric: str, points: pd.DataFrame) -> Iterator[Pi
 
 
 def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str], seeds: Sequence[str]) -> Picture:
-    summary = summarise(points, [axis])
-    summary = summary.iloc[sorted(range(len(summary)), key=lambda row: order_of(summary[axis].iloc[row]))]
-    labels = summary[axis].tolist()
+    labels = sorted(points[axis].unique(), key=order_of)
+    summary = points.groupby(axis)["value"].agg(["mean", "min", "max", "count", "std"]).loc[labels]
     numbers = [read_number(each) for each in labels]
     numeric = all(each is not None and np.isfinite(each) for each in numbers)
     places = np.array(numbers if numeric else range(len(labels)), dtype=float)
     at = dict(zip(labels, places, strict=True))
-    figure, axes = new_figure()
+    figure, axes = _new_figure()
     axes.plot([at[each] for each in points[axis]], points["value"], "o", mfc="none", mec=GREY, alpha=0.6, ms=4)
     mean = summary["mean"].to_numpy()
     if summary["count"].max() > 1:
         if others:
             down, up = mean - summary["min"].to_numpy(), summary["max"].to_numpy() - mean
         else:
-            down = up = np.array([half_width(*each) for each in zip(summary["std"], summary["count"], strict=True)])
+            down = up = half_width(summary["std"], summary["count"]).to_numpy()
         axes.errorbar(places, mean, np.vstack([down, up]), fmt="none", ecolor=BLUE, capsize=4, lw=1.4)
     axes.plot(places, mean, "D-" if numeric else "D", color=BLUE, ms=5.5, lw=1.4)
     if numeric:
@@ -83,49 +115,72 @@ def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str]
     else:
         _name_ticks(axes.xaxis, labels)
         axes.margins(x=0.5 / len(labels) + 0.05)
-    axes.set(xlabel=shorten_label(axis, 60), ylabel=shorten_label(head, 40))
+    axes.set(xlabel=_shorten_label(axis, 60), ylabel=_shorten_label(head, 40))
     number = format_range(summary["count"])
     bars = f"bars reach from least to most over {_join([*others, *seeds])}"
     if not others:
         bars = f"bars are the mean's 95 % interval (t) over {_join(seeds) or 'jobs'}"
     caption = f"{head} over {axis}: diamonds are means, circles jobs ({number} for each value)"
-    return make_picture(figure, f"{caption}{f'; {bars}' if summary['count'].max() > 1 else ''}.")
+    return _make_picture(figure, f"{caption}{f'; {bars}' if summary['count'].max() > 1 else ''}.")
 
 
 def _draw_grid(points: pd.DataFrame, one: str, other: str, head: str, others: Sequence[str]) -> Picture:
-    summary = summarise(points, [one, other])
     across, along = (sorted(points[each].unique(), key=order_of) for each in (one, other))
-    means = summary.pivot(index=other, columns=one, values="mean").reindex(index=along, columns=across)
-    counts = summary.pivot(index=other, columns=one, values="count").reindex(index=along, columns=across).fillna(0)
-    figure, axes = new_figure(5.7)
-    image = axes.imshow(means.to_numpy(), aspect="auto", origin="lower", cmap="viridis")
+    grouped = points.groupby([other, one])["value"]
+    means, counts = (found.unstack().loc[along, across].to_numpy() for found in (grouped.mean(), grouped.count()))
+    counts = np.nan_to_num(counts)
+    figure, axes = _new_figure(5.7)
+    image = axes.imshow(means, aspect="auto", origin="lower", cmap="viridis")
     axes.set_facecolor("white")
     _name_ticks(axes.xaxis, across)
     _name_ticks(axes.yaxis, along, below=False)
-    axes.set(xlabel=shorten_label(one, 60), ylabel=shorten_label(other, 40))
+    axes.set(xlabel=_shorten_label(one, 60), ylabel=_shorten_label(other, 40))
     axes.grid(visible=False)
     if max(len(across), len(along)) <= MOST_LABELLED_CELLS:
         size = 8.5 if len(across) <= 6 else 6.5
-        for (row, column), mean in np.ndenumerate(means.to_numpy()):
+        for (row, column), mean in np.ndenumerate(means):
             text = "none" if np.isnan(mean) else f"{mean:.3g}"
             dark = np.isnan(mean) or image.norm(mean) > 0.6
             axes.text(column, row, text, ha="center", va="center", size=size, color=DARK if dark else "white")
-    figure.colorbar(image, ax=axes, label=shorten_label(head, 40))
-    number = format_range(counts.to_numpy())
+    figure.colorbar(image, ax=axes, label=_shorten_label(head, 40))
+    number = format_range(counts)
     over = f", over all of {_join(others)}" if others else ""
-    white = "; white cells have none" if counts.to_numpy().min() == 0 else ""
-    return make_picture(figure, f"{head}: mean of the jobs in each cell ({number}{over}){white}.")
+    white = "; white cells have none" if counts.min() == 0 else ""
+    return _make_picture(figure, f"{head}: mean of the jobs in each cell ({number}{over}){white}.")
 
 
 def _name_ticks(axis: Any, labels: Sequence[str], below: bool = True) -> None:
     """Name ticks, of many only some; long names below the axes are slanted."""
     step = -(-len(labels) // 16)
-    shown = [shorten_label(each, LONGEST_LABEL) if index % step == 0 else "" for index, each in enumerate(labels)]
+    shown = [_shorten_label(each, LONGEST_LABEL) if index % step == 0 else "" for index, each in enumerate(labels)]
     slanted = below and sum(map(len, shown)) > 40
-    axis.set_ticks(
-        range(len(labels)), shown, **({"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if slanted else {})
-    )
+    style = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
+    axis.set_ticks(range(len(labels)), shown, **style)
 
 
 def _join(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def _new_figure(width: float = 5.2, height: float = 3.3) -> tuple[Figure, Any]:
+    """Return a figure of so many inches and its axes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color="#dde3ea", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=9)
+    return figure, axes
+
+
+def _make_picture(figure: Figure, caption: str) -> Picture:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=RESOLUTION, pil_kwargs={"compress_level": 3})
+    return Picture(stream.getvalue(), caption)
+
+
+def _shorten_label(text: str, most: int) -> str:
+    """Return a label that is not longer than so many characters, and no formula."""
+    return shorten(text.replace("$", r"\$"), most)

@@ -1,0 +1,166 @@
+"""What named effects close of the gap: their signatures, the gap step by step, and verification trials over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from stages.science.figures.canvas import new_figure
+from stages.science.figures.signal_words import (
+    AFTER,
+    BEFORE,
+    DIRECTIONS,
+    MEASURED,
+    QUIET,
+    STYLES,
+    label,
+    shorten,
+    spell,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LETTERS_PER_INCH = 12
+FLOOR = "noise floor"
+
+
+def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
+    """Draw what a named effect adds to the simulation over the residual without it, a panel for each muscle.
+
+    Parameters
+    ----------
+    traced : DataFrame
+        Of one effect: columns effect, channel, muscle, unit, variable, direction, x, measured (drawn with two standard
+        errors), error and added.
+    signature : str
+        What the effect leaves in the residual, in one sentence.
+    """
+    muscles = list(traced["muscle"].unique())
+    first = traced.iloc[0]
+    figure, (panels,) = new_figure(max(5.3, min(10.6, 2.65 * len(muscles) + 0.6)), 3.6, 1, len(muscles))
+    names = DIRECTIONS.get(first["channel"], {"rising": "rising", "falling": "falling"})
+    for axis, muscle in zip(panels, muscles, strict=True):
+        for direction, its in traced[traced["muscle"] == muscle].groupby("direction", sort=False):
+            colour, style = STYLES[str(direction)]
+            way = f", {names[str(direction)]}" if direction in names else ""
+            bars = {"fmt": "o", "color": colour, "markersize": 4, "elinewidth": 0.9}
+            axis.errorbar(its["x"], its["measured"], 2 * its["error"], **bars, label=f"measured{way}")
+            told = f"{spell(first['effect'])}{way}"
+            axis.plot(its["x"], its["added"], color=colour, linestyle=style, linewidth=1.8, label=told)
+        axis.axhline(0.0, color=MEASURED, linewidth=0.8)
+        axis.set_title(muscle, fontsize=10)
+        axis.set_xlabel(label(first["variable"], first["channel"], first["unit"]), fontsize=9)
+        axis.tick_params(labelsize=8)
+    what = f"{shorten(first['channel'])} without it:\nmeasured less simulated ({first['unit']})"
+    panels[0].set_ylabel(what, fontsize=9)
+    abreast = 4 if len(panels) > 1 else 2
+    handles = panels[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=abreast, frameon=False, fontsize=8)
+    title = f"{spell(first['effect'])}: {signature}"
+    figure.suptitle(fill(title, round(LETTERS_PER_INCH * figure.get_figwidth())), fontsize=10)
+    return figure
+
+
+def draw_gap_waterfall(verification: pd.DataFrame) -> Figure:
+    """Draw the gap on verification trials: nominal, what each effect takes away, what is left, and the floor.
+
+    Parameters
+    ----------
+    verification : DataFrame
+        Columns simulation (a panel each), step, label, gap, low and high, in order.
+    """
+    kinds = list(verification["simulation"].unique())
+    figure, (panels,) = new_figure(10.6, 3.5, 1, len(kinds), sharey=True)
+    for axis, kind in zip(panels, kinds, strict=True):
+        _draw_falls(axis, verification[verification["simulation"] == kind])
+        source = "the command alone (free run)" if kind == "free run" else "measured upstream signals"
+        axis.set_title(f"simulated from {source}", fontsize=10)
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(axis="y", alpha=0.25)
+    panels[0].set_ylabel("gap on verification trials (% of range)")
+    panels[0].set_ylim(bottom=0.0)
+    return figure
+
+
+def _draw_falls(axis: Any, rows: pd.DataFrame) -> None:
+    """Draw a bar from 0 for the first and the last gap, and what lies between two gaps for each step."""
+    steps: list[Any] = [*rows[rows["label"] != FLOOR].itertuples(index=False)]
+    first, last = steps[0], steps[-1]
+    bars: list[tuple[str, float, float, str, Any]] = [("nominal", 0.0, first.gap, BEFORE, first)]
+    for before, after in pairwise(steps):
+        bars.append((spell(str(after.label)), before.gap, after.gap, QUIET, None))
+    if len(steps) > 1:
+        bars.append(("left", 0.0, last.gap, AFTER, last))
+    for place, (_, one, other, colour, marked) in enumerate(bars):
+        low, high = sorted((100.0 * one, 100.0 * other))
+        axis.bar(place, high - low, bottom=low, color=colour, width=0.6)
+        if marked is not None:
+            _mark(axis, place, marked)
+    names = [bar[0] for bar in bars]
+    floors: list[Any] = [*rows[rows["label"] == FLOOR].head(1).itertuples(index=False)]
+    for floor in floors:
+        axis.bar(len(names), 100.0 * floor.gap, color="white", edgecolor=MEASURED, hatch="//", width=0.6)
+        _mark(axis, len(names), floor)
+        axis.axhline(100.0 * floor.gap, color=MEASURED, linewidth=0.9, linestyle=":")
+        names.append(FLOOR)
+    turned = {"rotation": 20, "ha": "right"} if len(names) > 4 else {"rotation": 0, "ha": "center"}
+    axis.set_xticks(range(len(names)), names, fontsize=9, **turned)
+
+
+def _mark(axis: Any, place: int, row: Any) -> None:
+    gap, low, high = (100.0 * float(each) for each in (row.gap, row.low, row.high))
+    ends = [[max(gap - low, 0.0)], [max(high - gap, 0.0)]]
+    axis.errorbar(place, gap, yerr=ends, fmt="none", ecolor=MEASURED, capsize=4)
+    axis.annotate(f"{gap:.2g} %", (place, max(high, gap)), (0, 3), textcoords="offset points", ha="center", fontsize=9)
+
+
+def draw_verified_trials(
+    predictions: pd.DataFrame, channel: str, muscles: Sequence[str], trials: Sequence[int]
+) -> Figure:
+    """Draw the first muscle's channel in each trial, and below it what each muscle's simulations leave of it.
+
+    Parameters
+    ----------
+    predictions : DataFrame
+        Columns trial, time_s, muscle, channel, measured, before and after.
+    channel : str
+        Which is drawn.
+    muscles : sequence of str
+        A row of residuals for each.
+    trials : sequence of int
+        A column for each.
+    """
+    heights = [1.4, *(1.0 for _ in muscles)]
+    sharing = {"sharex": "col", "sharey": "row", "gridspec_kw": {"height_ratios": heights}}
+    figure, panels = new_figure(10.6, 2.1 + 1.45 * len(muscles), len(heights), len(trials), **sharing)
+    its = predictions[predictions["channel"] == channel]
+    for column, trial in enumerate(trials):
+        rows = its[its["trial"] == trial]
+        top, first = panels[0, column], rows[rows["muscle"] == muscles[0]]
+        top.plot(first["time_s"], first["measured"], color=QUIET, linewidth=3.0, label="measured")
+        top.plot(
+            first["time_s"], first["before"], color=BEFORE, linewidth=1.1, linestyle="--", label="simulated before"
+        )
+        top.plot(first["time_s"], first["after"], color=AFTER, linewidth=1.1, label="simulated after")
+        top.set_title(f"trial {trial}", fontsize=10)
+        for axis, muscle in zip(panels[1:, column], muscles, strict=True):
+            line = rows[rows["muscle"] == muscle]
+            axis.axhline(0.0, color=MEASURED, linewidth=0.8)
+            for name, colour in (("before", BEFORE), ("after", AFTER)):
+                axis.plot(line["time_s"], line["measured"] - line[name], color=colour, linewidth=0.9)
+        panels[-1, column].set_xlabel("time (s)", fontsize=9)
+    panels[0, 0].set_ylabel(f"{muscles[0]}\n{label(channel)}", fontsize=9)
+    unit = label(channel).rpartition("(")[2].rstrip(")")
+    for axis, muscle in zip(panels[1:, 0], muscles, strict=True):
+        axis.set_ylabel(f"{muscle}\nresidual ({unit})", fontsize=9)
+    handles = panels[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
+    for axis in panels.ravel():
+        axis.tick_params(labelsize=8)
+        axis.grid(alpha=0.2)
+    return figure
