@@ -16,7 +16,7 @@ from pipeline.errors import PipelineError
 from pipeline.files import hash_json
 from pipeline.page import Block, Section, make_grid, make_rows, write_page
 from pipeline.printing import format_range, print_frame
-from pipeline.review.comparison import Comparison, Difference, choose_runs
+from pipeline.review.comparison import Comparison, choose_runs
 from pipeline.review.curves import Curves, make_curves
 from pipeline.terminal import say
 
@@ -44,19 +44,23 @@ def review(options: argparse.Namespace, console: Console) -> None:
             print_frame(title, each.frame, console, options.rows, "--rows")
     for told in complaints:
         say(told, console)
-    path = Path(options.html) if options.html else Path(options.outputs) / "reviews" / _name_file(names)
+    joined = "_vs_".join(STRANGE.sub("-", each).strip("-") for each in names)
+    file = f"compare-{joined if len(joined) <= LONGEST_FILE_NAME else hash_json(list(names))[:12]}.html"
+    path = Path(options.html) if options.html else Path(options.outputs) / "reviews" / file
     if not path.name:
         raise PipelineError(f"cannot write {path}: Is a directory; name another file by --html PATH")
-    told = "Everything is listed." if options.all else "What is the same in all runs is left out (--all lists it)."
+    part = "Everything is listed." if options.all else "What is the same in all runs is left out (--all lists it)."
     shown = [Section("Curves", _show_curves(curves, complaints))]
-    shown += [Section(_begin_upper(each.name), _show_difference(each)) for each in found.differences()]
+    for name, told, frame in found.differences():
+        blocks: list[Block] = [("note", f"{_begin_upper(told)}.")] if told else []
+        shown.append(Section(_begin_upper(name), blocks + ([] if frame.empty else [("grid", make_grid(frame))])))
     named = ", ".join(names)
     try:
         write_page(
             path,
             title=f"compare {named}",
             heading="Comparison",
-            lead=f"{named}: {len(found.ledgers)} runs. {told}",
+            lead=f"{named}: {len(found.ledgers)} runs. {part}",
             status="",
             opening=[],
             sections=shown,
@@ -66,18 +70,8 @@ def review(options: argparse.Namespace, console: Console) -> None:
     say(f"page: {path}", console)
 
 
-def _name_file(names: Sequence[str]) -> str:
-    joined = "_vs_".join(STRANGE.sub("-", each).strip("-") for each in names)
-    return f"compare-{joined if len(joined) <= LONGEST_FILE_NAME else hash_json(list(names))[:12]}.html"
-
-
 def _begin_upper(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def _show_difference(difference: Difference) -> list[Block]:
-    blocks: list[Block] = [("note", f"{_begin_upper(difference.told)}.")] if difference.told else []
-    return blocks + ([] if difference.frame.empty else [("grid", make_grid(difference.frame))])
 
 
 def _show_curves(curves: Sequence[Curves], complaints: Sequence[str]) -> list[Block]:
@@ -94,12 +88,9 @@ def _show_curves(curves: Sequence[Curves], complaints: Sequence[str]) -> list[Bl
 def _list_lines(curves: Curves) -> dict[str, Any]:
     rows = []
     for line in curves.lines:
-        first, last = line.points.iloc[0], line.points.iloc[-1]
-        number = format_range(line.points["n"])
-        rows.append([line.label, number, len(line.runs), *(_format_mean(each) for each in (first, last))])
+        row = [line.label, format_range(line.points["n"]), len(line.runs)]
+        for _, point in line.points.iloc[[0, -1]].iterrows():
+            band = "" if pd.isna(point["half"]) else f" ± {point['half']:.2g}"
+            row.append(f"{point['mean']:.4g}{band} at {point['x']:g}")
+        rows.append(row)
     return make_rows(["line", "n at each point", "runs", f"first: {curves.y}", f"last: {curves.y}"], rows)
-
-
-def _format_mean(point: pd.Series) -> str:
-    band = "" if pd.isna(point["half"]) else f" ± {point['half']:.2g}"
-    return f"{point['mean']:.4g}{band} at {point['x']:g}"

@@ -228,33 +228,28 @@ def _compare_rows(
     if key is None:
         counts = ", ".join(f"{len(frame)} in {labels[index]}" for index, frame in frames.items())
         return f"no columns name a row, so that rows cannot be compared ({counts})", pd.DataFrame()
-    indexed = {
-        index: {row[: len(key)]: row[len(key) :] for row in _rows(frame, key, columns)}
-        for index, frame in frames.items()
-    }
     rest = [name for name in columns if name not in key]
-    common = [row for row in next(iter(indexed.values())) if all(row in each for each in indexed.values())]
-    alone = len({row for each in indexed.values() for row in each}) - len(common)
+    indexed: list[dict[tuple[Any, ...], tuple[Any, ...]]] = []
+    for frame in frames.values():
+        found = [tuple(None if each != each else each for each in row) for row in frame[[*key, *rest]].to_numpy(object)]
+        indexed.append({row[: len(key)]: row[len(key) :] for row in found})
+    common = [row for row in indexed[0] if all(row in each for each in indexed)]
+    alone = len({row for each in indexed for row in each}) - len(common)
     rows = []
     for row in common:
         for place, name in enumerate(rest):
-            values = [each[row][place] for each in indexed.values()]
+            values = [each[row][place] for each in indexed]
             if len({repr(value) for value in values}) > 1:
                 change = [_format_change(*values)] if len(values) == 2 else []
                 rows.append([*row, add_unit(name, units.get(name, "1")), *map(format_value, values), *change])
     heads = [*key, "column", *labels.values(), *(["change"] if len(frames) == 2 else [])]
     if not common:
         return f"no row is in all runs; {format_count(alone, 'row is', 'rows are')} in some alone", pd.DataFrame()
-    told = f"{format_count(len(rows), 'value differs', 'values differ')} in {format_count(len(common), 'row')}"
-    told += " that all have"
+    some = f"{format_count(len(common), 'row')} that all have"
+    told = f"{format_count(len(rows), 'value differs', 'values differ')} in {some}"
     told += f", the first {MOST_ROWS} here" if len(rows) > MOST_ROWS else ""
     told += f"; {format_count(alone, 'row is', 'rows are')} in some runs alone" if alone else ""
     return told, pd.DataFrame(rows[:MOST_ROWS], columns=heads)
-
-
-def _rows(frame: pd.DataFrame, key: Sequence[str], columns: Sequence[str]) -> list[tuple[Any, ...]]:
-    ordered = frame[[*key, *(name for name in columns if name not in key)]]
-    return [tuple(None if value != value else value for value in row) for row in ordered.itertuples(index=False)]
 
 
 def _find_key(frames: Sequence[pd.DataFrame]) -> list[str] | None:

@@ -71,12 +71,6 @@ def half_width(spread: pd.Series, count: pd.Series) -> pd.Series:
     return half
 
 
-def _group_runs(configs: Sequence[Mapping[str, str]]) -> list[int]:
-    """Return for each run which group it is of: runs of a group differ in seeds alone."""
-    kinds: dict[tuple[tuple[str, str], ...], int] = {}
-    return [kinds.setdefault(tuple(sorted(_select_meaningful(each).items())), len(kinds)) for each in configs]
-
-
 def _name_groups(configs: Sequence[Mapping[str, str]], groups: Sequence[int]) -> dict[int, str]:
     """Return for each group what tells it from the others in what is given of each run."""
     firsts = {group: _select_meaningful(config) for group, config in reversed([*zip(groups, configs, strict=True)])}
@@ -115,7 +109,8 @@ def make_curves(
                 declared.setdefault(str(name), Curve.model_validate(values))
             except ValidationError:
                 complaints.append(f"curve {name}: not declared as this version reads it")
-    groups = _group_runs(flat)
+    kinds: dict[tuple[tuple[str, str], ...], int] = {}
+    groups = [kinds.setdefault(tuple(sorted(_select_meaningful(each).items())), len(kinds)) for each in flat]
     labels = _name_groups([_read_overrides(each) for each in ledgers], groups)  # by what was typed, where that tells
     if len(set(labels.values())) < len(labels):
         labels = _name_groups(flat, groups)

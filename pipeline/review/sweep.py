@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -33,12 +33,10 @@ from pipeline.sweeps.sweep_table import write_frame
 from pipeline.terminal import say
 
 FILE_NAME = "sweep.html"
-NOT_TOLD = ("done", "not begun", "running")
 MOST_VALUES = 12
 MOST_DIFFERENCES = 200
 MOST_JOBS_WITH_RESULTS = 12
 MOST_ROWS_OF_RESULTS = 12
-MOST_KINDS = 20
 MOST_JOBS_OF_A_KIND = 20
 MOST_COMMANDS = 5
 
@@ -76,19 +74,17 @@ def review(options: argparse.Namespace, console: Console) -> None:
 
 
 def _describe_failures(found: Sweep) -> Iterator[str]:
-    statuses = found.statuses
-    unfinished = [job for job, status in statuses.items() if status != "done"]
-    yield from list_reasons(found.folder, {job: statuses[job] for job in unfinished if statuses[job] not in NOT_TOLD})
-    commands = list_commands(found.folder, unfinished)
-    for command, count in commands:
-        yield f"{_describe_unfinished(count, statuses)}; to finish, type: {command}"
-    left = len(unfinished) - sum(count for _, count in commands)
+    yield from list_reasons(found.folder, found.failed)
+    left = len(found.unfinished)
+    for command, count in list_commands(found.folder, found.unfinished):
+        yield f"{_describe_unfinished(count, found)}; to finish, type: {command}"
+        left -= count
     if left:
-        yield f"{_describe_unfinished(left, statuses)}, and nothing says by which command"
+        yield f"{_describe_unfinished(left, found)}, and nothing says by which command"
 
 
-def _describe_unfinished(count: int, statuses: dict[str, str]) -> str:
-    return f"{count} of {len(statuses)} jobs {'is' if count == 1 else 'are'} not done"
+def _describe_unfinished(count: int, found: Sweep) -> str:
+    return f"{count} of {len(found.frame)} jobs {'is' if count == 1 else 'are'} not done"
 
 
 def _describe_counts(sweep: Sweep) -> str:
@@ -97,24 +93,20 @@ def _describe_counts(sweep: Sweep) -> str:
 
 def _write_page(sweep: Sweep) -> None:
     ledgers = {job: found for job in sweep.frame["job"] if (found := Ledger.look(sweep.folder / job))}
-    statuses = sweep.statuses
-    unfinished = {job: status for job, status in statuses.items() if status != "done"}
-    failed = {job: status for job, status in unfinished.items() if status not in NOT_TOLD}
-    kinds = _list_failures(sweep, ledgers, failed)
-    done = [ledgers[job] for job, status in statuses.items() if status == "done"]
+    done = [found for job, found in ledgers.items() if job not in sweep.unfinished]
     commands = [str(each.get("command", "-")) for each in list_launches(sweep.folder)][-MOST_COMMANDS:]
     write_page(
         sweep.folder / FILE_NAME,
         title=f"sweep {sweep.folder.name}",
         heading=f"Sweep {sweep.folder.name}",
         lead=f"{format_count(len(sweep.frame), 'job')}: {_describe_counts(sweep)}",
-        status=f"{len(unfinished)} not done" if unfinished else "done",
+        status=f"{len(sweep.unfinished)} not done" if sweep.unfinished else "done",
         opening=[*(("command", each) for each in commands), ("facts", _list_facts([*ledgers.values()]))],
         sections=[
             Section("Plan", _show_plan(sweep)),
             Section("Metrics", _show_metrics(sweep)),
             Section("Jobs", _show_jobs(sweep)),
-            Section("Failures", [*_show_commands(sweep, unfinished), *_show_failures(kinds)] if failed else []),
+            Section("Failures", _show_failures(sweep, ledgers)),
             Section("Results", _show_results(done)),
             Section("Differences", _show_differences(sweep, done or [*ledgers.values()])),
         ],
@@ -175,41 +167,27 @@ def _list_axes(sweep: Sweep) -> dict[str, Any]:
     return make_rows(["key", "values", "value (jobs)", "taken for"], rows)
 
 
-def _list_failures(sweep: Sweep, ledgers: dict[str, Ledger], failed: dict[str, str]) -> list[dict[str, Any]]:
-    """Return failures by kind: status, stage, and the traceback up to its last line."""
-    kinds: dict[tuple[str, ...], dict[str, Any]] = {}
-    for job, status in failed.items():
+def _show_failures(sweep: Sweep, ledgers: Mapping[str, Ledger]) -> list[Block]:
+    """Return what finishes a sweep, and its failures by kind: by status and the traceback up to its last line."""
+    kinds: dict[tuple[str, str], list[tuple[str, str, str]]] = {}
+    for job, status in sweep.failed.items():
         reason = describe_reason(ledgers.get(job), status)
         traceback = read_traceback(sweep.folder / job) if status == "failed" else ""
-        where = traceback.rpartition("\n")[0] or reason
-        found = kinds.setdefault((status, where), {"status": status, "traceback": traceback, "jobs": [], "reasons": {}})
-        found["jobs"].append((job, _link(sweep, job)))
-        found["reasons"][reason] = None
-    for each in kinds.values():
-        reasons = list(each["reasons"])
-        each["reason"] = "; ".join(reasons[:3]) + (f"; and {len(reasons) - 3} more" if len(reasons) > 3 else "")
-        each["more"] = len(each["jobs"][MOST_JOBS_OF_A_KIND:])
-        each["jobs"] = each["jobs"][:MOST_JOBS_OF_A_KIND]
-    return list(kinds.values())
-
-
-def _show_commands(sweep: Sweep, unfinished: Iterable[str]) -> list[Block]:
+        kinds.setdefault((status, traceback.rpartition("\n")[0] or reason), []).append((job, reason, traceback))
     blocks: list[Block] = []
-    for command, count in list_commands(sweep.folder, unfinished):
+    for command, count in list_commands(sweep.folder, sweep.unfinished) if kinds else []:
         note = f"This finishes {format_count(count, 'job')}, when that is mended:"
         blocks += [("note", note), ("command", command)]
+    for (status, _), found in kinds.items():
+        reasons = list(dict.fromkeys(reason for _, reason, _ in found))
+        told = "; ".join(reasons[:3]) + (f"; and {len(reasons) - 3} more" if len(reasons) > 3 else "")
+        jobs = [(job, _link(sweep, job)) for job, _, _ in found[:MOST_JOBS_OF_A_KIND]]
+        shown: list[Block] = [("status", (status, told)), ("links", jobs)]
+        shown += [("note", f"and {len(found) - len(jobs)} more")] if len(found) > len(jobs) else []
+        summary = "traceback of the first" if len(found) > 1 else "traceback"
+        is_first = not any(kind == "failure" for kind, _ in blocks)
+        blocks.append(("failure", shown + show_traceback(summary, found[0][2], is_open=is_first)))
     return blocks
-
-
-def _show_failures(kinds: Sequence[dict[str, Any]]) -> list[Block]:
-    blocks: list[Block] = []
-    for position, each in enumerate(kinds[:MOST_KINDS]):
-        shown: list[Block] = [("status", (each["status"], each["reason"])), ("links", each["jobs"])]
-        shown += [("note", f"and {each['more']} more")] if each["more"] else []
-        summary = "traceback of the first" if len(each["jobs"]) > 1 else "traceback"
-        blocks.append(("failure", shown + show_traceback(summary, each["traceback"], is_open=position == 0)))
-    left = len(kinds[MOST_KINDS:])
-    return blocks + ([("note", f"and {left} more kinds of failure: see the table")] if left else [])
 
 
 def _show_results(done: Sequence[Ledger]) -> list[Block]:

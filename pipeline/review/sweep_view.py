@@ -30,10 +30,16 @@ class Sweep:
     frame: pd.DataFrame
     units: dict[str, str]
 
+    @cached_property
+    def unfinished(self) -> dict[str, str]:
+        """Statuses of jobs that are not done."""
+        statuses = zip(self.frame["job"], self.frame["status"], strict=True)
+        return {job: status for job, status in statuses if status != "done"}
+
     @property
-    def statuses(self) -> dict[str, str]:
-        """Status of each job."""
-        return dict(zip(self.frame["job"], self.frame["status"], strict=True))
+    def failed(self) -> dict[str, str]:
+        """Of these, of jobs that something happened to."""
+        return {job: status for job, status in self.unfinished.items() if status not in ("not begun", "running")}
 
     @property
     def counts(self) -> dict[str, int]:

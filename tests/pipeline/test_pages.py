@@ -25,12 +25,9 @@ def pages(browser, tmp_path_factory):
     assert command.review("sweep", "s").returncode == 0
     assert command.review("compare", "s", *(each.name for each in command.runs)).returncode == 0
     (comparison,) = (command.outputs / "reviews").iterdir()
-    return {
-        "sweep": command.outputs / "sweeps" / "s" / "sweep.html",
-        "comparison": comparison,
-        "report": command.runs[0] / "report.html",
-        "failure": command.runs[1] / "report.html",
-    }
+    report, failure = (run / "report.html" for run in command.runs)
+    sweep = command.outputs / "sweeps" / "s" / "sweep.html"
+    return {"sweep": sweep, "comparison": comparison, "report": report, "failure": failure}
 
 
 class Look(browsing.Look):
@@ -42,8 +39,7 @@ class Look(browsing.Look):
 
     def cells(self, column: int) -> list[str]:
         """Return what is shown of a column of the table that can be sorted."""
-        rows = self.page.locator("table.sortable tbody tr:visible")
-        return [rows.nth(index).locator("td").nth(column).inner_text() for index in range(rows.count())]
+        return self.page.locator(f"table.sortable tbody tr:visible td:nth-child({column + 1})").all_inner_texts()
 
 
 @pytest.mark.parametrize("kind", ["sweep", "comparison", "report", "failure"])

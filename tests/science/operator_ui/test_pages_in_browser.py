@@ -1,6 +1,5 @@
 """The pages of a trial as a browser shows them: what moves, what stops it, and how soon."""
 
-import contextlib
 import threading
 import time
 from functools import partial
@@ -124,14 +123,15 @@ class Room:
 
 @pytest.fixture
 def room(browser):
-    with contextlib.ExitStack() as stack:
+    made = []
 
-        def enter(turned=None, **settings):
-            made = Room(browser, turned, **settings)
-            stack.callback(made.close)
-            return made
+    def enter(turned=None, **settings):
+        made.append(Room(browser, turned, **settings))
+        return made[-1]
 
-        yield enter
+    yield enter
+    for each in made:
+        each.close()
 
 
 @pytest.fixture
@@ -198,11 +198,11 @@ def test_a_trial_is_stopped_within_a_fifth_of_a_second(room):
 
 
 @pytest.mark.slow
-def test_a_trial_from_its_proposal_to_its_result(still):
-    room = still(countdown_s=2.5, trial_s=3.0, lost_after_s=10.0, needed=list(ROLES))
+def test_a_trial_from_its_proposal_to_its_result_and_trials_that_follow_by_themselves(still):
+    room = still(countdown_s=2.5, trial_s=3.0, result_s=0.3, lost_after_s=10.0, needed=list(ROLES))
     participant, operator = map(room.look, ROLES)
     participant.wait_text("Please wait")
-    study = room.start("tracked")
+    study = room.start("tracked", "tracked", "tracked")
     participant.wait_text("The next movement begins soon")
     operator.wait_text("its predictions differ by 21 %")
     operator.wait_text("skipping it chooses movement")
@@ -236,6 +236,13 @@ def test_a_trial_from_its_proposal_to_its_result(still):
     room.wait(lambda: study.ended)
     assert room.session.see()["history"] == [{"trial": "trial 4", "decision": "keep", "note": "arm at rest"}]
     operator.wait_text("arm at rest")
+    toggle = operator.page.get_by_label("let trials follow by themselves")
+    toggle.check()
+    room.wait(lambda: len(study.ended) == 2)
+    participant.wait_text("Follow the red arm")
+    participant.press("Escape")
+    operator.wait_phase("judging")
+    assert not toggle.is_checked()
     own = (f"http://127.0.0.1:{room.server.port}/", "data:")
     for look in room.looks:
         assert look.complaints + look.errors + [each for each in look.asked if not each.startswith(own)] == []
@@ -265,21 +272,6 @@ def test_what_is_written_is_shown_as_it_is_and_presses_no_keys(still):
     assert operator.page.locator("#history td").all_inner_texts() == [HOSTILE, "skip", note]
     assert operator.page.title() == "Operator"
     assert operator.complaints + operator.errors == []
-
-
-@pytest.mark.slow
-def test_trials_follow_by_themselves_until_somebody_stops(still):
-    room = still(countdown_s=0.2, result_s=0.3)
-    participant, operator = map(room.look, ROLES)
-    study = room.start("tracked", "tracked", "tracked")
-    operator.wait_phase("proposed")
-    toggle = operator.page.get_by_label("let trials follow by themselves")
-    toggle.check()
-    room.wait(lambda: study.ended)
-    participant.wait_text("Follow the red arm")
-    participant.press("Escape")
-    operator.wait_phase("judging")
-    assert not toggle.is_checked()
 
 
 @pytest.mark.slow

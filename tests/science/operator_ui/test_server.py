@@ -5,9 +5,9 @@ import builtins
 import contextlib
 import itertools
 import json
-import socket
 import threading
 import time
+from socket import create_connection
 
 import numpy as np
 import pytest
@@ -148,22 +148,13 @@ def test_what_pages_ask_for_is_there_and_nothing_else(shown):
 
 def test_answers_forbid_what_pages_do_not_need(shown):
     shown = shown()
+    asked = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
     for path in (shown.path("operator"), "/shared.js", "/nothing"):
         headers = shown.ask(path)[1]
-        rules = headers["Content-Security-Policy"]
-        assert rules.startswith("default-src 'none'")
-        assert "frame-ancestors 'none'" in rules
-        assert "unsafe" not in rules
-        assert headers["Cache-Control"] == "no-store"
-        assert headers["X-Content-Type-Options"] == "nosniff"
-        assert headers["Referrer-Policy"] == "no-referrer"
-
-
-def test_only_this_computer_reaches_it_by_default(shown):
-    server = shown().server
-    assert server.address("operator").startswith(f"http://127.0.0.1:{server.port}/")
-    with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.2", server.port), timeout=1.0).close()
+        assert headers["Content-Security-Policy"].startswith("default-src 'none'")
+        assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+        assert "unsafe" not in headers["Content-Security-Policy"]
+        assert asked.items() <= headers.items()
 
 
 @pytest.mark.parametrize(
@@ -184,6 +175,9 @@ def test_another_name_of_this_computer_and_another_site_are_refused(shown, heade
         assert is_refused("403", shown, socket, **headers)
     for name in (f"127.0.0.1:{port}", f"localhost:{port}"):
         assert shown.ask(own, Host=name, Origin=f"http://{name}")[0] == 200
+    assert shown.server.address("operator").startswith(f"http://127.0.0.1:{port}/")
+    with pytest.raises(ConnectionRefusedError):  # another address of this computer
+        create_connection(("127.0.0.2", port), timeout=1.0).close()
 
 
 def test_an_address_for_the_whole_network_is_one_that_others_reach(shown):
@@ -223,12 +217,10 @@ def test_what_to_install_is_told(monkeypatch):
 
 
 def test_closing_ends_it_and_frees_the_port(shown):
-    shown = shown()
-    shown.server.close()
-    shown.server.close()
-    again = PageServer(shown.session, "127.0.0.1", shown.server.port)
-    again.open()
-    again.close()
+    server = shown().server
+    server.close()
+    server.close()
+    server.open()
 
 
 def test_scenes_come_whenever_something_changes(shown, begin, turned):
@@ -309,8 +301,7 @@ def test_a_stop_or_a_page_that_is_closed_ends_the_trial_with_its_next_sample(sho
     assert not scene["automatic"]
 
 
-def moment_at(time_s):
-    return Moment(time_s, np.zeros(2), np.zeros(4), np.zeros(4), np.array([np.nan, 1.0, 2.0, 3.0]))
+NOW = Moment(0.0, np.zeros(2), np.zeros(4), np.zeros(4), np.array([np.nan, 1.0, 2.0, 3.0]))
 
 
 def test_a_slow_reader_gets_the_newest_sample_and_no_queue(shown):
@@ -318,7 +309,7 @@ def test_a_slow_reader_gets_the_newest_sample_and_no_queue(shown):
     slow, quick = shown.open("participant", "operator")
     last = 5 * pages.MOST_ON_THE_WAY
     for index in range(last + 1):
-        shown.session.show(moment_at(float(index)))
+        shown.session.show(NOW._replace(time_s=float(index)))
         told = quick.hear("moment")
         assert told["time_s"] == index
     assert told["force_n"] == [None, 1.0, 2.0, 3.0]
@@ -334,7 +325,7 @@ def test_samples_come_no_faster_than_shown(shown):
 
     def show():
         for index in itertools.takewhile(lambda _: not over.wait(0.001), itertools.count()):
-            shown.session.show(moment_at(float(index)))
+            shown.session.show(NOW._replace(time_s=float(index)))
 
     (page,) = shown.open("participant")
     begun_s = time.monotonic()
