@@ -27,15 +27,7 @@ Block = tuple[str, Any]
 
 
 class Picture(NamedTuple):
-    """A figure on a page.
-
-    Parameters
-    ----------
-    png : bytes
-        Empty for one that is not shown.
-    caption : str
-        What it shows, and what its marks are.
-    """
+    """A figure on a page, its bytes empty where it is not shown, and what it shows and what its marks are."""
 
     png: bytes
     caption: str

@@ -50,17 +50,16 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: 
 
     Parameters
     ----------
-    ledger : Ledger
+    ledger, study : Ledger, Study
         Of the run.
-    study : Study
-        Its configuration.
     stages : sequence of Stage
         All stages of the workflow; of a run that failed, those up to the one that did are told.
     status : str, optional
         How the run ended, where its ledger does not say so yet.
     """
     status = status or ledger.status
-    reached = _list_reached(ledger, stages)
+    names, last = [each.name for each in stages], (ledger.facts["error"] or {}).get("stage")
+    reached = stages[: names.index(last) + 1] if last in names else stages  # what is kept of later ones is older
     done = [each for each in reached if ledger.finished(each.name)]
     headline = headline_tables(study, done)
     shown_first = [each.name for each in done if any(table in headline for table in each.writes)]
@@ -110,13 +109,6 @@ def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], consol
     for table in headline_tables(study, done):
         frame = _read(ledger, table)
         print_frame(table.title, frame[list(table.brief or table.columns)], console)
-
-
-def _list_reached(ledger: Ledger, stages: Sequence[Stage]) -> list[Stage]:
-    """Return the stages up to the one that stopped the run: what is kept of later ones is from an earlier attempt."""
-    names = [each.name for each in stages]
-    error = ledger.facts["error"] or {}
-    return list(stages[: names.index(error["stage"]) + 1] if error.get("stage") in names else stages)
 
 
 def _make_plan(ledger: Ledger, stages: Sequence[Stage], reached: Sequence[Stage]) -> dict[str, Any]:

@@ -15,12 +15,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 
-from pipeline.command import command_line, review_line
+from pipeline.command import review_line
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.ledger import Ledger
 from pipeline.printing import print_frame
-from pipeline.review.selection import keep_rows, put_sort_together, read_condition, sort_rows
-from pipeline.runs import find_run, list_folders, live_status, runs_folder
+from pipeline.review.selection import put_sort_together
+from pipeline.runs import find_run, live_status
 from pipeline.terminal import complain, open_console, say
 
 ROWS_SHOWN = 20
@@ -37,23 +37,6 @@ def main(arguments: list[str] | None = None) -> int:
     except PipelineError as error:
         complain(str(error))
         return 2
-
-
-def list_runs(options: argparse.Namespace, console: Console) -> None:
-    """Print one line per run, and per sweep or each of its jobs."""
-    from pipeline.review.listing import list_everything
-
-    folder = runs_folder(options.outputs)
-    if not list_folders(options.outputs):
-        say(f"no runs in {folder}; make one with: {command_line([])}", console)
-        return
-    conditions = [read_condition(each) for each in options.where]
-    keys = [each.key for each in conditions] + ([options.sort.removeprefix("-")] if options.sort else [])
-    frame = list_everything(options.outputs, options.jobs, list(dict.fromkeys(keys)))
-    frame = sort_rows(keep_rows(frame, conditions), options.sort)
-    print_frame(f"Runs in {folder.parent}", frame, console, options.rows, "--rows")
-    if not options.jobs and frame["run"].str.endswith("/").any():
-        say(f"a sweep's jobs: --jobs, or {review_line(options.outputs, 'sweep', 'NAME')}", console)
 
 
 def show(options: argparse.Namespace, console: Console) -> None:
@@ -101,7 +84,7 @@ def _make_parser() -> argparse.ArgumentParser:
         command.set_defaults(act=act)
         return command
 
-    listing = add("list", "all runs and sweeps, newest first", list_runs)
+    listing = add("list", "all runs and sweeps, newest first", _act_of("listing"))
     listing.add_argument("--jobs", action="store_true", help="each job of a sweep on a line of its own")
     _add_selection(listing)
     shown = add("show", "a run's stages, or the first rows of one of its tables", show)

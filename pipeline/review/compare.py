@@ -1,28 +1,54 @@
-"""Runs beside each other on the terminal and on a page: their folders flow in, text and a page flow out."""
+"""Runs beside each other: their folders flow in, what tells them apart flows out, as text and as a page with curves."""
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 from rich.console import Console
 
-from pipeline.errors import PipelineError
+from pipeline.command import review_line
+from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.files import hash_json
+from pipeline.flat import ABSENT, flatten, list_differences
+from pipeline.ledger import Ledger
 from pipeline.page import Block, Section, make_grid, make_rows, write_page
-from pipeline.printing import format_range, print_frame
-from pipeline.review.comparison import Comparison, choose_runs
-from pipeline.review.curves import Curves, make_curves
+from pipeline.printing import (
+    add_unit,
+    format_count,
+    format_range,
+    format_value,
+    is_prose,
+    join_some,
+    print_frame,
+    shorten,
+)
+from pipeline.review.curves import Curves, is_incidental, make_curves
+from pipeline.review.kept import (
+    list_headlines,
+    list_tables,
+    read_config,
+    read_slices,
+    read_surroundings,
+    read_whole_table,
+)
+from pipeline.runs import find_run, list_ledgers, live_status, sweeps_folder
 from pipeline.terminal import say
 
 COLUMNS_OF_A_TERMINAL = 6
 LONGEST_FILE_NAME = 80
 STRANGE = re.compile(r"[^\w.=+-]+")
+LONGEST_NAME = 24
+LONGEST_VALUE = 160
+MOST_COLUMNS = 30
+MOST_ROWS = 400
+"""Rows up to which differences of a table are listed."""
 
 
 def review(options: argparse.Namespace, console: Console) -> None:
@@ -94,3 +120,244 @@ def _list_lines(curves: Curves) -> dict[str, Any]:
             row.append(f"{point['mean']:.4g}{band} at {point['x']:g}")
         rows.append(row)
     return make_rows(["line", "n at each point", "runs", f"first: {curves.y}", f"last: {curves.y}"], rows)
+
+
+class Difference(NamedTuple):
+    """How runs differ in one respect: in words, or in a frame with a row for each value that differs."""
+
+    name: str
+    told: str
+    frame: pd.DataFrame = pd.DataFrame()
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs beside each other, in the order in which they were named.
+
+    Parameters
+    ----------
+    everything : bool
+        Whether what is the same in all is listed too.
+    most : int
+        Runs up to which each has a column; of more, values are counted.
+    whole : bool
+        Whether the whole configuration is looked at, or what the stages read.
+    """
+
+    ledgers: tuple[Ledger, ...]
+    everything: bool = False
+    most: int = MOST_COLUMNS
+    whole: bool = True
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """What each run is called in headings: its name, or a number where names are long."""
+        names = [each.name for each in self.ledgers]
+        if max(map(len, names)) <= LONGEST_NAME:
+            return names
+        return [f"run {number}" for number, _ in enumerate(names, 1)]
+
+    @cached_property
+    def nested(self) -> list[dict[str, Any]]:
+        """Configuration of each run: whole, or what its stages read where that is all that is left."""
+        return [(self.whole and read_config(each.folder)) or read_slices(each) for each in self.ledgers]
+
+    @cached_property
+    def flat(self) -> list[dict[str, str]]:
+        """The same by dotted key."""
+        return [flatten(each) if each else {} for each in self.nested]
+
+    def differences(self) -> list[Difference]:
+        """Return how the runs differ in everything, in the order in which it is told."""
+        configuration, surroundings = self.configuration(), self.surroundings()
+        names = dict.fromkeys(name for each in self.nested for name in list_headlines(each))
+        return [
+            Difference("Runs", "", self._list_runs()),
+            Difference("Configuration", "" if len(configuration) else "no key differs", configuration),
+            self._compare_metrics(),
+            *(found for name in names if (found := self._compare_table(name))),
+            *self._compare_files(),
+            Difference("Code, libraries, machines", "" if len(surroundings) else "no difference", surroundings),
+        ]
+
+    def configuration(self) -> pd.DataFrame:
+        """Return the keys that differ, of those that say what is computed."""
+        keys = self._keys(self.flat)
+        return self._across("key", self.flat, [] if self.everything else [*filter(is_incidental, keys)])
+
+    def surroundings(self) -> pd.DataFrame:
+        """Return how code, libraries and machines differ."""
+        return self._across("what", [flatten(read_surroundings(each)) for each in self.ledgers])
+
+    def _list_runs(self) -> pd.DataFrame:
+        names = [each.name for each in self.ledgers]
+        return pd.DataFrame(
+            {
+                **({} if self.labels == names else {"column": self.labels}),
+                "run": names,
+                "status": [live_status(each) for each in self.ledgers],
+                "started": [each.facts["started"] for each in self.ledgers],
+                "wall_s": [each.facts.get("seconds") for each in self.ledgers],
+            }
+        )
+
+    def _compare_metrics(self) -> Difference:
+        found = [each.facts.get("metrics") or {} for each in self.ledgers]
+        columns: dict[str, list[Any]] = {}
+        same = []
+        for name in dict.fromkeys(name for each in found for name in each):
+            values = [each.get(name, {}).get("value") for each in found]
+            unit = next(str(each[name]["unit"]) for each in found if name in each)
+            if len({repr(value) for value in values}) > 1 or self.everything:
+                columns[add_unit(name, unit)] = values
+            else:
+                same.append(name)
+        told = "" if columns else "none is declared, or none was kept"
+        told = f"the same in all: {', '.join(same)}" if same else told
+        return Difference("Metrics", told, pd.DataFrame({"run": self.labels, **columns} if columns else {}))
+
+    def _compare_files(self) -> list[Difference]:
+        """Return how the bytes of tables differ, and which are the same."""
+        found = [list_tables(each) for each in self.ledgers]
+        names = dict.fromkeys(name for each in found for name in each)
+        same = [name for name in names if len({each.get(name, {}).get("sha256") for each in found}) == 1]
+        told = [
+            {name: f"{facts.get('rows', '?')} rows, {facts['sha256'][:8]}" for name, facts in each.items()}
+            for each in found
+        ]
+        others = self._across("table", told, same)
+        return [
+            Difference("Tables that differ", "" if len(others) else "none", others),
+            Difference("the same to the byte in all", ", ".join(same) or "no table"),
+        ]
+
+    def _compare_table(self, name: str) -> Difference | None:
+        kept = [list_tables(each).get(name) for each in self.ledgers]
+        having = [index for index, facts in enumerate(kept) if facts]
+        if len(having) < 2:
+            return None
+        if len({facts["sha256"] for facts in kept if facts}) == 1:
+            return Difference(name, "the same to the byte in all runs that have it")
+        read = {index: found for index in having if (found := read_whole_table(self.ledgers[index], name))}
+        if len(read) < 2:
+            return Difference(name, "cannot be read in all runs but one")
+        frames = {index: found[0] for index, found in read.items()}
+        labels = {index: self.labels[index] for index in frames}
+        if all(is_prose(each) for each in frames.values()):
+            return Difference(name, "sentences, and the runs that have them", _compare_prose(frames, labels))
+        units = {key: unit for _, found, _ in read.values() for key, unit in found.items()}
+        return Difference(name, *_compare_rows(frames, labels, units))
+
+    def _keys(self, flat: Sequence[Mapping[str, str]]) -> list[str]:
+        return [*dict.fromkeys(key for each in flat for key in each)] if self.everything else list_differences(flat)
+
+    def _across(self, head: str, flat: Sequence[Mapping[str, str]], hidden: Sequence[str] = ()) -> pd.DataFrame:
+        """Return a column for each run, or each value with the number of runs where there are too many."""
+        rows = [(key, [each.get(key, ABSENT) for each in flat]) for key in self._keys(flat) if key not in hidden]
+        if 0 < len(self.ledgers) <= self.most:
+            short = [[key, *(shorten(each, LONGEST_VALUE) for each in values)] for key, values in rows]
+            return pd.DataFrame(short, columns=[head, *self.labels])
+        counted = []
+        for key, values in rows:
+            counts = pd.Series(values).value_counts()
+            told = [f"{shorten(str(value), LONGEST_VALUE)} ({count})" for value, count in counts.items()]
+            counted.append([key, join_some(told, 8)])
+        return pd.DataFrame(counted, columns=[head, "value (runs)"])
+
+
+def choose_runs(outputs: str, names: Sequence[str]) -> tuple[Ledger, ...]:
+    """Return the runs of these names; of a sweep, all jobs that are done.
+
+    Raises
+    ------
+    ConfigError
+        When a name means no run or more than one, or there are fewer than two runs.
+    """
+    ledgers = list_ledgers(outputs)
+    place = sweeps_folder(outputs)
+    sweeps: dict[str, list[Ledger]] = {}
+    for each in ledgers:
+        if each.folder.parent.parent == place:
+            sweeps.setdefault(each.folder.parent.name, []).append(each)
+    known = {each.name for each in ledgers}
+    chosen: dict[str, Ledger] = {}
+    for name in names:
+        bare = name.rstrip("/")
+        if bare in sweeps and bare not in known:
+            done = sorted((each for each in sweeps[bare] if each.status == "done"), key=lambda each: each.name)
+            if not done:
+                raise ConfigError(f"sweep '{bare}' has no job that is done; see {review_line(outputs, 'sweep', bare)}")
+            chosen.update({each.name: each for each in done})
+            continue
+        begun = [each for each in known if each.startswith(bare)]
+        if ledgers and bare != "latest" and not begun:
+            raise ConfigError(f"no run or sweep '{name}' in {outputs}; {suggest(bare, [*known, *sweeps, 'latest'])}")
+        ledger = find_run(outputs, bare)
+        chosen[ledger.name] = ledger
+    if len(chosen) < 2:
+        raise ConfigError(f"compare: expected two runs or more, or a sweep with as many done, got {', '.join(chosen)}")
+    return tuple(chosen.values())
+
+
+def _compare_prose(frames: Mapping[int, pd.DataFrame], labels: Mapping[int, str]) -> pd.DataFrame:
+    sentences = {index: dict.fromkeys(map(str, frame.iloc[:, 0])) for index, frame in frames.items()}
+    every = dict.fromkeys(sentence for each in sentences.values() for sentence in each)
+    rows = [
+        [sentence, *("yes" if sentence in sentences[index] else "-" for index in frames)]
+        for sentence in every
+        if not all(sentence in each for each in sentences.values())
+    ]
+    return pd.DataFrame(rows[:MOST_ROWS], columns=["sentence", *labels.values()])
+
+
+def _compare_rows(
+    frames: Mapping[int, pd.DataFrame], labels: Mapping[int, str], units: Mapping[str, str]
+) -> tuple[str, pd.DataFrame]:
+    columns = [name for name in next(iter(frames.values())).columns if all(name in each for each in frames.values())]
+    key = _find_key([frame[columns] for frame in frames.values()])
+    if key is None:
+        counts = ", ".join(f"{len(frame)} in {labels[index]}" for index, frame in frames.items())
+        return f"no columns name a row, so that rows cannot be compared ({counts})", pd.DataFrame()
+    rest = [name for name in columns if name not in key]
+    indexed: list[dict[tuple[Any, ...], tuple[Any, ...]]] = []
+    for frame in frames.values():
+        found = [tuple(None if each != each else each for each in row) for row in frame[[*key, *rest]].to_numpy(object)]
+        indexed.append({row[: len(key)]: row[len(key) :] for row in found})
+    common = [row for row in indexed[0] if all(row in each for each in indexed)]
+    alone = len({row for each in indexed for row in each}) - len(common)
+    rows = []
+    for row in common:
+        for place, name in enumerate(rest):
+            values = [each[row][place] for each in indexed]
+            if len({repr(value) for value in values}) > 1:
+                change = [_format_change(*values)] if len(values) == 2 else []
+                rows.append([*row, add_unit(name, units.get(name, "1")), *map(format_value, values), *change])
+    heads = [*key, "column", *labels.values(), *(["change"] if len(frames) == 2 else [])]
+    if not common:
+        return f"no row is in all runs; {format_count(alone, 'row is', 'rows are')} in some alone", pd.DataFrame()
+    some = f"{format_count(len(common), 'row')} that all have"
+    told = f"{format_count(len(rows), 'value differs', 'values differ')} in {some}"
+    told += f", the first {MOST_ROWS} here" if len(rows) > MOST_ROWS else ""
+    told += f"; {format_count(alone, 'row is', 'rows are')} in some runs alone" if alone else ""
+    return told, pd.DataFrame(rows[:MOST_ROWS], columns=heads)
+
+
+def _find_key(frames: Sequence[pd.DataFrame]) -> list[str] | None:
+    """Return the first columns but numbers with fractions that together name each row once, in all frames."""
+    if all(len(frame) <= 1 for frame in frames):
+        return []
+    key: list[str] = []
+    for name in frames[0].columns:
+        if any(pd.api.types.is_float_dtype(frame[name]) for frame in frames):
+            continue
+        key.append(name)
+        if not any(frame.duplicated(key).any() for frame in frames):
+            return key
+    return None
+
+
+def _format_change(before: Any, after: Any) -> str:
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in (before, after)):
+        return ""
+    share = f" ({(after - before) / abs(before):+.1%})" if before else ""
+    return f"{after - before:+.3g}{share}"

@@ -1,37 +1,55 @@
-"""All runs and sweeps of an outputs folder, a row each: the folders flow in, a frame flows out."""
+"""All runs and sweeps of an outputs folder, a line each: the folders flow in, text flows out."""
 
 from __future__ import annotations
 
+import argparse
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from rich.console import Console
 
+from pipeline.command import command_line, review_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import flatten
 from pipeline.ledger import Ledger
-from pipeline.printing import format_count
+from pipeline.printing import format_count, print_frame
 from pipeline.review.kept import read_slices
-from pipeline.runs import describe_status, list_folders, live_status, sweeps_folder
+from pipeline.review.selection import keep_rows, read_condition, sort_rows
+from pipeline.runs import describe_status, list_folders, live_status, runs_folder, sweeps_folder
 from pipeline.sweeps.launch import list_launches
+from pipeline.terminal import say
 
 COLUMNS = ["run", "status", "started", "wall_s", "finished", "command"]
 WORST_FIRST = ("running", "failed", "killed", "paused", "interrupted", "unreadable", "no ledger", "not begun", "done")
 """Of its jobs' states, the one that a sweep is said to have."""
 
 
-def list_everything(outputs: str | Path, with_jobs: bool, keys: Sequence[str] = ()) -> pd.DataFrame:
-    """Return a row for each run, and one for each sweep or (`with_jobs`) each of its jobs, newest first.
-
-    `keys` are metrics or configuration keys that are to be columns too.
+def review(options: argparse.Namespace, console: Console) -> None:
+    """Print one line per run, and per sweep or each of its jobs.
 
     Raises
     ------
     ConfigError
-        When no run has one of the keys.
+        When no run has a key that is asked for.
     """
+    folder = runs_folder(options.outputs)
+    if not list_folders(options.outputs):
+        say(f"no runs in {folder}; make one with: {command_line([])}", console)
+        return
+    conditions = [read_condition(each) for each in options.where]
+    keys = [each.key for each in conditions] + ([options.sort.removeprefix("-")] if options.sort else [])
+    frame = _list_everything(options.outputs, options.jobs, list(dict.fromkeys(keys)))
+    frame = sort_rows(keep_rows(frame, conditions), options.sort)
+    print_frame(f"Runs in {folder.parent}", frame, console, options.rows, "--rows")
+    if not options.jobs and frame["run"].str.endswith("/").any():
+        say(f"a sweep's jobs: --jobs, or {review_line(options.outputs, 'sweep', 'NAME')}", console)
+
+
+def _list_everything(outputs: str, with_jobs: bool, keys: Sequence[str]) -> pd.DataFrame:
+    """Return a row for each run and each sweep or (`with_jobs`) job, newest first, with columns of more keys."""
     folders = list_folders(outputs)
     ledgers = {each: Ledger.look(each) for each in folders}
     sweeps = sweeps_folder(outputs)

@@ -24,10 +24,10 @@ from pipeline.page import (
     write_page,
 )
 from pipeline.printing import format_count, join_some, print_frame
-from pipeline.review.comparison import Comparison
+from pipeline.review.compare import Comparison
 from pipeline.review.kept import list_headlines, list_tables, read_config, read_whole_table
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
-from pipeline.review.sweep_view import AS_CONFIGURED, Sweep, find_sweep
+from pipeline.review.sweep_view import Sweep, find_sweep
 from pipeline.sweeps.launch import list_launches
 from pipeline.sweeps.sweep_table import write_frame
 from pipeline.terminal import say
@@ -161,7 +161,7 @@ def _list_facts(ledgers: Sequence[Ledger]) -> list[tuple[str, str]]:
 def _list_axes(sweep: Sweep) -> dict[str, Any]:
     rows = []
     for key, values in sweep.varying.items():
-        counts = sweep.frame[key].where(sweep.frame[key].notna(), AS_CONFIGURED).astype(str).value_counts()
+        counts = sweep.texts(key).value_counts()
         shown = join_some([f"{value} ({counts[value]})" for value in values], MOST_VALUES)
         rows.append([key, len(values), shown, "repeats" if key in sweep.seeds else "axis"])
     return make_rows(["key", "values", "value (jobs)", "taken for"], rows)

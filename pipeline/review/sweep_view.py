@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from pipeline.command import command_line
@@ -63,10 +64,14 @@ class Sweep:
         """Values of each key that varies, in order."""
         found = {}
         for key in self.keys:
-            present = {AS_CONFIGURED if pd.isna(each) else str(each) for each in self.frame[key]}
+            present = set(self.texts(key))
             if len(present) > 1:
                 found[key] = sorted(present, key=order_of)
         return found
+
+    def texts(self, key: str) -> pd.Series:
+        """Return what each job overrides a key with, as text."""
+        return self.frame[key].where(self.frame[key].notna(), AS_CONFIGURED).astype(str)
 
     @property
     def axes(self) -> list[str]:
@@ -105,10 +110,9 @@ class Sweep:
 
     def points(self, metric: str) -> pd.DataFrame:
         """Return the jobs that have a metric as a number: it as ``value``, and each axis as text."""
-        frame = self.frame.assign(value=pd.to_numeric(self.frame[metric], errors="coerce"))
-        frame = frame[frame["value"].notna() & (frame["value"].abs() != float("inf")) & (frame["status"] == "done")]
-        texts = {key: frame[key].where(frame[key].notna(), AS_CONFIGURED).astype(str) for key in self.varying}
-        return pd.DataFrame({**texts, "value": frame["value"].astype(float)}).reset_index(drop=True)
+        value = pd.to_numeric(self.frame[metric], errors="coerce").astype(float)
+        found = pd.DataFrame({**{key: self.texts(key) for key in self.varying}, "value": value})
+        return found[np.isfinite(value) & (self.frame["status"] == "done")].reset_index(drop=True)
 
 
 def find_sweep(outputs: str | Path, name: str) -> Sweep:

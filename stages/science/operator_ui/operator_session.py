@@ -44,9 +44,7 @@ class OperatorSettings(Declared):
     """How trials are attended."""
 
     countdown_s: float = Field(ge=0.0, le=60.0, description="from the operator's word to the filling of muscles, s")
-    result_s: float = Field(
-        ge=0.0, le=60.0, description="how long a result is shown where trials follow by themselves, s"
-    )
+    result_s: float = Field(ge=0.0, le=60.0, description="time of a result where trials follow by themselves, s")
     lost_after_s: PositiveFloat = Field(le=10.0, description="silence of a page after which it is lost, s")
     needed: list[Literal["participant", "operator"]] = Field(description="pages whose loss stops a trial")
 
@@ -91,13 +89,7 @@ class OperatorSession:
     # what the rig does
 
     def describe(self, exoskeleton: Exoskeleton, pointed: bool) -> None:
-        """Take the machine that is shown, and whether the participant points at postures.
-
-        Raises
-        ------
-        RigError
-            When there is nothing to point at.
-        """
+        """Take the machine that is shown; refuse with `RigError` to be pointed at where nobody sees it."""
         if pointed and not self.drawn:
             raise RigError("a participant who points at postures does so on a page: set operator_ui=pages")
         self._rate_hz = exoskeleton.sampling_rate_hz
@@ -113,15 +105,7 @@ class OperatorSession:
         self._turn("busy")
 
     def propose(self, trial: Trial) -> None:
-        """Return once the operator has accepted a trial and the countdown is over.
-
-        Raises
-        ------
-        TrialDeclined
-            When it is skipped.
-        StudyPaused
-            When the operator stops for today.
-        """
+        """Return once a trial is accepted and counted down; `TrialDeclined` and `StudyPaused` say why it is not."""
         can_skip = trial.proposal is not None and trial.proposal.can_skip
         choices: tuple[Word, ...] = ("accept", "skip", "pause") if can_skip else ("accept", "pause")
         self._described, self._outcome, self.moment = self._describe(trial), {}, None
@@ -154,15 +138,7 @@ class OperatorSession:
         return self._stop
 
     def judge(self, trial: Trial, recording: Recording | None, stopped: str) -> None:
-        """Return once the operator keeps the recording.
-
-        Raises
-        ------
-        TrialDeclined
-            When it is to be repeated or is rejected.
-        StudyPaused
-            When there is none and the operator stops for today.
-        """
+        """Return once the recording is kept; `TrialDeclined` and, without one, `StudyPaused` say why it is not."""
         can_reject = trial.proposal is not None and trial.proposal.can_reject
         again: tuple[Word, ...] = ("repeat", "reject") if can_reject else ("repeat",)
         self._outcome = {"stopped": stopped} if recording is None else self._sum_up(trial, recording)
@@ -248,8 +224,7 @@ class OperatorSession:
             missing = [role for role in self.settings.needed if not self._count(role)]
             if word == "accept" and missing:
                 raise Refused(f"the {' and the '.join(missing)} page is not open, whose loss would stop the trial")
-            chosen: dict[str, Word] = {each: each for each in self._choices}
-            self._decision = chosen[word], note.strip()
+            self._decision = next(each for each in self._choices if each == word), note.strip()
             self._changed.notify_all()
 
     def stop(self, why: str) -> None:

@@ -15,13 +15,7 @@ from stages.science.operator_ui.terminal import Terminal
 
 
 class Pages(OperatorSettings):
-    """Pages of the operator and of the participant, in browsers.
-
-    Parameters
-    ----------
-    host, port : str, int
-        Where they are served; 0 is any free port.
-    """
+    """Pages of the operator and of the participant, in browsers."""
 
     host: str = Field(min_length=1, description="address that pages are served on")
     port: int = Field(ge=0, le=65535, description="TCP port; 0 = any that is free")
@@ -33,18 +27,11 @@ class Pages(OperatorSettings):
         return [f"{role}'s page: {self._server.address(role)}" for role in ("operator", "participant") if self._server]
 
     def open(self) -> OperatorSession:
-        """Serve the pages.
-
-        Raises
-        ------
-        RigError
-            When the port is taken, or the library that serves pages is not there.
-        """
-        session = OperatorSession(self)
-        server = PageServer(session, self.host, self.port)
+        """Serve the pages, or raise what `PageServer.open` does."""
+        server = PageServer(OperatorSession(self), self.host, self.port)
         server.open()
         self._server = server
-        return session
+        return server.session
 
     def close(self) -> None:
         """Serve no more."""
@@ -65,10 +52,9 @@ class TerminalUi(OperatorSettings):
 
     def open(self) -> OperatorSession:
         """Begin to ask."""
-        session = OperatorSession(self, drawn=False)
-        self._terminal = Terminal(session)
+        self._terminal = Terminal(OperatorSession(self, drawn=False))
         self._terminal.open()
-        return session
+        return self._terminal.session
 
     def close(self) -> None:
         """Ask no more."""

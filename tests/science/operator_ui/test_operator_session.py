@@ -2,6 +2,7 @@
 
 import queue
 import re
+import shlex
 import signal
 import threading
 from unittest.mock import patch
@@ -15,18 +16,11 @@ from stages.science.rig import clock
 from tests.conftest import Command
 from tests.science.operator_ui.attended import wait_until
 
-SMALL = [
-    "budget=tiny",
-    "figures=[]",
-    "bank.trajectories=5",
-    "subsampling.initial_trials=1",
-    "active_loop.trials=2",
-    "active_loop.controls=[]",
-    "stages=[bank,subsampling,hyperprior,hardware,active_loop]",
-    "operator_ui=terminal",
-    "operator_ui.countdown_s=0.0",
-    "operator_ui.result_s=0.0",
-]
+SMALL = shlex.split("""
+budget=tiny figures=[] bank.trajectories=5 subsampling.initial_trials=1 active_loop.trials=2 active_loop.controls=[]
+stages=[bank,subsampling,hyperprior,hardware,active_loop]
+operator_ui=terminal operator_ui.countdown_s=0.0 operator_ui.result_s=0.0
+""")
 FIRST = "p1 experiment 1 y_y trial 1"
 DECISIONS = {
     "bank 1": ["a", "r it slipped", "a", "k"],
@@ -34,11 +28,13 @@ DECISIONS = {
 }
 LONGEST_S = 120.0
 """After which an operator who is asked nothing leaves."""
-TO_CONTINUE = "; to continue, type: "
 
 
 class Operator:
-    """Reads what the terminal prints and answers each question: by the trial's label, else with accept and keep."""
+    """Reads what the terminal prints and answers each question: by the trial's label, else with accept and keep.
+
+    ``^C`` sends a signal, None ends the input, and a number is the time, s, after which Enter stops a running trial.
+    """
 
     def __init__(self, answers=None):
         self.answers = {label: list(its) for label, its in (answers or {}).items()}
@@ -69,12 +65,15 @@ class Operator:
             self.printed.append(line)
             named = re.match(r"\d+ of \d+: (.*) \(.*, [\d.]+ s\)$", line)
             self.label = named[1] if named else self.label
+            waiting = self.answers.get(self.label)
             if "= accept" in line or "= repeat" in line:
-                self.answer("a" if "= accept" in line else "k")
+                self.answer(waiting.pop(0) if waiting else "a" if "= accept" in line else "k")
+            elif line.startswith("running") and waiting and isinstance(waiting[0], float):
+                clock.sleep(waiting.pop(0))
+                self.type("\n")
+                wait_until(lambda: self.session.see()["stop"])
 
-    def answer(self, usual):
-        waiting = self.answers.get(self.label)
-        answer = waiting.pop(0) if waiting else usual
+    def answer(self, answer):
         self.asked.append((self.label, answer))
         if answer == "^C":
             signal.raise_signal(signal.SIGINT)
@@ -125,21 +124,19 @@ def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(decided):
 def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_path):
     broken = Command(tmp_path / "broken", *SMALL)
 
-    lost = Operator({**DECISIONS, "bank 2": [None]}).attend(broken)
-    assert lost.returncode == 3
-    assert "next is bank 2 (the terminal's input had ended)" in lost.stderr
-
-    signalled = Operator({"bank 3": ["^C"]}).attend(broken)
-    assert signalled.returncode == 130
-    assert f"stopped by Ctrl-C{TO_CONTINUE}" in signalled.stderr
-
-    paused = Operator({"bank 4": ["q lunch"]}).attend(broken)
-    assert paused.returncode == 3
-    (line,) = paused.stderr.splitlines()
-    assert f"bank paused: the operator stopped for today; next is bank 4 (lunch){TO_CONTINUE}" in line
-
-    assert Operator({FIRST: [*DECISIONS[FIRST][:3], "q"]}).attend(broken).returncode == 3
-
+    for answers, code, told in (
+        ({**DECISIONS, "bank 2": [None]}, 3, "next is bank 2 (the terminal's input had ended)"),
+        ({"bank 3": ["^C"]}, 130, "stopped by Ctrl-C; to continue, type: "),
+        (
+            {"bank 4": ["q lunch"]},
+            3,
+            "bank paused: the operator stopped for today; next is bank 4 (lunch); to ",
+        ),
+        ({FIRST: [*DECISIONS[FIRST][:3], "q"]}, 3, "; to continue, type: "),
+    ):
+        left = Operator(answers).attend(broken)
+        (line,) = left.stderr.splitlines()
+        assert (left.returncode, told in line) == (code, True)
     last = Operator({FIRST: ["a in order", "k calm"]})
     result = last.attend(broken)
     assert result.returncode == 0, result.stderr
@@ -166,36 +163,21 @@ def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(d
     assert len(read(run, "trials")) == 2
 
 
-class Impatient(Operator):
-    """Stops bank 1 after 1.6 s, of which the first one fills the muscles."""
-
-    answer_then = "r too early"
-
-    def write(self, text):
-        super().write(text)
-        if text.startswith("running") and self.answers["bank 1"] == [self.answer_then]:
-            clock.sleep(1.6)
-            self.type("\n")
-            wait_until(lambda: self.session.see()["stop"])
-
-
 def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(turned, tmp_path):
     short = [*SMALL, "exoskeleton.trial_s=1.5", "bank.trajectories=3", "stages=[bank]"]
     still, real = Command(tmp_path / "still", *short), Command(tmp_path / "real", *short, "rig.realtime=true")
-    for command, operator in ((still, Operator()), (real, Impatient({"bank 1": ["a", Impatient.answer_then]}))):
+    impatient = Operator({"bank 1": ["a", 1.6, "r too early"]})  # after the second that fills the muscles
+    for command, operator in ((still, Operator()), (real, impatient)):
         result = operator.attend(command)
         assert result.returncode == 0, result.stderr
         turned.sleep(0.1)  # the terminal's threads see that it was closed
     (run,), (reference,) = real.runs, still.runs
     assert (run / "tables" / "bank.parquet").read_bytes() == (reference / "tables" / "bank.parquet").read_bytes()
     (aside,) = (run / "interrupted").iterdir()
-    told = pd.read_parquet(aside)
-    (why,) = told["stopped_by"].unique()
-    assert re.fullmatch(
-        r"stopped 0\.[56]\d s into the trial: the operator pressed Enter; to be repeated, says the operator: too early",
-        why,
-    )
-    assert "stopped" in "".join(operator.printed)
+    (why,) = pd.read_parquet(aside)["stopped_by"].unique()
+    then = "the operator pressed Enter; to be repeated, says the operator: too early"
+    assert re.fullmatch(rf"stopped 0\.[56]\d s into the trial: {then}", why)
+    assert "stopped" in "".join(impatient.printed)
 
 
 @pytest.mark.parametrize("interface", [("operator_ui=terminal",), ()], ids=["terminal", "none"])
@@ -212,7 +194,6 @@ def test_where_nothing_asks_an_operator_an_interface_is_refused(pamid):
     result = pamid("workflow=hidden_effect", "operator_ui=terminal")
     assert result.returncode == 2
     (line,) = result.stderr.splitlines()
-    assert line.startswith(
-        "operator_ui: expected null, as workflow hidden_effect has no device that can be connected to it"
-    )
+    told = "operator_ui: expected null, as workflow hidden_effect has no device that can be connected to it"
+    assert line.startswith(told)
     assert not pamid.outputs.exists()

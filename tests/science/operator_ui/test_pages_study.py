@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import re
+import shlex
 import threading
 import time
 
@@ -15,22 +16,12 @@ from tests.conftest import Command
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed")
 
-STUDY = [
-    "budget=tiny",
-    "bank.trajectories=8",
-    "subsampling.initial_trials=1",
-    "active_loop.trials=5",
-    "active_loop.controls=[]",
-    "exoskeleton.trial_s=0.8",
-    "rig.lead_in_s=0.2",
-    "rig.realtime=true",
-    "stages=[bank,subsampling,hyperprior,hardware,active_loop,tracking_delay,comparison]",
-    "operator_ui=pages",
-    "operator_ui.port=0",
-    "operator_ui.countdown_s=0.1",
-    "operator_ui.lost_after_s=5.0",
-    "operator_ui.result_s=0.0",
-]
+STUDY = shlex.split("""
+budget=tiny bank.trajectories=8 subsampling.initial_trials=1 active_loop.trials=5 active_loop.controls=[]
+exoskeleton.trial_s=0.8 rig.lead_in_s=0.2 rig.realtime=true
+stages=[bank,subsampling,hyperprior,hardware,active_loop,tracking_delay,comparison]
+operator_ui=pages operator_ui.port=0 operator_ui.countdown_s=0.1 operator_ui.lost_after_s=5.0 operator_ui.result_s=0.0
+""")
 KEYS = {"accept": "a", "skip": "s", "keep": "k", "repeat": "r", "reject": "x"}
 ANSWERS = {
     "p1 experiment 1 y_y trial 1": ["skip", "accept", "reject", "accept", "keep"],

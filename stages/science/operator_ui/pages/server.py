@@ -293,13 +293,7 @@ class PageServer:
         return self._told[role]
 
     def _hear(self, page: Socket, text: str) -> None:
-        """Take a message of a page.
-
-        Raises
-        ------
-        Malformed
-            When no page sends such a message.
-        """
+        """Take a message of a page, or raise `Malformed` where no page sends such a one."""
         try:
             message = json.loads(text)
         except (ValueError, RecursionError):
