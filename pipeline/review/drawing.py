@@ -24,7 +24,6 @@ MOST_AXES = 4
 MOST_CELLS = 30
 """Values of an axis up to which it can be one of a grid's."""
 MOST_LABELLED_CELLS = 12
-MOST_PANELS = 24
 MOST_LINES = 24
 LONGEST_LABEL = 22
 LONGEST_LINE_LABEL = 34
@@ -59,20 +58,14 @@ def draw_curves(curves: Curves) -> Picture:
 
 def draw_metrics(sweep: Sweep) -> Iterator[tuple[str, list[Picture], str]]:
     """Yield each metric's heading, its pictures, and why it has none, or not all."""
-    drawn = 0
     for metric in sweep.metrics:
         points = sweep.points(metric)
         if len(points) < 2:
             yield sweep.head(metric), [], f"{len(points) or 'no'} job that is done has it as a number: nothing to draw"
             continue
-        if not sweep.varying or drawn >= MOST_PANELS:
-            told = "no key varies" if not sweep.varying else f"{drawn} pictures are enough for a page: see the table"
-            yield sweep.head(metric), [], told
-            continue
-        pictures = list(_draw_metric(sweep, metric, points))
-        drawn += len(pictures)
         left = sweep.axes[MOST_AXES:]
-        yield sweep.head(metric), pictures, f"not drawn over {', '.join(left)}" if left else ""
+        told = f"not drawn over {', '.join(left)}" if left else "" if sweep.varying else "no key varies"
+        yield sweep.head(metric), list(_draw_metric(sweep, metric, points)) if sweep.varying else [], told
 
 
 def _draw_metric(sweep: Sweep, metric: str, points: pd.DataFrame) -> Iterator[Picture]:

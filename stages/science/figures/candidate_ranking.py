@@ -18,12 +18,18 @@ LEAST_PROBABILITY = 0.005
 def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
     """Draw probabilities as bars, and held-out gaps as points beside the gap that there is.
 
+    Candidates that say nothing are left out; the most probable ones come first.
+
     Parameters
     ----------
     ranking : DataFrame
         Of one round: columns name, probability, heldout_gap and absorbed.
     """
-    rows = _choose_rows(ranking)
+    always = ranking["name"].isin(["none", "unknown"])
+    now = float(ranking.loc[ranking["name"] == "none", "heldout_gap"].iloc[0])
+    tells = (ranking["probability"] >= LEAST_PROBABILITY) | (ranking["heldout_gap"] < now) | ranking["absorbed"]
+    order = ["absorbed", "probability", "heldout_gap"]
+    rows = ranking[always | tells].sort_values(order, ascending=[True, False, True]).reset_index(drop=True)
     figure, ((left, right),) = new_figure(10.6, 0.27 * len(rows) + 1.1, 1, 2, sharey=True, width_ratios=[1.0, 1.1])
     place = range(len(rows))
     left.barh(place, rows["probability"], color=[BEFORE if each == 0 else AFTER for each in place], height=0.66)
@@ -34,10 +40,8 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
     left.set_yticks(place, [spell(each) for each in rows["name"]])
     left.invert_yaxis()
     left.set(xlim=(0.0, 1.18), xlabel="probability (1)", xticks=[0.0, 0.25, 0.5, 0.75, 1.0])
-    now = rows.loc[rows["name"] == "none", "heldout_gap"]
-    if len(now):
-        right.axvline(100.0 * float(now.iloc[0]), color=MEASURED, linestyle="--", linewidth=1.0, label="as it is")
-        right.legend(frameon=False, fontsize=8, loc="lower left")
+    right.axvline(100.0 * now, color=MEASURED, linestyle="--", linewidth=1.0, label="as it is")
+    right.legend(frameon=False, fontsize=8, loc="lower left")
     closed = ~rows["absorbed"]
     right.plot(100.0 * rows["heldout_gap"][closed], rows.index[closed], "o", color=AFTER)
     right.plot(100.0 * rows["heldout_gap"][~closed], rows.index[~closed], "o", color=QUIET, fillstyle="none")
@@ -46,12 +50,3 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
         axis.grid(axis="x", alpha=0.25)
         axis.spines[["top", "right"]].set_visible(False)
     return figure
-
-
-def _choose_rows(ranking: pd.DataFrame) -> pd.DataFrame:
-    """Return the candidates that say something, the most probable first; none and unknown always."""
-    now = float(ranking.loc[ranking["name"] == "none", "heldout_gap"].iloc[0])
-    always = ranking["name"].isin(["none", "unknown"])
-    tells = (ranking["probability"] >= LEAST_PROBABILITY) | (ranking["heldout_gap"] < now) | ranking["absorbed"]
-    order = ["absorbed", "probability", "heldout_gap"]
-    return ranking[always | tells].sort_values(order, ascending=[True, False, True]).reset_index(drop=True)

@@ -25,10 +25,8 @@ def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence
     ----------
     errors : DataFrame
         Columns line, tested_on, muscle, error_rate_mean and error_rate_sd, one row of each.
-    lines : sequence of str
-        At most five values of the line column: the bars of a group, in this order.
-    groups : sequence of str
-        Values of the muscle column, in this order.
+    lines, groups : sequence of str
+        At most five values of the line column, the bars of a group, and values of the muscle column, in this order.
     """
     figure, ((axis,),) = new_figure(10.6, 4.6)
     width = 0.84 / len(lines)
@@ -39,30 +37,13 @@ def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence
     places = []
     for position, (line, (colour, hatch)) in enumerate(zip(lines, BARS, strict=False)):
         places.append(at + (position - (len(lines) - 1) / 2) * width)
-        bars = axis.bar(
-            places[-1],
-            means.loc["bank"].loc[list(groups), line],
-            width,
-            yerr=spread.loc["bank"].loc[list(groups), line],
-            color=colour,
-            hatch=hatch,
-            edgecolor=INK,
-            linewidth=0.6,
-            error_kw={"elinewidth": 0.9, "capsize": 2},
-            label=line,
-        )
-        handles.append(bars)
+        mean, sd = (found.loc["bank"].loc[list(groups), line] for found in (means, spread))
+        bar = {"color": colour, "hatch": hatch, "edgecolor": INK, "linewidth": 0.6, "label": line}
+        handles.append(axis.bar(places[-1], mean, width, yerr=sd, error_kw={"elinewidth": 0.9, "capsize": 2}, **bar))
     if "unseen_bank" in means.index:
-        handles += axis.plot(
-            np.ravel(places),
-            means.loc["unseen_bank"].loc[list(groups), list(lines)].to_numpy().T.ravel(),
-            "D",
-            color="white",
-            markeredgecolor=INK,
-            markersize=4.5,
-            zorder=3,
-            label="tested on the unseen bank",
-        )
+        unseen = means.loc["unseen_bank"].loc[list(groups), list(lines)].to_numpy().T.ravel()
+        mark = {"color": "white", "markeredgecolor": INK, "markersize": 4.5, "zorder": 3}
+        handles += axis.plot(np.ravel(places), unseen, "D", label="tested on the unseen bank", **mark)
     axis.set_xticks(at, ["average of\nthe muscles" if name == AVERAGE else name for name in groups])
     axis.set(ylabel="error rate (%)", ylim=(0, None))
     axis.grid(axis="y", alpha=0.25)

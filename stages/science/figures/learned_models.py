@@ -129,8 +129,8 @@ def draw_reliability(reliability: pd.DataFrame, panels: Sequence[str]) -> Figure
     for axis, muscle in zip(axes, panels, strict=False):
         axis.axhline(NOMINAL_PERCENT, color="#2b2b2b", linewidth=1.0, linestyle=":", label=f"{NOMINAL_PERCENT} %")
         for position, (test, model, colour, marker) in enumerate(lines):
-            its = reliability[(reliability["tested_on"] == test) & (reliability["muscle"] == muscle)]
-            its = its.sort_values("trial")
+            chosen = (reliability["tested_on"] == test) & (reliability["muscle"] == muscle)
+            its = reliability[chosen].sort_values("trial")
             share = its[f"{model}_share"]
             ends = [(share - its[f"{model}_low"]).fillna(0.0), (its[f"{model}_high"] - share).fillna(0.0)]
             style, described = TESTS[test]

@@ -37,14 +37,10 @@ def draw_learning_curves(
     ----------
     summary : DataFrame
         Columns trial, muscle, error_rate_mean, error_rate_sd and the one named by `by`.
-    lines : sequence of str
-        Values of that column, one line each, in this order.
-    panels : sequence of str
-        Values of the muscle column, one panel each.
-    by : str
-        What tells the lines apart.
-    title : str or None
-        Of the legend.
+    lines, panels : sequence of str
+        Values of that column and of the muscle column, a line and a panel each, in this order.
+    by, title : str
+        What tells the lines apart, and what the legend says of it, if anything.
     styles : sequence of str
         Line styles, taken in turn.
     apart : float

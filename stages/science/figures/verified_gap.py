@@ -130,10 +130,8 @@ def draw_verified_trials(
         Columns trial, time_s, muscle, channel, measured, before and after.
     channel : str
         Which is drawn.
-    muscles : sequence of str
-        A row of residuals for each.
-    trials : sequence of int
-        A column for each.
+    muscles, trials : sequence of str, sequence of int
+        A row of residuals for each muscle, a column for each trial.
     """
     heights = [1.4, *(1.0 for _ in muscles)]
     sharing = {"sharex": "col", "sharey": "row", "gridspec_kw": {"height_ratios": heights}}
@@ -143,9 +141,7 @@ def draw_verified_trials(
         rows = its[its["trial"] == trial]
         top, first = panels[0, column], rows[rows["muscle"] == muscles[0]]
         top.plot(first["time_s"], first["measured"], color=QUIET, linewidth=3.0, label="measured")
-        top.plot(
-            first["time_s"], first["before"], color=BEFORE, linewidth=1.1, linestyle="--", label="simulated before"
-        )
+        top.plot(first["time_s"], first["before"], "--", color=BEFORE, linewidth=1.1, label="simulated before")
         top.plot(first["time_s"], first["after"], color=AFTER, linewidth=1.1, label="simulated after")
         top.set_title(f"trial {trial}", fontsize=10)
         for axis, muscle in zip(panels[1:, column], muscles, strict=True):

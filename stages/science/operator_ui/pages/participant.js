@@ -150,7 +150,7 @@ function draw() {
     drawArm(context, place, moment.angle_rad, look);
   }
   drawPointer(place);
-  if (isRunning() && !line.lost && line.clock.known) {
+  if (isRunning() && !line.lost && line.clock.offset_s !== null) {
     drawn.push([line.clock.now(), shown_reference_s, moment?.time_s ?? null]);
   }
 }

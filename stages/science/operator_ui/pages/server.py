@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import errno
 import ipaddress
-import itertools
 import json
 import math
 import secrets
@@ -18,7 +17,6 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.resources import files
@@ -89,7 +87,6 @@ class PageServer:
         self.session, self.host, self.port = session, host, port
         self._tokens = {role: secrets.token_urlsafe(24) for role in ROLES}
         self._files: dict[str, bytes] = {}
-        self._keys = itertools.count()
         self._sockets: set[Socket] = set()
         self._told: dict[str, tuple[int, str]] = {}
         self._encoded: dict[str, tuple[Any, str]] = {}
@@ -120,9 +117,8 @@ class PageServer:
         listening = _listen(self.host, self.port)
         self.port = listening.getsockname()[1]
         opened = threading.Event()
-        self._thread = threading.Thread(
-            target=lambda: asyncio.run(self._serve(listening, opened)), name="pages", daemon=True
-        )
+        serving = self._serve(listening, opened)
+        self._thread = threading.Thread(target=asyncio.run, args=(serving,), name="pages", daemon=True)
         self._thread.start()
         if not opened.wait(10.0):
             raise RigError(f"operator_ui: expected pages at {self.host}:{self.port} within 10 s, got none")
@@ -141,20 +137,13 @@ class PageServer:
     async def _serve(self, listening: socket.socket, opened: threading.Event) -> None:
         from aiohttp import web
 
-        @web.middleware
-        async def guard(
-            request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
-        ) -> web.StreamResponse:
-            self._check(request)
-            return await handler(request)
-
         async def protect(request: web.Request, response: web.StreamResponse) -> None:
             response.headers.update(HEADERS)
             with contextlib.suppress(web.HTTPException):
                 self._check(request)
                 response.headers["Content-Security-Policy"] = RULES.format(host=request.headers["Host"])
 
-        app = web.Application(middlewares=[guard])
+        app = web.Application()
         app.on_response_prepare.append(protect)
         app.router.add_get("/ws/{role}", self._attend, allow_head=False)
         app.router.add_get("/{name}", self._send_file, allow_head=False)
@@ -173,8 +162,6 @@ class PageServer:
         """Refuse what another site asks for, under whatever name it reaches this computer."""
         from aiohttp import web
 
-        if request.method != "GET":
-            raise web.HTTPMethodNotAllowed(request.method, ["GET"], text="expected GET\n")
         here = request.transport.get_extra_info("sockname")[0] if request.transport else ""
         names = {here, *([] if _is(self.host, "is_unspecified") else [self.host])}
         if _is(here, "is_loopback"):
@@ -197,6 +184,7 @@ class PageServer:
     async def _send_file(self, request: web.Request) -> web.Response:
         from aiohttp import web
 
+        self._check(request)
         name = request.match_info["name"]
         if name in ROLES:
             self._check_token(request, name)
@@ -211,6 +199,7 @@ class PageServer:
         """Serve one page until it is closed."""
         from aiohttp import WSMsgType, web
 
+        self._check(request)
         role = request.match_info["role"]
         if role not in ROLES:
             raise web.HTTPNotFound(text="nothing is here; open the address that the program printed\n")
@@ -220,21 +209,21 @@ class PageServer:
             raise web.HTTPServiceUnavailable(text=told)
         connection = web.WebSocketResponse(max_msg_size=MOST_BYTES, heartbeat=DEAD_AFTER_S, compress=False, timeout=1.0)
         await connection.prepare(request)
-        key, page = next(self._keys), Socket(role, connection)
+        page = Socket(role, connection)
         self._sockets.add(page)
-        self.session.join(key, role)
+        self.session.join(id(page), role)
         telling = asyncio.create_task(self._tell(page))
         problem = ""
         try:
             async for message in connection:
-                self.session.join(key, role)
+                self.session.join(id(page), role)
                 if message.type is not WSMsgType.TEXT:
                     raise Malformed("expected text")
                 self._hear(page, message.data)
         except Malformed as error:
             problem = str(error)
         finally:
-            self.session.leave(key)
+            self.session.leave(id(page))
             self._sockets.discard(page)
             telling.cancel()
         if problem:
@@ -305,8 +294,6 @@ class PageServer:
             why = message.get("why")
             told = why.strip()[:MOST_CHARACTERS] if isinstance(why, str) else ""
             self.session.stop(told or f"the {page.role} pressed stop")
-        elif kind == "alive":
-            pass
         elif kind == "seen":
             page.on_the_way = max(page.on_the_way - 1, 0)
         elif kind == "clock":
@@ -316,14 +303,9 @@ class PageServer:
                 self._decide(page.role, message)
             except Refused as error:
                 page.answers.append({"kind": "refused", "why": str(error)})
-        elif kind in ("drawn", "pointer"):
-            if page.role != "participant":
-                raise Malformed(f"{kind}: expected from the participant's page")
-            if kind == "drawn":
-                self._draw(message)
-            else:
-                self._point(message)
-        else:
+        elif kind in ("drawn", "pointer") and page.role == "participant":
+            (self._draw if kind == "drawn" else self._point)(message)
+        elif kind != "alive":
             raise Malformed("expected a kind of message that these pages send")
 
     def _decide(self, role: str, message: dict[str, Any]) -> None:

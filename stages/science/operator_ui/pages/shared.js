@@ -11,23 +11,15 @@ export function pageTime() {
 
 /** The server's clock, by the exchange of messages that took the least time lately. */
 export class Clock {
-  constructor() {
-    this.exchanges = [];
-    this.offset_s = null;
-  }
+  exchanges = [];
+  offset_s = null;
 
   take({ page_s, heard_s, sent_s }) {
     const received_s = pageTime();
-    this.exchanges.push({
-      took_s: received_s - page_s - (sent_s - heard_s),
-      offset_s: (heard_s - page_s + sent_s - received_s) / 2,
-    });
+    const took_s = received_s - page_s - (sent_s - heard_s);
+    this.exchanges.push({ took_s, offset_s: (heard_s - page_s + sent_s - received_s) / 2 });
     if (this.exchanges.length > REMEMBERED) this.exchanges.shift();
     this.offset_s = this.exchanges.reduce((best, each) => (each.took_s < best.took_s ? each : best)).offset_s;
-  }
-
-  get known() {
-    return this.offset_s !== null;
   }
 
   now() {
@@ -37,15 +29,16 @@ export class Clock {
 
 /** The line to the server; it connects again where it is cut. */
 export class Line {
+  clock = new Clock();
+  heard_s = -Infinity;
+  asked_s = -Infinity;
+  again_s = 0.5;
+  leaving = false;
+  ended = false;
+
   constructor(role, hear) {
-    this.clock = new Clock();
     this.address = `${location.origin.replace(/^http/, "ws")}/ws/${role}${location.search}`;
     this.hear = hear;
-    this.heard_s = -Infinity;
-    this.asked_s = -Infinity;
-    this.again_s = 0.5;
-    this.leaving = false;
-    this.ended = false;
     this.connect();
     addEventListener("pagehide", () => {
       this.leaving = true;
