@@ -57,10 +57,10 @@ def review(options: argparse.Namespace, console: Console) -> None:
     Raises
     ------
     PipelineError
-        When the runs cannot be found, or the page cannot be written.
+        When names do not mean two runs or more, or the page cannot be written.
     """
     names = options.runs
-    found = Comparison(choose_runs(options.outputs, names), options.all)
+    found = Comparison(_choose_runs(options.outputs, names), options.all)
     curves, complaints = make_curves(found.ledgers, found.nested, found.flat)
     for each in replace(found, most=COLUMNS_OF_A_TERMINAL).differences():
         title = f"{each.name}: {each.told}" if each.told else each.name
@@ -265,14 +265,8 @@ class Comparison:
         return pd.DataFrame(counted, columns=[head, "value (runs)"])
 
 
-def choose_runs(outputs: str, names: Sequence[str]) -> tuple[Ledger, ...]:
-    """Return the runs of these names; of a sweep, all jobs that are done.
-
-    Raises
-    ------
-    ConfigError
-        When a name means no run or more than one, or there are fewer than two runs.
-    """
+def _choose_runs(outputs: str, names: Sequence[str]) -> tuple[Ledger, ...]:
+    """Return the runs of these names, two or more; of a sweep, all jobs that are done."""
     ledgers = list_ledgers(outputs)
     place = sweeps_folder(outputs)
     sweeps: dict[str, list[Ledger]] = {}

@@ -41,9 +41,9 @@ def to_bytes(text):
     return float(number) * {"bytes": 1, "kB": 1e3, "MB": 1e6}[unit]
 
 
-@pytest.fixture(scope="session")
-def many_made(make_once):
-    """Three finished runs and a failed one, made once for all."""
+@pytest.fixture
+def many(make_once, tmp_path):
+    """The command with the toy workflow, three finished runs of it and one that failed."""
 
     def run(folder):
         toy = Toy(folder / "outputs")
@@ -51,13 +51,7 @@ def many_made(make_once):
             assert toy(f"seed={number}").returncode == 0
         assert toy("doubling.fail_at=1", "seed=9").returncode == 1
 
-    return Toy(make_once("toys to prune", run) / "outputs")
-
-
-@pytest.fixture
-def many(many_made, tmp_path):
-    """The command with the toy workflow, three finished runs of it and one that failed."""
-    return many_made.copy(tmp_path / "outputs")
+    return Toy(make_once("toys to prune", run) / "outputs").copy(tmp_path / "outputs")
 
 
 def test_all_but_the_newest_go_and_the_rest_is_whole(many):

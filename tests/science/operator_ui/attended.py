@@ -25,7 +25,7 @@ def make_session(joints=2, trial_s=1.0, **settings):
     return session
 
 
-def make_trial(machine, kind="tracked", position=1, label="", total=12):
+def make_trial(machine, kind="tracked", position=1, label=""):
     """A calm movement of all joints, proposed among forty others."""
     time_s = np.arange(machine.samples) / RATE_HZ
     phase = 2 * np.pi * time_s / machine.trial_s
@@ -33,7 +33,7 @@ def make_trial(machine, kind="tracked", position=1, label="", total=12):
     command = np.stack([150 + 90 * np.sign(np.sin(2 * phase + m)) for m in range(len(machine.muscles))], axis=1)
     proposal = Proposal(
         position=position,
-        total=total,
+        total=12,
         reason="movement 17 of the bank tells most: its predictions differ by 21 % between the models",
         trajectory=17,
         utilities={k: 0.9 if k == 17 else 0.45 + 0.4 * np.sin(k) for k in range(40)},
@@ -55,10 +55,7 @@ def take(trial, machine, time_s):
 
 
 class Study(threading.Thread):
-    """Executes trials one after the other.
-
-    What became of each stands in `ended`: a recording, or the exception that said why there is none.
-    """
+    """Executes trials one after the other, and keeps of each its recording, or the exception that said why not."""
 
     def __init__(self, session, *trials, fill_s=0.1):
         super().__init__(daemon=True)

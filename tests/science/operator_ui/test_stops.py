@@ -90,10 +90,7 @@ def test_a_stop_while_a_result_is_judged_stops_no_trial_that_is_accepted_later(r
         session.decide("keep", "", scene["question"])
 
     study = run(
-        session,
-        2,
-        proposed=lambda scene: session.decide("accept", "", scene["question"]),
-        judging=stop_and_keep,
+        session, 2, proposed=lambda scene: session.decide("accept", "", scene["question"]), judging=stop_and_keep
     )
     assert len(study.ended) == 2
     assert [each["decision"] for each in session.see()["history"]] == ["keep", "keep"]
