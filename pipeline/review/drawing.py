@@ -64,8 +64,11 @@ def draw_metrics(sweep: Sweep) -> Iterator[tuple[str, list[Picture], str]]:
             yield sweep.head(metric), [], f"{len(points) or 'no'} job that is done has it as a number: nothing to draw"
             continue
         left = sweep.axes[MOST_AXES:]
-        told = f"not drawn over {', '.join(left)}" if left else "" if sweep.varying else "no key varies"
-        yield sweep.head(metric), list(_draw_metric(sweep, metric, points)) if sweep.varying else [], told
+        if not sweep.varying:
+            yield sweep.head(metric), [], "no key varies"
+            continue
+        told = f"not drawn over {', '.join(left)}" if left else ""
+        yield sweep.head(metric), list(_draw_metric(sweep, metric, points)), told
 
 
 def _draw_metric(sweep: Sweep, metric: str, points: pd.DataFrame) -> Iterator[Picture]:

@@ -105,7 +105,8 @@ class Terminal:
         self.session.stop("the terminal's input has ended")
         while not self._closed.is_set():
             scene = self.session.see()
-            for word in [each for each in ("pause", "keep") if each in scene["choices"]][:1]:
+            word = next((each for each in ("pause", "keep") if each in scene["choices"]), None)
+            if word is not None:
                 with contextlib.suppress(Refused):
                     self.session.decide(word, "the terminal's input had ended", scene["question"])
             clock.sleep(POLL_S)

@@ -5,6 +5,7 @@ import threading
 import time
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from stages.science.operator_ui.operator_session import OperatorSession, OperatorSettings, Refused
@@ -98,6 +99,10 @@ class Study(threading.Thread):
         recording = Recording(time_s, command, pressure, 0 * pressure, 0 * pressure, force, angle, 0 * angle)
         session.judge(trial, recording, "")
         return session.add_display(recording)
+
+
+def read(run, table):
+    return pd.read_parquet(run / "tables" / f"{table}.parquet")
 
 
 def wait_until(holds, within_s=30.0):

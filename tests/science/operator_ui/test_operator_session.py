@@ -14,7 +14,7 @@ from stages.science.operator_ui import ui
 from stages.science.operator_ui.terminal import Terminal
 from stages.science.rig import clock
 from tests.conftest import Command
-from tests.science.operator_ui.attended import wait_until
+from tests.science.operator_ui.attended import read, wait_until
 
 SMALL = shlex.split("""
 budget=tiny figures=[] bank.trajectories=5 subsampling.initial_trials=1 active_loop.trials=2 active_loop.controls=[]
@@ -79,10 +79,6 @@ class Operator:
             signal.raise_signal(signal.SIGINT)
         else:
             self.type("" if answer is None else f"{answer}\n")
-
-
-def read(run, table):
-    return pd.read_parquet(run / "tables" / f"{table}.parquet")
 
 
 @pytest.fixture(scope="session")

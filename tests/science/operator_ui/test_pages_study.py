@@ -7,12 +7,12 @@ import shlex
 import threading
 import time
 
-import pandas as pd
 import pytest
 
 from tests import browsing
 from tests.browsing import browser as browser
 from tests.conftest import Command
+from tests.science.operator_ui.attended import read
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed")
 
@@ -45,10 +45,6 @@ def serve(outputs, **how):
         finally:
             process.kill()
             watchdog.cancel()
-
-
-def read(run, table):
-    return pd.read_parquet(run / "tables" / f"{table}.parquet")
 
 
 def test_what_an_operator_never_saw_is_not_begun_and_a_signal_closes_the_study(tmp_path):
