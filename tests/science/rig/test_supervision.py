@@ -46,7 +46,7 @@ def test_counts_become_values_and_commands_counts(generator):
     np.testing.assert_allclose(force, [400.0, 100.0, 400.0, 100.0], atol=0.9)
     np.testing.assert_allclose(angle, [0.5, 0.6], atol=0.006)
     command = np.array([10.0, 20.0, 250.0, 700.0])
-    np.testing.assert_allclose(CHANNELS.to_commands(CHANNELS.to_counts(command)), command, atol=0.016)
+    np.testing.assert_allclose(0.03125 * np.array(CHANNELS.to_counts(command)), command, atol=0.016)
 
 
 @pytest.mark.parametrize(("zero", "sign"), [(0.0, 1), (1234.0, 1), (4294967000.0, -1), (-5000.0, -1)])

@@ -159,13 +159,13 @@ class CpxLink:
         counts = []
         begun = clock.now_s()
         with self._unbroken():
-            for module, channel in self.channels.list_inputs():
-                if module not in found:
-                    found[module] = self._read_module(module)
+            for place in self.channels.inputs:
+                if place.module not in found:
+                    found[place.module] = self._read_module(place.module)
                     taken_s = clock.now_s() - begun
                     if taken_s > 0.5 * self.device.watchdog_s:
                         raise LinkLost(f"it answers slowly: {len(found)} modules in {1e3 * taken_s:.0f} ms")
-                counts.append(found[module][channel])
+                counts.append(found[place.module][place.channel])
         return np.array(counts, dtype=float)
 
     def write(self, command_kpa: Array) -> None:

@@ -25,7 +25,7 @@ from stages.science.rig.attendance import Moment
 from stages.science.rig.configured import ConfiguredRig
 from stages.science.rig.contract import RigError, TrialStopped, Watch
 from stages.science.rig.festo.channels import ChannelMap, EncoderPlace, MuscleChannels
-from stages.science.rig.festo.counting import CountJudge, CountRecording, Hold, record_counts, record_held
+from stages.science.rig.festo.counting import CountRecording, record_counts, record_held
 from stages.science.rig.festo.cpx_link import CpxLink, Device, LinkLost
 from stages.science.rig.festo.depressurise import depressurise
 from stages.science.rig.festo.held_signals import Held, hold_signals
@@ -95,15 +95,7 @@ class FestoCpx(ConfiguredRig):
     def _check_fit(self) -> Self:
         check_limits(self.limits, self.exoskeleton.muscles)
         self.guard.check_against(self.exoskeleton, self.limits)
-        self.map_channels().check_reach(
-            [self.limits[each.type].high_kpa for each in self.exoskeleton.muscles],
-            [
-                (its.pressure_kpa, its.force_n)
-                for its in (self.guard.ceilings[m.type] for m in self.exoskeleton.muscles)
-            ],
-            self.device.counts,
-        )
-        self.map_channels().check_vents(self.guard.vented_kpa)
+        self.map_channels().check_against(self.limits, self.guard, self.device.counts)
         for joint in self.exoskeleton.joint_names:
             if joint not in self.co_contraction_kpa:
                 raise ValueError(f"co_contraction_kpa: none for joint {joint}; add co_contraction_kpa.{joint}")
@@ -238,35 +230,31 @@ class FestoCpx(ConfiguredRig):
         Raises
         ------
         ValueError
-            When the command is beyond the muscle's limits; nothing was commanded then.
+            When there is no such muscle, or the command is beyond its limits; nothing was commanded then.
         RigError
             When the rig is not connected or the device does not answer.
         """
-        link, number = self._linked(), self.check_hold(muscle, command_kpa)
-        slew = self.limits[self.exoskeleton.muscles[number].type].slew_kpa_per_s
-        hold = Hold(number, command_kpa, max(ramp_s, command_kpa / slew), settle_s, self.guard.ramp_down_s)
-        ceilings = [self.guard.ceilings[each.type] for each in self.exoskeleton.muscles]
-        judge = CountJudge(link.channels, self.device.counts, ceilings, number)
-        return record_held(link, self.sampling_rate_hz, record_s, hold, judge)
-
-    def check_hold(self, muscle: str, command_kpa: float) -> int:
-        """Return a muscle's position if it may be held at a command, kPa gauge.
-
-        Raises
-        ------
-        ValueError
-            When there is no such muscle, or the command is beyond its limits.
-        """
+        link = self._linked()
         if muscle not in self.muscles:
             raise ValueError(f"no muscle '{muscle}'; {nearest(muscle, self.muscles)}")
         number = list(self.muscles).index(muscle)
-        kind = self.exoskeleton.muscles[number].type
-        limit = self.limits[kind]
+        kinds = [each.type for each in self.exoskeleton.muscles]
+        kind, limit = kinds[number], self.limits[kinds[number]]
         if not limit.low_kpa <= command_kpa <= limit.high_kpa:
             raise ValueError(
                 f"{muscle}: expected {limit.low_kpa} to {limit.high_kpa} kPa (rig.limits.{kind}), got {command_kpa}"
             )
-        return number
+        return record_held(
+            link,
+            self.sampling_rate_hz,
+            record_s,
+            muscle=number,
+            command_kpa=command_kpa,
+            ceilings=[self.guard.ceilings[each] for each in kinds],
+            ramp_s=max(ramp_s, command_kpa / limit.slew_kpa_per_s),
+            settle_s=settle_s,
+            ramp_down_s=self.guard.ramp_down_s,
+        )
 
     def _linked(self) -> CpxLink:
         if self._link is None:
