@@ -15,6 +15,7 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import Rig
 from stages.science.rig.excitation import Range, check_ranges
 from stages.science.rig.limits import Limits
+from stages.science.rig.reference import arrange
 from stages.science.rig.trial import Trial
 from stages.science.signals.trajectories import Array, connect_points
 
@@ -42,17 +43,10 @@ class Sweeps(Declared):
     def check_against(self, exoskeleton: Exoskeleton, path: str) -> None:
         """Check that every joint has muscles that pull against each other, and that a trial has time for its sweeps.
 
-        Parameters
-        ----------
-        exoskeleton : Exoskeleton
-            The machine.
-        path : str
-            Of this section in the configuration, for the message.
-
         Raises
         ------
         ValueError
-            Naming the key.
+            Naming the key, below the path of this section in the configuration.
         """
         check_ranges(self.range_kpa, exoskeleton, f"{path}.range_kpa")
         for joint in exoskeleton.joint_names:
@@ -100,22 +94,7 @@ class Sweeps(Declared):
                 )
 
     def draw(self, exoskeleton: Exoskeleton, trials: int, generator: np.random.Generator) -> Array:
-        """Draw the commands of one experiment.
-
-        Parameters
-        ----------
-        exoskeleton : Exoskeleton
-            The machine.
-        trials : int
-            How many.
-        generator : numpy.random.Generator
-            The only source of randomness: it draws the levels.
-
-        Returns
-        -------
-        (trials, T, M) ndarray
-            Pressure commands within the ranges, kPa gauge.
-        """
+        """Draw the pressure commands of one experiment within the ranges, (trials, T, M), kPa gauge."""
         share = np.arange(exoskeleton.samples) / exoskeleton.samples
         up = 1.0 - np.abs((self.sweeps * share) % 2.0 - 1.0)
         commands = np.empty((trials, exoskeleton.samples, len(exoskeleton.muscles)))
@@ -155,9 +134,7 @@ def passive_trial(samples: pd.DataFrame, rig: Rig, label: str, number: int | Non
         Rows of one trial with columns time_s, muscle and pressure_command_kpa.
     rig : Rig
         Gives the order of muscles.
-    label : str
-        Names the trial for an operator.
-    number : int or None
+    label, number
         As of `Trial`.
 
     Raises
@@ -165,12 +142,5 @@ def passive_trial(samples: pd.DataFrame, rig: Rig, label: str, number: int | Non
     ValueError
         When a muscle of the rig is not in the samples.
     """
-    commanded = set(samples["muscle"].unique())
-    missing = [name for name in rig.muscles if name not in commanded]
-    if missing:
-        raise ValueError(
-            f"expected commands of every muscle of the rig ({', '.join(rig.muscles)}), got none of {missing}"
-        )
-    ordered = samples.sort_values("time_s", kind="stable")
-    command = [ordered.loc[ordered["muscle"] == name, "pressure_command_kpa"].to_numpy() for name in rig.muscles]
-    return Trial("passive", "nobody", np.stack(command, axis=1), label=label, number=number)
+    command = arrange(samples, "pressure_command_kpa", rig)
+    return Trial("passive", "nobody", command, label=label, number=number)

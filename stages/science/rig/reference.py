@@ -11,6 +11,7 @@ import pandas as pd
 
 from stages.science.rig.contract import Rig, Watch, tidy
 from stages.science.rig.trial import Proposal, Trial
+from stages.science.signals.trajectories import Array
 
 
 def tracked_trial(
@@ -30,11 +31,7 @@ def tracked_trial(
         joint).
     rig : Rig
         Gives the order of muscles and joints, and which muscle moves which joint.
-    participant : str
-        Who tracks.
-    label : str
-        Names the trial for an operator.
-    number, proposal : int or None, Proposal or None
+    participant, label, number, proposal
         As of `Trial`.
 
     Raises
@@ -42,17 +39,26 @@ def tracked_trial(
     ValueError
         When a muscle of the rig is not in the samples.
     """
-    sampled = set(samples["muscle"].unique())
-    missing = [name for name in rig.muscles if name not in sampled]
+    command, angle = (arrange(samples, name, rig) for name in ("pressure_command_kpa", "joint_angle_rad"))
+    first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
+    return Trial("tracked", participant, command, angle[:, first_muscle], label, number, proposal)
+
+
+def arrange(samples: pd.DataFrame, column: str, rig: Rig) -> Array:
+    """Return a column of one movement's rows by time and muscle of the rig, (T, M).
+
+    Raises
+    ------
+    ValueError
+        When a muscle of the rig is not in the samples.
+    """
+    missing = [name for name in rig.muscles if name not in set(samples["muscle"])]
     if missing:
         raise ValueError(
             f"expected samples of every muscle of the rig ({', '.join(rig.muscles)}), got none of {missing}"
         )
-    command = samples.pivot(index="time_s", columns="muscle", values="pressure_command_kpa")[list(rig.muscles)]
-    angle = samples.pivot(index="time_s", columns="muscle", values="joint_angle_rad")[list(rig.muscles)]
-    first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
-    reference = np.ascontiguousarray(angle.to_numpy()[:, first_muscle])
-    return Trial("tracked", participant, command.to_numpy(), reference, label, number, proposal)
+    arranged: Array = samples.pivot(index="time_s", columns="muscle", values=column)[list(rig.muscles)].to_numpy()
+    return arranged
 
 
 def track(
@@ -76,15 +82,9 @@ def track(
         The movement.
     rig : Rig
         Connected.
-    participant : str
-        Who tracks.
-    label : str
-        Names the trial for an operator.
-    generator : Generator
-        The only source of randomness.
-    watch : callable or None
+    generator, watch
         As of `Rig.execute`.
-    number, proposal : int or None, Proposal or None
+    participant, label, number, proposal
         As of `Trial`.
 
     Returns

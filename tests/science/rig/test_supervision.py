@@ -21,7 +21,7 @@ USUAL = (100.0, 300.0, 100.0, 300.0)
 
 
 def make_supervisor(moved=True):
-    return Supervisor(RIG.exoskeleton, CHANNELS, RIG.device.counts, RIG.guard, moved)
+    return Supervisor(CHANNELS, RIG.device.counts, RIG.guard, moved)
 
 
 def counts(generator, pressure=USUAL, force=(400.0, 100.0, 400.0, 100.0), angle=(0.5, 0.6)):
@@ -270,12 +270,12 @@ def test_the_speed_is_that_of_the_real_time_between_samples(generator):
 
 
 def test_a_sample_that_is_late_by_more_than_a_period_says_so_unless_a_sensor_is_amiss():
-    command = np.full((3, 4), 100.0)
+    command = np.full((60, 4), 100.0)
     logbook = Logbook(RIG.exoskeleton, 0, command, np.full(command.shape, ""), None)
     sample = Sample(np.ones(4), np.ones(4), np.zeros(2), np.zeros(2), np.array(["ok", "ok", "ok", "held"]), "")
-    late_s = 0.01 * np.array([0.5, 1.5, 0.0])
+    late_s = 0.01 * np.array([0.5, 1.5, *[0.0] * 58])
     for index, late in enumerate(late_s):
         logbook.note(Tick(index, 0.01 * index), late, sample, (command[index], np.array("")))
     taken = logbook.collect()
-    assert taken.status.tolist() == [["ok"] * 3 + ["held"], ["late"] * 3 + ["held"], ["ok"] * 3 + ["held"]]
+    assert taken.status.tolist() == [[word] * 3 + ["held"] for word in ("ok", "late", *["ok"] * 58)]
     np.testing.assert_array_equal(taken.late_s, late_s)

@@ -22,27 +22,15 @@ from stages.science.signals.trajectories import Array
 
 @dataclass(frozen=True, eq=False)
 class CountRecording:
-    """Counts of K inputs in T samples.
-
-    Parameters
-    ----------
-    names : list of str
-        Of the inputs, as ``pam1.force``.
-    time_s : (T,) ndarray
-        From the first sample, s.
-    counts : (T, K) ndarray
-        As the device tells them.
-    command_count : int or None
-        What was written to the regulator of the muscle that was held; None where none was.
-    stopped : str
-        Why the muscle was let down before the time was over; empty where it was held throughout.
-    """
+    """Counts (T, K) of K inputs in T samples, as the device tells them."""
 
     names: list[str]
     time_s: Array
     counts: Array
     command_count: int | None = None
+    """What was written to the regulator of the muscle that was held."""
     stopped: str = ""
+    """Why the muscle was let down before the time was over; empty where it was held throughout."""
 
 
 def record_counts(link: CpxLink, rate_hz: float, record_s: float) -> CountRecording:
