@@ -26,7 +26,6 @@ from pipeline.table import Table, column
 from stages.science.figures.channel_lines import draw_channel_lines
 from stages.science.rig.festo.channels import ChannelMap
 from stages.science.rig.festo.count_lines import Judged, find_followers, fit_line, judge_point, unroll
-from stages.science.rig.festo.counting import CountRecording
 from stages.science.rig.festo.festo_cpx import FestoCpx
 from stages.science.rig.festo.known_points import (
     UNITS,
@@ -242,7 +241,21 @@ class Loop:
             else:
                 recording = rig.read_counts(settings.record_s)
         self.news = "recorded"
-        return make_part(turn, attempt, recording)
+        where, samples = {"point": turn.point, "attempt": attempt}, len(recording.time_s)
+        counted = {
+            "channel": np.repeat(np.array(recording.names, dtype=object), samples),
+            "time_s": np.tile(recording.time_s, len(recording.names)),
+            "count": recording.counts.T.ravel(),
+        }
+        told = {
+            "channels": " ".join(turn.channels),
+            "value": turn.value,
+            "held": turn.held,
+            "command_count": np.nan if recording.command_count is None else float(recording.command_count),
+            "stopped": recording.stopped,
+        }
+        frame, row = pd.DataFrame(where | counted), pd.DataFrame([where | told])
+        return fill_part({CALIBRATION_SAMPLES.name: frame, CALIBRATION_TURNS.name: row})
 
     def read_gauge(self, turn: Turn, attempt: int) -> dict[str, pd.DataFrame]:
         """Read what the gauge showed, or ask for it, and for the next point with it."""
@@ -269,30 +282,6 @@ class Loop:
         path: Path = self.ctx.folder / "documents" / "asks.json"
         asked = read_json(path) if path.exists() else {}
         return (asked.get("point"), asked.get("attempt")) == (turn.point, attempt)
-
-
-def make_part(turn: Turn, attempt: int, recording: CountRecording) -> dict[str, pd.DataFrame]:
-    """Return the part of one recorded point."""
-    samples = len(recording.time_s)
-    frame = pd.DataFrame(
-        {
-            "point": turn.point,
-            "attempt": attempt,
-            "channel": np.repeat(np.array(recording.names, dtype=object), samples),
-            "time_s": np.tile(recording.time_s, len(recording.names)),
-            "count": recording.counts.T.ravel(),
-        }
-    )
-    row = {
-        "point": turn.point,
-        "attempt": attempt,
-        "channels": " ".join(turn.channels),
-        "value": turn.value,
-        "held": turn.held,
-        "command_count": np.nan if recording.command_count is None else float(recording.command_count),
-        "stopped": recording.stopped,
-    }
-    return fill_part({CALIBRATION_SAMPLES.name: frame, CALIBRATION_TURNS.name: pd.DataFrame([row])})
 
 
 def fill_part(frames: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
@@ -380,20 +369,11 @@ def list_points(
         for attempt in range(1, int(attempts[turn.point]) + 1):
             known = float(gauge.get((turn.point, attempt), np.nan)) if turn.held else turn.value
             for channel, judged in judge_turn(told, turn, attempt, rig, settings).items():
-                kind, row = split_name(channel)[1], dict(vars(judged))
-                if not judged.problem and kind == "command" and known <= 0.0:
+                row = {"point": turn.point, "attempt": attempt, "channel": channel, "unit": turn.unit}
+                row |= {"asked": turn.value, "known": known, **vars(judged)}
+                if not judged.problem and split_name(channel)[1] == "command" and known <= 0.0:
                     row["problem"] = f"the gauge showed {known:g} kPa: the regulator is at its end, or another's"
-                rows.append(
-                    {
-                        "point": turn.point,
-                        "attempt": attempt,
-                        "channel": channel,
-                        "unit": UNITS[kind],
-                        "asked": turn.value,
-                        "known": known,
-                        **row,
-                    }
-                )
+                rows.append(row)
     return pd.DataFrame(rows)
 
 

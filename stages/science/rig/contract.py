@@ -54,13 +54,7 @@ class Rig(ABC):
         return None
 
     def connect_interface(self, attendance: Attendance) -> None:
-        """Have somebody see its trials and decide on them.
-
-        Raises
-        ------
-        RigError
-            When this rig asks nobody.
-        """
+        """Have somebody see its trials and decide on them; raise `RigError` where this rig asks nobody."""
         raise RigError(f"{type(self).__name__} asks nobody: leave operator_ui= out, or choose another rig")
 
     @property

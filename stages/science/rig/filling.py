@@ -27,20 +27,7 @@ def fill(first_kpa: Array, samples: int, share: float) -> Array:
 
 
 class FillingRig(ConfiguredRig):
-    """A rig that applies commands within limits, and fills the muscles before a trial.
-
-    Parameters
-    ----------
-    exoskeleton, participants
-        As of every `ConfiguredRig`.
-    limits : dict of str to PressureLimit
-        What may be commanded, by type of muscle.
-    lead_in_s : float
-        How long the first posture is held before the trial while the muscles are filled to its first command, s; not
-        recorded.
-    filling_share : float
-        Share of it that the filling takes; the rest lets transients settle, 1.
-    """
+    """A rig that applies commands within limits, and fills the muscles in a lead-in that is not recorded."""
 
     limits: Limits
     lead_in_s: float = Field(ge=0.0, le=60.0)

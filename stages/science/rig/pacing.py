@@ -19,18 +19,12 @@ from stages.science.rig import clock
 
 @dataclass(frozen=True)
 class Tick:
-    """One turn of the loop.
-
-    Parameters
-    ----------
-    index : int
-        Its number; numbers that are left out were missed.
-    due_s : float
-        When it was to begin, by the monotonic clock, s.
-    """
+    """One turn of the loop."""
 
     index: int
+    """Its number; numbers that are left out were missed."""
     due_s: float
+    """When it was to begin, by the monotonic clock, s."""
 
     @property
     def late_s(self) -> float:

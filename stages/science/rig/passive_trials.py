@@ -100,7 +100,9 @@ class Sweeps(Declared):
         commands = np.empty((trials, exoskeleton.samples, len(exoskeleton.muscles)))
         for m, muscle in enumerate(exoskeleton.muscles):
             swept = np.arange(trials) % 2 == (0 if muscle.role == "agonist" else 1)
-            levels = _stratify(int((~swept).sum()) * self.levels, generator).reshape(-1, self.levels)
+            count = int((~swept).sum()) * self.levels
+            drawn = (generator.permutation(count) + generator.random(count)) / max(count, 1)  # one of each stratum
+            levels = drawn.reshape(-1, self.levels)
             held = [self._hold(row, share * exoskeleton.trial_s, exoskeleton.trial_s) for row in levels]
             commands[~swept, :, m] = np.reshape(held, (-1, exoskeleton.samples))
             for k in np.flatnonzero(swept):
@@ -116,13 +118,6 @@ class Sweeps(Declared):
         each_s = trial_s / self.levels
         lasting = np.full(self.levels - 1, self.transition_share * each_s)
         return connect_points(levels[:, None], np.arange(1, self.levels) * each_s - lasting / 2, lasting, time_s)[:, 0]
-
-
-def _stratify(count: int, generator: np.random.Generator) -> Array:
-    """Draw one share from each of `count` equal parts of [0, 1], in random order."""
-    order = generator.permutation(count)
-    drawn: Array = (order + generator.random(count)) / max(count, 1)
-    return drawn
 
 
 def passive_trial(samples: pd.DataFrame, rig: Rig, label: str, number: int | None = None) -> Trial:

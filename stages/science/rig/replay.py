@@ -87,30 +87,6 @@ class Recorded:
 class ReplayRig(ConfiguredRig):
     """A rig that returns what was recorded.
 
-    Parameters
-    ----------
-    exoskeleton, participants
-        As of every `ConfiguredRig`.
-    recordings : Recordings
-        Paths, by kind of trial.
-    match : str, or dict of str to str
-        How a trial is found, of all kinds or by kind: ``command``, the one of the nearest pressure command, or
-        ``order``, the one of the trial's number.
-    tolerance_kpa, tolerance_rad : float
-        Largest difference of commands and references from those asked for, RMS.
-    resample : bool
-        Whether recordings at another rate, with gaps or longer than a trial are brought to the exoskeleton's samples.
-    largest_gap_s : float
-        Longest stretch without samples that resampling bridges, s.
-    largest_jitter : float
-        Deviation of a step of time from whole periods that is borne without resampling, in periods.
-    rate_hz : float or None
-        Samples per second of recordings without a column of time.
-    columns, units : dict of str to str or None
-        As of ``measured=``.
-
-    Notes
-    -----
     It is real, as its numbers come from a machine: what was read is kept when code changes, controls are not executed
     unless asked for, and trials follow each other. The bytes of the recordings count in freshness.
     """

@@ -40,21 +40,7 @@ POINTER_S = 0.04
 
 
 class SimulatedRig(FillingRig):
-    """A rig without hardware.
-
-    Parameters
-    ----------
-    exoskeleton, participants, limits, lead_in_s, filling_share
-        As of every `FillingRig`; with a lead-in of 0, trials begin with muscles that are filled and settled.
-    plant : Plant
-        Constants and effects.
-    experimenter, movement : Participant, Movement
-        Who moves freely, by the name ``experimenter``, and how.
-    realtime : bool
-        Whether a trial takes its time.
-    pointer : str or None
-        Participant who points at postures on a page.
-    """
+    """A rig without hardware; with a lead-in of 0, trials begin with muscles that are filled and settled."""
 
     real: ClassVar[bool] = False
 

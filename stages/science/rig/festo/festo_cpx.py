@@ -47,23 +47,6 @@ MOST_TOLD = 5
 class FestoCpx(FillingRig):
     """A rig on a Festo CPX-E.
 
-    Parameters
-    ----------
-    exoskeleton, participants, limits, lead_in_s, filling_share
-        As of every `FillingRig`; the sampling rate is that of the loop.
-    device : Device
-        Where the CPX-E is and what stands in it.
-    channels : dict of str to MuscleChannels
-        By muscle: where its regulator, pressure sensor and load cell are, and what their counts mean.
-    encoders : dict of str to EncoderPlace
-        By joint.
-    co_contraction_kpa : dict of str to float
-        By joint: as long as one side is commanded more than this, the other one is not.
-    guard : Guard
-        What ends a trial, and how fast muscles are let down then.
-
-    Notes
-    -----
     Sensors are read, then the command of the sample is written, which holds until the next one.
     """
 
@@ -166,7 +149,9 @@ class FestoCpx(FillingRig):
         with hold_signals() as signals, undisturbed():
             reason = self._conduct(trial, command, book, signals)
         if reason:
-            raise TrialStopped(self._tell(reason, book), book.noticed_at_s)
+            when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"
+            advice = "" if self._why_stop() else "; find out why before anybody goes on"
+            raise TrialStopped(f"stopped {when}: {reason}{advice}", book.noticed_at_s)
         recording = book.collect()
         log.info("%s: %s", trial.label or trial.kind, measure_pace(pd.DataFrame(tidy(recording, self)), []))
         for told in self._find_dead(recording):
@@ -343,11 +328,6 @@ class FestoCpx(FillingRig):
                     "(rig.guard.vented_kpa)"
                 )
             clock.sleep(1.0 / self.sampling_rate_hz)
-
-    def _tell(self, reason: str, book: Logbook) -> str:
-        when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"
-        advice = "" if self._why_stop() else "; find out why before anybody goes on"
-        return f"stopped {when}: {reason}{advice}"
 
 
 def _take(device: Device) -> FileLock:
