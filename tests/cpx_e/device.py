@@ -29,9 +29,8 @@ class Device:
 
     def __init__(self, machine: Machine, plant: Plant, faults: Faults):
         self.machine, self.plant, self.faults = machine, plant, faults
-        modules = machine.device.modules
-        outputs = sum(WIDTHS[name][0] for name in modules)
-        inputs = sum(WIDTHS[name][1] for name in modules)
+        modules = machine.device["modules"]
+        outputs, inputs = (sum(each) for each in zip(*(WIDTHS[name] for name in modules), strict=True))
         fixed = (CONTROL, VALUE, TIMEOUT)
         self.written = dict.fromkeys((*fixed, *range(OUTPUTS_FROM, OUTPUTS_FROM + outputs)), 0)
         count = (1 << len(modules)) - 1
@@ -45,9 +44,8 @@ class Device:
         self.held: dict[str, int] = {}
         now = clock.now_s()
         self.requested_s = now
-        self.messages = 0
+        self.messages = self.fired = 0
         self.fired_at_s: float | None = None
-        self.fired = 0
         self.fired_for: float | None = None
         self.vented_at_s: float | None = None
         self.outputs_kpa: list[float] = []

@@ -19,18 +19,9 @@ from stages.science.rig.movement import Movement
 OUTPUTS_FROM, INPUTS_FROM = 40003, 45395
 WIDTHS = {"EP": (0, 0), "4AO": (4, 5), "4AI": (0, 5), "1CI": (1, 8)}
 """Registers of each module: out and in; those of the EP stand before the others'."""
-FAULTS = {
-    "cut": "",
-    "garbage": "variant (random, length, transaction or function)",
-    "silent": "",
-    "refuse": "",
-    "deaf": "",
-    "slow": "delay_s",
-    "sensor": "channel, mode (frozen or counts), counts",
-    "overpressure": "muscle, kpa",
-    "overspeed": "joint, rad_per_s",
-}
-"""Each fault and what it takes."""
+FAULTS = ("cut", "garbage", "silent", "refuse", "deaf", "slow", "sensor", "overpressure", "overspeed")
+"""Garbage takes a variant (random, length, transaction or function), slow a delay_s, a sensor channel, mode (frozen or
+counts) and counts, overpressure muscle and kpa, overspeed joint and rad_per_s."""
 
 
 class Channel(BaseModel, extra="forbid"):
@@ -56,30 +47,16 @@ class Channel(BaseModel, extra="forbid"):
         return count & 0xFFFFFFFF if self.rad_per_count else min(max(count, -32768), 32767)
 
 
-class Channels(BaseModel, extra="forbid"):
-    """A muscle's channels."""
-
-    command: Channel
-    pressure: Channel
-    force: Channel
-
-
-class Device(BaseModel):
-    """The device; what says how a rig uses it is not looked at."""
-
-    modules: list[str]
-
-
 class Machine(BaseModel):
-    """The machine, its people and its device; sections beside these are those of other parts."""
+    """The machine, its people and its device; sections and keys beside these are those of other parts."""
 
     exoskeleton: Exoskeleton
     plant: Plant
     participants: dict[str, Participant]
     experimenter: Participant
     movement: Movement
-    device: Device
-    channels: dict[str, Channels]
+    device: dict[str, Any]
+    channels: dict[str, dict[str, Channel]]
     encoders: dict[str, Channel]
     seed: int = 0
 
@@ -87,7 +64,7 @@ class Machine(BaseModel):
     def first_registers(self) -> list[tuple[int, int]]:
         """First out and in register of each module, by position."""
         out, into, found = OUTPUTS_FROM, INPUTS_FROM, []
-        for name in self.device.modules:
+        for name in self.device["modules"]:
             found.append((out, into))
             out, into = out + WIDTHS[name][0], into + WIDTHS[name][1]
         return found
@@ -109,7 +86,7 @@ class Machine(BaseModel):
         return found
 
     def _list(self, kind: str) -> list[Any]:
-        return [getattr(self.channels[name], kind) for name in self.exoskeleton.muscle_names]
+        return [self.channels[name][kind] for name in self.exoskeleton.muscle_names]
 
 
 class Faults:

@@ -143,10 +143,8 @@ def apply_limits(
     ----------
     command_kpa : (T, M) ndarray
         What is asked, kPa gauge; the muscles are filled to the first sample beforehand.
-    limits : mapping of str to PressureLimit
-        By type of muscle.
-    exoskeleton : Exoskeleton
-        The machine.
+    limits, exoskeleton
+        By type of muscle; the machine.
     co_contraction_kpa : mapping of str to float or None
         By joint: as long as one side of it is commanded more than this, the other one is not; None for no ceiling.
 

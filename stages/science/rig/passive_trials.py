@@ -121,21 +121,6 @@ class Sweeps(Declared):
 
 
 def passive_trial(samples: pd.DataFrame, rig: Rig, label: str, number: int | None = None) -> Trial:
-    """Return the trial in which nobody moves and the robot plays the given commands.
-
-    Parameters
-    ----------
-    samples : DataFrame
-        Rows of one trial with columns time_s, muscle and pressure_command_kpa.
-    rig : Rig
-        Gives the order of muscles.
-    label, number
-        As of `Trial`.
-
-    Raises
-    ------
-    ValueError
-        When a muscle of the rig is not in the samples.
-    """
+    """Return the trial in which nobody moves and the robot plays given commands; rows and errors as of `arrange`."""
     command = arrange(samples, "pressure_command_kpa", rig)
     return Trial("passive", "nobody", command, label=label, number=number)

@@ -29,10 +29,8 @@ def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float
     ----------
     rows : DataFrame
         Adopted columns of one trial, in the order of time within each muscle; its index counts the rows of the file.
-    rate_hz : float
-        Samples per second of the machine.
-    samples : int
-        Of a trial of the machine.
+    rate_hz, samples : float, int
+        Samples per second of the machine, and of a trial of it.
     largest_jitter : float
         As of `regularise`.
 

@@ -26,18 +26,15 @@ def tracked_trial(
 
     Parameters
     ----------
-    samples : DataFrame
-        Rows of one movement with columns time_s, muscle, pressure_command_kpa and joint_angle_rad (of the muscle's
-        joint).
-    rig : Rig
-        Gives the order of muscles and joints, and which muscle moves which joint.
+    samples, rig
+        As of `arrange`, with the columns pressure_command_kpa and joint_angle_rad (of the muscle's joint).
     participant, label, number, proposal
         As of `Trial`.
 
     Raises
     ------
     ValueError
-        When a muscle of the rig is not in the samples.
+        As `arrange`.
     """
     command, angle = (arrange(samples, name, rig) for name in ("pressure_command_kpa", "joint_angle_rad"))
     first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
@@ -45,7 +42,7 @@ def tracked_trial(
 
 
 def arrange(samples: pd.DataFrame, column: str, rig: Rig) -> Array:
-    """Return a column of one movement's rows by time and muscle of the rig, (T, M).
+    """Return a column of one movement's rows, told apart by time_s and muscle, by time and muscle of the rig (T, M).
 
     Raises
     ------
@@ -72,25 +69,16 @@ def track(
     number: int | None = None,
     proposal: Proposal | None = None,
 ) -> pd.DataFrame:
-    """Let a participant track a movement, and return what was measured.
+    """Let a participant track a movement, and return what was measured, in the columns of `RECORDING_COLUMNS`.
 
     Parameters
     ----------
-    references : DataFrame
-        Rows of all movements, with a column trajectory beside those that `tracked_trial` takes.
-    trajectory : int
-        The movement.
-    rig : Rig
-        Connected.
-    generator, watch
-        As of `Rig.execute`.
+    references, trajectory : DataFrame, int
+        Rows of all movements, with a column trajectory beside those that `tracked_trial` takes, and the movement.
+    rig, generator, watch
+        As of `Rig.execute`, with a rig that is connected.
     participant, label, number, proposal
         As of `Trial`.
-
-    Returns
-    -------
-    DataFrame
-        The columns of `RECORDING_COLUMNS`.
 
     Raises
     ------

@@ -93,14 +93,10 @@ class ChannelMap:
 
     Parameters
     ----------
-    exoskeleton : Exoskeleton
-        The machine.
-    modules : sequence of str
-        Kinds, as they stand.
-    channels : mapping of str to MuscleChannels
-        By muscle; those of muscles that the machine does not have are left alone.
-    encoders : mapping of str to EncoderPlace
-        By joint; likewise.
+    exoskeleton, modules : Exoskeleton, list of str
+        The machine, and the kinds of modules as they stand.
+    channels, encoders : mapping of str to MuscleChannels and EncoderPlace
+        By muscle and by joint; those that the machine does not have are left alone.
 
     Raises
     ------

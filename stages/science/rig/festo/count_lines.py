@@ -23,19 +23,7 @@ FOLLOWS = 0.9
 
 @dataclass(frozen=True)
 class Judged:
-    """A record of one channel at one point.
-
-    Parameters
-    ----------
-    count, spread_count, drift_count : float
-        Mean, standard deviation, and change from the first to the last quarter; of whole counts.
-    samples : int
-        How many were taken.
-    saturated, lost : float
-        Share of samples at the end of the range, and without a value.
-    problem : str
-        Why the point is of no use; empty where it is.
-    """
+    """A record of one channel at one point, as the columns of the table `calibration_points` say."""
 
     count: float
     spread_count: float
@@ -101,26 +89,9 @@ def unroll(counts: Array, near: float) -> Array:
 
 @dataclass(frozen=True)
 class Line:
-    """What a channel's counts mean, or why that is not known; by default, where the points determine no line.
+    """What a channel's counts mean, as the columns of the tables `calibration_lines` and `calibration_changes` say.
 
-    Parameters
-    ----------
-    told : str
-        Why it was refused, or what is strange.
-    points : int
-        Those that were of use.
-    residual_rms, residual_largest : float
-        Of the points, in the unit of the channel.
-    status : str
-        ``calibrated``, or ``refused`` where the points determine no line.
-    per_count, zero_count : float
-        Value of one count, and counts at zero.
-    sign : int
-        -1 where counts fall as the value rises.
-    repeatability : float
-        Largest difference between points of the same known value; nan where none was repeated.
-    plausible : bool
-        Whether it is near what is configured.
+    By default it is one that the points do not determine.
     """
 
     told: str
