@@ -37,7 +37,7 @@ class Rest:
     seen: int | None = None
 
 
-class TurnedClock:
+class TurnedClock(clock.Clock):
     """The clock of the tests."""
 
     def __init__(self) -> None:

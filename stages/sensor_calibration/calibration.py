@@ -25,21 +25,17 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.channel_lines import draw_channel_lines
 from stages.science.rig.festo.channels import ChannelMap
-from stages.science.rig.festo.count_lines import AnyPlace, Judged, Line, find_followers, fit_line, judge_point, unroll
-from stages.science.rig.festo.counting import CountRecording
+from stages.science.rig.festo.count_lines import Judged, find_followers, fit_line, judge_point, unroll
 from stages.science.rig.festo.festo_cpx import FestoCpx
 from stages.science.rig.festo.known_points import (
-    PER_COUNT,
     UNITS,
     CalibrationSettings,
     PointRequested,
     Turn,
-    describe_destination,
     describe_task,
     find_reading,
     label,
     list_turns,
-    make_request,
     split_name,
 )
 
@@ -235,7 +231,7 @@ class Loop:
     def record(self, turn: Turn, attempt: int) -> dict[str, pd.DataFrame]:
         """Record a point if a person was asked to set it, else ask."""
         if not self.was_asked(turn, attempt):
-            raise PointRequested(make_request(turn, attempt, f"{self.news}{self.ask(turn)}"))
+            raise PointRequested(turn, attempt, f"{self.news}{self.ask(turn)}")
         settings = self.settings
         with self.rig as rig:
             if turn.held:
@@ -245,7 +241,21 @@ class Loop:
             else:
                 recording = rig.read_counts(settings.record_s)
         self.news = "recorded"
-        return make_part(turn, attempt, recording)
+        where, samples = {"point": turn.point, "attempt": attempt}, len(recording.time_s)
+        counted = {
+            "channel": np.repeat(np.array(recording.names, dtype=object), samples),
+            "time_s": np.tile(recording.time_s, len(recording.names)),
+            "count": recording.counts.T.ravel(),
+        }
+        told = {
+            "channels": " ".join(turn.channels),
+            "value": turn.value,
+            "held": turn.held,
+            "command_count": np.nan if recording.command_count is None else float(recording.command_count),
+            "stopped": recording.stopped,
+        }
+        frame, row = pd.DataFrame(where | counted), pd.DataFrame([where | told])
+        return fill_part({CALIBRATION_SAMPLES.name: frame, CALIBRATION_TURNS.name: row})
 
     def read_gauge(self, turn: Turn, attempt: int) -> dict[str, pd.DataFrame]:
         """Read what the gauge showed, or ask for it, and for the next point with it."""
@@ -257,8 +267,9 @@ class Loop:
         if found is None:
             following = self.turns[turn.point] if turn.point < len(self.turns) else None
             then = f"; then {self.ask(following)}" if following else ""
-            where = describe_destination(turn, attempt, str(self.gauge))
-            raise PointRequested(make_request(following, 1, f"{self.news}{where}{then}"))
+            tell = "tell what the gauge showed, with its kPa in place of KPA: echo "
+            where = f"{tell}{label(turn.point, attempt)},KPA >> {self.gauge}"
+            raise PointRequested(following, 1, f"{self.news}{where}{then}")
         row = pd.DataFrame({"point": [turn.point], "attempt": [attempt], "gauge_kpa": [found]})
         return fill_part({CALIBRATION_READINGS.name: row})
 
@@ -271,30 +282,6 @@ class Loop:
         path: Path = self.ctx.folder / "documents" / "asks.json"
         asked = read_json(path) if path.exists() else {}
         return (asked.get("point"), asked.get("attempt")) == (turn.point, attempt)
-
-
-def make_part(turn: Turn, attempt: int, recording: CountRecording) -> dict[str, pd.DataFrame]:
-    """Return the part of one recorded point."""
-    samples = len(recording.time_s)
-    frame = pd.DataFrame(
-        {
-            "point": turn.point,
-            "attempt": attempt,
-            "channel": np.repeat(np.array(recording.names, dtype=object), samples),
-            "time_s": np.tile(recording.time_s, len(recording.names)),
-            "count": recording.counts.T.ravel(),
-        }
-    )
-    row = {
-        "point": turn.point,
-        "attempt": attempt,
-        "channels": " ".join(turn.channels),
-        "value": turn.value,
-        "held": turn.held,
-        "command_count": np.nan if recording.command_count is None else float(recording.command_count),
-        "stopped": recording.stopped,
-    }
-    return fill_part({CALIBRATION_SAMPLES.name: frame, CALIBRATION_TURNS.name: pd.DataFrame([row])})
 
 
 def fill_part(frames: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
@@ -310,42 +297,33 @@ def judge_turn(
     told: dict[str, pd.DataFrame], turn: Turn, attempt: int, rig: FestoCpx, settings: CalibrationSettings
 ) -> dict[str, Judged]:
     """Judge every channel that a recorded point tells about."""
-    samples, turns = (told[each.name] for each in (CALIBRATION_SAMPLES, CALIBRATION_TURNS))
-    samples = samples[(samples["point"] == turn.point) & (samples["attempt"] == attempt)]
-    (how,) = turns[(turns["point"] == turn.point) & (turns["attempt"] == attempt)].to_dict("records")
-    judged = {}
+    samples, turns = (
+        its[(its["point"] == turn.point) & (its["attempt"] == attempt)]
+        for its in (told[CALIBRATION_SAMPLES.name], told[CALIBRATION_TURNS.name])
+    )
+    (how,) = turns.to_dict("records")
+    places, judged = rig.map_channels().places, {}
     for channel in turn.channels:
         kind = split_name(channel)[1]
         counts = samples.loc[samples["channel"] == channel, "count"].to_numpy()
         if kind == "command":
             counts = np.full(samples["time_s"].nunique(), how["command_count"])
-        judged[channel] = judge_point(
-            counts, kind, find_place(rig, channel), rig.device.counts, settings, str(how["stopped"])
-        )
+        judged[channel] = judge_point(counts, kind, places[channel], rig.device.counts, settings, str(how["stopped"]))
     return judged
-
-
-def find_place(rig: FestoCpx, channel: str) -> AnyPlace:
-    """Return what is configured of a channel."""
-    owner, kind = split_name(channel)
-    if kind == "encoder":
-        return rig.encoders[owner]
-    place: AnyPlace = getattr(rig.channels[owner], kind)
-    return place
 
 
 def fit_lines(
     told: dict[str, pd.DataFrame], turns: list[Turn], rig: FestoCpx, settings: CalibrationSettings
 ) -> dict[str, pd.DataFrame]:
     """Return the points, lines and changes of what was recorded."""
-    points = list_points(told, turns, rig, settings)
-    means = average_inputs(told[CALIBRATION_SAMPLES.name], rig.map_channels())
+    points, channels = list_points(told, turns, rig, settings), rig.map_channels()
+    means = average_inputs(told[CALIBRATION_SAMPLES.name], channels)
     rows, changes, residual = [], [], pd.Series(np.nan, index=points.index)
     for channel in settings.chosen:
-        its, place = points[points["channel"] == channel], find_place(rig, channel)
+        its, place = points[points["channel"] == channel], channels.places[channel]
         at = pd.MultiIndex.from_frame(its[["point", "attempt"]])
         counted = means.loc[means.index.isin(at)].reindex(at)
-        spread = {name: float(np.nanmedian(counted["spread", name])) for name in rig.map_channels().names}
+        spread = {name: float(np.nanmedian(counted["spread", name])) for name in channels.names}
         mean = {name: counted["mean", name].to_numpy() for name in spread}
         line = fit_line(
             channel,
@@ -358,8 +336,19 @@ def fit_lines(
             settings,
             find_followers(channel, its["asked"].to_numpy(), mean, spread, settings),
         )
-        rows.append({"channel": channel, "unit": UNITS[split_name(channel)[1]], **line.as_row()})
-        changes.append(describe_change(channel, line, place))
+        named = {"channel": channel, "unit": UNITS[split_name(channel)[1]]}
+        rows.append(named | vars(line))
+        changes.append(
+            named
+            | {
+                "plausible": line.plausible,
+                "ratio": line.per_count / abs(place.per_count),
+                "at_zero": place.per_count * (line.zero_count - place.zero_count),
+                "configured_per_count": abs(place.per_count),
+                "configured_zero_count": place.zero_count,
+                "configured_sign": place.sign,
+            }
+        )
         if line.status == "calibrated":
             residual[its.index] = line.sign * line.per_count * (its["count"] - line.zero_count) - its["known"]
     return {
@@ -380,47 +369,24 @@ def list_points(
         for attempt in range(1, int(attempts[turn.point]) + 1):
             known = float(gauge.get((turn.point, attempt), np.nan)) if turn.held else turn.value
             for channel, judged in judge_turn(told, turn, attempt, rig, settings).items():
-                kind, row = split_name(channel)[1], dict(vars(judged))
-                if not judged.problem and kind == "command" and known <= 0.0:
+                row = {"point": turn.point, "attempt": attempt, "channel": channel, "unit": turn.unit}
+                row |= {"asked": turn.value, "known": known, **vars(judged)}
+                if not judged.problem and split_name(channel)[1] == "command" and known <= 0.0:
                     row["problem"] = f"the gauge showed {known:g} kPa: the regulator is at its end, or another's"
-                rows.append(
-                    {
-                        "point": turn.point,
-                        "attempt": attempt,
-                        "channel": channel,
-                        "unit": UNITS[kind],
-                        "asked": turn.value,
-                        "known": known,
-                        **row,
-                    }
-                )
+                rows.append(row)
     return pd.DataFrame(rows)
 
 
 def average_inputs(samples: pd.DataFrame, channels: ChannelMap) -> pd.DataFrame:
     """Return mean and spread of every input's counts, by point and attempt; encoders without their beginning anew."""
     counts = samples["count"].copy()
-    encoders = channels.names[-len(channels.encoders) :]
-    for name, place in zip(encoders, channels.encoders, strict=True):
-        its = samples["channel"] == name
-        counts[its] = unroll(counts[its].to_numpy(), place.zero_count)
+    for name in channels.names:
+        if split_name(name)[1] == "encoder":
+            its = samples["channel"] == name
+            counts[its] = unroll(counts[its].to_numpy(), channels.places[name].zero_count)
     grouped = samples.assign(count=counts).groupby(["point", "attempt", "channel"])["count"]
     wide = {"mean": grouped.mean().unstack(), "spread": grouped.std(ddof=0).unstack()}
     return pd.concat(wide, axis=1)
-
-
-def describe_change(channel: str, line: Line, place: AnyPlace) -> dict[str, Any]:
-    """Return a row of `calibration_changes`."""
-    return {
-        "channel": channel,
-        "unit": UNITS[split_name(channel)[1]],
-        "plausible": line.plausible,
-        "ratio": line.per_count / abs(place.per_count),
-        "at_zero": place.per_count * (line.zero_count - place.zero_count),
-        "configured_per_count": abs(place.per_count),
-        "configured_zero_count": place.zero_count,
-        "configured_sign": place.sign,
-    }
 
 
 def write_rig(rig: Target, lines: pd.DataFrame) -> dict[str, Any]:
@@ -431,6 +397,6 @@ def write_rig(rig: Target, lines: pd.DataFrame) -> dict[str, Any]:
     for row in lines[lines["status"] == "calibrated"].to_dict("records"):
         owner, kind = split_name(row["channel"])
         place = values["encoders"][owner] if kind == "encoder" else values["channels"][owner][kind]
-        place[PER_COUNT[kind]] = float(f"{row['per_count']:.9g}")
+        place[f"{row['unit'].lower()}_per_count"] = float(f"{row['per_count']:.9g}")
         place |= {"zero_count": round(row["zero_count"], 3), "sign": int(row["sign"])}
     return {"exoskeleton": {"sampling_rate_hz": rate_hz}, "rig": values}

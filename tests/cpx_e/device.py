@@ -10,38 +10,27 @@ from collections import deque
 from typing import Any
 
 from stages.science.rig import clock
-from tests.cpx_e.faults import Faults
-from tests.cpx_e.machine import INPUTS_FROM, OUTPUTS_FROM, WIDTHS, Machine
+from tests.cpx_e.machine import INPUTS_FROM, OUTPUTS_FROM, WIDTHS, Faults, Machine
 from tests.cpx_e.physics import Plant
 
 CONTROL, VALUE, MODULES, ANSWER, ANSWERED, TIMEOUT = 40001, 40002, 45367, 45392, 45393, 46100
 CONTROL_BIT, WRITE_BIT, NUMBER_BITS = 1 << 15, 1 << 13, 0x0FFF | 1 << 12
+NO_REGISTER = 2
 REMEMBERED = 2000
 TEND_S = 0.005
 
 
-class NoSuchRegister(Exception):
-    """An address that is not there, or cannot be written."""
+class Refused(Exception):
+    """A request that is answered with an exception code."""
 
 
 class Device:
-    """Registers by address, with what stands behind them.
-
-    Parameters
-    ----------
-    machine : Machine
-        Modules and channels.
-    plant : Plant
-        What takes its commands and has its sensors.
-    faults : Faults
-        What is wrong.
-    """
+    """Registers by address, with the plant that takes commands and has the sensors."""
 
     def __init__(self, machine: Machine, plant: Plant, faults: Faults):
         self.machine, self.plant, self.faults = machine, plant, faults
-        modules = machine.device.modules
-        outputs = sum(WIDTHS[name][0] for name in modules)
-        inputs = sum(WIDTHS[name][1] for name in modules)
+        modules = machine.device["modules"]
+        outputs, inputs = (sum(each) for each in zip(*(WIDTHS[name] for name in modules), strict=True))
         fixed = (CONTROL, VALUE, TIMEOUT)
         self.written = dict.fromkeys((*fixed, *range(OUTPUTS_FROM, OUTPUTS_FROM + outputs)), 0)
         count = (1 << len(modules)) - 1
@@ -55,9 +44,8 @@ class Device:
         self.held: dict[str, int] = {}
         now = clock.now_s()
         self.requested_s = now
-        self.messages = 0
+        self.messages = self.fired = 0
         self.fired_at_s: float | None = None
-        self.fired = 0
         self.fired_for: float | None = None
         self.vented_at_s: float | None = None
         self.outputs_kpa: list[float] = []
@@ -74,17 +62,17 @@ class Device:
         self.messages += 1
 
     def read(self, address: int, count: int) -> list[int]:
-        """Return words; raises NoSuchRegister."""
+        """Return words; raises Refused."""
         words: dict[int, int] = {}
         if address + count > self.inputs.start and address < self.inputs.stop:
             words = self._read_inputs()
         return [self._read_one(each, words) for each in range(address, address + count)]
 
     def write(self, address: int, words: list[int]) -> None:
-        """Set words; raises NoSuchRegister, then nothing was written."""
+        """Set words; raises Refused, then nothing was written."""
         places = range(address, address + len(words))
         if any(each not in self.written for each in places):
-            raise NoSuchRegister(address)
+            raise Refused(NO_REGISTER)
         self.written.update(zip(places, words, strict=True))
         if CONTROL in places:
             self._exchange_parameter(self.written[CONTROL])
@@ -117,14 +105,10 @@ class Device:
     def _read_one(self, address: int, words: dict[int, int]) -> int:
         if address in self.inputs:
             return words.get(address, 0)
-        if address == ANSWER:
-            return self.answer
-        if address == ANSWERED:
-            return self.answered
-        for known in (self.fixed, self.written):
-            if address in known:
-                return known[address]
-        raise NoSuchRegister(address)
+        known = self.written | self.fixed | {ANSWER: self.answer, ANSWERED: self.answered}
+        if address not in known:
+            raise Refused(NO_REGISTER)
+        return known[address]
 
     def _read_inputs(self) -> dict[int, int]:
         words = {into + channel: self.written[out + channel] for out, into in self.outputs for channel in range(4)}
@@ -158,11 +142,7 @@ class Device:
             return
         self.outputs_kpa = kpa
         self.plant.order(now, kpa)
-        vented = not any(kpa)
-        if not vented:
-            self.vented_at_s = None
-        elif self.vented_at_s is None:
-            self.vented_at_s = now
+        self.vented_at_s = None if any(kpa) else now if self.vented_at_s is None else self.vented_at_s
         self.log.append((now, kpa))
 
     def _vent(self) -> None:

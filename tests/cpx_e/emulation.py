@@ -11,26 +11,18 @@ from typing import Any
 
 from stages.science.rig import clock
 from tests.cpx_e.device import Device
-from tests.cpx_e.faults import Faults
-from tests.cpx_e.machine import Machine
+from tests.cpx_e.machine import Faults, Machine
 from tests.cpx_e.modbus import ModbusServer
 from tests.cpx_e.physics import Plant
 
 
 class Emulation:
-    """An emulated CPX-E with its machine.
-
-    Parameters
-    ----------
-    machine : mapping
-        A machine's description, as plain values.
-    """
+    """An emulated CPX-E with its machine, described by plain values."""
 
     def __init__(self, machine: Mapping[str, Any]):
-        self.machine = Machine.model_validate(dict(machine))
-        self.faults = Faults()
-        self.plant = Plant(self.machine, self.faults)
-        self.device = Device(self.machine, self.plant, self.faults)
+        described, self.faults = Machine.model_validate(dict(machine)), Faults()
+        self.plant = Plant(described, self.faults)
+        self.device = Device(described, self.plant, self.faults)
         self.server = ModbusServer(self.device, self.faults)
 
     def do(self, asked: Mapping[str, Any], heard_s: float) -> dict[str, Any]:

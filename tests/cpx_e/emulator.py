@@ -15,7 +15,6 @@ import sys
 from collections.abc import Mapping
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from tests.cpx_e.emulation import Asked
@@ -26,13 +25,7 @@ REPLY_S = 5.0
 
 
 def ask(control: Connection, do: str, **values: Any) -> dict[str, Any]:
-    """Send a control request to another process and return its reply.
-
-    Raises
-    ------
-    RuntimeError
-        When the emulator finds fault with it, or does not answer.
-    """
+    """Send a control request to another process and return its reply; raises RuntimeError where it tells none."""
     control.send({"do": do, **values})
     if not control.poll(REPLY_S):
         raise RuntimeError("the emulator does not answer")
@@ -43,20 +36,10 @@ def ask(control: Connection, do: str, **values: Any) -> dict[str, Any]:
 
 
 class Emulator(Asked):
-    """An emulated CPX-E with its machine, to be used in a ``with`` block.
-
-    Parameters
-    ----------
-    machine : mapping
-        A machine's description, as plain values.
-    """
+    """An emulated CPX-E with its machine, described by plain values, to be used in a ``with`` block."""
 
     def __init__(self, machine: Mapping[str, Any]):
         self.machine = dict(machine)
-        self.port = 0
-        self.control_port = 0
-        self._process: subprocess.Popen[str] | None = None
-        self._control: Connection | None = None
 
     def __enter__(self) -> Self:
         self._process = subprocess.Popen(
@@ -68,57 +51,36 @@ class Emulator(Asked):
             env=os.environ | {"OMP_NUM_THREADS": "1"},
             start_new_session=True,
         )
-        try:
-            ports = self._await_ports()
-            self.port, self.control_port = ports["port"], ports["control"]
-            self._control = Client(("127.0.0.1", self.control_port))
-        except BaseException:
-            self.kill()
-            raise
+        with contextlib.ExitStack() as stack:
+            stack.callback(self.kill)
+            assert self._process.stdout is not None
+            ready, _, _ = select.select([self._process.stdout], [], [], START_S)
+            line = self._process.stdout.readline() if ready else ""
+            if not line:
+                raise RuntimeError(f"the emulator did not start within {START_S} s; its message stands above")
+            self.port, self.control_port = json.loads(line).values()
+            self._control = stack.enter_context(Client(("127.0.0.1", self.control_port)))
+            self._stack = stack.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.kill()
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
 
     @property
     def pid(self) -> int:
         """Of the process; also the number of its group."""
-        assert self._process is not None
         return self._process.pid
 
     def ask(self, do: str, **values: Any) -> dict[str, Any]:
         """Send a control request and return its reply; raises RuntimeError where that finds fault with it."""
-        assert self._control is not None
         return ask(self._control, do, **values)
 
     def freeze(self) -> None:
         """Stop the process."""
         os.kill(self.pid, signal.SIGSTOP)
 
-    def thaw(self) -> None:
-        """Let it go on."""
-        os.kill(self.pid, signal.SIGCONT)
-
     def kill(self) -> None:
         """Kill it, frozen or not, and wait for it."""
-        if self._process is None:
-            return
         self._process.kill()
-        self._process.wait()
-        for each in (self._process.stdin, self._process.stdout, self._control):
-            if each is not None:
-                with contextlib.suppress(OSError):
-                    each.close()
-        self._process = self._control = None
-
-    def _await_ports(self) -> dict[str, int]:
-        assert self._process is not None
-        assert self._process.stdout is not None
-        ready, _, _ = select.select([self._process.stdout], [], [], START_S)
-        line = self._process.stdout.readline() if ready else ""
-        if not line:
-            raise RuntimeError(f"the emulator did not start within {START_S} s; its message stands above")
-        ports: dict[str, int] = json.loads(line)
-        return ports
+        with self._process:
+            self._process.wait()

@@ -1,28 +1,31 @@
-"""What the emulator emulates: the machine's description, and where its channels lie in registers.
+"""What the emulator emulates: the machine's description, where its channels lie in registers, and its faults.
 
-Plain values flow in; a checked machine with its register map flows out.
+Plain values flow in; a checked machine with its register map flows out, and what is wrong with it now.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.participant import Participant
 from stages.science.plant.plant import Plant
+from stages.science.rig import clock
 from stages.science.rig.movement import Movement
 
 OUTPUTS_FROM, INPUTS_FROM = 40003, 45395
 WIDTHS = {"EP": (0, 0), "4AO": (4, 5), "4AI": (0, 5), "1CI": (1, 8)}
 """Registers of each module: out and in; those of the EP stand before the others'."""
+FAULTS = ("cut", "garbage", "silent", "refuse", "deaf", "slow", "sensor", "overpressure", "overspeed")
+"""Garbage takes a variant (random, length, transaction or function), slow a delay_s, a sensor channel, mode (frozen or
+counts) and counts, overpressure muscle and kpa, overspeed joint and rad_per_s."""
 
 
-class Channel(BaseModel):
+class Channel(BaseModel, extra="forbid"):
     """One channel of a module: value = sign * per_count * (count - zero_count); a counter has 32 bits."""
-
-    model_config = ConfigDict(extra="forbid")
 
     module: int
     channel: int = 0
@@ -44,36 +47,16 @@ class Channel(BaseModel):
         return count & 0xFFFFFFFF if self.rad_per_count else min(max(count, -32768), 32767)
 
 
-class Channels(BaseModel):
-    """A muscle's channels."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    command: Channel
-    pressure: Channel
-    force: Channel
-
-
-class Device(BaseModel):
-    """The device; what says how a rig uses it is not looked at."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    modules: list[str]
-
-
 class Machine(BaseModel):
-    """The machine, its people and its device; sections beside these are those of other parts."""
-
-    model_config = ConfigDict(extra="ignore")
+    """The machine, its people and its device; sections and keys beside these are those of other parts."""
 
     exoskeleton: Exoskeleton
     plant: Plant
     participants: dict[str, Participant]
     experimenter: Participant
     movement: Movement
-    device: Device
-    channels: dict[str, Channels]
+    device: dict[str, Any]
+    channels: dict[str, dict[str, Channel]]
     encoders: dict[str, Channel]
     seed: int = 0
 
@@ -81,7 +64,7 @@ class Machine(BaseModel):
     def first_registers(self) -> list[tuple[int, int]]:
         """First out and in register of each module, by position."""
         out, into, found = OUTPUTS_FROM, INPUTS_FROM, []
-        for name in self.device.modules:
+        for name in self.device["modules"]:
             found.append((out, into))
             out, into = out + WIDTHS[name][0], into + WIDTHS[name][1]
         return found
@@ -103,4 +86,29 @@ class Machine(BaseModel):
         return found
 
     def _list(self, kind: str) -> list[Any]:
-        return [getattr(self.channels[name], kind) for name in self.exoskeleton.muscle_names]
+        return [self.channels[name][kind] for name in self.exoskeleton.muscle_names]
+
+
+class Faults:
+    """The faults asked for; each begins `after_s` from when it was asked for, and lasts `for_s` or until mended."""
+
+    def __init__(self) -> None:
+        self._asked: list[dict[str, Any]] = []
+
+    def add(self, fault: Mapping[str, Any]) -> None:
+        """Take a fault; raises ValueError for one that is not known."""
+        if fault["name"] not in FAULTS:
+            raise ValueError(f"no fault '{fault['name']}'; there are {', '.join(FAULTS)}")
+        begins = clock.now_s() + fault.get("after_s", 0.0)
+        self._asked.append({**fault, "begins_s": begins, "ends_s": begins + fault.get("for_s", float("inf"))})
+
+    def mend(self) -> None:
+        """End all faults."""
+        self._asked = []
+
+    def now(self, name: str) -> list[dict[str, Any]]:
+        """Return the faults of a name that are there now."""
+        if not self._asked:
+            return []
+        now = clock.now_s()
+        return [each for each in self._asked if each["name"] == name and each["begins_s"] <= now < each["ends_s"]]

@@ -12,24 +12,12 @@ import struct
 from collections.abc import Collection
 
 from stages.science.rig import clock
-from tests.cpx_e.device import Device, NoSuchRegister
-from tests.cpx_e.faults import Faults
-
-
-class Refused(Exception):
-    """A request that is answered with an exception code."""
+from tests.cpx_e.device import Device, Refused
+from tests.cpx_e.machine import Faults
 
 
 class ModbusServer:
-    """Serves a device to any number of clients.
-
-    Parameters
-    ----------
-    device : Device
-        Whose registers.
-    faults : Faults
-        Those of the connection are put in here.
-    """
+    """Serves a device's registers to any number of clients; faults of the connection are put in here."""
 
     def __init__(self, device: Device, faults: Faults):
         self.device, self.faults = device, faults
@@ -111,8 +99,6 @@ class ModbusServer:
             return bytes([function]) + self._perform(function, request[1:])
         except Refused as refusal:
             return bytes([function | 0x80, refusal.args[0]])
-        except NoSuchRegister:
-            return bytes([function | 0x80, 2])
         except (struct.error, IndexError):
             return bytes([function | 0x80, 3])
 

@@ -16,8 +16,7 @@ from stages.science.plant.stepping import Steps
 from stages.science.rig import clock
 from stages.science.rig.movement import move_freely
 from stages.science.signals.trajectories import Array
-from tests.cpx_e.faults import Faults
-from tests.cpx_e.machine import Machine
+from tests.cpx_e.machine import Faults, Machine
 
 REMEMBERED = 256
 """Commands that are remembered, so that a machine that is late still knows when each was written."""
@@ -114,14 +113,8 @@ class Plant:
     """Keeps a machine without effects going at the exoskeleton's rate, and tells the counts of all sensors.
 
     A tick takes the commands that were held when it was due. Ticks keep away from the instants at which a client
-    writes, so that a loop at the exoskeleton's rate has one tick between any two of its writes.
-
-    Parameters
-    ----------
-    machine : Machine
-        All of it.
-    faults : Faults
-        Those of valves and joints are put in here.
+    writes, so that a loop at the exoskeleton's rate has one tick between any two of its writes. Faults of valves and
+    joints are put in here.
     """
 
     def __init__(self, machine: Machine, faults: Faults):

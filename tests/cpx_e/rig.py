@@ -26,13 +26,7 @@ CONF = Path(__file__).resolve().parents[2] / "conf"
 
 
 class ToldFestoCpx(FestoCpx):
-    """A rig whose person is emulated.
-
-    Parameters
-    ----------
-    control_port : int
-        Where the emulator is told of trials.
-    """
+    """A rig whose person is emulated, and told of trials at the control port."""
 
     control_port: int
 

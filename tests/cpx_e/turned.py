@@ -10,7 +10,8 @@ import select
 import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from types import SimpleNamespace, TracebackType
+from functools import partial
+from types import SimpleNamespace
 from typing import Any, ClassVar, Self
 from unittest.mock import patch
 
@@ -27,15 +28,7 @@ FROZEN_S = 0.001
 
 
 class TurnedEmulator(Asked):
-    """An emulated CPX-E with its machine, as `Emulator`, in this process and on a turned clock.
-
-    Parameters
-    ----------
-    machine : mapping
-        A machine's description, as plain values.
-    turned : TurnedClock
-        The current clock.
-    """
+    """An emulated CPX-E with its machine, as `Emulator`, in this process and on the current clock, a turned one."""
 
     serving: ClassVar[list[TurnedEmulator]] = []
 
@@ -46,15 +39,13 @@ class TurnedEmulator(Asked):
         self._frozen = self._gone = False
         self.begun_s = clock.now_s()
         for act in (self.emulation.plant.tick, self.emulation.device.tend):
-            turned.at(clock.now_s(), self._keep_doing(act))
+            turned.at(clock.now_s(), partial(self._keep_doing, act))
 
     def __enter__(self) -> Self:
         self.serving.append(self)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.kill()
         self.serving.remove(self)
 
@@ -63,33 +54,26 @@ class TurnedEmulator(Asked):
         self.serve(0.0)
         return self.emulation.do({"do": do, **values}, clock.now_s())
 
-    def serve(self, patience_s: float = PATIENCE_S) -> bool:
+    def serve(self, patience_s: float) -> bool:
         """Answer a client that asks; return whether one did."""
         sockets = [] if self._frozen or self._gone else self.emulation.server.list_sockets()
         ready = select.select(sockets, [], [], patience_s)[0] if sockets else []
         self.emulation.server.serve(ready)
         return bool(ready)
 
-    def freeze(self) -> None:
-        """Have it do nothing, though the clock goes on."""
-        self._frozen = True
-
-    def thaw(self) -> None:
-        """Let it go on."""
-        self._frozen = False
+    def freeze(self, frozen: bool = True) -> None:
+        """Have it do nothing, though the clock goes on, or let it go on."""
+        self._frozen = frozen
 
     def kill(self) -> None:
         """End it."""
         self._gone = True
         self.emulation.server.close()
 
-    def _keep_doing(self, act: Callable[[], float]) -> Callable[[], float | None]:
-        def keep_doing() -> float | None:
-            if self._gone:
-                return None
-            return FROZEN_S if self._frozen else act()
-
-        return keep_doing
+    def _keep_doing(self, act: Callable[[], float]) -> float | None:
+        if self._gone:
+            return None
+        return FROZEN_S if self._frozen else act()
 
 
 def _select(read: Sequence[socket.socket], write: Any, error: Any, timeout_s: float) -> Any:

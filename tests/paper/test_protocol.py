@@ -214,7 +214,7 @@ def test_a_trial_is_that_of_its_rows_and_the_rig_applies_it_as_it_is(rows, comma
     with rig:
         told = tidy(rig.execute(trial, np.random.default_rng(0)), rig)
     np.testing.assert_array_equal(told["pressure_command_kpa"], its["pressure_command_kpa"])
-    with pytest.raises(ValueError, match=r"expected commands of every muscle .* got none of \['pam2'\]"):
+    with pytest.raises(ValueError, match=r"expected samples of every muscle .* got none of \['pam2'\]"):
         passive_trial(its[its["muscle"] != "pam2"], rig, "label")
 
 

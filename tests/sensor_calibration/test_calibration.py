@@ -50,9 +50,7 @@ def machine(section):
     """A machine whose channels differ from what the configuration says."""
     told = copy.deepcopy(describe_machine(section))
     for name, values in TRUE.items():
-        owner, _, kind = name.rpartition(".")
-        place = told["encoders"][owner] if kind == "encoder" else told["channels"][owner][kind]
-        place |= values
+        find_place(told, name).update(values)
     return told
 
 
@@ -68,9 +66,7 @@ class Person:
     def __init__(self, emulator, run, *overrides):
         self.emulator, self.run = emulator, run
         self.study, (self.stage,) = read_study(compose_values(*list_overrides(emulator), *overrides))
-        self.asked, self.told, self.tables = [], [], {}
-        self.hands = {}
-        self.shown_kpa = 0.0
+        self.asked, self.told, self.tables, self.hands, self.shown_kpa = [], [], {}, {}, 0.0
 
     def type(self):
         """Run the stage as the command does; return its exit code."""
@@ -109,7 +105,9 @@ class Person:
 
     def load(self, channel, value, count=None):
         """Bring a true value about on a channel of the emulated machine, or a count whatever the value."""
-        count = find_count(self.emulator.machine, channel, value) if count is None else count
+        if count is None:
+            place = find_place(self.emulator.machine, channel)
+            count = round(place["sign"] * value / find_per_count(place) + place["zero_count"])
         self.emulator.fault("sensor", channel=channel, mode="counts", counts=count)
 
     def carry_out(self):
@@ -161,16 +159,14 @@ def find_place(machine, channel):
     return machine["encoders"][owner] if kind == "encoder" else machine["channels"][owner][kind]
 
 
-def find_count(machine, channel, value):
-    place = find_place(machine, channel)
+def find_per_count(place):
     (per_count,) = (each for key, each in place.items() if key.endswith("_per_count"))
-    return round(place["sign"] * value / per_count + place["zero_count"])
+    return per_count
 
 
-def build(person, *overrides):
+def build(person):
     """Return the rig that a calibration left, as another study loads it."""
-    file = person.run / "documents" / "calibrated.yaml"
-    overrides, _ = read_choices([f"rig={file}", *overrides], ["rig"])
+    overrides, _ = read_choices([f"rig={person.run / 'documents' / 'calibrated.yaml'}"], ["rig"])
     study, _ = read_study(compose_values(*overrides))
     return study.build("rig")
 
@@ -185,11 +181,8 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configure
     }
     chosen = "calibration.plausible_ratio=1.2", "calibration.attempts=1"
     person = Person(emulator, tmp_path, *choose(points), *chosen)
-    person.hands = {
-        "pam2.force": ("pam4.force", None),
-        "pam3.force": ("pam3.force", 512),
-        "pam4.force": ("pam4.force", 32100),
-    }
+    person.hands = {"pam2.force": ("pam4.force", None)}
+    person.hands |= {"pam3.force": ("pam3.force", 512), "pam4.force": ("pam4.force", 32100)}
     assert person.carry_out() == 0
     assert [each["point"] for each in person.asked] == [*range(1, 15)]
     assert len(person.told) == 14
@@ -198,8 +191,7 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configure
     for name, told in REFUSED.items():
         assert re.search(told, lines.loc[name, "told"])
     for name, true in TRUE.items():
-        (per_count,) = (value for key, value in true.items() if key.endswith("_per_count"))
-        assert lines.loc[name, "per_count"] == pytest.approx(per_count, rel=0.005)
+        assert lines.loc[name, "per_count"] == pytest.approx(find_per_count(true), rel=0.005)
         assert lines.loc[name, "zero_count"] == pytest.approx(true["zero_count"], abs=10.0)
         assert lines.loc[name, "sign"] == true.get("sign", 1)
     assert "the sign is -1, configured 1" in lines.loc["pam1.force", "told"]
@@ -222,10 +214,8 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configure
 
 
 def test_pressure_is_there_only_while_its_point_is_recorded(emulator, section):
-    rig = build_rig(section, emulator.port)
-    with rig:
-        begun_s = emulator.state()["now_s"]
-        states = []
+    with build_rig(section, emulator.port) as rig:
+        begun_s, states = emulator.state()["now_s"], []
         emulator.clock.after(0.5, lambda: states.append(emulator.state()))
         recording = rig.hold("pam2", 300.0, 0.3, ramp_s=0.3, settle_s=0.2)
         ended = emulator.state(log=2000)
@@ -248,12 +238,10 @@ def test_pressure_is_there_only_while_its_point_is_recorded(emulator, section):
 
 
 def test_a_ceiling_or_a_sensor_at_its_end_lets_the_muscle_down(emulator, section):
-    rig = build_rig(section, emulator.port)
-    with rig:
+    with build_rig(section, emulator.port) as rig:
         emulator.fault("sensor", channel="pam2.pressure", mode="counts", counts=25000, after_s=0.3)
-        assert rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4).stopped == (
-            "pam2.pressure at 781 kPa, ceiling 780.0 kPa"
-        )
+        stopped = rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4).stopped
+        assert stopped == "pam2.pressure at 781 kPa, ceiling 780.0 kPa"
         emulator.mend()
         emulator.fault("sensor", channel="pam2.pressure", mode="counts", counts=32767)
         recording = rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4)

@@ -27,16 +27,7 @@ DECLINED = {
 class TrialDeclined(Exception):
     """An operator did not let a trial become part of the study.
 
-    Parameters
-    ----------
-    decision : str
-        ``skip`` (never executed), ``repeat`` or ``reject``.
-    trial : Trial
-        The trial.
-    note : str
-        What the operator wrote.
-    stopped : str
-        Why it was stopped before, if it was.
+    The decision is one of `DECLINED`; told with it are the operator's note, and why the trial was stopped, if it was.
     """
 
     def __init__(self, decision: str, trial: Trial, note: str = "", stopped: str = ""):
@@ -46,17 +37,7 @@ class TrialDeclined(Exception):
 
 
 class StudyPaused(Exception):
-    """An operator ends the study for today.
-
-    Parameters
-    ----------
-    label : str
-        Of the trial that is next.
-    note : str
-        What the operator wrote.
-    stopped : str
-        Why the trial was stopped before, if it was.
-    """
+    """An operator ends the study for today; the label is that of the next trial, the rest as of `TrialDeclined`."""
 
     def __init__(self, label: str, note: str = "", stopped: str = ""):
         why = f"{stopped}; " if stopped else ""
@@ -82,17 +63,7 @@ def until_kept(land: Callable[[], Landed]) -> Landed:
 
 
 class Moment(NamedTuple):
-    """One sample, as it is shown while a trial runs.
-
-    Parameters
-    ----------
-    time_s : float
-        From the trial's start; below 0 while muscles are being filled.
-    angle_rad : (J,) ndarray
-        Joint angles.
-    command_kpa, pressure_kpa, force_n : (M,) ndarray
-        What is commanded and measured.
-    """
+    """One sample of J joints and M muscles, as it is shown while a trial runs; before it, muscles are being filled."""
 
     time_s: float
     angle_rad: Array

@@ -9,27 +9,13 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 
-class Clock(Protocol):
-    """Tells the time and lets it pass."""
-
-    def now_s(self) -> float:
-        """Return the time, s, which never goes back."""
-
-    def sleep(self, for_s: float) -> None:
-        """Return after a time, s."""
-
-    def wait(self, condition: threading.Condition, for_s: float | None) -> bool:
-        """Wait as `Condition.wait` does, for a time of this clock at most, s; whoever waits holds the condition."""
-
-
-class Monotonic:
+class Clock:
     """The computer's clock, as of ``time.monotonic``."""
 
     def now_s(self) -> float:
-        """Return the time, s."""
+        """Return the time, s, which never goes back."""
         return time.monotonic()
 
     def sleep(self, for_s: float) -> None:
@@ -37,11 +23,11 @@ class Monotonic:
         time.sleep(for_s)
 
     def wait(self, condition: threading.Condition, for_s: float | None) -> bool:
-        """Wait as `Condition.wait` does."""
+        """Wait as `Condition.wait` does; whoever waits holds the condition."""
         return condition.wait(for_s)
 
 
-_current: Clock = Monotonic()
+_current = Clock()
 
 
 def now_s() -> float:

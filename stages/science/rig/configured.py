@@ -16,12 +16,7 @@ from stages.science.rig.contract import Rig
 class ConfiguredRig(Rig, BaseModel):
     """A rig for a described machine; a subclass runs trials.
 
-    Parameters
-    ----------
-    exoskeleton : Exoskeleton
-        Joints, muscles and sampling.
-    participants : dict of str to Participant
-        Who may track a reference; beside them, ``experimenter`` moves freely and ``nobody`` is in passive trials.
+    Beside the participants, ``experimenter`` moves freely and ``nobody`` is in passive trials.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

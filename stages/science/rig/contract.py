@@ -35,12 +35,7 @@ class RigError(RuntimeError):
 class TrialStopped(RigError):
     """A trial was stopped before its end, and the muscles were let down as far as the machine could be reached.
 
-    Parameters
-    ----------
-    message : str
-        Why, and what to do.
-    noticed_at_s : float
-        When the reason was noticed, by the monotonic clock, s.
+    ``noticed_at_s`` is when the reason was noticed, by the monotonic clock, s.
     """
 
     def __init__(self, message: str, noticed_at_s: float):
@@ -59,13 +54,7 @@ class Rig(ABC):
         return None
 
     def connect_interface(self, attendance: Attendance) -> None:
-        """Have somebody see its trials and decide on them.
-
-        Raises
-        ------
-        RigError
-            When this rig asks nobody.
-        """
+        """Have somebody see its trials and decide on them; raise `RigError` where this rig asks nobody."""
         raise RigError(f"{type(self).__name__} asks nobody: leave operator_ui= out, or choose another rig")
 
     @property
@@ -121,9 +110,22 @@ class Rig(ABC):
         Raises
         ------
         ValueError
-            When the trial does not fit the rig or asks for what its limits forbid.
+            When the trial does not fit the rig, saying what it has, or asks for what its limits forbid.
         """
-        check_trial(trial, self)
+        for name, values, columns, what in (
+            ("pressure_command_kpa", trial.pressure_command_kpa, len(self.muscles), "muscles"),
+            ("reference_rad", trial.reference_rad, len(self.joints), "joints"),
+        ):
+            if values is not None and values.shape != (self.samples, columns):
+                raise ValueError(
+                    f"{name}: this rig takes {self.samples} samples of {columns} {what}, got shape {values.shape}"
+                )
+        if (trial.kind == "passive") != (trial.participant == "nobody"):
+            raise ValueError(
+                f"participant '{trial.participant}' in a {trial.kind} trial: 'nobody' goes with passive, and only there"
+            )
+        if trial.kind != "passive" and trial.participant not in self.people:
+            raise ValueError(f"no participant '{trial.participant}'; this rig knows {', '.join(sorted(self.people))}")
 
     def check_bank(self, samples: pd.DataFrame, by: str) -> None:  # noqa: B027 (a rig may have no such limits)
         """Check movements that are to be replayed against the rig's limits, before anything moves.
@@ -211,42 +213,8 @@ class Rig(ABC):
             _release_after(self, error)
 
 
-def check_trial(trial: Trial, rig: Rig) -> None:
-    """Check that a trial fits a rig.
-
-    Raises
-    ------
-    ValueError
-        Saying what the rig has and what the trial asked for.
-    """
-    expected = (rig.samples, len(rig.muscles))
-    if trial.pressure_command_kpa.shape != expected:
-        raise ValueError(
-            f"pressure_command_kpa: this rig takes {expected[0]} samples of {expected[1]} muscles, "
-            f"got shape {trial.pressure_command_kpa.shape}"
-        )
-    if trial.reference_rad is not None and trial.reference_rad.shape != (rig.samples, len(rig.joints)):
-        raise ValueError(
-            f"reference_rad: this rig takes {rig.samples} samples of {len(rig.joints)} joints, "
-            f"got shape {trial.reference_rad.shape}"
-        )
-    if (trial.kind == "passive") != (trial.participant == "nobody"):
-        raise ValueError(
-            f"participant '{trial.participant}' in a {trial.kind} trial: 'nobody' goes with passive, and only there"
-        )
-    if trial.kind != "passive" and trial.participant not in rig.people:
-        raise ValueError(f"no participant '{trial.participant}'; this rig knows {', '.join(sorted(rig.people))}")
-
-
 def tidy(recording: Recording, rig: Rig) -> dict[str, NDArray[Any]]:
     """Return a recording as long columns, one row per muscle and time: all of the first muscle, then the next.
-
-    Parameters
-    ----------
-    recording : Recording
-        From `rig`.
-    rig : Rig
-        Names the muscles and their joints.
 
     Returns
     -------
@@ -259,57 +227,53 @@ def tidy(recording: Recording, rig: Rig) -> dict[str, NDArray[Any]]:
         "time_s": np.tile(recording.time_s, len(joint)),
         "muscle": np.repeat(np.array(rig.muscles, dtype=object), samples),
     }
-    for name in ("pressure_command_kpa", "pressure_kpa", "contraction", "contraction_velocity_per_s", "force_n"):
-        columns[name] = getattr(recording, name).T.ravel()
-    for name in ("joint_angle_rad", "joint_velocity_rad_per_s"):
-        columns[name] = getattr(recording, name)[:, joint].T.ravel()
-    for name in ("status", "clipped_by"):
-        columns[name] = getattr(recording, name).T.ravel().astype(object)
-    for name in PER_SAMPLE[1:]:
-        columns[name] = np.tile(getattr(recording, name), len(joint))
+    for name in list(RECORDING_COLUMNS)[2:]:
+        values = getattr(recording, name)
+        if name in PER_SAMPLE:
+            columns[name] = np.tile(values, len(joint))
+        else:
+            columns[name] = (values[:, joint] if name.startswith("joint") else values).T.ravel()
+            if name in ("status", "clipped_by"):
+                columns[name] = columns[name].astype(object)
     return columns
 
 
-def _word(among: Mapping[str, str], description: str) -> pa.Column:
-    return pa.Column(str, pa.Check.isin(list(among)), nullable=False, description=description, metadata={"unit": "1"})
+def _number(unit: str, description: str, low: float, high: float, nullable: bool = False) -> pa.Column:
+    checks = [pa.Check.ge(low), pa.Check.le(high)]
+    return pa.Column(float, checks, nullable=nullable, description=description, metadata={"unit": unit})
 
 
-def _measurement(
-    dtype: type, unit: str, description: str, low: float | None = None, high: float | None = None
-) -> pa.Column:
-    checks = [] if low is None else [pa.Check.ge(low), pa.Check.le(high)]
-    return pa.Column(dtype, checks, nullable=False, description=description, metadata={"unit": unit})
-
-
-def _display(description: str) -> pa.Column:
-    told = f"{description}; missing where none did"
-    return pa.Column(
-        float, [pa.Check.ge(-60.0), pa.Check.le(3600.0)], nullable=True, description=told, metadata={"unit": "s"}
-    )
+def _word(description: str, among: Mapping[str, str] | None = None) -> pa.Column:
+    checks = None if among is None else pa.Check.isin(list(among))
+    return pa.Column(str, checks, nullable=False, description=description, metadata={"unit": "1"})
 
 
 MEASUREMENT_COLUMNS: dict[str, pa.Column] = {
-    "time_s": _measurement(float, "s", "time from the trial's start", 0.0, 3600.0),
-    "muscle": _measurement(str, "1", "name of the muscle"),
-    "pressure_command_kpa": _measurement(
-        float, "kPa", "commanded gauge pressure as applied, held until the next sample", 0.0, 1000.0
+    "time_s": _number("s", "time from the trial's start", 0.0, 3600.0),
+    "muscle": _word("name of the muscle"),
+    "pressure_command_kpa": _number(
+        "kPa", "commanded gauge pressure as applied, held until the next sample", 0.0, 1000.0
     ),
-    "pressure_kpa": _measurement(float, "kPa", "gauge pressure at the valve", -50.0, 1100.0),
-    "contraction": _measurement(float, "1", "contraction by encoder and geometry, ratio of rest length", -0.2, 0.5),
-    "contraction_velocity_per_s": _measurement(float, "1/s", "filtered derivative of contraction", -20.0, 20.0),
-    "force_n": _measurement(float, "N", "tension at the load cell", 0.0, 10000.0),
-    "joint_angle_rad": _measurement(float, "rad", "angle of the muscle's joint", -6.3, 6.3),
-    "joint_velocity_rad_per_s": _measurement(float, "rad/s", "filtered derivative of the joint's angle", -100.0, 100.0),
+    "pressure_kpa": _number("kPa", "gauge pressure at the valve", -50.0, 1100.0),
+    "contraction": _number("1", "contraction by encoder and geometry, ratio of rest length", -0.2, 0.5),
+    "contraction_velocity_per_s": _number("1/s", "filtered derivative of contraction", -20.0, 20.0),
+    "force_n": _number("N", "tension at the load cell", 0.0, 10000.0),
+    "joint_angle_rad": _number("rad", "angle of the muscle's joint", -6.3, 6.3),
+    "joint_velocity_rad_per_s": _number("rad/s", "filtered derivative of the joint's angle", -100.0, 100.0),
 }
 """What was measured in each sample; a table adds its own keys, such as the trial."""
 
+_SHOWN = (
+    "when a screen showed the reference of this sample, from the trial's start; missing where none did",
+    "when a screen first showed a posture measured at time_s or later; missing where none did",
+)
 RECORDING_COLUMNS: dict[str, pa.Column] = {
     **MEASUREMENT_COLUMNS,
-    "status": _word(STATUS, "what the sample is: ok, or what is wrong with it"),
-    "clipped_by": _word(CLIPPED_BY, "what made the command differ from the one asked; empty = nothing did"),
-    "late_s": _measurement(float, "s", "how much later than at time_s the sample was taken", -1.0, 3600.0),
-    "reference_shown_s": _display("when a screen showed the reference of this sample, from the trial's start"),
-    "measured_shown_s": _display("when a screen first showed a posture measured at time_s or later"),
+    "status": _word("what the sample is: ok, or what is wrong with it", STATUS),
+    "clipped_by": _word("what made the command differ from the one asked; empty = nothing did", CLIPPED_BY),
+    "late_s": _number("s", "how much later than at time_s the sample was taken", -1.0, 3600.0),
+    "reference_shown_s": _number("s", _SHOWN[0], -60.0, 3600.0, nullable=True),
+    "measured_shown_s": _number("s", _SHOWN[1], -60.0, 3600.0, nullable=True),
 }
 """What a rig records of each sample: what was measured, and how."""
 

@@ -8,16 +8,16 @@ the path of its own section in front.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, PositiveInt, model_validator
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, PositiveInt
 
 from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import MOST_ROWS, Rig, Watch, tidy
-from stages.science.rig.limits import Limits
+from stages.science.rig.limits import Limits, ordered
 from stages.science.rig.trial import Proposal, Trial
 from stages.science.signals.pressures import pressure_profiles
 from stages.science.signals.trajectories import Array
@@ -29,11 +29,7 @@ class Range(Declared):
     low: NonNegativeFloat
     high: NonNegativeFloat
 
-    @model_validator(mode="after")
-    def _order(self) -> Self:
-        if self.low > self.high:
-            raise ValueError(f"expected low <= high, got {self.low} and {self.high}")
-        return self
+    _order = ordered("low", "high", strictly=False)
 
 
 class Durations(Range):
@@ -81,17 +77,10 @@ class FreeMovements(Declared):
     def check_against(self, exoskeleton: Exoskeleton, path: str) -> None:
         """Check that the machine has these muscles, samples these levels and that memory holds its recordings.
 
-        Parameters
-        ----------
-        exoskeleton : Exoskeleton
-            The machine.
-        path : str
-            Of this section in the configuration, for the message.
-
         Raises
         ------
         ValueError
-            Naming the key.
+            Naming the key, below the path of this section in the configuration.
         """
         check_ranges(self.pressure.range_kpa, exoskeleton, f"{path}.pressure.range_kpa")
         sample_s, level_s = 1 / exoskeleton.sampling_rate_hz, self.pressure.mean_level_s
@@ -126,13 +115,9 @@ class FreeMovements(Declared):
             Number of the movement.
         rig : Rig
             Connected.
-        generator : numpy.random.Generator
-            The only source of randomness.
-        label : str
-            Names the trial for an operator.
-        watch : callable or None
+        generator, watch
             As of `Rig.execute`.
-        number, proposal : int or None, Proposal or None
+        label, number, proposal
             As of `Trial`.
 
         Returns
@@ -155,21 +140,12 @@ class RigWithLimits(BaseModel):
 
 
 def check_ranges(ranges: Mapping[str, Range], exoskeleton: Exoskeleton, path: str) -> None:
-    """Check that every muscle has a range, that no other has one, and that every muscle may pull.
-
-    Parameters
-    ----------
-    ranges : mapping of str to Range
-        Lowest and highest level of each muscle, kPa gauge.
-    exoskeleton : Exoskeleton
-        The machine.
-    path : str
-        Of the ranges in the configuration, for the message.
+    """Check that every muscle has a range, kPa gauge, that no other has one, and that every muscle may pull.
 
     Raises
     ------
     ValueError
-        Naming the muscle.
+        Naming the muscle, below the path of the ranges in the configuration.
     """
     names = exoskeleton.muscle_names
     missing = [name for name in names if name not in ranges]
@@ -187,23 +163,13 @@ def check_ranges(ranges: Mapping[str, Range], exoskeleton: Exoskeleton, path: st
 def check_levels(ranges: Mapping[str, Range], exoskeleton: Exoskeleton, limits: Limits | None, path: str) -> None:
     """Check that every pressure level that may be drawn is one that the muscle may be commanded.
 
-    A rig applies the nearest command that it permits, so that levels beyond its limits would all be one level.
-
-    Parameters
-    ----------
-    ranges : mapping of str to Range
-        Lowest and highest level of each muscle, kPa gauge.
-    exoskeleton : Exoskeleton
-        The machine; its muscles' largest pressures count where the rig has no limits.
-    limits : mapping of str to PressureLimit or None
-        The rig's, by type of muscle.
-    path : str
-        Of the ranges in the configuration, for the message.
+    A rig applies the nearest command that it permits, so that levels beyond its limits would all be one level. Where
+    it has no limits, the muscles' largest pressures count.
 
     Raises
     ------
     ValueError
-        Naming the level and the limit.
+        Naming the level, below the path of the ranges in the configuration, and the limit.
     """
     for muscle in exoskeleton.muscles:
         limit = (limits or {}).get(muscle.type)

@@ -6,54 +6,51 @@ milliseconds, as the limits on the rate alone would permit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from pydantic import Field
 
-from stages.science.plant.exoskeleton import Muscle
+from stages.science.rig.attendance import Moment
+from stages.science.rig.configured import ConfiguredRig
 from stages.science.rig.limits import Limits
 from stages.science.signals.trajectories import Array
 
 
 def fill(first_kpa: Array, samples: int, share: float) -> Array:
-    """Return the commands of a lead-in.
+    """Return the commands of a lead-in of L samples (L, M), kPa gauge; L = 0 where a trial begins with filled muscles.
 
-    Parameters
-    ----------
-    first_kpa : (M,) ndarray
-        First command of the trial, as applied, kPa gauge.
-    samples : int
-        Samples of the lead-in, L; 0 where the trial begins with filled muscles.
-    share : float
-        Share of them over which the muscles are filled, 1.
-
-    Returns
-    -------
-    (L, M) ndarray
-        At one rate from vented to the first command, which then holds, kPa gauge. All muscles have the same share of
-        their first commands at a time, so that what pulls against each other keeps to the limits that those keep to.
-
-    Notes
-    -----
-    Of all ways to fill in a time this one has the smallest rate; valves round its ends off.
+    Over a share of it they rise at one rate from vented to the first commands (M,), as applied, which then hold. All
+    muscles have the same share of their first commands at a time, so that what pulls against each other keeps to the
+    limits that those keep to. Of all ways to fill in a time this one has the smallest rate; valves round its ends off.
     """
     risen = np.minimum(np.arange(samples) / max(round(share * samples), 1), 1.0)
     return risen[:, None] * first_kpa
 
 
-def check_filling(lead_in_s: float, share: float, limits: Limits, muscles: Sequence[Muscle]) -> None:
-    """Check that every muscle can be filled to its highest command within its limit on the rate.
+class FillingRig(ConfiguredRig):
+    """A rig that applies commands within limits, and fills the muscles in a lead-in that is not recorded."""
 
-    Raises
-    ------
-    ValueError
-        Naming the muscle, and how long it takes.
-    """
-    for muscle in muscles:
-        limit = limits[muscle.type]
-        shortest_s = limit.high_kpa / limit.slew_kpa_per_s / share
-        if shortest_s > lead_in_s:
-            raise ValueError(
-                f"lead_in_s: expected at least {shortest_s:.3g} s, in whose filling_share {muscle.name} can be filled "
-                f"to any command within limits.{muscle.type}.slew_kpa_per_s, got {lead_in_s}"
-            )
+    limits: Limits
+    lead_in_s: float = Field(ge=0.0, le=60.0)
+    filling_share: float = Field(ge=0.5, le=1.0)
+
+    def _check_filling(self) -> None:
+        """Check that every muscle can be filled to its highest command within its limit on the rate."""
+        for muscle in self.exoskeleton.muscles:
+            limit = self.limits[muscle.type]
+            shortest_s = limit.high_kpa / limit.slew_kpa_per_s / self.filling_share
+            if shortest_s > self.lead_in_s:
+                raise ValueError(
+                    f"lead_in_s: expected at least {shortest_s:.3g} s, in whose filling_share {muscle.name} can be "
+                    f"filled to any command within limits.{muscle.type}.slew_kpa_per_s, got {self.lead_in_s}"
+                )
+
+    @property
+    def _lead_samples(self) -> int:
+        return round(self.lead_in_s * self.sampling_rate_hz)
+
+    def _why_stop(self) -> str:
+        return self.attendance.why_stop() if self.attendance is not None else ""
+
+    def _show(self, time_s: float, angle: Array, command: Array, pressure: Array, force: Array) -> None:
+        if self.attendance is not None:
+            self.attendance.show(Moment(time_s, angle, command, pressure, force))

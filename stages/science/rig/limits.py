@@ -7,7 +7,7 @@ References flow in before anything moves, samples while it does; what forbids th
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,6 +30,18 @@ SPEED_WINDOW_S = 0.03
 """Time over which a joint's speed is measured against its limit, s: above an encoder's counts, below a movement."""
 
 
+def ordered(low: str, high: str, strictly: bool = True) -> Any:
+    """Return the validator of a section in which one value lies below another one, or is no higher than it."""
+
+    def check(section: Declared) -> Declared:
+        lowest, highest = getattr(section, low), getattr(section, high)
+        if lowest > highest or (strictly and lowest == highest):
+            raise ValueError(f"expected {low} {'<' if strictly else '<='} {high}, got {lowest} and {highest}")
+        return section
+
+    return model_validator(mode="after")(check)
+
+
 class PressureLimit(Declared):
     """What one type of muscle may be commanded."""
 
@@ -37,11 +49,7 @@ class PressureLimit(Declared):
     high_kpa: PositiveFloat = Field(description="highest command, kPa gauge")
     slew_kpa_per_s: PositiveFloat = Field(description="largest rate of change, kPa/s")
 
-    @model_validator(mode="after")
-    def _order(self) -> Self:
-        if self.low_kpa >= self.high_kpa:
-            raise ValueError(f"expected low_kpa < high_kpa, got {self.low_kpa} and {self.high_kpa}")
-        return self
+    _order = ordered("low_kpa", "high_kpa")
 
 
 Limits = dict[str, PressureLimit]
@@ -54,11 +62,7 @@ class JointLimit(Declared):
     upper_rad: float = Field(ge=-6.3, le=6.3, description="largest angle, rad")
     speed_rad_per_s: PositiveFloat = Field(description="largest speed, rad/s")
 
-    @model_validator(mode="after")
-    def _order(self) -> Self:
-        if self.lower_rad >= self.upper_rad:
-            raise ValueError(f"expected lower_rad < upper_rad, got {self.lower_rad} and {self.upper_rad}")
-        return self
+    _order = ordered("lower_rad", "upper_rad")
 
 
 class Ceiling(Declared):
@@ -91,19 +95,18 @@ class Guard(Declared):
         ValueError
             Naming the key.
         """
-        for kind, wanted, given in (
-            ("ceilings", {each.type: each.name for each in exoskeleton.muscles}, self.ceilings),
-            ("joints", {name: name for name in exoskeleton.joint_names}, self.joints),
-        ):
-            for name in wanted:
-                if name not in given:
-                    raise ValueError(f"guard.{kind}: none for {name}; add guard.{kind}.{name}")
+        wanted = [f"ceilings.{muscle.type}" for muscle in exoskeleton.muscles]
+        given = {f"{kind}.{name}" for kind in ("ceilings", "joints") for name in getattr(self, kind)}
+        for key in [*wanted, *(f"joints.{name}" for name in exoskeleton.joint_names)]:
+            if key not in given:
+                kind, _, name = key.partition(".")
+                raise ValueError(f"guard.{kind}: none for {name}; add guard.{key}")
         for muscle in exoskeleton.muscles:
-            if self.ceilings[muscle.type].pressure_kpa <= limits[muscle.type].high_kpa:
+            ceiling_kpa, high_kpa = self.ceilings[muscle.type].pressure_kpa, limits[muscle.type].high_kpa
+            if ceiling_kpa <= high_kpa:
                 raise ValueError(
-                    f"guard.ceilings.{muscle.type}.pressure_kpa: expected more than the {limits[muscle.type].high_kpa} "
-                    f"kPa that may be commanded (limits.{muscle.type}.high_kpa), "
-                    f"got {self.ceilings[muscle.type].pressure_kpa}"
+                    f"guard.ceilings.{muscle.type}.pressure_kpa: expected more than the {high_kpa} kPa that may be "
+                    f"commanded (limits.{muscle.type}.high_kpa), got {ceiling_kpa}"
                 )
 
 
@@ -140,10 +143,8 @@ def apply_limits(
     ----------
     command_kpa : (T, M) ndarray
         What is asked, kPa gauge; the muscles are filled to the first sample beforehand.
-    limits : mapping of str to PressureLimit
-        By type of muscle.
-    exoskeleton : Exoskeleton
-        The machine.
+    limits, exoskeleton
+        By type of muscle; the machine.
     co_contraction_kpa : mapping of str to float or None
         By joint: as long as one side of it is commanded more than this, the other one is not; None for no ceiling.
 
@@ -153,8 +154,7 @@ def apply_limits(
         What is applied, kPa gauge, and what made it differ, keys of `CLIPPED_BY`.
     """
     rows = [limits[muscle.type] for muscle in exoskeleton.muscles]
-    step = np.array([row.slew_kpa_per_s for row in rows]) / exoskeleton.sampling_rate_hz
-    low, high = np.array([row.low_kpa for row in rows]), np.array([row.high_kpa for row in rows])
+    low, high, slew = np.array([(row.low_kpa, row.high_kpa, row.slew_kpa_per_s) for row in rows]).T.copy()
     side = np.array([1 if muscle.role == "agonist" else -1 for muscle in exoskeleton.muscles])
     ceilings = co_contraction_kpa or {}
     ceiling = np.array([ceilings.get(name, np.inf) for name in exoskeleton.joint_names])
@@ -162,7 +162,7 @@ def apply_limits(
         np.ascontiguousarray(command_kpa, dtype=float),
         low,
         high,
-        step,
+        slew / exoskeleton.sampling_rate_hz,
         np.array(exoskeleton.joint_of_muscle),
         side,
         ceiling,
@@ -220,16 +220,11 @@ def find_forbidden(
     Parameters
     ----------
     samples : DataFrame
-        Rows of movements that are to be replayed, each muscle's in the order of time: muscle, time_s,
-        pressure_command_kpa and joint_angle_rad (of the muscle's joint).
+        As of `Rig.check_bank`, each muscle's rows in the order of time.
     trials : str
         Column that numbers the movements.
-    exoskeleton : Exoskeleton
-        The machine.
-    guard : Guard
-        Limits of the joints.
-    limits : mapping of str to PressureLimit
-        By type of muscle.
+    exoskeleton, guard, limits
+        Of the rig.
 
     Yields
     ------
@@ -239,7 +234,8 @@ def find_forbidden(
     for muscle in exoskeleton.muscles:
         rows = samples[samples["muscle"] == muscle.name]
         allowed, joint = limits[muscle.type], guard.joints[muscle.joint]
-        angle, speed = rows["joint_angle_rad"], _measure_speed(rows, trials, exoskeleton.sampling_rate_hz)
+        changes = rows.groupby(trials)[["joint_angle_rad", "time_s"]].diff(speed_samples(exoskeleton.sampling_rate_hz))
+        angle, speed = rows["joint_angle_rad"], (changes["joint_angle_rad"] / changes["time_s"]).abs()
         command = rows["pressure_command_kpa"]
         wrong = {
             f"joint {muscle.joint} at {{:.3g}} rad, permitted {joint.lower_rad} to {joint.upper_rad}": (
@@ -260,14 +256,6 @@ def find_forbidden(
                     f"{trials} {first[trials]} asks for {words.format(values[beyond].iloc[0])}, at "
                     f"{first['time_s']:.2f} s ({found} of {rows[trials].nunique()} ask for such)"
                 )
-
-
-def _measure_speed(rows: pd.DataFrame, trials: str, sampling_rate_hz: float) -> pd.Series:
-    """Return the mean speed over the last `SPEED_WINDOW_S`, rad/s; nothing at the beginning."""
-    steps = speed_samples(sampling_rate_hz)
-    changes = rows.groupby(trials)[["joint_angle_rad", "time_s"]].diff(steps)
-    speed: pd.Series = (changes["joint_angle_rad"] / changes["time_s"]).abs()
-    return speed
 
 
 def speed_samples(sampling_rate_hz: float) -> int:

@@ -25,13 +25,7 @@ SUFFIXES = (".csv", ".parquet")
 
 
 class TrialRequested(Exception):
-    """A trial waits for a person.
-
-    Parameters
-    ----------
-    asks : dict
-        What to execute: reference and pressure commands over time, and where to put which columns.
-    """
+    """A trial waits for a person, who is asked to execute a reference and commands and to put columns somewhere."""
 
     def __init__(self, asks: dict[str, Any]):
         super().__init__(f"execute {asks['trial']} and save what was recorded as {asks['save_as']}")
@@ -39,15 +33,7 @@ class TrialRequested(Exception):
 
 
 class ManualRig(ConfiguredRig):
-    """A rig behind a person.
-
-    Parameters
-    ----------
-    exoskeleton, participants
-        As of every `ConfiguredRig`.
-    folder : str
-        Where recordings are put.
-    """
+    """A rig behind a person, who puts recordings into a folder."""
 
     real: ClassVar[bool] = True
 
@@ -74,17 +60,18 @@ class ManualRig(ConfiguredRig):
         RigError
             When the file does not hold what was asked for.
         """
-        stem = Path(self.folder) / name_trial(trial)
+        content = hashlib.sha256(trial.kind.encode() + trial.participant.encode())
+        content.update(trial.pressure_command_kpa.tobytes())
+        content.update(b"" if trial.reference_rad is None else trial.reference_rad.tobytes())
+        name = f"{re.sub(r'[^0-9a-zA-Z]+', '_', trial.label or trial.kind)}_{content.hexdigest()[:8]}"
+        stem = Path(self.folder) / name
         found = [stem.with_suffix(suffix) for suffix in SUFFIXES if stem.with_suffix(suffix).exists()]
         if not found:
             raise TrialRequested(self._ask(trial, stem.with_suffix(".csv")))
         return self._read(found[0])
 
     def _ask(self, trial: Trial, path: Path) -> dict[str, Any]:
-        time_s = np.arange(self.samples) / self.sampling_rate_hz
-        reference = (
-            {} if trial.reference_rad is None else dict(zip(self.joints, trial.reference_rad.T.tolist(), strict=True))
-        )
+        shown = [] if trial.reference_rad is None else zip(self.joints, trial.reference_rad.T.tolist(), strict=True)
         return {
             "trial": trial.label,
             "kind": trial.kind,
@@ -92,8 +79,8 @@ class ManualRig(ConfiguredRig):
             "save_as": str(path),
             "columns": {name: each.description for name, each in MEASUREMENT_COLUMNS.items()},
             "rows": f"one for each of {len(self.muscles)} muscles and {self.samples} samples",
-            "time_s": time_s.tolist(),
-            "reference_rad": reference,
+            "time_s": (np.arange(self.samples) / self.sampling_rate_hz).tolist(),
+            "reference_rad": dict(shown),
             "pressure_command_kpa": dict(zip(self.muscles, trial.pressure_command_kpa.T.tolist(), strict=True)),
         }
 
@@ -101,7 +88,8 @@ class ManualRig(ConfiguredRig):
         try:
             frame = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
         except (OSError, ValueError) as error:
-            raise RigError(f"{path}: expected a table ({first_line(error)})") from None
+            told = str(error).splitlines()[:1] or [type(error).__name__]
+            raise RigError(f"{path}: expected a table ({told[0]})") from None
         missing = [name for name in MEASUREMENT_COLUMNS if name not in frame]
         if missing:
             raise RigError(
@@ -120,16 +108,3 @@ class ManualRig(ConfiguredRig):
         if len(times) != self.samples or times.min() < len(self.muscles):
             raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(times)} times")
         return gather(frame, self)
-
-
-def name_trial(trial: Trial) -> str:
-    """Return a file name that belongs to this trial and to no other."""
-    content = hashlib.sha256(trial.kind.encode() + trial.participant.encode())
-    content.update(trial.pressure_command_kpa.tobytes())
-    content.update(b"" if trial.reference_rad is None else trial.reference_rad.tobytes())
-    return f"{re.sub(r'[^0-9a-zA-Z]+', '_', trial.label or trial.kind)}_{content.hexdigest()[:8]}"
-
-
-def first_line(error: Exception) -> str:
-    """Return the first line of an error's text."""
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import Field, PositiveFloat
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig.limits import ordered
 from stages.science.signals.trajectories import Array, reach_postures
 
 
@@ -21,21 +20,13 @@ class Movement(Declared):
     longest_rest_s: float = Field(ge=0.0, description="longest rest, s")
     range_share: float = Field(gt=0.0, le=1.0, description="share of the joint's range that postures span, 1")
 
-    @model_validator(mode="after")
-    def _order(self) -> Self:
-        for kind, low, high in (
-            ("move", self.shortest_move_s, self.longest_move_s),
-            ("rest", self.shortest_rest_s, self.longest_rest_s),
-        ):
-            if low > high:
-                raise ValueError(f"expected shortest_{kind}_s <= longest_{kind}_s, got {low} and {high}")
-        return self
+    _moves = ordered("shortest_move_s", "longest_move_s", strictly=False)
+    _rests = ordered("shortest_rest_s", "longest_rest_s", strictly=False)
 
 
 def move_freely(movement: Movement, exoskeleton: Exoskeleton, samples: int, generator: np.random.Generator) -> Array:
     """Draw a natural movement of all joints, (samples, J), rad."""
-    lower = np.array([joint.lower_rad for joint in exoskeleton.joints])
-    upper = np.array([joint.upper_rad for joint in exoskeleton.joints])
+    lower, upper = np.array([(joint.lower_rad, joint.upper_rad) for joint in exoskeleton.joints]).T
     margin = 0.5 * (1.0 - movement.range_share) * (upper - lower)
     return reach_postures(
         generator,

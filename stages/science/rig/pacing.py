@@ -19,18 +19,12 @@ from stages.science.rig import clock
 
 @dataclass(frozen=True)
 class Tick:
-    """One turn of the loop.
-
-    Parameters
-    ----------
-    index : int
-        Its number; numbers that are left out were missed.
-    due_s : float
-        When it was to begin, by the monotonic clock, s.
-    """
+    """One turn of the loop."""
 
     index: int
+    """Its number; numbers that are left out were missed."""
     due_s: float
+    """When it was to begin, by the monotonic clock, s."""
 
     @property
     def late_s(self) -> float:
@@ -39,15 +33,7 @@ class Tick:
 
 
 def pace(count: int, period_s: float) -> Iterator[Tick]:
-    """Yield ticks as they are due: the first at once, the last possible one always.
-
-    Parameters
-    ----------
-    count : int
-        Ticks if none is missed.
-    period_s : float
-        Time from one to the next, s.
-    """
+    """Yield ticks as they are due, every so many seconds: the first at once, the last of a count always."""
     begun, index = clock.now_s(), 0
     while index < count:
         clock.sleep(begun + index * period_s - clock.now_s())
@@ -73,14 +59,8 @@ def undisturbed() -> Iterator[None]:
 class Pace:
     """How a loop kept its rate.
 
-    Parameters
-    ----------
-    samples : int
-        How many were due.
-    p50_s, p99_s : float
-        Median and 99th percentile of the time from one sample to the next, s.
-    overruns : int
-        Samples that were missed, or taken more than half a period late.
+    Of the samples that were due: median and 99th percentile of the time from one to the next, s, and how many overran,
+    that is, were missed or taken more than half a period late.
     """
 
     samples: int

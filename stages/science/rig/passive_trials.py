@@ -15,6 +15,7 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import Rig
 from stages.science.rig.excitation import Range, check_ranges
 from stages.science.rig.limits import Limits
+from stages.science.rig.reference import arrange
 from stages.science.rig.trial import Trial
 from stages.science.signals.trajectories import Array, connect_points
 
@@ -42,17 +43,10 @@ class Sweeps(Declared):
     def check_against(self, exoskeleton: Exoskeleton, path: str) -> None:
         """Check that every joint has muscles that pull against each other, and that a trial has time for its sweeps.
 
-        Parameters
-        ----------
-        exoskeleton : Exoskeleton
-            The machine.
-        path : str
-            Of this section in the configuration, for the message.
-
         Raises
         ------
         ValueError
-            Naming the key.
+            Naming the key, below the path of this section in the configuration.
         """
         check_ranges(self.range_kpa, exoskeleton, f"{path}.range_kpa")
         for joint in exoskeleton.joint_names:
@@ -100,28 +94,15 @@ class Sweeps(Declared):
                 )
 
     def draw(self, exoskeleton: Exoskeleton, trials: int, generator: np.random.Generator) -> Array:
-        """Draw the commands of one experiment.
-
-        Parameters
-        ----------
-        exoskeleton : Exoskeleton
-            The machine.
-        trials : int
-            How many.
-        generator : numpy.random.Generator
-            The only source of randomness: it draws the levels.
-
-        Returns
-        -------
-        (trials, T, M) ndarray
-            Pressure commands within the ranges, kPa gauge.
-        """
+        """Draw the pressure commands of one experiment within the ranges, (trials, T, M), kPa gauge."""
         share = np.arange(exoskeleton.samples) / exoskeleton.samples
         up = 1.0 - np.abs((self.sweeps * share) % 2.0 - 1.0)
         commands = np.empty((trials, exoskeleton.samples, len(exoskeleton.muscles)))
         for m, muscle in enumerate(exoskeleton.muscles):
             swept = np.arange(trials) % 2 == (0 if muscle.role == "agonist" else 1)
-            levels = _stratify(int((~swept).sum()) * self.levels, generator).reshape(-1, self.levels)
+            count = int((~swept).sum()) * self.levels
+            drawn = (generator.permutation(count) + generator.random(count)) / max(count, 1)  # one of each stratum
+            levels = drawn.reshape(-1, self.levels)
             held = [self._hold(row, share * exoskeleton.trial_s, exoskeleton.trial_s) for row in levels]
             commands[~swept, :, m] = np.reshape(held, (-1, exoskeleton.samples))
             for k in np.flatnonzero(swept):
@@ -139,38 +120,7 @@ class Sweeps(Declared):
         return connect_points(levels[:, None], np.arange(1, self.levels) * each_s - lasting / 2, lasting, time_s)[:, 0]
 
 
-def _stratify(count: int, generator: np.random.Generator) -> Array:
-    """Draw one share from each of `count` equal parts of [0, 1], in random order."""
-    order = generator.permutation(count)
-    drawn: Array = (order + generator.random(count)) / max(count, 1)
-    return drawn
-
-
 def passive_trial(samples: pd.DataFrame, rig: Rig, label: str, number: int | None = None) -> Trial:
-    """Return the trial in which nobody moves and the robot plays the given commands.
-
-    Parameters
-    ----------
-    samples : DataFrame
-        Rows of one trial with columns time_s, muscle and pressure_command_kpa.
-    rig : Rig
-        Gives the order of muscles.
-    label : str
-        Names the trial for an operator.
-    number : int or None
-        As of `Trial`.
-
-    Raises
-    ------
-    ValueError
-        When a muscle of the rig is not in the samples.
-    """
-    commanded = set(samples["muscle"].unique())
-    missing = [name for name in rig.muscles if name not in commanded]
-    if missing:
-        raise ValueError(
-            f"expected commands of every muscle of the rig ({', '.join(rig.muscles)}), got none of {missing}"
-        )
-    ordered = samples.sort_values("time_s", kind="stable")
-    command = [ordered.loc[ordered["muscle"] == name, "pressure_command_kpa"].to_numpy() for name in rig.muscles]
-    return Trial("passive", "nobody", np.stack(command, axis=1), label=label, number=number)
+    """Return the trial in which nobody moves and the robot plays given commands; rows and errors as of `arrange`."""
+    command = arrange(samples, "pressure_command_kpa", rig)
+    return Trial("passive", "nobody", command, label=label, number=number)

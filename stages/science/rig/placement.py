@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stages.science.recording.clock import SAME_RATE, find_rate, regularise
 from stages.science.recording.columns import RecordingError, name_rows
@@ -30,10 +29,8 @@ def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float
     ----------
     rows : DataFrame
         Adopted columns of one trial, in the order of time within each muscle; its index counts the rows of the file.
-    rate_hz : float
-        Samples per second of the machine.
-    samples : int
-        Of a trial of the machine.
+    rate_hz, samples : float, int
+        Samples per second of the machine, and of a trial of it.
     largest_jitter : float
         As of `regularise`.
 
@@ -91,14 +88,10 @@ def resample(rows: pd.DataFrame, rate_hz: float, samples: int, largest_gap_s: fl
     RecordingError
         Where more is missing.
     """
-    start = rows["time_s"].min()
-    return pd.concat(
-        [
-            _resample_muscle(own, float(start), np.arange(samples) / rate_hz, largest_gap_s)
-            for _, own in rows.groupby("muscle", sort=False)
-        ],
-        ignore_index=True,
-    )
+    start_s, grid = float(rows["time_s"].min()), np.arange(samples) / rate_hz
+    muscles = rows.groupby("muscle", sort=False)
+    placed = [_resample_muscle(own, start_s, grid, largest_gap_s) for _, own in muscles]
+    return pd.concat(placed, ignore_index=True)
 
 
 def _resample_muscle(rows: pd.DataFrame, start_s: float, grid: Array, largest_gap_s: float) -> pd.DataFrame:
@@ -115,7 +108,8 @@ def _resample_muscle(rows: pd.DataFrame, start_s: float, grid: Array, largest_ga
     after = np.clip(np.searchsorted(times, grid - 1e-9), None, len(times) - 1)
     missed = times[after] - times[before] > A_GAP * usual
     missed |= (grid > times[-1] + 0.5 * usual) | (grid < times[0] - 0.5 * usual)
-    longest = _longest(missed) * float(grid[1])
+    runs = np.diff(np.flatnonzero(np.concatenate([[True], ~missed, [True]])))
+    longest = (int(runs.max()) - 1) * float(grid[1])
     if longest > largest_gap_s:
         at = float(grid[int(np.argmax(missed))])
         raise RecordingError(
@@ -127,9 +121,3 @@ def _resample_muscle(rows: pd.DataFrame, start_s: float, grid: Array, largest_ga
     between = {name: np.interp(grid, times, rows[name].to_numpy()) for name in readings if name not in HELD}
     told = {name: np.where(missed, held[name], values) for name, values in between.items()}
     return held.assign(**told, time_s=grid, status=held["status"].mask(missed & (held["status"] == "ok"), "missed"))
-
-
-def _longest(flags: NDArray[np.bool_]) -> int:
-    """Return the length of the longest run of true."""
-    runs = np.diff(np.flatnonzero(np.concatenate([[True], ~flags, [True]])))
-    return int(runs.max()) - 1

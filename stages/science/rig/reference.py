@@ -11,6 +11,7 @@ import pandas as pd
 
 from stages.science.rig.contract import Rig, Watch, tidy
 from stages.science.rig.trial import Proposal, Trial
+from stages.science.signals.trajectories import Array
 
 
 def tracked_trial(
@@ -25,34 +26,36 @@ def tracked_trial(
 
     Parameters
     ----------
-    samples : DataFrame
-        Rows of one movement with columns time_s, muscle, pressure_command_kpa and joint_angle_rad (of the muscle's
-        joint).
-    rig : Rig
-        Gives the order of muscles and joints, and which muscle moves which joint.
-    participant : str
-        Who tracks.
-    label : str
-        Names the trial for an operator.
-    number, proposal : int or None, Proposal or None
+    samples, rig
+        As of `arrange`, with the columns pressure_command_kpa and joint_angle_rad (of the muscle's joint).
+    participant, label, number, proposal
         As of `Trial`.
+
+    Raises
+    ------
+    ValueError
+        As `arrange`.
+    """
+    command, angle = (arrange(samples, name, rig) for name in ("pressure_command_kpa", "joint_angle_rad"))
+    first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
+    return Trial("tracked", participant, command, angle[:, first_muscle], label, number, proposal)
+
+
+def arrange(samples: pd.DataFrame, column: str, rig: Rig) -> Array:
+    """Return a column of one movement's rows, told apart by time_s and muscle, by time and muscle of the rig (T, M).
 
     Raises
     ------
     ValueError
         When a muscle of the rig is not in the samples.
     """
-    sampled = set(samples["muscle"].unique())
-    missing = [name for name in rig.muscles if name not in sampled]
+    missing = [name for name in rig.muscles if name not in set(samples["muscle"])]
     if missing:
         raise ValueError(
             f"expected samples of every muscle of the rig ({', '.join(rig.muscles)}), got none of {missing}"
         )
-    command = samples.pivot(index="time_s", columns="muscle", values="pressure_command_kpa")[list(rig.muscles)]
-    angle = samples.pivot(index="time_s", columns="muscle", values="joint_angle_rad")[list(rig.muscles)]
-    first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
-    reference = np.ascontiguousarray(angle.to_numpy()[:, first_muscle])
-    return Trial("tracked", participant, command.to_numpy(), reference, label, number, proposal)
+    arranged: Array = samples.pivot(index="time_s", columns="muscle", values=column)[list(rig.muscles)].to_numpy()
+    return arranged
 
 
 def track(
@@ -66,31 +69,16 @@ def track(
     number: int | None = None,
     proposal: Proposal | None = None,
 ) -> pd.DataFrame:
-    """Let a participant track a movement, and return what was measured.
+    """Let a participant track a movement, and return what was measured, in the columns of `RECORDING_COLUMNS`.
 
     Parameters
     ----------
-    references : DataFrame
-        Rows of all movements, with a column trajectory beside those that `tracked_trial` takes.
-    trajectory : int
-        The movement.
-    rig : Rig
-        Connected.
-    participant : str
-        Who tracks.
-    label : str
-        Names the trial for an operator.
-    generator : Generator
-        The only source of randomness.
-    watch : callable or None
-        As of `Rig.execute`.
-    number, proposal : int or None, Proposal or None
+    references, trajectory : DataFrame, int
+        Rows of all movements, with a column trajectory beside those that `tracked_trial` takes, and the movement.
+    rig, generator, watch
+        As of `Rig.execute`, with a rig that is connected.
+    participant, label, number, proposal
         As of `Trial`.
-
-    Returns
-    -------
-    DataFrame
-        The columns of `RECORDING_COLUMNS`.
 
     Raises
     ------

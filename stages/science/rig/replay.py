@@ -32,6 +32,7 @@ from stages.science.recording.wide import is_wide
 from stages.science.rig.configured import ConfiguredRig
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, Watch
 from stages.science.rig.placement import READINGS, keep, resample
+from stages.science.rig.reference import arrange
 from stages.science.rig.rows import PUNCTUAL, assume_conduct, check_values, gather
 from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.trajectories import Array
@@ -73,53 +74,19 @@ class Recordings(Declared):
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A recorded trial.
-
-    Parameters
-    ----------
-    name : str
-        The file, and what tells the trial apart in it.
-    participant : str or None
-        Who was in the machine, where that is told.
-    recording : Recording
-        What was measured.
-    shown_rad : (T, J) ndarray
-        The reference, where it is told; else the angles that were reached.
-    """
+    """A recorded trial."""
 
     name: str
+    """The file, and what tells the trial apart in it."""
     participant: str | None
     recording: Recording
     shown_rad: Array
+    """The reference, where it is told; else the angles that were reached."""
 
 
 class ReplayRig(ConfiguredRig):
     """A rig that returns what was recorded.
 
-    Parameters
-    ----------
-    exoskeleton, participants
-        As of every `ConfiguredRig`.
-    recordings : Recordings
-        Paths, by kind of trial.
-    match : str, or dict of str to str
-        How a trial is found, of all kinds or by kind: ``command``, the one of the nearest pressure command, or
-        ``order``, the one of the trial's number.
-    tolerance_kpa, tolerance_rad : float
-        Largest difference of commands and references from those asked for, RMS.
-    resample : bool
-        Whether recordings at another rate, with gaps or longer than a trial are brought to the exoskeleton's samples.
-    largest_gap_s : float
-        Longest stretch without samples that resampling bridges, s.
-    largest_jitter : float
-        Deviation of a step of time from whole periods that is borne without resampling, in periods.
-    rate_hz : float or None
-        Samples per second of recordings without a column of time.
-    columns, units : dict of str to str or None
-        As of ``measured=``.
-
-    Notes
-    -----
     It is real, as its numbers come from a machine: what was read is kept when code changes, controls are not executed
     unless asked for, and trials follow each other. The bytes of the recordings count in freshness.
     """
@@ -155,7 +122,8 @@ class ReplayRig(ConfiguredRig):
             When none is near enough, there are fewer, or a file does not hold what it should.
         """
         if trial.kind not in self._recorded:
-            self._recorded[trial.kind] = self._read_kind(trial.kind)
+            files = [file for path in getattr(self.recordings, trial.kind) for file in _list_files(path)]
+            self._recorded[trial.kind] = [each for file in files for each in self._read_file(file, trial.kind)]
         found = self._recorded[trial.kind]
         asked = f"{trial.kind} trial{f' ({trial.label})' if trial.label else ''}"
         if not found:
@@ -203,10 +171,6 @@ class ReplayRig(ConfiguredRig):
                 "file's reference with rig.columns.reference_rad=NAME, or raise rig.tolerance_rad"
             )
         return [near[k] for k in order if off[k] <= self.tolerance_rad]
-
-    def _read_kind(self, kind: str) -> list[Recorded]:
-        paths: list[InputPath] = getattr(self.recordings, kind)
-        return [each for path in paths for file in _list_files(path) for each in self._read_file(file, kind)]
 
     def _read_file(self, file: Path, kind: str) -> list[Recorded]:
         with _about(str(file)):
@@ -264,19 +228,15 @@ class ReplayRig(ConfiguredRig):
                     check_values(rows)
             raise
         each = len(self.muscles) * self.samples
+        first_muscle = [list(self.muscle_joints).index(joint) for joint in self.joints]
         found = []
         for k, (name, rows) in enumerate(placed.items()):
             recording = gather(checked.iloc[k * each : (k + 1) * each], self)
             who = str(rows["participant"].iloc[0]) if "participant" in rows else None
-            found.append(Recorded(name, who, recording, self._read_shown(rows, recording)))
+            told = "reference_rad" in rows
+            shown = arrange(rows, "reference_rad", self)[:, first_muscle] if told else recording.joint_angle_rad
+            found.append(Recorded(name, who, recording, shown))
         return found
-
-    def _read_shown(self, placed: pd.DataFrame, recording: Recording) -> Array:
-        if "reference_rad" not in placed:
-            return recording.joint_angle_rad
-        told = placed.pivot(index="time_s", columns="muscle", values="reference_rad")
-        first_muscle = [self.muscles[list(self.muscle_joints).index(joint)] for joint in self.joints]
-        return told[first_muscle].to_numpy()
 
 
 def _select(frame: pd.DataFrame, columns: dict[str, str | None], kind: str) -> pd.DataFrame:

@@ -38,10 +38,9 @@ def check_values(frame: pd.DataFrame) -> pd.DataFrame:
     ValueError
         Naming the column, what was expected of it, and the first value that is otherwise.
     """
+    schema = pa.DataFrameSchema(RECORDING_COLUMNS, strict="filter", coerce=True)
     try:
-        checked: pd.DataFrame = pa.DataFrameSchema(dict(RECORDING_COLUMNS), strict="filter", coerce=True).validate(
-            frame, lazy=True
-        )
+        checked: pd.DataFrame = schema.validate(frame, lazy=True)
     except pa.errors.SchemaErrors as errors:
         case = errors.failure_cases.iloc[0]
         raise ValueError(f"column {case['column']}: expected {case['check']}, got {case['failure_case']}") from None

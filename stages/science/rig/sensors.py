@@ -21,26 +21,18 @@ def record(
     generator: np.random.Generator,
     start_s: float = 0.0,
 ) -> Recording:
-    """Return the recording of a motion.
+    """Return the recording of a motion; noise comes before the effects of a sensor, which may round or clip it.
 
     Parameters
     ----------
-    motion : Motion
-        What happened.
-    command_kpa : (T, M) ndarray
-        What was applied, kPa gauge.
-    exoskeleton : Exoskeleton
-        Geometry, load-cell site and velocity filter.
-    plant : Plant
-        Sensor constants.
+    motion, command_kpa : Motion, (T, M) ndarray
+        What happened, and what was applied, kPa gauge.
+    exoskeleton, plant
+        Geometry, load-cell site and velocity filter; sensor constants.
     generator : numpy.random.Generator
         The only source of randomness.
     start_s : float
         When the trial began in the session, s.
-
-    Notes
-    -----
-    Noise comes before the effects of a sensor, which may round or clip it.
     """
     chain = Chain(exoskeleton, plant, start_s)
     models = [plant.model_of(muscle) for muscle in exoskeleton.muscles]

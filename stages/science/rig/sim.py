@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import fields, replace
-from typing import ClassVar, Self
+from dataclasses import replace
+from typing import ClassVar, Self, TypeVar
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from stages.science.plant.interaction import Motion, interact
 from stages.science.plant.joint import STABLE, quickest_rate
@@ -19,17 +19,16 @@ from stages.science.plant.participant import Intention, Participant, embody, int
 from stages.science.plant.plant import Plant
 from stages.science.plant.stepping import Steps
 from stages.science.rig import clock
-from stages.science.rig.attendance import Moment
-from stages.science.rig.configured import ConfiguredRig
 from stages.science.rig.contract import RigError, TrialStopped, Watch, tidy
-from stages.science.rig.filling import check_filling, fill
-from stages.science.rig.limits import Limits, apply_limits, check_limits
+from stages.science.rig.filling import FillingRig, fill
+from stages.science.rig.limits import apply_limits, check_limits
 from stages.science.rig.movement import Movement, move_freely
 from stages.science.rig.pacing import pace, undisturbed
 from stages.science.rig.sensors import record
 from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.trajectories import Array
 
+Sampled = TypeVar("Sampled", Motion, Recording)
 SHOWN_HZ = 100.0
 """Rate at which a trial that takes its time is shown."""
 SHORTEST_S = 0.25
@@ -40,38 +39,14 @@ POINTER_S = 0.04
 """Time constant that smooths what a pointer tells sixty times a second, s."""
 
 
-class SimulatedRig(ConfiguredRig):
-    """A rig without hardware.
-
-    Parameters
-    ----------
-    exoskeleton : Exoskeleton
-        Joints, muscles and sampling.
-    plant : Plant
-        Constants and effects.
-    participants : dict of str to Participant
-        Who may track a reference.
-    experimenter : Participant
-        Who moves freely, by the name ``experimenter``.
-    movement : Movement
-        How they move.
-    limits : dict of str to PressureLimit
-        By type of muscle.
-    lead_in_s : float
-        How long the first posture is held before the trial while the muscles are filled to its first command, s; not
-        recorded. At 0 it begins with muscles that are filled and settled.
-    filling_share : float
-        Share of it that the filling takes; the rest lets transients settle, 1.
-    """
+class SimulatedRig(FillingRig):
+    """A rig without hardware; with a lead-in of 0, trials begin with muscles that are filled and settled."""
 
     real: ClassVar[bool] = False
 
     plant: Plant
     experimenter: Participant
     movement: Movement
-    limits: Limits
-    lead_in_s: float = Field(ge=0.0, le=60.0)
-    filling_share: float = Field(ge=0.5, le=1.0)
     realtime: bool
     pointer: str | None
 
@@ -80,7 +55,7 @@ class SimulatedRig(ConfiguredRig):
         self.plant.check_against(self.exoskeleton)
         check_limits(self.limits, self.exoskeleton.muscles)
         if self._lead_samples:
-            check_filling(self.lead_in_s, self.filling_share, self.limits, self.exoskeleton.muscles)
+            self._check_filling()
         people = {f"participants.{name}": each for name, each in self.participants.items()}
         for path, person in {**people, "experimenter": self.experimenter}.items():
             try:
@@ -109,10 +84,6 @@ class SimulatedRig(ConfiguredRig):
                 "what makes the joint quick: inertia_kg_m2, stop_nm_per_rad, stop_nm_s_per_rad, viscous_nm_s_per_rad, "
                 "strength_nm, or a person's stiffness_per_rad and damping_ratio"
             )
-
-    @property
-    def _lead_samples(self) -> int:
-        return round(self.lead_in_s * self.sampling_rate_hz)
 
     def connect(self) -> None:
         """Begin.
@@ -171,14 +142,14 @@ class SimulatedRig(ConfiguredRig):
         if self.realtime and not follows:
             done = self._play(trial, whole, _cut(moved, slice(lead)), recording)
         if watch is not None and (self.attendance is not None or done < len(command)):
-            watch(tidy(_cut_recording(recording, done), self))
+            watch(tidy(_cut(recording, slice(done)), self))
         if done < len(command):
             raise self._stopped(done)
         return recording
 
     def _stopped(self, done: int) -> TrialStopped:
-        why = self.attendance.why_stop() if self.attendance else ""
-        return TrialStopped(f"stopped {done / self.sampling_rate_hz:.2f} s into the trial: {why}", clock.now_s())
+        when = f"{done / self.sampling_rate_hz:.2f} s into the trial"
+        return TrialStopped(f"stopped {when}: {self._why_stop()}", clock.now_s())
 
     def _play(self, trial: Trial, command: Array, filling: Motion, recording: Recording) -> int:
         """Show the filling and a recording at the pace of its clock; return how many samples were over at a stop."""
@@ -190,7 +161,7 @@ class SimulatedRig(ConfiguredRig):
         for index in self._keep_time(trial, lead, self.samples):
             time_s = (index - lead) / self.sampling_rate_hz
             self._show(time_s, angle[index], command[index], pressure[index], force[index])
-            if self.attendance is not None and self.attendance.why_stop():
+            if self._why_stop():
                 return max(index - lead, 0)
         return self.samples
 
@@ -198,8 +169,7 @@ class SimulatedRig(ConfiguredRig):
         """Simulate a trial while a person points; return also how late each sample was, s. A stop ends it early."""
         attendance = self.attendance
         assert attendance is not None
-        lower = np.array([joint.lower_rad for joint in self.exoskeleton.joints])
-        upper = np.array([joint.upper_rad for joint in self.exoskeleton.joints])
+        lower, upper = np.array([(joint.lower_rad, joint.upper_rad) for joint in self.exoskeleton.joints]).T
         pointed = attendance.ask_pointer()
         if pointed is None:
             pointed = 0.5 * (lower + upper) if trial.reference_rad is None else trial.reference_rad[0]
@@ -236,10 +206,6 @@ class SimulatedRig(ConfiguredRig):
                     self.attendance.begin(trial, tick.due_s + lead / self.sampling_rate_hz)
                 yield min(tick.index * every, last)
 
-    def _show(self, time_s: float, angle: Array, command: Array, pressure: Array, force: Array) -> None:
-        if self.attendance is not None:
-            self.attendance.show(Moment(time_s, angle, command, pressure, force))
-
     def _move(self, trial: Trial, command: Array, lead: int, generator: np.random.Generator) -> Motion:
         if trial.kind == "passive":
             start = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in self.exoskeleton.joints])
@@ -249,19 +215,11 @@ class SimulatedRig(ConfiguredRig):
         shown = trial.reference_rad
         if shown is None:
             shown = move_freely(self.movement, self.exoskeleton, self.samples, generator)
-        intention = intend(who, self.exoskeleton, _hold_first(shown, lead), generator)
+        held = np.concatenate([np.repeat(shown[:1], lead, axis=0), shown])
+        intention = intend(who, self.exoskeleton, held, generator)
         person = embody(who, self.exoskeleton)
         return interact(self.exoskeleton, self.plant, command, intention, person, intention.angle_rad[0])
 
 
-def _cut_recording(recording: Recording, count: int) -> Recording:
-    """Return the first samples of a recording."""
-    return Recording(**{each.name: getattr(recording, each.name)[:count] for each in fields(recording)})
-
-
-def _hold_first(values: Array, lead: int) -> Array:
-    return np.concatenate([np.repeat(values[:1], lead, axis=0), values])
-
-
-def _cut(motion: Motion, part: slice) -> Motion:
-    return Motion(**{name: values[part] for name, values in vars(motion).items()})
+def _cut(whole: Sampled, part: slice) -> Sampled:
+    return type(whole)(**{name: values[part] for name, values in vars(whole).items()})

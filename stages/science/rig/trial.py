@@ -42,10 +42,8 @@ class Proposal:
 
     Parameters
     ----------
-    position, total : int
-        Which of how many trials it is, from 1.
-    reason : str
-        In words.
+    position, total, reason : int, int, str
+        Which of how many trials it is, from 1, and why, in words.
     trajectory : int or None
         Movement of the bank, where it is one.
     utilities : dict of int to float

@@ -23,22 +23,19 @@ class Bench(Rig):
 
     def __init__(self, fault=None, fault_on_release=None, fault_on_connect=None):
         self.fault, self.fault_on_release, self.fault_on_connect = fault, fault_on_release, fault_on_connect
-        self.held = False
         self.log = []
 
     @property
     def connected(self):
-        return self.held
+        return self.log[-1:] == ["connect"]
 
     def connect(self):
         self.log.append("connect")
         if self.fault_on_connect:
             raise self.fault_on_connect
-        self.held = True
 
     def release(self):
         self.log.append("release")
-        self.held = False
         if self.fault_on_release:
             raise self.fault_on_release
 
@@ -56,13 +53,10 @@ def trial(kind="free", participant="ann", samples=4, muscles=3, **more):
     return Trial(kind, participant, np.zeros((samples, muscles)), **more)
 
 
-def test_a_trial_outside_the_block_is_refused_with_the_remedy(generator):
-    with pytest.raises(RigError, match=r"Bench is not connected; write: with rig: rig.execute\(trial, generator\)"):
-        Bench().execute(trial(), generator)
-
-
-def test_the_block_connects_and_releases(generator):
+def test_the_block_connects_and_releases_and_is_needed(generator):
     bench = Bench()
+    with pytest.raises(RigError, match=r"Bench is not connected; write: with rig: rig.execute\(trial, generator\)"):
+        bench.execute(trial(), generator)
     with bench as rig:
         assert rig.execute(trial(), generator).force_n.shape == (4, 3)
         assert bench.log == ["connect"]
@@ -79,8 +73,9 @@ def test_any_exception_in_a_trial_releases(generator, fault):
     assert not bench.connected
 
 
-def test_a_failed_connection_releases():
-    bench = Bench(fault_on_connect=OSError("no route"))
+@pytest.mark.parametrize("fault", ["connect", "release"])
+def test_a_failed_connection_releases_and_an_error_on_release_alone_is_raised(fault):
+    bench = Bench(**{f"fault_on_{fault}": OSError("no route")})
     with pytest.raises(OSError, match="no route"), bench:
         pass
     assert bench.log == ["connect", "release"]
@@ -91,11 +86,6 @@ def test_the_first_error_is_raised_and_the_second_noted(generator):
     with pytest.raises(ValueError, match="sensor") as caught, bench:
         bench.execute(trial(), generator)
     assert "valve stuck" in caught.value.__notes__[0]
-
-
-def test_an_error_on_release_alone_is_raised():
-    with pytest.raises(OSError, match="valve stuck"), Bench(fault_on_release=OSError("valve stuck")):
-        pass
 
 
 @pytest.mark.parametrize(

@@ -7,36 +7,24 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import RECORDING_COLUMNS, RigError, tidy
-from stages.science.rig.replay import ReplayRig
 from stages.science.rig.trial import CLIPPED_BY, STATUS, Trial
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
-from tests.science.plant.machines import CONF, other_rig
+from tests.science.plant.machines import other_rig
+from tests.science.rig.test_replay import replay
 
 ARMS = {"elbow": "festo_cpx", "arm": "festo_cpx_arm"}
 """Option of exoskeleton, and of rig that goes with it: one joint and four; each rig's own tests have two."""
 RATE_HZ, TRIAL_S = 100.0, 1.0
 MOST = {"MAS-40": (250.0, 4000.0), "MAS-10": (700.0, 10000.0)}
 """What may be commanded, by type of muscle, kPa, and how fast that may change, kPa/s."""
-REPLAY = {
-    name: value
-    for name, value in yaml.safe_load((CONF / "rig" / "replay.yaml").read_text()).items()
-    if name not in ("_target_", "exoskeleton", "participants", "recordings")
-}
 
 
 def describe_arm(arm):
-    chosen = (
-        f"exoskeleton={arm}",
-        f"rig={ARMS[arm]}",
-        f"exoskeleton.trial_s={TRIAL_S}",
-        "rig.lead_in_s=0.6",
-    )
-    return describe_rig(*chosen)
+    return describe_rig(f"exoskeleton={arm}", f"rig={ARMS[arm]}", f"exoskeleton.trial_s={TRIAL_S}", "rig.lead_in_s=0.6")
 
 
 @contextmanager
@@ -55,26 +43,21 @@ def run_emulated(arm):
 @contextmanager
 def run_replayed(arm):
     """A rig on what the simulated one recorded of the trials below."""
-    rig = other_rig(Exoskeleton.model_validate(describe_arm(arm)["exoskeleton"]))
-    with TemporaryDirectory() as folder, rig:
+    with TemporaryDirectory() as folder, run_simulated(arm) as rig, rig:
         paths = {"free": [], "tracked": [], "passive": []}
         for number, trial in enumerate([*trials(rig), clipped(rig)]):
             path = Path(folder) / f"{number}.parquet"
             pd.DataFrame(tidy(rig.execute(trial, np.random.default_rng(number)), rig)).to_parquet(path)
             paths[trial.kind].append(str(path))
-        given = {"exoskeleton": rig.exoskeleton, "participants": rig.participants, "recordings": paths}
-        yield ReplayRig.model_validate({**REPLAY, **given, "tolerance_kpa": 900.0})
+        yield replay(rig, paths, tolerance_kpa=900.0)
 
 
 RIGS = {"sim": run_simulated, "replay": run_replayed, "festo_cpx": run_emulated}
 
 
-@pytest.fixture(
-    scope="module",
-    params=[pytest.param((rig, arm), id=f"{rig}, {arm}") for rig in RIGS for arm in ARMS],
-)
+@pytest.fixture(scope="module", params=[f"{rig}, {arm}" for rig in RIGS for arm in ARMS])
 def rig(request):
-    kind, arm = request.param
+    kind, arm = request.param.split(", ")
     with RIGS[kind](arm) as made:
         yield made
 

@@ -40,8 +40,7 @@ def test_draws_each_muscle_within_its_own_range_whatever_the_order_of_the_ranges
 
 def test_the_mean_level_is_that_of_what_is_drawn(generator):
     rig, pressure = configured(), make_pressure(hold=(0.1, 0.3), transition=(0.02, 0.1), step_share=0.5)
-    runs = 0
-    trials = 40
+    runs, trials = 0, 40
     for _ in range(trials):
         command = pressure.draw(rig, generator)
         still = np.abs(np.diff(command, axis=0)) < 1e-9
@@ -62,10 +61,6 @@ def test_records_what_the_rig_returns_for_a_free_trial_of_the_experimenter():
     assert (found["trajectory"] == 2).all()
     for name, values in expected.items():
         np.testing.assert_array_equal(found[name], values)
-
-
-def test_accepts_the_configured_machine():
-    FreeMovements(seed=1, trajectories=40, pressure=make_pressure()).check_against(configured().exoskeleton, "bank")
 
 
 @pytest.mark.parametrize(
@@ -107,40 +102,37 @@ def test_ranges_are_those_of_muscles_that_pull(ranges, told):
 
 def test_levels_end_at_the_rigs_limits_or_else_at_the_muscles():
     exoskeleton: Exoskeleton = configured().exoskeleton
-    limits = {
-        "MAS-40": PressureLimit(low_kpa=0.0, high_kpa=200.0, slew_kpa_per_s=1e4),
-        "MAS-10": PressureLimit(low_kpa=50.0, high_kpa=600.0, slew_kpa_per_s=1e4),
-    }
+    limits, tight = (
+        {
+            "MAS-40": PressureLimit(low_kpa=0.0, high_kpa=200.0, slew_kpa_per_s=1e4),
+            "MAS-10": PressureLimit(low_kpa=low, high_kpa=600.0, slew_kpa_per_s=1e4),
+        }
+        for low in (50.0, 60.0)
+    )
+    wide, widest = ({**RANGES, "pam4": Range(low=50.0, high=high)} for high in (700.0, 900.0))
     check_levels(RANGES, exoskeleton, limits, "there")
-    tight = limits | {"MAS-10": PressureLimit(low_kpa=60.0, high_kpa=600.0, slew_kpa_per_s=1e4)}
-    with pytest.raises(ValueError, match=r"^there.pam4.low: expected at least the 60.0 kPa of rig.limits.MAS-10.low"):
-        check_levels(RANGES, exoskeleton, tight, "there")
-    wide = {**RANGES, "pam4": Range(low=50.0, high=700.0)}
-    with pytest.raises(ValueError, match=r"^there.pam4.high: expected at most the 600.0 kPa of rig.limits.MAS-10.high"):
-        check_levels(wide, exoskeleton, limits, "there")
     check_levels(wide, exoskeleton, None, "there")
-    with pytest.raises(ValueError, match=r"^there.pam4.high: expected at most the 800.0 kPa of max_pressure_kpa of pa"):
-        check_levels({**RANGES, "pam4": Range(low=50.0, high=900.0)}, exoskeleton, None, "there")
+    for ranges, those, told in (
+        (RANGES, tight, "low: expected at least the 60.0 kPa of rig.limits.MAS-10.low"),
+        (wide, limits, "high: expected at most the 600.0 kPa of rig.limits.MAS-10.high"),
+        (widest, None, "high: expected at most the 800.0 kPa of max_pressure_kpa of pa"),
+    ):
+        with pytest.raises(ValueError, match=f"^there.pam4.{told}"):
+            check_levels(ranges, exoskeleton, those, "there")
 
 
-def test_another_machine_with_other_muscles_is_served():
-    machine = other_machine([1, 3], 100.0, 1.0)
+@pytest.mark.parametrize("machine", [configured().exoskeleton, other_machine([1, 3], 100.0, 1.0)])
+def test_machines_with_other_muscles_are_served(machine):
     ranges = dict.fromkeys(machine.muscle_names, RANGES["pam1"])
-    FreeMovements(seed=1, trajectories=2, pressure=make_pressure(ranges)).check_against(machine, "there")
+    FreeMovements(seed=1, trajectories=40, pressure=make_pressure(ranges)).check_against(machine, "there")
 
 
 def test_free_movements_span_the_share_of_each_joints_range_about_its_middle(generator):
     machine = configured().exoskeleton
-    movement = Movement(
-        shortest_move_s=0.1, longest_move_s=0.2, shortest_rest_s=0.0, longest_rest_s=0.1, range_share=0.5
-    )
+    times = {"shortest_move_s": 0.1, "longest_move_s": 0.2, "shortest_rest_s": 0.1, "longest_rest_s": 0.1}  # one rest
+    movement = Movement(**times, range_share=0.5)
     angle = np.concatenate([move_freely(movement, machine, 2000, generator) for _ in range(4)])
     for column, joint in enumerate(machine.joints):
         middle, width = (joint.lower_rad + joint.upper_rad) / 2.0, joint.upper_rad - joint.lower_rad
         assert np.abs(angle[:, column] - middle).max() <= width / 4.0
         assert np.ptp(angle[:, column]) > 0.45 * width
-
-
-def test_moves_and_rests_of_one_duration_are_accepted():
-    even = Movement(shortest_move_s=0.2, longest_move_s=0.2, shortest_rest_s=0.1, longest_rest_s=0.1, range_share=0.5)
-    assert (even.longest_move_s, even.longest_rest_s) == (0.2, 0.1)

@@ -12,15 +12,8 @@ pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
 pytestmark = pytest.mark.slow
 
 STAGES = ["bank", "subsampling", "hyperprior", "hardware", "active_loop", "comparison"]
-STUDY = (
-    "plant=nominal",
-    "exoskeleton.sampling_rate_hz=100",
-    "exoskeleton.trial_s=2.0",
-    "bank.trajectories=14",
-    "subsampling.initial_trials=2",
-    "active_loop.trials=10",
-    "active_loop.controls=[]",
-)
+MACHINE = ("plant=nominal", "exoskeleton.sampling_rate_hz=100", "exoskeleton.trial_s=2.0", "bank.trajectories=14")
+STUDY = (*MACHINE, "subsampling.initial_trials=2", "active_loop.trials=10", "active_loop.controls=[]")
 SEEDS = range(5)
 
 
@@ -51,4 +44,3 @@ def test_the_error_rate_is_that_of_the_simulated_rig_within_its_spread(tmp_path)
     assert after < before
     assert abs(np.log(after) - known.mean()) < reach, told
     assert reach < np.log(3.0), told
-    print(told)

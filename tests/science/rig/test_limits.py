@@ -12,14 +12,11 @@ EXOSKELETON = configured().exoskeleton
 MUSCLES = EXOSKELETON.muscles
 
 
-def test_a_command_within_limits_is_applied_as_it_is():
+def test_range_and_slew_are_kept_and_a_command_within_them_is_applied_as_it_is(generator):
     command = np.linspace([20.0, 50.0, 20.0, 50.0], [200.0, 600.0, 150.0, 600.0], 1000)
     applied, clipped = apply_limits(command, LIMITS, EXOSKELETON)
     assert np.array_equal(applied, command)
     assert set(clipped.ravel()) == {""}
-
-
-def test_range_and_slew_are_kept(generator):
     command = generator.uniform(-200.0, 900.0, (500, 4))
     applied, clipped = apply_limits(command, LIMITS, EXOSKELETON)
     assert ((applied == command) == (clipped == "")).all()

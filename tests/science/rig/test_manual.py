@@ -26,8 +26,7 @@ def told(trial):
 @pytest.fixture
 def operator(tmp_path):
     simulated = configured()
-    people = simulated.participants
-    return ManualRig(exoskeleton=simulated.exoskeleton, participants=people, folder=str(tmp_path))
+    return ManualRig(exoskeleton=simulated.exoskeleton, participants=simulated.participants, folder=str(tmp_path))
 
 
 def asked_for(operator, trial):
@@ -64,10 +63,7 @@ def test_reads_back_exactly_what_was_recorded(operator, trial, told):
         (lambda frame: frame.drop(columns="force_n"), "expected the columns time_s, .*; it lacks force_n$"),
         (lambda frame: frame.assign(force_n=np.nan), "column force_n: expected not_nullable, got nan"),
         (lambda frame: frame.assign(force_n="much"), "column force_n: expected .*float.*, got much"),
-        (
-            lambda frame: frame.assign(contraction=9.0),
-            r"column contraction: expected less_than_or_equal_to\(0.5\), got 9.0",
-        ),
+        (lambda frame: frame.assign(contraction=9.0), r"contraction: expected less_than_or_equal_to\(0.5\), got 9.0"),
         (lambda frame: pd.DataFrame(), "expected a table"),
         (lambda frame: frame.iloc[:-1], "expected 1000 samples of every muscle, got 999 of pam4"),
         (lambda frame: frame[frame["muscle"] != "pam2"], "got 0 of pam2"),

@@ -42,13 +42,7 @@ def test_asks_for_each_trial_and_goes_on_when_told(tmp_path):
         asked.append(asks["trial"])
         execute_by_hand(asks)
     assert result.returncode == 0, result.stderr
-    assert asked == [
-        "bank 0",
-        "bank 1",
-        "bank 2",
-        "p1 experiment 1 initial 1",
-        "p1 experiment 1 y_y trial 1",
-        "p1 experiment 1 y_y trial 2",
-    ]
+    trials = [f"p1 experiment 1 {each}" for each in ("initial 1", "y_y trial 1", "y_y trial 2")]
+    assert asked == ["bank 0", "bank 1", "bank 2", *trials]
     trials = pd.read_parquet(command.runs[0] / "tables" / "trials.parquet")
     assert list(trials["arm"].unique()) == ["y_y"]

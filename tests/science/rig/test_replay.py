@@ -18,8 +18,6 @@ DEFAULTS = {
     for name, value in yaml.safe_load((CONF / "rig" / "replay.yaml").read_text()).items()
     if name not in ("_target_", "exoskeleton", "participants", "recordings")
 }
-
-
 DERIVED = ["contraction", "contraction_velocity_per_s", "joint_velocity_rad_per_s"]
 
 
@@ -39,12 +37,13 @@ def record(rig, *trials):
     return told, pd.concat(frames, ignore_index=True)
 
 
-def replay(rig, path, kind="tracked", **changed):
-    paths = {"free": None, "tracked": None, "passive": None} | {kind: str(path)}
-    columns = DEFAULTS["columns"] | changed.pop("columns", {})
-    units = DEFAULTS["units"] | changed.pop("units", {})
-    given = {"exoskeleton": rig.exoskeleton, "participants": rig.participants, "recordings": paths}
-    return ReplayRig.model_validate({**DEFAULTS, **given, "columns": columns, "units": units, **changed})
+def replay(rig, paths, kind="tracked", columns=(), units=(), **changed):
+    """Return a rig of the same machine that replays what lies at a path of one kind, or at those of all kinds."""
+    given = paths if isinstance(paths, dict) else {kind: str(paths)}
+    its = {"recordings": {"free": None, "tracked": None, "passive": None} | given}
+    its |= {name: DEFAULTS[name] | dict(more) for name, more in (("columns", columns), ("units", units))}
+    same = {"exoskeleton": rig.exoskeleton, "participants": rig.participants}
+    return ReplayRig.model_validate(DEFAULTS | same | its | changed)
 
 
 def same(found, told, but=()):
@@ -325,7 +324,7 @@ def test_some_recordings_are_needed_and_names_are_known(tmp_path, told):
     rig, _, rows = told
     rows.to_parquet(tmp_path / "a.parquet")
     with pytest.raises(ValidationError, match="expected the path of recorded trials, got none"):
-        replay(rig, tmp_path / "a.parquet", recordings={"free": None, "tracked": None, "passive": None})
+        replay(rig, {})
     with pytest.raises(ValidationError, match="expected the path of a file or folder"):
         replay(rig, tmp_path / "gone.parquet")
     with pytest.raises(ValidationError, match="columns: no column 'force'; "):

@@ -1,4 +1,4 @@
-"""What is wrong with a sample, and how a loop keeps its rate."""
+"""What is wrong with a sample, how a loop keeps its rate, and what a trial notes of one that does not."""
 
 import signal
 
@@ -7,20 +7,24 @@ import pandas as pd
 import pytest
 
 from stages.science.rig.festo.held_signals import hold_signals
-from stages.science.rig.festo.supervision import Supervisor
+from stages.science.rig.festo.logbook import Logbook
+from stages.science.rig.festo.supervision import Sample, Supervisor
 from stages.science.rig.limits import find_forbidden
-from stages.science.rig.pacing import measure_pace, pace
+from stages.science.rig.pacing import Tick, measure_pace, pace
 from tests.cpx_e.rig import build_rig, describe_rig
 
 RIG = build_rig(describe_rig(), 502)
 CHANNELS = RIG.map_channels()
 
 
+USUAL = (100.0, 300.0, 100.0, 300.0)
+
+
 def make_supervisor(moved=True):
-    return Supervisor(RIG.exoskeleton, CHANNELS, RIG.device.counts, RIG.guard, moved)
+    return Supervisor(CHANNELS, RIG.device.counts, RIG.guard, moved)
 
 
-def counts(generator, pressure=(100.0, 300.0, 100.0, 300.0), force=(400.0, 100.0, 400.0, 100.0), angle=(0.5, 0.6)):
+def counts(generator, pressure=USUAL, force=(400.0, 100.0, 400.0, 100.0), angle=(0.5, 0.6)):
     """Counts of values with noise of some counts."""
     values = [
         *(value / 0.03125 for value in pressure),
@@ -30,7 +34,7 @@ def counts(generator, pressure=(100.0, 300.0, 100.0, 300.0), force=(400.0, 100.0
     return np.round(np.array(values) + generator.uniform(-8.0, 8.0, 10))
 
 
-def look(supervisor, given, command=(100.0, 300.0, 100.0, 300.0)):
+def look(supervisor, given, command=USUAL):
     """A sample a hundredth of a second after the one before."""
     supervisor.clock = getattr(supervisor, "clock", 0.0) + 0.01
     return supervisor.look(given, np.array(command), supervisor.clock)
@@ -41,11 +45,8 @@ def test_counts_become_values_and_commands_counts(generator):
     np.testing.assert_allclose(pressure, [100.0, 300.0, 100.0, 300.0], atol=0.3)
     np.testing.assert_allclose(force, [400.0, 100.0, 400.0, 100.0], atol=0.9)
     np.testing.assert_allclose(angle, [0.5, 0.6], atol=0.006)
-    np.testing.assert_allclose(
-        CHANNELS.to_commands(CHANNELS.to_counts(np.array([10.0, 20.0, 250.0, 700.0]))),
-        [10.0, 20.0, 250.0, 700.0],
-        atol=0.016,
-    )
+    command = np.array([10.0, 20.0, 250.0, 700.0])
+    np.testing.assert_allclose(0.03125 * np.array(CHANNELS.to_counts(command)), command, atol=0.016)
 
 
 @pytest.mark.parametrize(("zero", "sign"), [(0.0, 1), (1234.0, 1), (4294967000.0, -1), (-5000.0, -1)])
@@ -72,48 +73,41 @@ def test_a_vented_and_slack_muscle_stands_still_without_being_frozen(generator):
     assert not any(look(supervisor, still, (0.0,) * 4).breach for _ in range(300))
 
 
-USUAL = (100.0, 300.0, 100.0, 300.0)
-WRONG = [
-    (2, 3200.0, USUAL, 30, "pam3.pressure has not changed for 0.30 s (count 3200; rig.guard.frozen_s)"),
-    (5, -32768.0, USUAL, 3, "pam2.force tells no value (count -32768)"),
-    (None, None, (200.0, 300.0, 100.0, 300.0), 49, "pam1 at 100 kPa while 200 kPa"),
-    (None, None, (5.0, 300.0, 100.0, 300.0), 49, "pam1 at 100 kPa while 5"),
-]
-
-
-@pytest.mark.parametrize(("channel", "count", "commands", "borne", "words"), WRONG)
-def test_what_is_wrong_is_borne_only_for_so_long(generator, channel, count, commands, borne, words):
+@pytest.mark.parametrize(
+    ("amiss", "commands", "borne", "words"),
+    [
+        ({2: 3200.0}, USUAL, 30, "pam3.pressure has not changed for 0.30 s (count 3200; rig.guard.frozen_s)"),
+        ({5: -32768.0}, USUAL, 3, "pam2.force tells no value (count -32768)"),
+        ({}, (200.0, 300.0, 100.0, 300.0), 49, "pam1 at 100 kPa while 200 kPa"),
+        ({}, (5.0, 300.0, 100.0, 300.0), 49, "pam1 at 100 kPa while 5"),
+    ],
+)
+def test_what_is_wrong_is_borne_only_for_so_long(generator, amiss, commands, borne, words):
     supervisor, told = make_supervisor(), []
     for _ in range(60):
         given = counts(generator)
-        if channel is not None:
-            given[channel] = count
+        given[list(amiss)] = list(amiss.values())
         told.append(look(supervisor, given, commands).breach)
     assert told[:borne] == [""] * borne
     assert words in told[borne]
 
 
 def test_a_pressure_may_take_its_time_after_a_step(generator):
-    supervisor = make_supervisor()
-    for _ in range(100):
-        assert look(supervisor, counts(generator), (100.0, 300.0, 100.0, 300.0)).breach == ""
-    for _ in range(48):
-        assert look(supervisor, counts(generator), (200.0, 100.0, 100.0, 300.0)).breach == ""
-    there = counts(generator, (200.0, 100.0, 100.0, 300.0))
-    assert look(supervisor, there, (200.0, 100.0, 100.0, 300.0)).breach == ""
+    supervisor, stepped = make_supervisor(), (200.0, 100.0, 100.0, 300.0)
+    for command in [USUAL] * 100 + [stepped] * 48:
+        assert look(supervisor, counts(generator), command).breach == ""
+    assert look(supervisor, counts(generator, stepped), stepped).breach == ""
 
 
-def test_encoders_stand_still_where_nobody_moves(generator):
-    resting = make_supervisor(moved=False)
-    moved = make_supervisor(moved=True)
-    told = {}
-    for name, supervisor in (("resting", resting), ("moved", moved)):
-        for _ in range(200):
-            given = counts(generator)
-            given[8:] = [800.0, 900.0]
-            told[name] = look(supervisor, given).breach
-    assert told["resting"] == ""
-    assert "SFE.encoder has not changed for" in told["moved"]
+@pytest.mark.parametrize(("moved", "words"), [(False, ""), (True, "SFE.encoder has not changed for")])
+def test_encoders_stand_still_where_nobody_moves(generator, moved, words):
+    supervisor = make_supervisor(moved)
+    for _ in range(200):
+        given = counts(generator)
+        given[8:] = [800.0, 900.0]
+        told = look(supervisor, given).breach
+    assert words in told
+    assert bool(told) == moved
 
 
 def test_the_last_value_is_held_where_there_is_none(generator):
@@ -142,41 +136,30 @@ def test_what_passes_a_limit_ends_the_trial_at_once(generator, changes, words):
 
 
 def test_a_joint_that_is_too_quick_ends_the_trial(generator):
-    supervisor = make_supervisor()
-    told = [look(supervisor, counts(generator, angle=(0.2 + 0.09 * k, 0.6))).breach for k in range(8)]
+    quick, slower = make_supervisor(), make_supervisor()
+    told = [look(quick, counts(generator, angle=(0.2 + 0.09 * k, 0.6))).breach for k in range(8)]
     assert "SFE at" in told[-1]
     assert "limit 8.0 rad/s" in told[-1]
-    slower = make_supervisor()
     assert not any(look(slower, counts(generator, angle=(0.2 + 0.05 * k, 0.6))).breach for k in range(8))
 
 
 def bank(angle, command=100.0):
     time_s = np.arange(50) / 100.0
-    rows = [
-        pd.DataFrame(
-            {
-                "trajectory": n,
-                "time_s": time_s,
-                "muscle": name,
-                "pressure_command_kpa": command,
-                "joint_angle_rad": angle(time_s, n),
-            }
+    return pd.concat(
+        pd.DataFrame({"time_s": time_s, "joint_angle_rad": angle(time_s, n)}).assign(
+            trajectory=n, muscle=name, pressure_command_kpa=command
         )
         for n in range(3)
         for name in RIG.muscles
-    ]
-    return pd.concat(rows, ignore_index=True)
+    ).reset_index(drop=True)
 
 
 def forbidden(samples):
     return list(find_forbidden(samples, "trajectory", RIG.exoskeleton, RIG.guard, RIG.limits))
 
 
-def test_a_bank_within_limits_passes():
-    assert forbidden(bank(lambda t, n: 0.5 + 0.2 * np.sin(t + n))) == []
-
-
 def test_a_bank_beyond_limits_is_told_where():
+    assert forbidden(bank(lambda t, n: 0.5 + 0.2 * np.sin(t + n))) == []
     far = forbidden(bank(lambda t, n: 0.5 + (1.1 * (t > 0.3) if n == 1 else 0.0 * t)))
     assert far[0].startswith("trajectory 1 asks for joint SFE at 1.6 rad, permitted -0.25 to 1.55, at 0.31 s (1 of 3")
     assert any("rad/s, permitted 8.0" in each for each in far)
@@ -218,7 +201,7 @@ def test_the_pace_is_measured_on_samples_that_were_taken():
 
 def test_a_signal_waits_until_the_muscles_are_down():
     seen = []
-    before = signal.signal(signal.SIGTERM, lambda number, frame: seen.append(number))
+    before = signal.signal(signal.SIGTERM, lambda number, _: seen.append(number))
     try:
         with hold_signals() as held:
             signal.raise_signal(signal.SIGTERM)
@@ -249,23 +232,14 @@ def test_a_signal_waits_until_the_muscles_are_down():
             lambda s: s["channels"]["pam2"]["command"].update(zero_count=-8000.0),
             "to which the watchdog sets it, got 250 kPa; correct zero_count (-8000.0) or sign",
         ),
-        (
-            lambda s: s["channels"]["pam1"]["force"].update(module=1),
-            "expected the position of a 4AI, got 1, which is 4AO",
-        ),
+        (lambda s: s["channels"]["pam1"]["force"].update(module=1), "the position of a 4AI, got 1, which is 4AO"),
         (lambda s: s["channels"]["pam1"]["force"].update(module=9), "got 9, which is no module"),
-        (
-            lambda s: s["channels"]["pam1"]["force"].update(channel=1),
-            "pam1.force and channels.pam2.force: expected a channel",
-        ),
+        (lambda s: s["channels"]["pam1"]["force"].update(channel=1), "pam1.force and channels.pam2.force: expected a"),
         (lambda s: s["device"].update(watchdog_s=0.05), "greater than or equal to 0.1"),
         (lambda s: s["device"].update(reply_s=0.3), "reply_s: expected less than watchdog_s"),
         (lambda s: s["device"].update(modules=["4AO", "EP"]), "modules: expected EP first and only there"),
         (lambda s: s["guard"]["ceilings"].pop("MAS-10"), "guard.ceilings: none for MAS-10"),
-        (
-            lambda s: s["guard"]["ceilings"]["MAS-40"].update(pressure_kpa=250.0),
-            "expected more than the 250.0 kPa that",
-        ),
+        (lambda s: s["guard"]["ceilings"]["MAS-40"].update(pressure_kpa=250.0), "more than the 250.0 kPa that"),
         (lambda s: s["guard"]["joints"].pop("SFE"), "guard.joints: none for SFE"),
         (lambda s: s["co_contraction_kpa"].pop("SFE"), "co_contraction_kpa: none for joint SFE"),
         (
@@ -293,3 +267,15 @@ def test_the_speed_is_that_of_the_real_time_between_samples(generator):
     told = [supervisor.look(counts(generator, angle=(0.2 + 5.0 * t, 0.6)), np.zeros(4), t) for t in at_s]
     assert {each.breach for each in told} == {""}
     assert told[-1].speed_rad_per_s[0] == pytest.approx(5.0, abs=0.5)
+
+
+def test_a_sample_that_is_late_by_more_than_a_period_says_so_unless_a_sensor_is_amiss():
+    command = np.full((60, 4), 100.0)
+    logbook = Logbook(RIG.exoskeleton, 0, command, np.full(command.shape, ""), None)
+    sample = Sample(np.ones(4), np.ones(4), np.zeros(2), np.zeros(2), np.array(["ok", "ok", "ok", "held"]), "")
+    late_s = 0.01 * np.array([0.5, 1.5, *[0.0] * 58])
+    for index, late in enumerate(late_s):
+        logbook.note(Tick(index, 0.01 * index), late, sample, (command[index], np.array("")))
+    taken = logbook.collect()
+    assert taken.status.tolist() == [[word] * 3 + ["held"] for word in ("ok", "late", *["ok"] * 58)]
+    np.testing.assert_array_equal(taken.late_s, late_s)

@@ -7,16 +7,13 @@ values; its residuals are told in the values' unit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from stages.science.rig.festo.channels import COUNTER_SPAN, CountRange, EncoderPlace, ForcePlace, PressurePlace
+from stages.science.rig.festo.channels import COUNTER_SPAN, CountRange, Place
 from stages.science.rig.festo.known_points import UNITS, CalibrationSettings, split_name
 from stages.science.signals.trajectories import Array
-
-AnyPlace = PressurePlace | ForcePlace | EncoderPlace
 
 LEAST_COUNTS = 3.0
 """Counts by which points differ at least where a channel follows them."""
@@ -26,19 +23,7 @@ FOLLOWS = 0.9
 
 @dataclass(frozen=True)
 class Judged:
-    """A record of one channel at one point.
-
-    Parameters
-    ----------
-    count, spread_count, drift_count : float
-        Mean, standard deviation, and change from the first to the last quarter; of whole counts.
-    samples : int
-        How many were taken.
-    saturated, lost : float
-        Share of samples at the end of the range, and without a value.
-    problem : str
-        Why the point is of no use; empty where it is.
-    """
+    """A record of one channel at one point, as the columns of the table `calibration_points` say."""
 
     count: float
     spread_count: float
@@ -50,7 +35,7 @@ class Judged:
 
 
 def judge_point(
-    counts: Array, kind: str, place: AnyPlace, valid: CountRange, settings: CalibrationSettings, stopped: str = ""
+    counts: Array, kind: str, place: Place, valid: CountRange, settings: CalibrationSettings, stopped: str = ""
 ) -> Judged:
     """Judge what a channel counted at one point.
 
@@ -58,10 +43,8 @@ def judge_point(
     ----------
     counts : (T,) ndarray
         Of the channel.
-    kind : str
-        Of the channel.
-    place : PressurePlace, ForcePlace or EncoderPlace
-        As configured.
+    kind, place : str, Place
+        Of the channel, as configured.
     valid : CountRange
         Which counts of an analogue input are values.
     settings : CalibrationSettings
@@ -106,42 +89,21 @@ def unroll(counts: Array, near: float) -> Array:
 
 @dataclass(frozen=True)
 class Line:
-    """What a channel's counts mean, or why that is not known.
+    """What a channel's counts mean, as the columns of the tables `calibration_lines` and `calibration_changes` say.
 
-    Parameters
-    ----------
-    status : str
-        ``calibrated``, or ``refused`` where the points determine no line.
-    per_count, zero_count : float
-        Value of one count, and counts at zero.
-    sign : int
-        -1 where counts fall as the value rises.
-    residual_rms, residual_largest : float
-        Of the points, in the unit of the channel.
-    repeatability : float
-        Largest difference between points of the same known value; nan where none was repeated.
-    points : int
-        Those that were of use.
-    plausible : bool
-        Whether it is near what is configured.
-    told : str
-        Why it was refused, or what is strange.
+    By default it is one that the points do not determine.
     """
 
-    status: str
-    per_count: float
-    zero_count: float
-    sign: int
-    residual_rms: float
-    residual_largest: float
-    repeatability: float
-    points: int
-    plausible: bool
     told: str
-
-    def as_row(self) -> dict[str, Any]:
-        """Return the fields by name."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+    points: int
+    residual_rms: float = np.nan
+    residual_largest: float = np.nan
+    status: str = "refused"
+    per_count: float = np.nan
+    zero_count: float = np.nan
+    sign: int = 0
+    repeatability: float = np.nan
+    plausible: bool = False
 
 
 def fit_line(
@@ -150,7 +112,7 @@ def fit_line(
     count: Array,
     spread_count: Array,
     problems: Sequence[str],
-    place: AnyPlace,
+    place: Place,
     valid: CountRange,
     settings: CalibrationSettings,
     followers: Sequence[str] = (),
@@ -165,12 +127,8 @@ def fit_line(
         Known values, in the channel's unit, and mean and spread of the counts at them.
     problems : sequence of str
         What makes a point useless; empty where it is of use.
-    place : PressurePlace, ForcePlace or EncoderPlace
-        As configured.
-    valid : CountRange
-        Which counts of an analogue input are values.
-    settings : CalibrationSettings
-        Tolerances.
+    place, valid, settings
+        As of `judge_point`.
     followers : sequence of str
         Channels of the same kind that follow these points, as of `find_followers`.
     """
@@ -182,11 +140,11 @@ def fit_line(
         useless = [each for each in problems if each]
         why = f", as {useless[0]}" if useless else ""
         got = f"expected points of use at two known values at least, got {len(np.unique(value))} of {len(known)}"
-        return refuse(f"{got}{why}{swapped}", int(used.sum()))
+        return Line(f"{got}{why}{swapped}", len(value))
     least = max(LEAST_COUNTS, settings.spacing * float(np.median(spread_count[used])))
     if np.ptp(counts) < least:
         what = f"the counts are the same at all points ({counts.min():.1f} to {counts.max():.1f})"
-        return refuse(f"{what}{swapped or '; is the channel dead?'}", int(used.sum()))
+        return Line(f"{what}{swapped or '; is the channel dead?'}", len(value))
     slope, zero = np.polyfit(value, counts, 1)
     left = (counts - zero - slope * value) / slope
     largest = float(np.abs(left).max())
@@ -194,53 +152,29 @@ def fit_line(
     if largest > tolerance:
         furthest = value[np.abs(left).argmax()]
         what = f"the point at {furthest:g} {unit} lies {largest:.3g} {unit} from the line, {tolerance:g} are permitted"
-        return refuse(f"{what}{swapped}", int(used.sum()), rms, largest)
+        return Line(f"{what}{swapped}", len(value), rms, largest)
     sign, per_count = (1 if slope > 0 else -1), float(1.0 / abs(slope))
-    strange = find_strange(per_count, float(zero), sign, place, valid, settings, analogue=unit != "rad")
-    return Line(
-        "calibrated",
-        per_count,
-        float(zero),
-        sign,
-        rms,
-        largest,
-        measure_repeatability(value, counts * per_count),
-        int(used.sum()),
-        not strange,
-        "; ".join(strange),
-    )
-
-
-def refuse(why: str, points: int, rms: float = np.nan, largest: float = np.nan) -> Line:
-    """Return what stands for a line that the points do not determine."""
-    return Line("refused", np.nan, np.nan, 0, rms, largest, np.nan, points, False, why)
-
-
-def find_strange(
-    per_count: float,
-    zero_count: float,
-    sign: int,
-    place: AnyPlace,
-    valid: CountRange,
-    settings: CalibrationSettings,
-    analogue: bool,
-) -> list[str]:
-    """Say in what a line is far from what is configured."""
     strange = []
     ratio = per_count / abs(place.per_count)
     if sign != place.sign:
         strange.append(f"the sign is {sign}, configured {place.sign}")
     if not 1.0 / settings.plausible_ratio <= ratio <= settings.plausible_ratio:
         strange.append(f"a count is worth {ratio:.3g} times what is configured")
-    if analogue and not valid.low <= zero_count < valid.high:
-        strange.append(f"zero at count {zero_count:.0f} lies out of the range {valid.low} to {valid.high}")
-    return strange
-
-
-def measure_repeatability(value: Array, measured: Array) -> float:
-    """Return the largest difference between what was measured at the same known value; nan where none was repeated."""
-    spans = [np.ptp(measured[value == each]) for each in np.unique(value) if (value == each).sum() > 1]
-    return float(max(spans)) if spans else float("nan")
+    if unit != "rad" and not valid.low <= zero < valid.high:
+        strange.append(f"zero at count {zero:.0f} lies out of the range {valid.low} to {valid.high}")
+    spans = [np.ptp(counts[value == each] * per_count) for each in np.unique(value) if (value == each).sum() > 1]
+    return Line(
+        "; ".join(strange),
+        len(value),
+        rms,
+        largest,
+        status="calibrated",
+        per_count=per_count,
+        zero_count=float(zero),
+        sign=sign,
+        repeatability=float(max(spans, default=np.nan)),
+        plausible=not strange,
+    )
 
 
 def find_followers(

@@ -6,13 +6,12 @@ watchdog is armed; the muscle is filled and let down along ramps, and let down w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stages.science.rig.contract import RigError
-from stages.science.rig.festo.channels import ChannelMap, CountRange
 from stages.science.rig.festo.cpx_link import CpxLink, LinkLost
 from stages.science.rig.festo.depressurise import depressurise
 from stages.science.rig.festo.held_signals import hold_signals
@@ -20,94 +19,18 @@ from stages.science.rig.limits import Ceiling
 from stages.science.rig.pacing import pace
 from stages.science.signals.trajectories import Array
 
-Judge = Callable[[Array], str]
-"""Takes the counts of all inputs and returns why the muscle is let down at once; empty where it is held on."""
-
 
 @dataclass(frozen=True, eq=False)
 class CountRecording:
-    """Counts of K inputs in T samples.
-
-    Parameters
-    ----------
-    names : list of str
-        Of the inputs, as ``pam1.force``.
-    time_s : (T,) ndarray
-        From the first sample, s.
-    counts : (T, K) ndarray
-        As the device tells them.
-    command_count : int or None
-        What was written to the regulator of the muscle that was held; None where none was.
-    stopped : str
-        Why the muscle was let down before the time was over; empty where it was held throughout.
-    """
+    """Counts (T, K) of K inputs in T samples, as the device tells them."""
 
     names: list[str]
     time_s: Array
     counts: Array
     command_count: int | None = None
+    """What was written to the regulator of the muscle that was held."""
     stopped: str = ""
-
-
-@dataclass(frozen=True)
-class Hold:
-    """How one muscle is held.
-
-    Parameters
-    ----------
-    muscle : int
-        Its position among the muscles.
-    command_kpa : float
-        What is commanded, kPa gauge.
-    ramp_s : float
-        Time to fill it, and to let it down, s.
-    settle_s : float
-        Time at the command before the record begins, s.
-    ramp_down_s : float
-        Longest time to let it down where it is let down early, s.
-    """
-
-    muscle: int
-    command_kpa: float
-    ramp_s: float
-    settle_s: float
-    ramp_down_s: float
-
-
-class CountJudge:
-    """Says why a held muscle is to be let down at once, as far as channels that are not calibrated yet can tell.
-
-    Parameters
-    ----------
-    channels : ChannelMap
-        What counts are configured to mean.
-    counts : CountRange
-        Which counts are values.
-    ceilings : sequence of Ceiling
-        By muscle: the largest pressure, kPa gauge, and tension, N.
-    muscle : int
-        The one that is held: a channel of another muscle that is at its end says nothing about it.
-    """
-
-    def __init__(self, channels: ChannelMap, counts: CountRange, ceilings: Sequence[Ceiling], muscle: int):
-        self.channels, self.counts, self.muscle = channels, counts, muscle
-        self.largest = np.array([each.pressure_kpa for each in ceilings] + [each.force_n for each in ceilings])
-        self.units = ["kPa"] * len(ceilings) + ["N"] * len(ceilings)
-
-    def __call__(self, counts: Array) -> str:
-        """Judge the counts of all inputs."""
-        muscles = len(self.largest) // 2
-        pressure, force, _ = self.channels.to_values(counts)
-        values, analogue = np.concatenate([pressure, force]), counts[: 2 * muscles]
-        valid = ~np.isin(analogue, self.counts.none) & (self.counts.low <= analogue) & (analogue < self.counts.high)
-        over = np.flatnonzero(valid & (values > self.largest))
-        if over.size:
-            first = int(over[0])
-            name, unit = self.channels.names[first], self.units[first]
-            return f"{name} at {values[first]:.0f} {unit}, ceiling {self.largest[first]} {unit}"
-        if not valid[self.muscle]:
-            return f"{self.channels.names[self.muscle]} cannot tell the pressure (count {analogue[self.muscle]:.0f})"
-        return ""
+    """Why the muscle was let down before the time was over; empty where it was held throughout."""
 
 
 def record_counts(link: CpxLink, rate_hz: float, record_s: float) -> CountRecording:
@@ -128,8 +51,36 @@ def record_counts(link: CpxLink, rate_hz: float, record_s: float) -> CountRecord
     return _collect(link, taken)
 
 
-def record_held(link: CpxLink, rate_hz: float, record_s: float, hold: Hold, judge: Judge) -> CountRecording:
+def record_held(
+    link: CpxLink,
+    rate_hz: float,
+    record_s: float,
+    *,
+    muscle: int,
+    command_kpa: float,
+    ceilings: Sequence[Ceiling],
+    ramp_s: float,
+    settle_s: float,
+    ramp_down_s: float,
+) -> CountRecording:
     """Fill one muscle, record the counts of all inputs at its command, and let it down.
+
+    Parameters
+    ----------
+    link : CpxLink
+        Open.
+    rate_hz, record_s : float
+        Samples per second, and for how long, s.
+    muscle : int
+        Its position among the muscles.
+    command_kpa : float
+        What is commanded, kPa gauge.
+    ceilings : sequence of Ceiling
+        By muscle: what lets it down at once, as far as channels that are not calibrated yet can tell.
+    ramp_s, settle_s : float
+        Time to fill it and to let it down, and at the command before the record begins, s.
+    ramp_down_s : float
+        Longest time to let it down where it is let down early, s.
 
     Raises
     ------
@@ -137,10 +88,10 @@ def record_held(link: CpxLink, rate_hz: float, record_s: float, hold: Hold, judg
         When the device does not answer, or could not be reached to let the muscle down: then its watchdog does.
     """
     period_s, watchdog_s = 1.0 / rate_hz, link.device.watchdog_s
-    rise, first = max(round(hold.ramp_s * rate_hz), 1), round((hold.ramp_s + hold.settle_s) * rate_hz)
+    rise, first = max(round(ramp_s * rate_hz), 1), round((ramp_s + settle_s) * rate_hz)
     ticks = first + max(round(record_s * rate_hz), 2)
     target = np.zeros(len(link.channels.commands))
-    target[hold.muscle] = hold.command_kpa
+    target[muscle] = command_kpa
     taken: list[tuple[float, Array]] = []
     reason, lost, share = "", "", 0.0
     with hold_signals() as signals:
@@ -152,7 +103,7 @@ def record_held(link: CpxLink, rate_hz: float, record_s: float, hold: Hold, judg
                     reason = f"the loop came {1e3 * silent_s:.0f} ms late (half the watchdog's time is borne)"
                     break
                 counts = link.read()
-                reason = signals.name or judge(counts)
+                reason = signals.name or _judge(link, counts, ceilings, muscle)
                 if reason:
                     break
                 share = min((tick.index + 1) / rise, 1.0)
@@ -162,8 +113,8 @@ def record_held(link: CpxLink, rate_hz: float, record_s: float, hold: Hold, judg
         except LinkLost as error:
             lost = str(error)
         finally:
-            ramp_s = min(hold.ramp_s * share, hold.ramp_down_s if reason else np.inf)
-            unreached = depressurise(link, share * target, max(ramp_s, period_s), period_s, _pass_over, lost)
+            down_s = min(ramp_s * share, ramp_down_s if reason else np.inf)
+            unreached = depressurise(link, share * target, max(down_s, period_s), period_s, lambda *_: None, lost)
     if lost or unreached:
         how = (
             f"its watchdog lets the muscle down, {watchdog_s} s after the last request"
@@ -174,7 +125,7 @@ def record_held(link: CpxLink, rate_hz: float, record_s: float, hold: Hold, judg
             f"the device at {link.place} does not answer ({lost or unreached}); {how}; see that the muscles are "
             "without air before anybody goes on"
         )
-    return _collect(link, taken, link.channels.to_counts(target)[hold.muscle], reason)
+    return _collect(link, taken, link.channels.to_counts(target)[muscle], reason)
 
 
 def _collect(
@@ -185,5 +136,16 @@ def _collect(
     return CountRecording(names, np.array([each for each, _ in taken]), counts, command_count, stopped)
 
 
-def _pass_over(counts: Array, command_kpa: Array) -> None:
-    """Take no notice of what is read on the way down."""
+def _judge(link: CpxLink, counts: Array, ceilings: Sequence[Ceiling], muscle: int) -> str:
+    """Return why a held muscle is let down at once; a channel of another one at its end says nothing about it."""
+    valid, names = link.device.counts, link.channels.names
+    pressure, force, _ = link.channels.to_values(counts)
+    values, analogue = np.concatenate([pressure, force]), counts[: 2 * len(ceilings)]
+    largest = np.array([each.pressure_kpa for each in ceilings] + [each.force_n for each in ceilings])
+    told = ~np.isin(analogue, valid.none) & (valid.low <= analogue) & (analogue < valid.high)
+    over = np.flatnonzero(told & (values > largest))
+    if over.size:
+        first = int(over[0])
+        unit = "kPa" if first < len(ceilings) else "N"
+        return f"{names[first]} at {values[first]:.0f} {unit}, ceiling {largest[first]} {unit}"
+    return "" if told[muscle] else f"{names[muscle]} cannot tell the pressure (count {analogue[muscle]:.0f})"

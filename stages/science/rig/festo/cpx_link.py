@@ -59,15 +59,7 @@ class Device(Declared):
 
 
 class CpxLink:
-    """A connection to one device.
-
-    Parameters
-    ----------
-    device : Device
-        Where it is and what stands in it.
-    channels : ChannelMap
-        Which of its channels serve.
-    """
+    """A connection to one device, of whose channels some serve; any request may raise `LinkLost`."""
 
     def __init__(self, device: Device, channels: ChannelMap):
         self.device, self.channels = device, channels
@@ -108,7 +100,12 @@ class CpxLink:
                     f"rig.device.modules: expected the {found} modules that {self.place} tells of, "
                     f"got {len(self.device.modules)} ({', '.join(self.device.modules)})"
                 )
-            self._set_ranges(kinds["ChannelRange"])
+            if self.device.signal_range is not None:
+                chosen = kinds["ChannelRange"][self.device.signal_range]
+                with self._unbroken():
+                    for module, kind in zip(self._cpx.modules, self.device.modules, strict=True):
+                        for channel in range(4 if kind in ("4AO", "4AI") else 0):
+                            module.configure_channel_range(channel, chosen)
             self.vent()
         except LinkLost as error:
             raise RigError(
@@ -117,13 +114,7 @@ class CpxLink:
             ) from None
 
     def reopen(self) -> None:
-        """Connect anew, whatever became of the connection before.
-
-        Raises
-        ------
-        LinkLost
-            When nobody answers in time.
-        """
+        """Connect anew, whatever became of the connection before."""
         from pymodbus.client import ModbusTcpClient
 
         if hasattr(self._cpx, "client"):
@@ -159,13 +150,13 @@ class CpxLink:
         counts = []
         begun = clock.now_s()
         with self._unbroken():
-            for module, channel in self.channels.list_inputs():
-                if module not in found:
-                    found[module] = self._read_module(module)
+            for place in self.channels.inputs:
+                if place.module not in found:
+                    found[place.module] = self._read_module(place.module)
                     taken_s = clock.now_s() - begun
                     if taken_s > 0.5 * self.device.watchdog_s:
                         raise LinkLost(f"it answers slowly: {len(found)} modules in {1e3 * taken_s:.0f} ms")
-                counts.append(found[module][channel])
+                counts.append(found[place.module][place.channel])
         return np.array(counts, dtype=float)
 
     def write(self, command_kpa: Array) -> None:
@@ -194,23 +185,11 @@ class CpxLink:
                 raise LinkLost(f"module {' and '.join(refused)} refused its outputs")
 
     def vent(self) -> None:
-        """Command zero pressure on every muscle.
-
-        Raises
-        ------
-        LinkLost
-            As of `write`.
-        """
+        """Command zero pressure on every muscle."""
         self.write(np.zeros(len(self.channels.commands)))
 
     def arm(self) -> None:
-        """Have the device vent when no request reaches it for its time.
-
-        Raises
-        ------
-        LinkLost
-            When the device does not take the time.
-        """
+        """Have the device vent when no request reaches it for its time."""
         self._set_watchdog(round(self.device.watchdog_s * 1000))
         self._longest_silence_s, self._armed = 0.0, True
 
@@ -220,13 +199,7 @@ class CpxLink:
         self._armed = False
 
     def find_other_master(self) -> str:
-        """Return how it shows that somebody else drives the device too; empty where nothing does.
-
-        Raises
-        ------
-        LinkLost
-            When the device does not tell.
-        """
+        """Return how it shows that somebody else drives the device too; empty where nothing does."""
         told, set_ms = self._read_watchdog(), round(self.device.watchdog_s * 1000)
         if told == set_ms:
             return ""
@@ -246,20 +219,11 @@ class CpxLink:
             return int.from_bytes(self._cpx.read_reg_data(*TIMEOUT), "little")
 
     def _read_module(self, position: int) -> list[int]:
-        module, kind = self._cpx.modules[position], self.device.modules[position]
-        values = [module.read_value()] if kind == "1CI" else module.read_channels()
-        if len(values) != (1 if kind == "1CI" else 4):
+        module, counter = self._cpx.modules[position], self.device.modules[position] == "1CI"
+        values = [module.read_value()] if counter else module.read_channels()
+        if len(values) != (1 if counter else 4):
             raise LinkLost(f"module {position} answered with {len(values)} values")
         return [int(each) for each in values]
-
-    def _set_ranges(self, ranges: Any) -> None:
-        if self.device.signal_range is None:
-            return
-        with self._unbroken():
-            for position, kind in enumerate(self.device.modules):
-                if kind in ("4AO", "4AI"):
-                    for channel in range(4):
-                        self._cpx.modules[position].configure_channel_range(channel, ranges[self.device.signal_range])
 
     @contextmanager
     def _unbroken(self) -> Iterator[None]:

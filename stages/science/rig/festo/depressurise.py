@@ -32,10 +32,8 @@ def depressurise(link: CpxLink, last_kpa: Array, ramp_s: float, period_s: float,
         Armed.
     last_kpa : (M,) ndarray
         What was commanded last, kPa gauge.
-    ramp_s : float
-        Time to let them down, s.
-    period_s : float
-        Time from one step to the next, s.
+    ramp_s, period_s : float
+        Time to let them down, and from one step to the next, s.
     look : callable
         Is handed what is read on the way.
     problem : str

@@ -16,27 +16,22 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import pandas as pd
 from filelock import FileLock, Timeout
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import PrivateAttr, model_validator
 
 from stages.science.plant.declaration import nearest
-from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig import clock
-from stages.science.rig.attendance import Moment
-from stages.science.rig.configured import ConfiguredRig
-from stages.science.rig.contract import RigError, TrialStopped, Watch
+from stages.science.rig.contract import RigError, TrialStopped, Watch, tidy
 from stages.science.rig.festo.channels import ChannelMap, EncoderPlace, MuscleChannels
-from stages.science.rig.festo.counting import CountJudge, CountRecording, Hold, record_counts, record_held
+from stages.science.rig.festo.counting import CountRecording, record_counts, record_held
 from stages.science.rig.festo.cpx_link import CpxLink, Device, LinkLost
 from stages.science.rig.festo.depressurise import depressurise
 from stages.science.rig.festo.held_signals import Held, hold_signals
 from stages.science.rig.festo.logbook import Logbook
 from stages.science.rig.festo.supervision import Sample, Supervisor
-from stages.science.rig.filling import check_filling, fill
-from stages.science.rig.limits import Guard, Limits, apply_limits, check_limits, find_forbidden
-from stages.science.rig.pacing import Tick, pace, undisturbed
-from stages.science.rig.sensors import contract
+from stages.science.rig.filling import FillingRig, fill
+from stages.science.rig.limits import Guard, apply_limits, check_limits, find_forbidden
+from stages.science.rig.pacing import Tick, measure_pace, pace, undisturbed
 from stages.science.rig.trial import Recording, Trial
-from stages.science.signals.filtering import differentiate
 from stages.science.signals.trajectories import Array
 
 log = logging.getLogger("pamid")
@@ -49,32 +44,9 @@ MOST_TOLD = 5
 """Lines of a refusal that are printed; the others are counted."""
 
 
-class FestoCpx(ConfiguredRig):
+class FestoCpx(FillingRig):
     """A rig on a Festo CPX-E.
 
-    Parameters
-    ----------
-    exoskeleton, participants
-        As of every `ConfiguredRig`; its sampling rate is that of the loop.
-    device : Device
-        Where the CPX-E is and what stands in it.
-    channels : dict of str to MuscleChannels
-        By muscle: where its regulator, pressure sensor and load cell are, and what their counts mean.
-    encoders : dict of str to EncoderPlace
-        By joint.
-    limits : dict of str to PressureLimit
-        What may be commanded, by type of muscle.
-    co_contraction_kpa : dict of str to float
-        By joint: as long as one side is commanded more than this, the other one is not.
-    guard : Guard
-        What ends a trial, and how fast muscles are let down then.
-    lead_in_s : float
-        Time before the trial in which the muscles are filled to its first command, s; not part of the recording.
-    filling_share : float
-        Share of it that the filling takes; the rest lets transients settle, 1.
-
-    Notes
-    -----
     Sensors are read, then the command of the sample is written, which holds until the next one.
     """
 
@@ -83,11 +55,8 @@ class FestoCpx(ConfiguredRig):
     device: Device
     channels: dict[str, MuscleChannels]
     encoders: dict[str, EncoderPlace]
-    limits: Limits
     co_contraction_kpa: dict[str, float]
     guard: Guard
-    lead_in_s: float = Field(ge=0.0, le=60.0)
-    filling_share: float = Field(ge=0.5, le=1.0)
     _link: CpxLink | None = PrivateAttr(default=None)
     _lock: Any = PrivateAttr(default=None)
 
@@ -95,19 +64,11 @@ class FestoCpx(ConfiguredRig):
     def _check_fit(self) -> Self:
         check_limits(self.limits, self.exoskeleton.muscles)
         self.guard.check_against(self.exoskeleton, self.limits)
-        self.map_channels().check_reach(
-            [self.limits[each.type].high_kpa for each in self.exoskeleton.muscles],
-            [
-                (its.pressure_kpa, its.force_n)
-                for its in (self.guard.ceilings[m.type] for m in self.exoskeleton.muscles)
-            ],
-            self.device.counts,
-        )
-        self.map_channels().check_vents(self.guard.vented_kpa)
+        self.map_channels().check_against(self.limits, self.guard, self.device.counts)
         for joint in self.exoskeleton.joint_names:
             if joint not in self.co_contraction_kpa:
                 raise ValueError(f"co_contraction_kpa: none for joint {joint}; add co_contraction_kpa.{joint}")
-        check_filling(self.lead_in_s, self.filling_share, self.limits, self.exoskeleton.muscles)
+        self._check_filling()
         return self
 
     def map_channels(self) -> ChannelMap:
@@ -148,8 +109,16 @@ class FestoCpx(ConfiguredRig):
     def check(self, trial: Trial) -> None:
         """Check a trial against shapes and limits, before anything moves."""
         super().check(trial)
-        if trial.reference_rad is not None:
-            self.check_bank(tabulate(trial, self.exoskeleton), "trial")
+        if trial.reference_rad is None:
+            return
+        columns = {
+            "trial": trial.label or trial.kind,
+            "time_s": np.tile(np.arange(self.samples) / self.sampling_rate_hz, len(self.muscles)),
+            "muscle": np.repeat(self.muscles, self.samples),
+            "pressure_command_kpa": trial.pressure_command_kpa.T.ravel(),
+            "joint_angle_rad": trial.reference_rad[:, self.exoskeleton.joint_of_muscle].T.ravel(),
+        }
+        self.check_bank(pd.DataFrame(columns), "trial")
 
     def check_bank(self, samples: pd.DataFrame, by: str) -> None:
         """Refuse movements that ask for what the limits forbid, before anything moves."""
@@ -180,9 +149,11 @@ class FestoCpx(ConfiguredRig):
         with hold_signals() as signals, undisturbed():
             reason = self._conduct(trial, command, book, signals)
         if reason:
-            raise TrialStopped(self._tell(reason, book), book.noticed_at_s)
-        log.info("%s: %s", trial.label or trial.kind, book.measure_pace())
-        recording = self._record(book)
+            when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"
+            advice = "" if self._why_stop() else "; find out why before anybody goes on"
+            raise TrialStopped(f"stopped {when}: {reason}{advice}", book.noticed_at_s)
+        recording = book.collect()
+        log.info("%s: %s", trial.label or trial.kind, measure_pace(pd.DataFrame(tidy(recording, self)), []))
         for told in self._find_dead(recording):
             log.warning("%s: %s", trial.label or trial.kind, told)
         return recording
@@ -198,12 +169,7 @@ class FestoCpx(ConfiguredRig):
                 )
 
     def read_counts(self, record_s: float) -> CountRecording:
-        """Record the raw counts of all inputs while nothing is commanded.
-
-        Parameters
-        ----------
-        record_s : float
-            How long, s, at the sampling rate.
+        """Record the raw counts of all inputs for a time, s, at the sampling rate, while nothing is commanded.
 
         Raises
         ------
@@ -219,16 +185,12 @@ class FestoCpx(ConfiguredRig):
 
         Parameters
         ----------
-        muscle : str
-            Its name.
-        command_kpa : float
-            Within its limits, kPa gauge.
-        record_s : float
-            How long, s, at the sampling rate.
+        muscle, command_kpa : str, float
+            Its name, and a command within its limits, kPa gauge.
+        record_s, settle_s : float
+            How long, s, at the sampling rate, and the time at the command before, s.
         ramp_s : float
             Time to fill it and to let it down, s; longer where its limit on the rate asks for it.
-        settle_s : float
-            Time at the command before the record begins, s.
 
         Returns
         -------
@@ -238,44 +200,36 @@ class FestoCpx(ConfiguredRig):
         Raises
         ------
         ValueError
-            When the command is beyond the muscle's limits; nothing was commanded then.
+            When there is no such muscle, or the command is beyond its limits; nothing was commanded then.
         RigError
             When the rig is not connected or the device does not answer.
         """
-        link, number = self._linked(), self.check_hold(muscle, command_kpa)
-        slew = self.limits[self.exoskeleton.muscles[number].type].slew_kpa_per_s
-        hold = Hold(number, command_kpa, max(ramp_s, command_kpa / slew), settle_s, self.guard.ramp_down_s)
-        ceilings = [self.guard.ceilings[each.type] for each in self.exoskeleton.muscles]
-        judge = CountJudge(link.channels, self.device.counts, ceilings, number)
-        return record_held(link, self.sampling_rate_hz, record_s, hold, judge)
-
-    def check_hold(self, muscle: str, command_kpa: float) -> int:
-        """Return a muscle's position if it may be held at a command, kPa gauge.
-
-        Raises
-        ------
-        ValueError
-            When there is no such muscle, or the command is beyond its limits.
-        """
+        link = self._linked()
         if muscle not in self.muscles:
             raise ValueError(f"no muscle '{muscle}'; {nearest(muscle, self.muscles)}")
         number = list(self.muscles).index(muscle)
-        kind = self.exoskeleton.muscles[number].type
-        limit = self.limits[kind]
+        kinds = [each.type for each in self.exoskeleton.muscles]
+        kind, limit = kinds[number], self.limits[kinds[number]]
         if not limit.low_kpa <= command_kpa <= limit.high_kpa:
             raise ValueError(
                 f"{muscle}: expected {limit.low_kpa} to {limit.high_kpa} kPa (rig.limits.{kind}), got {command_kpa}"
             )
-        return number
+        return record_held(
+            link,
+            self.sampling_rate_hz,
+            record_s,
+            muscle=number,
+            command_kpa=command_kpa,
+            ceilings=[self.guard.ceilings[each] for each in kinds],
+            ramp_s=max(ramp_s, command_kpa / limit.slew_kpa_per_s),
+            settle_s=settle_s,
+            ramp_down_s=self.guard.ramp_down_s,
+        )
 
     def _linked(self) -> CpxLink:
         if self._link is None:
             raise RigError("FestoCpx is not connected; write: with rig: rig.read_counts(2.0)")
         return self._link
-
-    @property
-    def _lead_samples(self) -> int:
-        return round(self.lead_in_s * self.sampling_rate_hz)
 
     def announce(self, trial: Trial) -> None:
         """Tell whoever shows the trial to the person that it begins, with the lead-in."""
@@ -284,9 +238,7 @@ class FestoCpx(ConfiguredRig):
         """Run the loop, let the muscles down, and return why it ended early; empty where it did not."""
         link = self._link
         assert link is not None
-        supervisor = Supervisor(
-            self.exoskeleton, link.channels, self.device.counts, self.guard, moved=trial.kind != "passive"
-        )
+        supervisor = Supervisor(link.channels, self.device.counts, self.guard, moved=trial.kind != "passive")
         step = np.array([self.limits[each.type].slew_kpa_per_s for each in self.exoskeleton.muscles])
         step = step / self.sampling_rate_hz
         gentle = np.diff(command[: book.lead], axis=0, prepend=0.0).max(axis=0)
@@ -308,7 +260,7 @@ class FestoCpx(ConfiguredRig):
                 if given:
                     link.write(given[0])
                 book.note(tick, late_s, sample, given)
-                self._show(book.time_s, sample, book.last_command)
+                self._show_sample(book, sample, book.last_command)
                 if reason:
                     break
             reason = reason or link.find_other_master()
@@ -318,18 +270,13 @@ class FestoCpx(ConfiguredRig):
         finally:
             book.noticed_at_s = clock.now_s()
             lost = self._let_down(link, supervisor, book, broken)
-        book.close()
+        book.hand_over()
         if lost:
             return f"{reason or 'the trial was over'}; {lost}"
         return f"{reason}; the muscles were let down" if reason else ""
 
-    def _why_stop(self) -> str:
-        return self.attendance.why_stop() if self.attendance is not None else ""
-
-    def _show(self, time_s: float, sample: Sample, command_kpa: Array) -> None:
-        if self.attendance is not None:
-            moment = Moment(time_s, sample.angle_rad, command_kpa, sample.pressure_kpa, sample.force_n)
-            self.attendance.show(moment)
+    def _show_sample(self, book: Logbook, sample: Sample, command_kpa: Array) -> None:
+        self._show(book.time_s, sample.angle_rad, command_kpa, sample.pressure_kpa, sample.force_n)
 
     def _judge_pace(self, book: Logbook, tick: Tick, late_s: float) -> str:
         """Say that the loop slept for so long that the device may have vented meanwhile, or missed too much."""
@@ -350,7 +297,7 @@ class FestoCpx(ConfiguredRig):
         def look(counts: Array, command_kpa: Array) -> None:
             sample = supervisor.look(counts, command_kpa, clock.now_s())
             book.note_ramp(sample, command_kpa)
-            self._show(book.time_s, sample, command_kpa)
+            self._show_sample(book, sample, command_kpa)
 
         period_s = 1.0 / self.sampling_rate_hz
         problem = depressurise(link, book.last_command, self.guard.ramp_down_s, period_s, look, broken)
@@ -381,45 +328,6 @@ class FestoCpx(ConfiguredRig):
                     "(rig.guard.vented_kpa)"
                 )
             clock.sleep(1.0 / self.sampling_rate_hz)
-
-    def _tell(self, reason: str, book: Logbook) -> str:
-        when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"
-        advice = "" if self._why_stop() else "; find out why before anybody goes on"
-        return f"stopped {when}: {reason}{advice}"
-
-    def _record(self, book: Logbook) -> Recording:
-        """Return what the trial measured, velocities as of every rig."""
-        taken = book.collect()
-        window = self.exoskeleton.velocity_filter
-        velocity = differentiate(taken.angle_rad, self.sampling_rate_hz, window.window_s, window.order)
-        contraction, contraction_velocity = contract(taken.angle_rad, velocity, self.exoskeleton)
-        return Recording(
-            time_s=taken.time_s,
-            pressure_command_kpa=taken.command_kpa,
-            pressure_kpa=taken.pressure_kpa,
-            contraction=contraction,
-            contraction_velocity_per_s=contraction_velocity,
-            force_n=np.maximum(taken.force_n, 0.0),
-            joint_angle_rad=taken.angle_rad,
-            joint_velocity_rad_per_s=velocity,
-            status=taken.status,
-            clipped_by=taken.clipped_by,
-            late_s=taken.late_s,
-        )
-
-
-def tabulate(trial: Trial, exoskeleton: Exoskeleton) -> pd.DataFrame:
-    """Return a tracked trial as long rows, one per muscle and time."""
-    assert trial.reference_rad is not None
-    samples = len(trial.pressure_command_kpa)
-    columns = {
-        "trial": trial.label or trial.kind,
-        "time_s": np.tile(np.arange(samples) / exoskeleton.sampling_rate_hz, len(exoskeleton.muscles)),
-        "muscle": np.repeat(exoskeleton.muscle_names, samples),
-        "pressure_command_kpa": trial.pressure_command_kpa.T.ravel(),
-        "joint_angle_rad": trial.reference_rad[:, exoskeleton.joint_of_muscle].T.ravel(),
-    }
-    return pd.DataFrame(columns)
 
 
 def _take(device: Device) -> FileLock:

@@ -23,7 +23,7 @@ class Held:
 
     number: int | None = None
 
-    def note(self, number: int, frame: FrameType | None) -> None:
+    def note(self, number: int, _: FrameType | None) -> None:
         """Note the first one."""
         self.number = self.number or number
 

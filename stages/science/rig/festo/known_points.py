@@ -10,23 +10,14 @@ import csv
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
 
 from stages.science.plant.declaration import Declared, nearest
 
-Kind = Literal["pressure", "command", "force", "encoder"]
 UNITS: dict[str, str] = {"pressure": "kPa", "command": "kPa", "force": "N", "encoder": "rad"}
 """What a channel of each kind measures."""
-
-PER_COUNT: dict[str, str] = {
-    "pressure": "kpa_per_count",
-    "command": "kpa_per_count",
-    "force": "n_per_count",
-    "encoder": "rad_per_count",
-}
-"""Key of the value of one count."""
 
 
 class ByQuantity(Declared):
@@ -113,10 +104,14 @@ class Turn:
     held: str = ""
 
     @property
+    def unit(self) -> str:
+        """Unit of the channels."""
+        return UNITS[split_name(self.channels[0])[1]]
+
+    @property
     def title(self) -> str:
         """Channels and value, for a person."""
-        kind = split_name(self.channels[0])[1]
-        return f"{' and '.join(self.channels)} at {self.value:g} {UNITS[kind]}"
+        return f"{' and '.join(self.channels)} at {self.value:g} {self.unit}"
 
 
 def split_name(channel: str) -> tuple[str, str]:
@@ -162,25 +157,13 @@ def describe_task(turn: Turn, settings: CalibrationSettings) -> str:
     return f"bring joint {owner} to {turn.value:g} rad and hold it there"
 
 
-def describe_destination(turn: Turn, attempt: int, path: str) -> str:
-    """Return how a person tells what the gauge showed while a point was recorded."""
-    return f"tell what the gauge showed, with its kPa in place of KPA: echo {label(turn.point, attempt)},KPA >> {path}"
-
-
 def label(point: int, attempt: int) -> str:
     """Return by what a gauge's reading is found: the point's number, with the attempt's if it is not the first."""
     return f"{point}" if attempt == 1 else f"{point}.{attempt}"
 
 
 def find_reading(text: str, wanted: str) -> float | None:
-    """Return what a gauge showed, kPa, by the last line that tells it; None where none does.
-
-    Parameters
-    ----------
-    text : str
-        Lines of label and kPa.
-    wanted : str
-        As of `label`.
+    """Return what a gauge showed, kPa, by the last line of label and kPa that tells it; None where none does.
 
     Raises
     ------
@@ -200,29 +183,12 @@ def find_reading(text: str, wanted: str) -> float | None:
     return value
 
 
-def make_request(turn: Turn | None, attempt: int, text: str) -> dict[str, Any]:
-    """Return what a paused run asks for, as documents/asks.json keeps it."""
-    if turn is None:
-        return {"point": None, "attempt": None, "do": text}
-    return {
-        "point": turn.point,
-        "attempt": attempt,
-        "channels": list(turn.channels),
-        "value": turn.value,
-        "unit": UNITS[split_name(turn.channels[0])[1]],
-        "do": text,
-    }
-
-
 class PointRequested(Exception):
-    """A point waits for a person.
+    """A point waits for a person, who is asked what ``asks`` says, as documents/asks.json keeps it."""
 
-    Parameters
-    ----------
-    asks : dict
-        As of `make_request`.
-    """
-
-    def __init__(self, asks: dict[str, Any]):
-        super().__init__(asks["do"])
-        self.asks = asks
+    def __init__(self, turn: Turn | None, attempt: int, text: str):
+        super().__init__(text)
+        self.asks: dict[str, Any] = {"point": None, "attempt": None, "do": text}
+        if turn is not None:
+            told = {"channels": list(turn.channels), "value": turn.value, "unit": turn.unit}
+            self.asks = {"point": turn.point, "attempt": attempt, **told, "do": text}

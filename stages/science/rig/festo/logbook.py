@@ -5,11 +5,9 @@ Samples flow in as they are taken; rows flow out to whoever watches, and in the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -17,27 +15,14 @@ from stages.science.rig import clock
 from stages.science.rig.contract import Watch
 from stages.science.rig.festo.supervision import Sample
 from stages.science.rig.limits import ROUNDING_KPA
-from stages.science.rig.pacing import Pace, Tick, measure_pace
+from stages.science.rig.pacing import Tick
 from stages.science.rig.sensors import contract
+from stages.science.rig.trial import Recording
+from stages.science.signals.filtering import differentiate
 from stages.science.signals.trajectories import Array
 
 HANDED_OVER = 10
 """Samples that are handed to who watches at a time."""
-
-
-@dataclass(frozen=True)
-class Taken:
-    """The samples of a trial, T of M muscles and J joints."""
-
-    time_s: Array
-    late_s: Array
-    command_kpa: Array
-    pressure_kpa: Array
-    force_n: Array
-    angle_rad: Array
-    speed_rad_per_s: Array
-    status: NDArray[Any]
-    clipped_by: NDArray[Any]
 
 
 class Logbook:
@@ -49,10 +34,8 @@ class Logbook:
         The machine.
     lead : int
         Samples of the lead-in, which have times below 0 and are no part of what is collected.
-    command_kpa : (L + T, M) ndarray
-        What is commanded, kPa gauge.
-    clipped_by : (L + T, M) ndarray of str
-        What made it differ from what was asked.
+    command_kpa, clipped_by : (L + T, M) ndarray
+        What is commanded, kPa gauge, and what made it differ from what was asked.
     watch : callable or None
         Is handed rows as of `tidy`.
     """
@@ -91,12 +74,8 @@ class Logbook:
 
         Parameters
         ----------
-        tick : Tick
-            Of the sample.
-        late_s : float
-            How late its values were there, s.
-        sample : Sample
-            What was measured.
+        tick, late_s, sample
+            When the sample was due, how late its values were there, s, and what was measured.
         command : tuple or None
             What was commanded and what made it differ from what was asked; None where the one before holds on.
         """
@@ -120,21 +99,25 @@ class Logbook:
         row = self._describe(sample, command_kpa, np.array("ramp"))
         self._append({**row, "status": status, "late_s": max(late_s, 0.0)})
 
-    def close(self) -> None:
-        """Hand over what is left."""
-        self._hand_over()
-
-    def measure_pace(self) -> Pace:
-        """Return how the loop kept its rate in the trial."""
-        taken = self.collect()
-        columns = {"muscle": "any", "time_s": taken.time_s, "late_s": taken.late_s, "status": taken.status[:, 0]}
-        return measure_pace(pd.DataFrame(columns), [])
-
-    def collect(self) -> Taken:
-        """Return the trial without lead-in and without the way down."""
-        rows = self._rows[self.lead : len(self.command_kpa)]
-        time_s = np.arange(len(rows)) / self.exoskeleton.sampling_rate_hz
-        return Taken(time_s, **{name: np.array([row[name] for row in rows]) for name in FIELDS})
+    def collect(self) -> Recording:
+        """Return the trial without lead-in and without the way down, velocities as of every rig."""
+        its = self._stack(self._rows[self.lead : len(self.command_kpa)])
+        angle, rate, window = its["angle_rad"], self.exoskeleton.sampling_rate_hz, self.exoskeleton.velocity_filter
+        velocity = differentiate(angle, rate, window.window_s, window.order)
+        contraction, contraction_velocity = contract(angle, velocity, self.exoskeleton)
+        return Recording(
+            time_s=np.arange(len(angle)) / rate,
+            pressure_command_kpa=its["command_kpa"],
+            pressure_kpa=its["pressure_kpa"],
+            contraction=contraction,
+            contraction_velocity_per_s=contraction_velocity,
+            force_n=np.maximum(its["force_n"], 0.0),
+            joint_angle_rad=angle,
+            joint_velocity_rad_per_s=velocity,
+            status=its["status"],
+            clipped_by=its["clipped_by"],
+            late_s=its["late_s"],
+        )
 
     def _describe(self, sample: Sample, command_kpa: Array, clipped_by: Any) -> dict[str, Any]:
         return {
@@ -151,15 +134,16 @@ class Logbook:
         self._rows.append(row)
         self.count += 1
         if self.count - self._handed_over >= HANDED_OVER:
-            self._hand_over()
+            self.hand_over()
 
-    def _hand_over(self) -> None:
+    def hand_over(self) -> None:
+        """Hand what was not yet handed over to who watches."""
         rows = self._rows[self._handed_over :]
         if self.watch is None or not rows:
             return
         muscles, joint = self.exoskeleton.muscles, self.exoskeleton.joint_of_muscle
         samples = np.arange(self._handed_over, self.count) - self.lead
-        its = {name: np.array([row[name] for row in rows]) for name in FIELDS}
+        its = self._stack(rows)
         contraction, contraction_velocity = contract(its["angle_rad"], its["speed_rad_per_s"], self.exoskeleton)
         angle, speed = its["angle_rad"][:, joint], its["speed_rad_per_s"][:, joint]
         self.watch(
@@ -182,14 +166,6 @@ class Logbook:
         )
         self._handed_over = self.count
 
-
-FIELDS = (
-    "late_s",
-    "command_kpa",
-    "pressure_kpa",
-    "force_n",
-    "angle_rad",
-    "speed_rad_per_s",
-    "status",
-    "clipped_by",
-)
+    @staticmethod
+    def _stack(rows: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.festo.channels import ChannelMap, CountRange
 from stages.science.rig.limits import Guard, speed_samples
 from stages.science.signals.trajectories import Array
@@ -50,20 +49,17 @@ class Supervisor:
 
     Parameters
     ----------
-    exoskeleton : Exoskeleton
-        The machine.
-    channels : ChannelMap
-        What counts mean.
-    counts : CountRange
-        Which counts are values.
+    channels, counts : ChannelMap, CountRange
+        What counts mean, and which of them are values.
     guard : Guard
         What ends a trial.
     moved : bool
         Whether somebody moves, so that encoders do not stand still.
     """
 
-    def __init__(self, exoskeleton: Exoskeleton, channels: ChannelMap, counts: CountRange, guard: Guard, moved: bool):
-        self.exoskeleton, self.channels, self.counts, self.guard = exoskeleton, channels, counts, guard
+    def __init__(self, channels: ChannelMap, counts: CountRange, guard: Guard, moved: bool):
+        self.channels, self.counts, self.guard = channels, counts, guard
+        self.exoskeleton = exoskeleton = channels.exoskeleton
         rate = exoskeleton.sampling_rate_hz
         muscles, joints = len(exoskeleton.muscles), len(exoskeleton.joints)
         still = [guard.frozen_s] * (2 * muscles) + [guard.frozen_encoder_s if moved else np.inf] * joints
@@ -97,7 +93,9 @@ class Supervisor:
         none = np.isin(analogue, self.counts.none)
         ended = ~none & ((analogue < self.counts.low) | (analogue >= self.counts.high))
         lost = np.concatenate([none | ended, np.zeros(len(counts) - 2 * muscles, dtype=bool)])
-        pressure, force, angle = self._read(counts, lost)
+        told = counts if self._told is None else np.where(lost, self._told, counts)
+        self._told = told
+        pressure, force, angle = self.channels.to_values(told)
         self._angles.append((at_s, angle))
         frozen = self._find_frozen(counts, np.concatenate([pressure, force]))
         self._failing = np.where(lost, self._failing + 1, 0)
@@ -106,14 +104,6 @@ class Supervisor:
         strays = self._find_stray(pressure, command_kpa)
         status = self._label(none, ended, frozen, {*over, *strays})
         return Sample(pressure, force, angle, speed, status, self._find_breach(none, counts, frozen, over or strays))
-
-    def _read(self, counts: Array, lost: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-        """Return values, the last ones where nothing was told."""
-        if self._told is not None:
-            counts = np.where(lost, self._told, counts)
-        self._told = counts
-        pressure, force, angle = self.channels.to_values(counts)
-        return pressure, force, angle
 
     def _find_frozen(self, counts: Array, values: Array) -> NDArray[np.bool_]:
         same = np.zeros(len(counts), dtype=bool) if self._before is None else counts == self._before
@@ -166,15 +156,13 @@ class Supervisor:
     def _label(
         self, none: NDArray[np.bool_], ended: NDArray[np.bool_], frozen: NDArray[np.bool_], over: set[int]
     ) -> NDArray[np.str_]:
-        muscles = len(self.exoskeleton.muscles)
-        joint = self.exoskeleton.joint_of_muscle
-        words = []
-        for m in range(muscles):
+        muscles, words = len(self._ceilings), []
+        for m, joint in enumerate(self.exoskeleton.joint_of_muscle):
             if none[[m, muscles + m]].any():
                 words.append("invalid")
             elif ended[[m, muscles + m]].any():
                 words.append("saturated")
-            elif frozen[[m, muscles + m, 2 * muscles + joint[m]]].any():
+            elif frozen[[m, muscles + m, 2 * muscles + joint]].any():
                 words.append("frozen")
             else:
                 words.append("over" if m in over else "ok")
