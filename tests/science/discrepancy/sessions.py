@@ -38,9 +38,7 @@ def lose_stretches(samples):
 
 def silence_muscle(samples):
     """One muscle's sensors recorded nothing."""
-    return samples.assign(
-        **{name: samples[name].where(samples["muscle"] != "pam2") for name in ("force_n", "pressure_kpa")}
-    )
+    return samples.assign(**samples[["force_n", "pressure_kpa"]].where(samples["muscle"] != "pam2"))
 
 
 def hold_pressure(samples):
@@ -62,10 +60,9 @@ def spoil_trial(samples):
 
 def resample(samples, rate_hz):
     """The same session by a slower or quicker recorder: straight lines between samples."""
-    frames = []
-    for (trial, muscle), rows in samples.groupby(["trial", "muscle"]):
+    frames, key = [], ["trial", "muscle"]
+    for (trial, muscle), rows in samples.groupby(key):
         time_s = np.arange(0.0, rows["time_s"].max(), 1.0 / rate_hz)
-        signals = rows.columns.difference(["trial", "muscle", "time_s"])
-        made = {name: np.interp(time_s, rows["time_s"], rows[name]) for name in signals}
-        frames.append(pd.DataFrame({"trial": trial, "muscle": muscle, "time_s": time_s, **made}))
+        made = {name: np.interp(time_s, rows["time_s"], rows[name]) for name in rows.columns.difference(key)}
+        frames.append(pd.DataFrame({**made, "trial": trial, "muscle": muscle, "time_s": time_s}))
     return pd.concat(frames, ignore_index=True)
