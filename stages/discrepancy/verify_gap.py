@@ -19,7 +19,6 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
-from stages.science.discrepancy.odd_trials import find_odd_trials
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.report_text import (
     describe_bounds,
@@ -48,6 +47,7 @@ from stages.science.discrepancy.verification import (
     Verified,
     bound_ratio,
     compare_steps,
+    find_odd_trials,
     list_predictions,
     select_judged,
     verify,

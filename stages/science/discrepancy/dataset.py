@@ -74,18 +74,7 @@ class Dataset:
 def build_dataset(
     plant: Plant | RecordPlant, tables: MeasuredTables, trial_parts: pd.DataFrame, settings: DiscrepancySettings
 ) -> Dataset:
-    """Return a dataset.
-
-    Parameters
-    ----------
-    plant : Plant or RecordPlant
-        As configured.
-    tables : MeasuredTables
-        What was measured.
-    trial_parts : DataFrame
-        Columns ``trial part left_before left_after``, a row for each trial.
-    settings : DiscrepancySettings
-        Tolerances of the constants of muscles, and limits of detection.
+    """Return a dataset of the configured plant; `trial_parts` is from `list_parts`.
 
     Raises
     ------

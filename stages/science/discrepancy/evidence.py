@@ -60,17 +60,13 @@ class Beside:
     forms: Mapping[tuple[str, str], Mapping[int, float]]
 
 
-Worth = Callable[[str, list[str], Array], bool]
-"""Whether a name would close a gap that matters, given its form in every output and the probability of each output."""
-
-
 def weigh_names(
     alone: Beside,
     beside: Beside,
     channels: Sequence[str],
     priors: Mapping[str, float],
     most_evidence: float,
-    worth: Worth,
+    worth: Callable[[str, list[str], Array], bool],
 ) -> Verdicts:
     """Return the probability of each name.
 
@@ -86,7 +82,8 @@ def weigh_names(
     most_evidence : float
         Largest log ratio of two likelihoods that is believed, nats; larger ones are scaled down to it, all alike.
     worth : callable
-        A name that is not worth it has no probability, however sure its small gain is.
+        Whether a name would close a gap that matters, given its form in every output and the probability of each
+        output; one that would not has no probability, however sure its small gain is.
 
     Notes
     -----

@@ -22,7 +22,7 @@ from stages.science.output_channels.flexible import (
     explain_by_trees,
     keep_least,
 )
-from stages.science.output_channels.noise import Noise, estimate_noise, log_density, make_plain
+from stages.science.output_channels.noise import Noise, estimate_noise, make_plain
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel, map_in_threads
 from stages.science.output_channels.trial_noise import TrialNoise
 from stages.science.signals.trajectories import Array
@@ -67,11 +67,6 @@ class Fitted:
         """Return the noise that the residual most likely is."""
         output = self.fit.model.output
         return estimate_noise(self.residual, output.present, output.step_s, output.limits)
-
-    def density(self, noise: Noise) -> Array:
-        """Return the log density of each trial's residual under a noise, (K,) ndarray."""
-        output = self.fit.model.output
-        return log_density(self.residual, output.present, noise, output.step_s)
 
 
 @dataclass
@@ -241,12 +236,7 @@ def drop_effects(fitted: Fitted, names: Collection[str], noise: Noise) -> Fitted
 def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChannel:
     """Return an output with its inputs corrected for the effects of sensors that the fits of its element's others hold.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        As it was recorded, of any trials.
-    fits : sequence of Fitted
-        Of all outputs.
+    The output is as it was recorded, of any trials; the fits are of all outputs.
     """
     effects = [
         (form.name, form.form, values)

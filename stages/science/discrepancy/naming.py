@@ -102,7 +102,9 @@ def rank(
         chosen = [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close]
         choices.append(_extend(state, chosen))
     names = sorted({each.form.name for listed in candidates for each in listed})
-    sizes = _count_parameters(candidates)
+    sizes: dict[str, int] = {}
+    for form in [each.form for listed in candidates for each in listed]:
+        sizes[form.name] = min(len(form.parameters), sizes.get(form.name, len(form.parameters)))
     halved = {name: 0.5 ** sizes[name] for name in names}
     every = sum(halved.values()) / (1.0 - settings.none_prior - settings.family_prior)
     priors = {name: each / every for name, each in halved.items()}
@@ -118,17 +120,22 @@ def rank(
     verdicts = _believe_exact(outputs, choices, verdicts, settings)
     raws = {name: _raw_with(outputs, choices, verdicts, name) for name in names}
     raws |= {family: [each[family] for each in families] for family in (NONE, *verdicts.families)}
-    gaps = {name: _pool(outputs, each) for name, each in raws.items()}
-    heldout = {name: _pool_over_range(outputs, each) for name, each in raws.items()}
-    sites = {
-        each.form.name: each.form.site
-        for place, listed in enumerate(candidates)
-        for each in listed
-        if verdicts.forms[each.form.name][place] == each.form.form
-    }
+    gaps, heldout = {}, {}
+    for name, squares in raws.items():
+        both = list(zip(outputs, squares, strict=True))
+        gaps[name] = _pool([state.ratio(raw) ** 2 for state, raw in both])
+        heldout[name] = _pool([raw.sum() / state.samples.sum() / state.output.range**2 for state, raw in both])
     named = _decide(outputs, choices, verdicts, gaps, settings)
     spoken = (named.name, *named.alternatives) if named else ()
-    confounded = {name: each for name, each in _find_confounded(candidates, verdicts).items() if name not in spoken}
+    sites: dict[str, str] = {}
+    confounded: dict[str, float] = {}
+    for place, listed in enumerate(candidates):
+        for name, each in [(each.form.name, each) for each in listed]:
+            if verdicts.forms[name][place] != each.form.form:
+                continue
+            sites[name] = each.form.site
+            if name not in spoken:
+                confounded[name] = min(each.confounded_with_constants, confounded.get(name, np.inf))
     return Round(verdicts, confounded, gaps, heldout, sites, named), choices
 
 
@@ -273,15 +280,6 @@ def _score_output(
     return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)], left
 
 
-def _count_parameters(candidates: Sequence[Sequence[Screened]]) -> dict[str, int]:
-    """Return how many parameters the simplest form of each name has."""
-    sizes: dict[str, int] = {}
-    for each in [each for listed in candidates for each in listed]:
-        size = len(each.form.parameters)
-        sizes[each.form.name] = min(size, sizes.get(each.form.name, size))
-    return sizes
-
-
 def _shortlist(
     outputs: Sequence[FittedChannel], candidates: Sequence[Sequence[Screened]], settings: SearchSettings
 ) -> set[tuple[str, str, str]]:
@@ -327,16 +325,6 @@ def _extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
     return {key: refit_coloured(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
 
 
-def _find_confounded(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
-    """Return for each name its least confounding with the constants, over the channels and forms that carry it."""
-    shares: dict[str, list[float]] = {}
-    for place, listed in enumerate(candidates):
-        for each in listed:
-            if verdicts.forms[each.form.name][place] == each.form.form:
-                shares.setdefault(each.form.name, []).append(each.confounded_with_constants)
-    return {name: min(found) for name, found in shares.items()}
-
-
 def _raw_with(
     outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts, name: str
 ) -> list[Array]:
@@ -349,15 +337,8 @@ def _raw_with(
     return raws
 
 
-def _pool(outputs: Sequence[FittedChannel], raws: Sequence[Array]) -> float:
-    """Return the gap over the floor, root mean square over outputs."""
-    return float(np.sqrt(np.mean([state.ratio(raw) ** 2 for state, raw in zip(outputs, raws, strict=True)])))
-
-
-def _pool_over_range(outputs: Sequence[FittedChannel], raws: Sequence[Array]) -> float:
-    """Return the gap over the channels' ranges, root mean square over outputs."""
-    each = [raw.sum() / state.samples.sum() / state.output.range**2 for state, raw in zip(outputs, raws, strict=True)]
-    return float(np.sqrt(np.mean(each)))
+def _pool(squares: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(squares)))
 
 
 def _decide(

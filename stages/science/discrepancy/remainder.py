@@ -60,21 +60,7 @@ def weigh_remainder(
     settings: SearchSettings,
     generator: np.random.Generator,
 ) -> dict[str, Remainder]:
-    """Return by channel what is left, over a Bayesian bootstrap of trials.
-
-    Parameters
-    ----------
-    found : Search
-        Ended.
-    named : sequence of Named
-        Effects that were added.
-    last : sequence of Fitted
-        Fits of all outputs with these.
-    settings : SearchSettings
-        When a gap matters.
-    generator : numpy.random.Generator
-        Draws weights of trials.
-    """
+    """Return by channel what is left by the last fits of all outputs, over a Bayesian bootstrap of trials."""
     remainders = {}
     reached = {id(state): fitted for state, fitted in zip(found.outputs, last, strict=True)}
     for channel, mapped in found.rounds[-1].verdicts.maps.items():
@@ -85,7 +71,10 @@ def weigh_remainder(
         sure = _count(share, matters, settings)
         left, told, by_map = sure, float(np.median(share)), 0.0
         if mapped >= settings.certain:
-            before, after = ([_map(*each) for each in zip(states, some, strict=True)] for some in fits)
+            before, after = (
+                [refit(own, make_plain(own.spread), state.static_map) for state, own in zip(states, some, strict=True)]
+                for some in fits
+            )
             unmapped = _weigh(states, before, after, weights, settings)
             left, ambiguous = _count(*unmapped, settings), float((unmapped[0] > settings.ambiguous_share).mean())
             now, beside = (_draw_gap(states, weights, [each.raw for each in some]) for some in (fits[1], after))
@@ -95,7 +84,7 @@ def weigh_remainder(
             ambiguous = float((share > settings.ambiguous_share).mean())
         added = any(each.forms for each in fits[1])
         ambiguous = ambiguous if added else 0.0
-        if any(_is_hidden(state, settings.remainder) for state in states):
+        if any(is_hidden(state, settings.remainder) for state in states):
             ambiguous = 1.0 if added else 0.0
             sure = sure if added else max(sure, settings.certain)
         if sum(each.channel == channel and not each.shown for each in named) >= settings.most_effects:
@@ -109,10 +98,6 @@ def weigh_remainder(
             by_map if family == STATIC_MAP else told, sure, ambiguous, line_hz, family, doubt
         )
     return remainders
-
-
-def _map(state: FittedChannel, fitted: Fitted) -> Fitted:
-    return refit(fitted, make_plain(fitted.spread), state.static_map)
 
 
 def _weigh(
@@ -134,9 +119,10 @@ def _count(share: Array, matters: NDArray[np.bool_], settings: SearchSettings) -
     return float((matters & (share > settings.unexplained_share)).mean())
 
 
-def _is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
+def is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
     """Return whether the noise floor is so high that neither a name nor its absence is certain."""
-    return settings.hides(state.floor / state.output.range, state.noise.white / state.output.range)
+    floor, white = state.floor / state.output.range, state.noise.white / state.output.range
+    return floor > settings.hiding_share and floor > settings.hiding_ratio * white
 
 
 def _draw_gap(states: Sequence[FittedChannel], weights: Array, raws: Sequence[Array]) -> Array:

@@ -14,7 +14,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.description_settings import DescriptionSettings
+from stages.science.discrepancy.settings import DescriptionSettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.output_channels.features import TURNING
 from stages.science.output_channels.fitting import Fit
@@ -85,23 +85,23 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSet
     nothing = Sketch((), squares, squares)
     if not inputs or output.trials < 3 or squares.sum() == 0.0:
         return nothing
-    names, library = build_library(inputs, output.present)
+    names, library = _build_library(inputs, output.present)
     answers = output.respond(library)
     names += [f"answer to ({name})" for name in names][: answers.shape[2] - len(names)]
     terms = np.where(present[:, :, None], answers[::stride], 0.0)
     sizes = np.sqrt(np.maximum((terms**2).sum(axis=(0, 1)) / present.sum(), 1e-300))
     scale = float(np.sqrt(squares.sum() / present.sum()))
     slopes = fit.slopes[::stride] / np.sqrt(fit.precision) / scale
-    sums = _Sums.collect(slopes, terms / sizes, residual / scale)
+    together = np.concatenate([slopes, terms / sizes, (residual / scale)[:, :, None]], axis=2).transpose(1, 0, 2)
+    sums = _Sums(together.transpose(0, 2, 1) @ together, slopes.shape[2])
     total = sums.trials.sum(axis=0)
     paths = [sums.list_supports(total - own, settings) for own in sums.trials]
-    left = np.stack(
+    left = np.array(
         [
             [sums.measure(own, sums.solve(total - own, support), support) for support in path]
             for own, path in zip(sums.trials, paths, strict=True)
-        ],
-        axis=1,
-    )
+        ]
+    ).T.copy()
     level = _choose_level(left)
     chosen = sums.list_supports(total, settings)[level]
     if not chosen:
@@ -111,16 +111,8 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSet
     return Sketch(told, squares, scale**2 * left[level])
 
 
-def build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tuple[list[str], Array]:
-    """Return the terms that a formula may have: their texts, and their values, (T, K, F), in the inputs' own units.
-
-    Parameters
-    ----------
-    inputs : sequence of Driver
-        Of which they are made.
-    present : (T, K) ndarray of bool
-        Samples that count.
-    """
+def _build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tuple[list[str], Array]:
+    """Return the terms that a formula may have: their texts, and their values, (T, K, F), in the inputs' own units."""
     atoms = [_bracket(name_signal(each.name)[0]) for each in inputs]
     names, columns = ["1"], [np.ones(present.shape)]
     for degree in range(1, DEGREE + 1):
@@ -157,11 +149,6 @@ class _Sums:
     trials: Array
     held: int
 
-    @classmethod
-    def collect(cls, slopes: Array, terms: Array, residual: Array) -> _Sums:
-        together = np.concatenate([slopes, terms, residual[:, :, None]], axis=2).transpose(1, 0, 2)
-        return cls(together.transpose(0, 2, 1) @ together, slopes.shape[2])
-
     def solve(self, sums: Array, support: Sequence[int]) -> Array:
         """Return the weights of all slopes, under their priors, and of some terms."""
         kept = [*range(self.held), *(self.held + k for k in support)]
@@ -176,21 +163,15 @@ class _Sums:
 
     def list_supports(self, sums: Array, settings: DescriptionSettings) -> list[list[int]]:
         """Return the terms of formulas of growing length; the first has none."""
-        rest, most = self._free_from_slopes(sums, settings.least_own), settings.most_terms
-        stepwise = settings.regression == "stepwise"
-        found = _add_stepwise(rest, most, settings.least_own) if stepwise else _threshold(rest, most)
-        return [[], *found]
-
-    def _free_from_slopes(self, sums: Array, least_own: float) -> Array:
-        """Return the sums over terms and residual of what slopes do not imitate, (F + 1, F + 1)."""
-        held = self.held
+        held, most, least_own = self.held, settings.most_terms, settings.least_own
         beside = sums[:held, held:]
         among = sums[:held, :held] + np.eye(held)
-        rest = sums[held:, held:] - beside.T @ np.linalg.solve(among, beside)
-        own = np.maximum(np.diag(sums)[held:], 1e-300)
-        confounded = np.diag(rest) < least_own * own
+        rest = sums[held:, held:] - beside.T @ np.linalg.solve(among, beside)  # what slopes do not imitate
+        confounded = np.diag(rest) < least_own * np.maximum(np.diag(sums)[held:], 1e-300)
         confounded[-1] = False
-        return np.where(confounded | confounded[:, None], 0.0, rest)
+        rest = np.where(confounded | confounded[:, None], 0.0, rest)
+        stepwise = settings.regression == "stepwise"
+        return [[], *(_add_stepwise(rest, most, least_own) if stepwise else _threshold(rest, most))]
 
 
 def _add_stepwise(sums: Array, most: int, least_own: float) -> list[list[int]]:

@@ -11,9 +11,9 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from stages.science.discrepancy.dependence import find_dependence, find_range, fit_gaussian_process
 from stages.science.discrepancy.description import average_dependence, describe, measure_share, tabulate
-from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.report_text import describe_remainder
 from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.settings import DescriptionSettings
 from stages.science.discrepancy.symbolic_regression import sketch_residual
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import make_plain
