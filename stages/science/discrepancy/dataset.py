@@ -31,18 +31,10 @@ class DatasetTables(MeasuredTables):
 
 @dataclass(frozen=True)
 class Dataset:
-    """Output channels of what was measured.
+    """Output channels of what was measured, with all trials, and the plant, what it left open resolved from the data.
 
-    Parameters
-    ----------
-    plant : Plant or RecordPlant
-        As configured; what it left open is resolved from the data.
-    outputs : sequence of OutputChannel
-        With all trials.
-    trials : list of int
-        Numbers of the trials, in the order of the outputs' last axis.
-    parts : list of str
-        What each trial is for: ``fitted``, ``verification`` (the test trials) or ``other``.
+    Numbers of the trials, and what each is for (``fitted``, ``verification`` or ``other``), are in the order of the
+    outputs' last axis.
     """
 
     plant: Plant | RecordPlant

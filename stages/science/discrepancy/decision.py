@@ -28,25 +28,12 @@ Status = Literal["no_discrepancy", "named", "unexplained"]
 class Decision:
     """What is said of a dataset.
 
-    Parameters
-    ----------
-    status : str
-        ``named`` if an effect stands; else ``unexplained`` if something is missing more probably than not, or cannot be
-        told from noise; else ``no_discrepancy``.
-    missing : float
-        Probability that something is missing, with a name or without.
-    effects : list of Named
-        Those that are probable and that left-out trials confirm, in the order added.
-    suspected : list of Named
-        Those that were added by the search and are not.
-    steps : list of list of Fitted
-        The fits of all outputs with none, one, two, ... of the effects that stand.
-    remainders : dict of str to Remainder
-        By channel, what these leave.
-    blind : bool
-        Whether so much counts as noise that a gap would not be seen, or the simulation predicts nothing.
-    doubt : float
-        Probability of an effect without a name; that of every name in the same channel is reduced by it.
+    The status is ``named`` if an effect stands; else ``unexplained`` if something is missing more probably than not, or
+    cannot be told from noise; else ``no_discrepancy``. Effects stand, in the order added, that are probable and that
+    left-out trials confirm; the others are suspected. `steps` are the fits of all outputs with none, one, two, ... of
+    those that stand, `remainders` what these leave by channel. `missing` is the probability that something is missing,
+    with a name or without, `doubt` that of an effect without a name, by which every name in its channel is reduced.
+    It is `blind` if so much counts as noise that a gap would not be seen, or if the simulation predicts nothing.
     """
 
     status: Status

@@ -39,16 +39,10 @@ BINS = 20
 
 @dataclass(frozen=True)
 class Dependence:
-    """On which inputs a residual depends, as far as trials left out confirm it.
+    """On which inputs a residual depends, as far as trials left out confirm it, the one that tells most first.
 
-    Parameters
-    ----------
-    inputs : tuple of Driver
-        The one that tells most first; empty where none tells anything.
-    heldout : (T, K) ndarray
-        What a GP says of each trial, inputs and all chosen without it; zero where not present, in the channel's unit.
-    mean, deviation : (T, K) ndarray
-        What the GP of all trials says at each sample, and its standard deviation, in the channel's unit.
+    In the channel's unit, (T, K), zero where not present: what a GP says of each trial, inputs and all chosen without
+    it, and mean and standard deviation of the GP of all trials.
     """
 
     inputs: tuple[Driver, ...]

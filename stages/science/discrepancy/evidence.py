@@ -19,18 +19,11 @@ NONE, STATIC_MAP, MEMORY = "none", "static_map", "memory"
 
 @dataclass(frozen=True)
 class Verdicts:
-    """Probabilities that sum to one, and for each name and output how it would be carried.
+    """Probabilities of names that sum to one, ``none`` and ``static_map`` among them, and how each would be carried.
 
-    Parameters
-    ----------
-    names : mapping of str to float
-        With ``none`` and ``static_map`` among them.
-    forms : mapping of str to list of str
-        Most probable form of each name in every output; empty where no form was looked at.
-    carries : mapping of str to (C,) ndarray
-        Probability that each output is among those that carry the name, given the name.
-    maps : mapping of str to float
-        Probability that a channel follows a static map other than the nominal one, given that it carries no name.
+    `forms` are the most probable of each name in every output, empty where none was looked at; `carries` the
+    probabilities, (C,), that each output is among those that carry the name; `maps` the probabilities that a channel
+    which carries no name follows a static map other than the nominal one.
     """
 
     names: Mapping[str, float]
@@ -48,12 +41,8 @@ class Verdicts:
 class Beside:
     """Log scores of all models of the outputs, all without or all with a static map.
 
-    Parameters
-    ----------
-    none : (C,) ndarray
-        Of each output if it carries nothing more.
-    forms : mapping of (name, form) to mapping of output's place to float
-        Of each output if it carries this form.
+    They are those of each output if it carries nothing more, (C,), and, by name and form, and by the place of the
+    output, if it carries this form.
     """
 
     none: Array

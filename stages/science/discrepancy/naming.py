@@ -116,9 +116,13 @@ def rank(
     alone, beside, families = _score_all(outputs, candidates, choices, settings)
     channels = [state.output.channel for state in outputs]
     verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
-    verdicts = _choose_forms(verdicts, choices)
+    verdicts = replace(verdicts, forms={name: _choose_forms(name, verdicts, choices) for name in verdicts.forms})
     verdicts = _believe_exact(outputs, choices, verdicts, settings)
-    raws = {name: _raw_with(outputs, choices, verdicts, name) for name in names}
+    raws = {}
+    for name in names:
+        fits = [choice.get((name, form)) for choice, form in zip(choices, verdicts.forms[name], strict=True)]
+        carried = [each if share > 0.5 else None for each, share in zip(fits, verdicts.carries[name], strict=True)]
+        raws[name] = [(each or state.current).raw for state, each in zip(outputs, carried, strict=True)]
     raws |= {family: [each[family] for each in families] for family in (NONE, *verdicts.families)}
     gaps, heldout = {}, {}
     for name, squares in raws.items():
@@ -139,19 +143,13 @@ def rank(
     return Round(verdicts, confounded, gaps, heldout, sites, named), choices
 
 
-def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
-    """Return the verdicts with the form of each name that predicts best in each output, of those that were fitted.
-
-    The scores decide on the probability of a name; of its forms, the one with the smallest residual is added.
-    """
-    forms = {}
-    for name, chosen in verdicts.forms.items():
-        forms[name] = list(chosen)
-        for place, fitted in enumerate(choices):
-            own = {form: float(each.raw.sum()) for (known, form), each in fitted.items() if known == name}
-            if own:
-                forms[name][place] = min(own, key=own.__getitem__)
-    return replace(verdicts, forms=forms)
+def _choose_forms(name: str, verdicts: Verdicts, choices: Sequence[Choice]) -> list[str]:
+    """Return the form of a name with the smallest residual in each output, of those fitted; else the most probable."""
+    chosen = list(verdicts.forms[name])
+    for place, fitted in enumerate(choices):
+        own = {form: float(each.raw.sum()) for (known, form), each in fitted.items() if known == name}
+        chosen[place] = min(own, key=own.__getitem__, default=chosen[place])
+    return chosen
 
 
 def _believe_exact(
@@ -161,10 +159,8 @@ def _believe_exact(
     sure = settings.exact_probability
     for name, forms in verdicts.forms.items():
         fits = [choice.get((name, form)) for choice, form in zip(choices, forms, strict=True)]
-        shown = [
-            fitted is not None and _is_shown(state, fitted, settings)
-            for state, fitted in zip(outputs, fits, strict=True)
-        ]
+        both = zip(outputs, fits, strict=True)
+        shown = [fitted is not None and _is_shown(state, fitted, settings) for state, fitted in both]
         if any(shown) and verdicts.names[name] < sure:
             carries = np.where(shown, 1.0, verdicts.carries[name])
             rest = (1.0 - sure) / (1.0 - verdicts.names[name])
@@ -325,18 +321,6 @@ def _extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
     return {key: refit_coloured(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
 
 
-def _raw_with(
-    outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts, name: str
-) -> list[Array]:
-    """Return the raw sums of squares of all outputs if those that would carry a name do."""
-    raws = []
-    for place, state in enumerate(outputs):
-        fitted = choices[place].get((name, verdicts.forms[name][place]))
-        carried = fitted is not None and verdicts.carries[name][place] > 0.5
-        raws.append(fitted.raw if fitted is not None and carried else state.current.raw)
-    return raws
-
-
 def _pool(squares: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(squares)))
 
@@ -369,18 +353,10 @@ def _decide(
     forms = tuple(verdicts.forms[best][place] for place in carriers)
     first = next(form for form in outputs[carriers[0]].output.forms if (form.name, form.form) == (best, forms[0]))
     fits = [choices[place][best, verdicts.forms[best][place]] for place in carriers]
-    stuck = any(_is_stuck(fitted) for fitted in fits)
     shown = any(_is_shown(outputs[place], fitted, settings) for place, fitted in zip(carriers, fits, strict=True))
-    return Named(
-        best,
-        forms,
-        first.site,
-        outputs[carriers[0]].output.channel,
-        tuple(outputs[place].output.element for place in carriers),
-        min(verdicts.names[best], settings.certain if stuck else 1.0),
-        alternatives[:2],
-        shown,
-    )
+    probability = min(verdicts.names[best], settings.certain if any(map(_is_stuck, fits)) else 1.0)
+    channel, elements = outputs[carriers[0]].output.channel, tuple(outputs[each].output.element for each in carriers)
+    return Named(best, forms, first.site, channel, elements, probability, alternatives[:2], shown)
 
 
 def _is_stuck(fitted: Fitted) -> bool:

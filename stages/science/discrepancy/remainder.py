@@ -29,8 +29,7 @@ class Remainder(NamedTuple):
     Parameters
     ----------
     share : float
-        Of the initial gap above the floor, what a flexible model would still remove, or the static map that explains
-        it; median over resampled trials.
+        Of the initial gap above the floor, what a flexible model, or the family, would still remove: a median.
     unknown : float
         Probability that it is more than the limit while the gap left is one that matters.
     ambiguous : float
@@ -41,8 +40,7 @@ class Remainder(NamedTuple):
         That explains it: a static map, where the channel follows one more probably than not and it removes more than
         half, a linear memory of the inputs, where it removes most in one of them; else empty.
     doubt : float
-        Probability that names of the channel leave something that a static map does not explain either; where they
-        are ambiguous, `ambiguous_weight` shares it.
+        Probability that names of the channel leave something that a static map does not explain either.
     """
 
     share: float

@@ -25,22 +25,11 @@ TRIED = 12
 
 @dataclass(frozen=True)
 class Screened:
-    """Screening result of one form in one output channel.
+    """Screening result of one form in one output channel, at the best of its starts, scaled to the residual.
 
-    Parameters
-    ----------
-    form : EffectForm
-        Effect form.
-    start : dict of str to float
-        The best of its starts, its magnitude scaled to the residual.
-    gain : float
-        Fall of the whitened sum of squares of trials left out.
-    raw_gain : float
-        The same of the sum of squares in the channel's unit, fitted so, over what there is.
-    confounded_with_constants : float
-        Share of its change, squared, that the free constants imitate, at this start.
-    known : (P,) ndarray
-        Values of the model without it from which it begins.
+    `gain` is the fall of the whitened sum of squares of trials left out; `raw_gain` the same in the channel's unit,
+    fitted so, over what there is; `confounded_with_constants` the share of its change, squared, that the free constants
+    imitate; `known` the values, (P,), of the model without it from which it begins.
     """
 
     form: EffectForm
