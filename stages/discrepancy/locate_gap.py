@@ -22,7 +22,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import build_dataset
 from stages.science.discrepancy.fitted_channel import FittedChannel, prepare_all
-from stages.science.discrepancy.gaps import locate, upper_ratio
+from stages.science.discrepancy.gaps import locate
 from stages.science.discrepancy.parts import PURPOSES, Parts, list_parts
 from stages.science.discrepancy.plant_check import check_plant
 from stages.science.discrepancy.resampling import find_interval, resample
@@ -234,6 +234,8 @@ def list_constants(state: FittedChannel, weights: Any, settings: DiscrepancySett
 def summarise_channel(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> dict[str, Any]:
     """Return the row of an output."""
     samples = float(state.samples.sum())
+    floor = weights @ np.minimum(state.leftover.raw, state.current.raw)
+    drawn = np.sqrt(weights @ state.current.raw / np.maximum(floor, 1e-300))
     return {
         "channel": state.output.channel,
         "muscle": state.output.element,
@@ -244,7 +246,7 @@ def summarise_channel(state: FittedChannel, weights: Any, settings: DiscrepancyS
         "gap": float(np.sqrt(state.nominal.raw.sum() / samples)),
         "noise_floor": state.floor,
         "gap_over_floor": state.ratio(state.nominal.raw),
-        "upper": upper_ratio(state, weights, settings.level),
+        "upper": float(np.quantile(drawn, settings.level)),
         **state.noise._asdict(),
         "line_hz": math.nan if state.leftover.line_hz is None else state.leftover.line_hz,
         "remembered": state.leftover.linear_memory,

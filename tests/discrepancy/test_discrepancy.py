@@ -8,12 +8,17 @@ import pandas as pd
 import pytest
 import yaml
 
+from tests.measured_data import write_dataset
 from tests.science.discrepancy import sessions
-from tests.science.discrepancy.sessions import record_session, write_session
+from tests.science.discrepancy.sessions import record_session
 
 STATUSES = ("no_discrepancy", "named", "unexplained")
 SITES = ("command", "valve", "pressure", "muscle", "transmission", "joint", "sensor", "oscillator", "drive", "tank")
 CONFIDENT = 0.8
+
+
+def draw(sd, samples):
+    return np.random.default_rng(5).normal(0.0, sd, len(samples))
 
 
 def check_verdict(verdict, muscles):
@@ -69,7 +74,7 @@ def judge(pamid, tmp_path, samples, meta, *more):
     """Run the workflow on a session; return the process, and the verdict, which is checked, if there is one."""
     numbers = list(dict.fromkeys(samples["trial"]))
     meta = {**meta, "trials": len(numbers), "trial_start_s": meta["trial_start_s"][: len(numbers)]}
-    folder = write_session(tmp_path / "rig", samples, meta)
+    folder = write_dataset(tmp_path / "rig", samples, meta)
     result = pamid("workflow=discrepancy", f"measured={folder}", "workers=1", *more)
     if result.returncode:
         assert not list(tmp_path.rglob("verdict.json"))
@@ -144,9 +149,13 @@ SPOILT = {
     "three trials": lambda samples: samples[samples["trial"] < 3],
     "no force": lambda samples: samples.assign(force_n=0.0),
     "constant pressure": sessions.hold_pressure,
-    "a silent muscle": sessions.silence_muscle,
+    "a silent muscle": lambda samples: samples.assign(
+        **samples[["force_n", "pressure_kpa"]].where(samples["muscle"] != "pam2")
+    ),
     "no command": lambda samples: samples.drop(columns="pressure_command_kpa"),
-    "a wild trial": sessions.spoil_trial,
+    "a wild trial": lambda samples: samples.assign(
+        force_n=samples["force_n"].where(samples["trial"] != 1, 2.5 * samples["force_n"] + draw(300.0, samples))
+    ),
     "half a second": lambda samples: samples[samples["time_s"] < 0.5],
     "100 Hz": lambda samples: sessions.resample(samples, 100.0),
     "1000 Hz": lambda samples: sessions.resample(samples, 1000.0),

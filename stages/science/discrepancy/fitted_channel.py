@@ -37,17 +37,7 @@ AGAIN = 4
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit of one output, judged on its trials, each left out.
-
-    Parameters
-    ----------
-    fit : Fit
-        Values and what leaving trials out changes.
-    residual : (T, K) ndarray
-        Of trials left out.
-    raw : (K,) ndarray
-        Its sums of squares, in the channel's unit.
-    """
+    """A fit of one output, with the residual, (T, K), of its trials, each left out, and its sums of squares, (K,)."""
 
     fit: Fit
     residual: Array
@@ -154,20 +144,9 @@ def _fit_constants(model: Model) -> Fitted:
 
 
 def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, left: Leftover) -> FittedChannel:
-    """Return an output as `prepare` left it.
+    """Return an output of the fitted trials as `prepare` left it.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        Of the fitted trials.
-    values : (P,) ndarray
-        Its fitted constants.
-    noise : Noise
-        Of the channel.
-    residual : (T, K) ndarray
-        Of each trial, left out of the fit.
-    left : Leftover
-        What a flexible model left of it.
+    Its fitted constants are (P,); the residual of each trial left out of the fit is (T, K).
     """
     found = fit(Model(output), noise, values, iterations=0)
     nominal = Fitted(found, residual, (residual**2).sum(axis=0))

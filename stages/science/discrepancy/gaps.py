@@ -23,16 +23,7 @@ Mask = NDArray[np.bool_]
 def locate(
     states: Sequence[FittedChannel], settings: RegimeSettings, generator: np.random.Generator
 ) -> list[dict[str, Any]]:
-    """Return a row for each channel, element and regime.
-
-    Parameters
-    ----------
-    states : sequence of FittedChannel
-        Prepared outputs.
-    settings : RegimeSettings
-        Regimes of motion and time.
-    generator : numpy.random.Generator
-        For tests with many trials.
+    """Return a row for each channel, element and regime; the generator is for tests with many trials.
 
     Notes
     -----
@@ -139,10 +130,9 @@ def _format_motion(name: str) -> tuple[str, str, str]:
     """Return the words for a rate above zero, below zero, and turning."""
     if name == "contraction_velocity_per_s":
         return "shortening", "lengthening", "velocity reversal"
-    what = _format_name(name.removesuffix("_rate")) if name.endswith("_rate") else _format_name(name)
-    if name.endswith("_rate"):
-        return f"{what} rising", f"{what} falling", f"{what} reversal"
-    return f"{what} positive", f"{what} negative", f"{what} reversal"
+    what = _format_name(name.removesuffix("_rate"))
+    forth, back = ("rising", "falling") if name.endswith("_rate") else ("positive", "negative")
+    return f"{what} {forth}", f"{what} {back}", f"{what} reversal"
 
 
 def _around_reversals(rate: Array, moving: float, around: int) -> Mask:
@@ -155,10 +145,3 @@ def _around_reversals(rate: Array, moving: float, around: int) -> Mask:
         for left, right in zip(at[turned], at[turned + 1], strict=True):
             mask[max(left - around, 0) : right + around, k] = True
     return mask
-
-
-def upper_ratio(state: FittedChannel, weights: Array, level: float) -> float:
-    """Return the one-sided upper limit of an output's gap over the floor, over resampled trials (B, K)."""
-    gap = weights @ state.current.raw
-    floor = weights @ np.minimum(state.leftover.raw, state.current.raw)
-    return float(np.quantile(np.sqrt(gap / np.maximum(floor, 1e-300)), level))

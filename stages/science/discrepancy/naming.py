@@ -72,22 +72,15 @@ def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) 
     Channels without a gap are screened too: some gaps show only with the form that closes them, and confounding with
     the constants is reported in any case.
     """
-    least = 0.5 * (settings.smallest_gap - 1.0)
-    worth = {
-        state.output.channel
-        for state in outputs
-        if state.ratio(state.current.raw) > 1.0 + least or state.output.reveals_saturation()
-    }
-    listed: list[list[Screened]] = []
-    for state in outputs:
-        listed.append([each for each in state.promises if each.form.name not in settings.left_out])
-        if any(each.raw_gain > least for each in listed[-1]):
+    least, worth = 0.5 * (settings.smallest_gap - 1.0), set()
+    listed = [[each for each in state.promises if each.form.name not in settings.left_out] for state in outputs]
+    for state, promised in zip(outputs, listed, strict=True):
+        gap = state.ratio(state.current.raw) > 1.0 + least or state.output.reveals_saturation()
+        if gap or any(each.raw_gain > least for each in promised):
             worth.add(state.output.channel)
-    idle = [state.output.channel not in worth for state in outputs]
-    return [
-        [replace(each, gain=0.0, raw_gain=0.0) for each in promised] if still else promised
-        for promised, still in zip(listed, idle, strict=True)
-    ]
+    for place in [place for place, state in enumerate(outputs) if state.output.channel not in worth]:
+        listed[place] = [replace(each, gain=0.0, raw_gain=0.0) for each in listed[place]]
+    return listed
 
 
 def rank(

@@ -30,14 +30,9 @@ THRESHOLDS = (0.8, 0.4, 0.2, 0.1, 0.05)
 
 @dataclass(frozen=True)
 class Sketch:
-    """A formula, and what trials left out say of it.
+    """A formula: texts and weights of its terms, in the channel's unit over the term's; none where none is confirmed.
 
-    Parameters
-    ----------
-    terms : tuple of (str, float)
-        Text and weight, in the channel's unit over the term's; none where trials left out confirm none.
-    before, after : (K,) ndarray
-        Sums of squares of each trial's residual, without the terms and with terms and weights told by the others.
+    Sums of squares, (K,), are of each trial's residual without the terms, and with those told by the other trials.
     """
 
     terms: tuple[tuple[str, float], ...]

@@ -29,18 +29,11 @@ DRIVEN = "measured upstream"
 
 @dataclass(frozen=True)
 class Verified:
-    """One output on all trials.
+    """One output on all trials, simulated after each number of additions, (T, K) each.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        With all trials.
-    steps : list of (T, K) ndarray
-        Simulated from measured upstream signals, after each number of additions.
-    free : list of (T, K) ndarray
-        Simulated from the command and the joint's motion alone; empty where nothing measured is upstream.
-    floor : (K,) ndarray
-        Sum of squares that a flexible model beside the last one leaves, by trial.
+    `steps` are simulated from measured upstream signals; `free` from the command and the joint's motion alone, empty
+    where nothing measured is upstream. `floor`, (K,), is the sum of squares, over the range squared, that a flexible
+    model beside the last one leaves of each trial.
     """
 
     output: OutputChannel
@@ -120,10 +113,8 @@ def compare_steps(
         Outputs that count.
     labels : sequence of str
         Of the steps.
-    part : str
-        What the trials are for.
-    trials : sequence of int
-        Positions.
+    part, trials : str and sequence of int
+        What the trials are for, and their positions.
     settings : DiscrepancySettings
         Number of resamplings, and level of the intervals.
     draw : callable
@@ -168,20 +159,9 @@ def bound_ratio(
     settings: DiscrepancySettings,
     generator: np.random.Generator,
 ) -> dict[str, float]:
-    """Return the gap over the noise floor in the channel where it is largest, with one-sided limits over trials.
+    """Return the gap of test trials over the noise floor in the channel where it is largest, after some additions.
 
-    Parameters
-    ----------
-    found : sequence of Verified
-        All outputs.
-    step : int
-        Effects added.
-    trials : sequence of int
-        Positions of the test trials.
-    settings : DiscrepancySettings
-        Number of resamplings, and level of each limit.
-    generator : numpy.random.Generator
-        Resamples trials.
+    Its limits ``low`` and ``high`` are one-sided, each of the configured level, over resampled trials.
     """
     ratios, level = [], settings.level
     weights = resample(len(trials), settings.bootstraps, generator)

@@ -1,7 +1,5 @@
 """Measured sessions with something wrong with them: short ones of the hidden rig, spoilt in one way each."""
 
-import json
-
 import numpy as np
 import pandas as pd
 
@@ -19,14 +17,6 @@ def record_session(effects=(), trials=6, seconds=1.2, muscles=TWO, seed=11, magn
     return samples.reset_index(drop=True), {**made.meta, "muscles": told}
 
 
-def write_session(folder, samples, meta):
-    """Write a measured folder and return it."""
-    folder.mkdir(parents=True)
-    samples.to_parquet(folder / "samples.parquet")
-    (folder / "meta.json").write_text(json.dumps(meta))
-    return folder
-
-
 def lose_stretches(samples):
     """Stretches without force, pressure or contraction, other ones in each trial."""
     spoilt = samples.copy()
@@ -34,11 +24,6 @@ def lose_stretches(samples):
         first = start + 0.02 * spoilt["trial"]
         spoilt.loc[spoilt["time_s"].between(first, first + 0.15), signal] = np.nan
     return spoilt
-
-
-def silence_muscle(samples):
-    """One muscle's sensors recorded nothing."""
-    return samples.assign(**samples[["force_n", "pressure_kpa"]].where(samples["muscle"] != "pam2"))
 
 
 def hold_pressure(samples):
@@ -49,13 +34,6 @@ def hold_pressure(samples):
         pressure_command_kpa=samples["pressure_command_kpa"].where(~still, 200.0),
         pressure_kpa=samples["pressure_kpa"].where(~still, 200.0 + noise),
     )
-
-
-def spoil_trial(samples):
-    """In one trial the load cell was loose."""
-    wild = samples["trial"] == 1
-    noise = np.random.default_rng(5).normal(0.0, 300.0, len(samples))
-    return samples.assign(force_n=samples["force_n"].where(~wild, 2.5 * samples["force_n"] + noise))
 
 
 def resample(samples, rate_hz):

@@ -72,7 +72,9 @@ PLAIN = {
     ),
     "a lag": (("first_order", lag, {"samples": 1400}), {}, FILLING),
     "a joint": (("pam_joint", joint, {"samples": 1400}), {}, TURNING),
+    "a drive that noise pushes": (("servo_drive", drive, {"jitter": 1.0, "samples": 3000}), {}, {}),
 }
+"""The noise adds up to a walk that plain means of the force would miss: with them friction was named."""
 
 
 def look_into(plant, recorded, **changes):
@@ -100,17 +102,9 @@ def test_nothing_is_named_where_nothing_was_planted(plain, seed):
     state, names = look_into(plant, make(seed, **given), **changes)
     assert names == []
     assert state.ratio(state.nominal.raw) < 1.1
+    assert state.output.averaged > 1 or "noise" not in plain
     found = read_values(state)[0]
     assert {name: found[name] for name in constants} == constants
-
-
-@both_seeds
-def test_noise_that_pushes_a_drive_is_no_effect_where_samples_become_their_means(seed):
-    """It adds up to a walk that plain means of the force would miss: with them friction was named."""
-    state, names = look_into("servo_drive", drive(seed, jitter=1.0, samples=3000))
-    assert state.output.averaged > 1
-    assert names == []
-    assert state.ratio(state.nominal.raw) < 1.1
 
 
 @pytest.mark.slow
