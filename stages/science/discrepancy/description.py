@@ -180,26 +180,16 @@ def average_dependence(described: Sequence[Description]) -> pd.DataFrame:
         over trials, mean and standard deviation of the GP; ``beside`` tells the half of the second input, or is empty.
     """
     columns = ["channel", "muscle", "unit", "variable", "beside", "x", "mean", "error", "said", "deviation"]
-    frames = [_average(each) for each in described if each.is_confirmed]
-    return pd.concat(frames, ignore_index=True)[columns] if frames else pd.DataFrame(columns=columns)
-
-
-def _average(described: Description) -> pd.DataFrame:
-    output, found = described.output, described.dependence
-    present, edges = output.present, equal_edges(found.along[output.present], LOOP_BINS)
-    centres, frames = 0.5 * (edges[1:] + edges[:-1]), []
-    words, unit = name_signal(found.inputs[0].name)
-    for beside, mask in found.split(present).items():
-        mean, error, count = average_in_bins(found.along, described.residual, mask, edges)
-        said, deviation = (average_in_bins(found.along, each, mask, edges)[0] for each in (found.mean, found.deviation))
-        kept = count >= max(LEAST_SHARE * present.sum(), 3.0)
-        told = {"x": centres, "mean": mean, "error": error, "said": said, "deviation": deviation}
-        frames.append(
-            pd.DataFrame({name: values[kept] for name, values in told.items()}).assign(beside=name_signal(beside)[0])
-        )
-    return pd.concat(frames).assign(
-        channel=output.channel,
-        muscle=output.element,
-        unit=output.unit,
-        variable=f"{words} ({unit})" if unit else words,
-    )
+    frames = []
+    for each in [each for each in described if each.is_confirmed]:
+        output, found = each.output, each.dependence
+        edges, (words, unit) = equal_edges(found.along[output.present], LOOP_BINS), name_signal(found.inputs[0].name)
+        centres, variable = 0.5 * (edges[1:] + edges[:-1]), f"{words} ({unit})" if unit else words
+        for half, mask in found.split(output.present).items():
+            mean, error, count = average_in_bins(found.along, each.residual, mask, edges)
+            said, deviation = (average_in_bins(found.along, v, mask, edges)[0] for v in (found.mean, found.deviation))
+            kept = count >= max(LEAST_SHARE * output.present.sum(), 3.0)
+            told = (output.channel, output.element, output.unit, variable, name_signal(half)[0])
+            averages = (values[kept] for values in (centres, mean, error, said, deviation))
+            frames.append(pd.DataFrame(dict(zip(columns, (*told, *averages), strict=True))))
+    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=columns)

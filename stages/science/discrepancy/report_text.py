@@ -137,17 +137,15 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
     near = f" {_spell(nearest['name']).capitalize()} would be one, but is not enough." if nearest else ""
-    line_hz = left["line_hz"]
+    line_hz, mapped = left["line_hz"], left["family"] == STATIC_MAP
     hum = f"an oscillation at {line_hz or 0.0:.3g} Hz runs through all trials, which the simulation lacks"
-    reproducible = (
-        hum
-        if line_hz is not None and left["family"] != STATIC_MAP
-        else "no measured signal tells what it depends on"
-        if left["family"] is None and share < settings.report.least_share
-        else f"{_name_family(left['family'])} takes away {_percent(share)} of what is above the noise"
-    )
-    if line_hz is not None and left["family"] == STATIC_MAP:
-        reproducible += f"; beside it {hum}"
+    if line_hz is not None and not mapped:
+        reproducible = hum
+    elif left["family"] is None and share < settings.report.least_share:
+        reproducible = "no measured signal tells what it depends on"
+    else:
+        reproducible = f"{_name_family(left['family'])} takes away {_percent(share)} of what is above the noise"
+        reproducible += f"; beside it {hum}" if line_hz is not None else ""
     return [
         f"Something is missing (probability {_sure(verdict['missing_probability'])}) that no effect of the library "
         f"explains better than what has no name: {reproducible}.{near} Nothing is named, and the plant is not changed "
@@ -170,19 +168,13 @@ def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) ->
     if first["share_of_gap"] < concentrated * first["share_of_time"]:
         return f"{text}, in no regime of motion more than in others."
     whose = f"{first['muscle']}: " if len(rows) > 1 else ""
-    share = min(float(first["share_of_gap"]), 1.0)
+    share, regime = min(float(first["share_of_gap"]), 1.0), str(first["regime"])
+    motion = regime.endswith(("shortening", "lengthening", "rising", "falling"))
+    where_to = "" if regime.startswith(("early", "late")) else "while " if motion else "at "
     return (
-        f"{text}, most of all {_place(first['regime'])} ({whose}{_percent(share)} of the gap in "
+        f"{text}, most of all {where_to}{regime} ({whose}{_percent(share)} of the gap in "
         f"{_percent(first['share_of_time'])} of the time)."
     )
-
-
-def _place(regime: str) -> str:
-    """Return a regime with the word that leads to it."""
-    if regime.startswith(("early", "late")):
-        return regime
-    motion = regime.endswith(("shortening", "lengthening", "rising", "falling"))
-    return f"{'while' if motion else 'at'} {regime}"
 
 
 def describe_silent_channels(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
@@ -192,9 +184,7 @@ def describe_silent_channels(judged: Collection[tuple[str, str]], muscles: Seque
         silent = [each for each in muscles if (channel, each) not in judged]
         if silent:
             told.append(f"{name} of {_join(silent)}")
-    if not told:
-        return []
-    return [f"Not judged, as data are missing, too few, or never change: {'; '.join(told)}."]
+    return [f"Not judged, as data are missing, too few, or never change: {'; '.join(told)}."] if told else []
 
 
 def describe_odd_trials(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
@@ -212,15 +202,13 @@ def describe_odd_trials(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
 
 def describe_bounds(values: pd.DataFrame) -> list[str]:
     """Return which of the `amended_values` stand at a bound, so that what lies beyond was not tried, if any do."""
-    stuck = values[values["at_bound"] != ""]
-    if stuck.empty:
-        return []
-    named = []
+    stuck, named = values[values["at_bound"] != ""], []
     for (effect, name), rows in stuck.groupby(["effect", "parameter"], sort=False):
         owner = f" of {_spell(str(effect))}" if effect else ""
         sizes = _join([f"{each:.3g}" for each in dict.fromkeys(rows["value"])][:MOST_LISTED])
         named.append(f"{name}{owner} ({sizes}, {_join(list(dict.fromkeys(rows['at_bound'])))})")
-    return [f"At a bound, beyond which nothing was tried, {'stands' if len(named) == 1 else 'stand'} {_join(named)}."]
+    verb = "stands" if len(named) == 1 else "stand"
+    return [f"At a bound, beyond which nothing was tried, {verb} {_join(named)}."] if named else []
 
 
 def describe_scales(plant: Plant | RecordPlant) -> list[str]:
@@ -230,24 +218,21 @@ def describe_scales(plant: Plant | RecordPlant) -> list[str]:
     scales = [(plant.output, plant.output_scale)]
     if isinstance(plant, ElementPlant):
         scales.append((plant.along, plant.along_scale))
-    told = [
-        f"a scale of {words} is {scale:.3g} {unit}".strip()
-        for name, scale in scales
-        if scale is not None
-        for words, unit in [name_signal(name)]
-    ]
-    pace = [f"a pace is {plant.time_scale_s:.3g} s"] if plant.time_scale_s is not None else []
-    return [f"Where sizes are told in them, {_join([*told, *pace])}."] if told or pace else []
+    told = []
+    for name, scale in [each for each in scales if each[1] is not None]:
+        words, unit = name_signal(name)
+        told.append(f"a scale of {words} is {scale:.3g} {unit}".strip())
+    told += [f"a pace is {plant.time_scale_s:.3g} s"] if plant.time_scale_s is not None else []
+    return [f"Where sizes are told in them, {_join(told)}."] if told else []
 
 
 def describe_few_trials(fitted: int, test: int, least: int) -> list[str]:
     """Return that fewer than the least number of fitted trials say little, if they are."""
-    if fitted >= least:
-        return []
-    return [
+    text = (
         f"This rests on {fitted} fitted trials and {test} opened at the end: intervals and probabilities say less "
         f"than they seem to; record {least} and more."
-    ]
+    )
+    return [text] if fitted < least else []
 
 
 def describe_high_floor(channels: pd.DataFrame, high: float, final: float = math.inf) -> list[str]:

@@ -26,31 +26,20 @@ def average_plane(states: Sequence[FittedChannel]) -> pd.DataFrame:
 
     Columns are ``channel muscle across along x y over_floor``: the signals' names and the bins' centres.
     """
-    return pd.concat([_average_plane(each) for each in states], ignore_index=True)
-
-
-def _average_plane(state: FittedChannel) -> pd.DataFrame:
-    own = [each for each in state.output.drivers() if each.own]
-    signals, rates = list_signals(state.output), {each.name for each in own if each.rate}
-    across, along = state.output.plane
-    present = state.output.present
-    x, y = signals[across][present], signals[along][present]
-    edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else equal_edges(y, PLANE_BINS)]
-    counts = np.histogram2d(x, y, bins=edges)[0]
-    sums = np.histogram2d(x, y, bins=edges, weights=state.nominal.fit.residual[present])[0]
-    column, row = np.nonzero(counts >= max(LEAST_SHARE * 0.1 * x.size, 3.0))
-    centres = [0.5 * (each[1:] + each[:-1]) for each in edges]
-    return pd.DataFrame(
-        {
-            "channel": state.output.channel,
-            "muscle": state.output.element,
-            "across": across,
-            "along": along,
-            "x": centres[0][column],
-            "y": centres[1][row],
-            "over_floor": sums[column, row] / counts[column, row] / state.floor,
-        }
-    )
+    frames = []
+    for state in states:
+        output, present, (across, along) = state.output, state.output.present, state.output.plane
+        signals, rates = list_signals(output), {each.name for each in output.drivers() if each.own and each.rate}
+        x, y = signals[across][present], signals[along][present]
+        edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else equal_edges(y, PLANE_BINS)]
+        counts = np.histogram2d(x, y, bins=edges)[0]
+        sums = np.histogram2d(x, y, bins=edges, weights=state.nominal.fit.residual[present])[0]
+        column, row = np.nonzero(counts >= max(LEAST_SHARE * 0.1 * x.size, 3.0))
+        centres = [0.5 * (each[1:] + each[:-1]) for each in edges]
+        told = {"channel": output.channel, "muscle": output.element, "across": across, "along": along}
+        told |= {"x": centres[0][column], "y": centres[1][row]}
+        frames.append(pd.DataFrame({**told, "over_floor": sums[column, row] / counts[column, row] / state.floor}))
+    return pd.concat(frames, ignore_index=True)
 
 
 def average_loops(states: Sequence[FittedChannel]) -> pd.DataFrame:

@@ -61,16 +61,15 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
         if looked.named is None:
             break
         _add(found, looked.named, choices, generator)
-        found.named.append(_beside(looked.named, found.named))
+        newest = looked.named
+        beside = [
+            each for each in found.named if each.channel == newest.channel and {*each.elements} & {*newest.elements}
+        ]
+        sure = min([1.0, *(each.probability for each in beside)])  # that those which it was found beside are there
+        found.named.append(replace(newest, probability=sure * newest.probability))
         _take_out_redundant(found, settings)
         found.steps.append([state.current for state in found.outputs])
     return found
-
-
-def _beside(newest: Named, earlier: Sequence[Named]) -> Named:
-    """Return an effect with the probability that it and those which it was found beside are there."""
-    shared = [each for each in earlier if each.channel == newest.channel and {*each.elements} & {*newest.elements}]
-    return replace(newest, probability=min([1.0, *(each.probability for each in shared)]) * newest.probability)
 
 
 def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
