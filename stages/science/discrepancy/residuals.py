@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -36,7 +37,7 @@ def average_plane(states: Sequence[FittedChannel]) -> pd.DataFrame:
         sums = np.histogram2d(x, y, bins=edges, weights=state.nominal.fit.residual[present])[0]
         column, row = np.nonzero(counts >= max(LEAST_SHARE * 0.1 * x.size, 3.0))
         centres = [0.5 * (each[1:] + each[:-1]) for each in edges]
-        told = {"channel": output.channel, "muscle": output.element, "across": across, "along": along}
+        told: dict[str, Any] = {"channel": output.channel, "muscle": output.element, "across": across, "along": along}
         told |= {"x": centres[0][column], "y": centres[1][row]}
         frames.append(pd.DataFrame({**told, "over_floor": sums[column, row] / counts[column, row] / state.floor}))
     return pd.concat(frames, ignore_index=True)

@@ -61,11 +61,9 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
         if looked.named is None:
             break
         _add(found, looked.named, choices, generator)
-        newest = looked.named
-        beside = [
-            each for each in found.named if each.channel == newest.channel and {*each.elements} & {*newest.elements}
-        ]
-        sure = min([1.0, *(each.probability for each in beside)])  # that those which it was found beside are there
+        newest, there = looked.named, [each for each in found.named if each.channel == looked.named.channel]
+        beside = [each.probability for each in there if {*each.elements} & {*newest.elements}]
+        sure = min([1.0, *beside])  # that those which it was found beside are there
         found.named.append(replace(newest, probability=sure * newest.probability))
         _take_out_redundant(found, settings)
         found.steps.append([state.current for state in found.outputs])
