@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.signals.trajectories import Array
 
@@ -83,9 +82,8 @@ def weigh_names(
     power = min(1.0, most_evidence / max(_find_largest(alone, beside), 1e-300))
     names = list(dict.fromkeys(name for name, _ in alone.forms))
     map_prior = priors[STATIC_MAP]
-    log_map = {
-        each: power * float((beside.none - alone.none)[_at(channels, each)].sum()) for each in dict.fromkeys(channels)
-    }
+    more, at = beside.none - alone.none, np.array(channels)
+    log_map = {each: power * float(more[at == each].sum()) for each in dict.fromkeys(channels)}
     log_law = {each: np.logaddexp(np.log1p(-map_prior), np.log(map_prior) + value) for each, value in log_map.items()}
     log_weight, chosen, carries = {NONE: float(np.log(priors[NONE]))}, {}, {}
     for name in names:
@@ -103,10 +101,6 @@ def weigh_names(
     lawful = float(np.prod([1.0 - each for each in maps.values()]))
     shares |= {NONE: shares[NONE] * lawful, STATIC_MAP: shares[NONE] * (1.0 - lawful)}
     return Verdicts(shares, chosen, carries, maps)
-
-
-def _at(channels: Sequence[str], channel: str) -> NDArray[np.bool_]:
-    return np.array([each == channel for each in channels], dtype=bool)
 
 
 def _find_largest(alone: Beside, beside: Beside) -> float:
@@ -143,17 +137,17 @@ def _weigh_name(
         if there:
             best[place] = max(there, key=there.__getitem__)
             gains[place] = np.logaddexp.reduce(list(there.values())) - np.log(len(there))
-    carries = np.zeros(len(channels))
+    carries, at = np.zeros(len(channels)), np.array(channels)
     weights = {}
-    offering = [each for each in dict.fromkeys(channels) if np.isfinite(gains[_at(channels, each)]).any()]
-    for channel in offering:
-        own = np.flatnonzero(_at(channels, channel) & np.isfinite(gains))
-        total, carries[own] = _weigh_sets(gains[own])
-        weights[channel] = total + log_prior + log_map.get(channel, 0.0) - log_law[channel]
+    for channel in dict.fromkeys(channels):
+        own = np.flatnonzero((at == channel) & np.isfinite(gains))
+        if len(own):
+            total, carries[own] = _weigh_sets(gains[own])
+            weights[channel] = total + log_prior + log_map.get(channel, 0.0) - log_law[channel]
     if not weights:
         return -np.inf, best, carries
     likely = max(weights, key=weights.__getitem__)
-    carries[~_at(channels, likely)] = 0.0
+    carries[at != likely] = 0.0
     return float(np.logaddexp.reduce(list(weights.values())) - np.log(len(weights))), best, carries
 
 

@@ -108,33 +108,27 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSet
 
 def _build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tuple[list[str], Array]:
     """Return the terms that a formula may have: their texts, and their values, (T, K, F), in the inputs' own units."""
-    atoms = [_bracket(name_signal(each.name)[0]) for each in inputs]
+    words = [name_signal(each.name)[0] for each in inputs]
+    atoms = [f"[{each}]" if " " in each else each for each in words]
     names, columns = ["1"], [np.ones(present.shape)]
     for degree in range(1, DEGREE + 1):
         for chosen in combinations_with_replacement(range(len(inputs)), degree):
-            names.append(_multiply([atoms[k] for k in chosen]))
+            own = [atoms[k] for k in chosen]
+            powers = {atom: own.count(atom) for atom in own}
+            names.append("*".join(f"{atom}^{power}" if power > 1 else atom for atom, power in powers.items()))
             columns.append(np.prod([inputs[k].values for k in chosen], axis=0))
     for place, each in enumerate(inputs):
         if not each.rate:
             continue
         width = TURNING * float(each.values[present].std())
         direction, text = np.tanh(each.values / width), f"tanh({atoms[place]}/{width:.2g})"
-        names += [f"{atoms[place]}*|{atoms[place].strip('[]')}|", text]
+        names += [f"{atoms[place]}*|{words[place]}|", text]
         columns += [each.values * np.abs(each.values), direction]
         for other, beside in enumerate(inputs):
             if other != place:
                 names.append(f"{text}*{atoms[other]}")
                 columns.append(direction * beside.values)
     return names, np.stack(columns, axis=2)
-
-
-def _bracket(words: str) -> str:
-    return f"[{words}]" if " " in words else words
-
-
-def _multiply(atoms: Sequence[str]) -> str:
-    powers = {atom: atoms.count(atom) for atom in atoms}
-    return "*".join(f"{atom}^{power}" if power > 1 else atom for atom, power in powers.items())
 
 
 @dataclass(frozen=True)
