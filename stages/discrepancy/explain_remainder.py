@@ -19,10 +19,9 @@ from stages.science.discrepancy.description import (
     describe_above_floor,
     tabulate,
 )
-from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.restoring import SearchTables
-from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
 from stages.science.figures.unexplained import draw_unexplained
 from stages.science.plant.machine import Machine
 
@@ -73,7 +72,6 @@ def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, c
         described = describe_above_floor(
             dataset,
             found,
-            found.last_step,
             smallest,
             cfg.explain_remainder,
             resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample")),

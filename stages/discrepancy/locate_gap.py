@@ -9,7 +9,6 @@ from measured upstream signals.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -23,7 +22,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import build_dataset
 from stages.science.discrepancy.fitted_channel import FittedChannel, prepare_all
-from stages.science.discrepancy.gaps import locate, upper_ratio
+from stages.science.discrepancy.gaps import locate
 from stages.science.discrepancy.parts import PURPOSES, Parts, list_parts
 from stages.science.discrepancy.plant_check import check_plant
 from stages.science.discrepancy.resampling import find_interval, resample
@@ -39,6 +38,10 @@ from stages.science.figures.located_gap import (
 from stages.science.plant.machine import Machine
 from stages.science.recording.measured_tables import MeasuredTables
 
+OUTPUT = {
+    "channel": column(str, "measured channel"),
+    "muscle": column(str, "muscle, or name of the machine"),
+}
 TRIAL_PARTS = Table(
     "trial_parts",
     "A trial and what it is for",
@@ -54,8 +57,7 @@ NOMINAL_FIT = Table(
     "nominal_fit",
     "A nominal constant, fitted",
     {
-        "channel": column(str, "measured channel"),
-        "muscle": column(str, "muscle, or name of the machine"),
+        **OUTPUT,
         "constant": column(str, "name of the constant"),
         "unit": column(str, "its unit"),
         "start": column(float, "value to begin with", unit="of the row"),
@@ -64,14 +66,13 @@ NOMINAL_FIT = Table(
         "high": column(float, "upper end of it", unit="of the row"),
         "at_bound": column(bool, "whether its tolerance ends there"),
     },
-    key=("channel", "muscle", "constant"),
+    key=(*OUTPUT, "constant"),
 )
 CHANNELS = Table(
     "channels",
     "A channel of a muscle after the nominal fit, each trial left out in turn",
     {
-        "channel": column(str, "measured channel"),
-        "muscle": column(str, "muscle, or name of the machine"),
+        **OUTPUT,
         "unit": column(str, "unit of the channel"),
         "trials": column(int, "fitted trials", low=1),
         "samples": column(int, "measured samples in them", low=1),
@@ -95,21 +96,19 @@ RESIDUALS = Table(
     "residuals",
     "What is left of a sample, its trial left out of the fit",
     {
-        "channel": column(str, "measured channel"),
-        "muscle": column(str, "muscle, or name of the machine"),
+        **OUTPUT,
         "trial": column(int, "trial of the dataset", low=0),
         "sample": column(int, "of the trial", low=0),
         "residual": column(float, "measured less simulated", unit="of the channel"),
         "left": column(float, "what a flexible model leaves of it", unit="of the channel"),
     },
-    key=("channel", "muscle", "trial", "sample"),
+    key=(*OUTPUT, "trial", "sample"),
 )
 GAP = Table(
     "gap",
     "A regime of motion or time, and the gap in it",
     {
-        "channel": column(str, "measured channel"),
-        "muscle": column(str, "muscle, or name of the machine"),
+        **OUTPUT,
         "regime": column(str, "samples that are looked at, or band of frequencies"),
         "samples": column(int, "in the regime", low=0),
         "share_of_time": column(float, "share of all samples", low=0, high=1),
@@ -121,7 +120,7 @@ GAP = Table(
         "p_least": column(float, "least p-value that so many trials can give", low=0, high=1),
         "p_adjusted": column(float, "corrected for all rows (Benjamini, Yekutieli)", low=0, high=1),
     },
-    key=("channel", "muscle", "regime"),
+    key=(*OUTPUT, "regime"),
 )
 
 
@@ -182,24 +181,6 @@ def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, p
     weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample"))
     gap = pd.DataFrame(locate(states, settings.regimes, ctx.generator("signs")), columns=list(GAP.columns))
     channels = pd.DataFrame([summarise_channel(each, weights, settings) for each in states])
-    draw(states, channels, gap, settings, ctx)
-    return {
-        TRIAL_PARTS.name: parts,
-        NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in list_constants(each, weights, settings)]),
-        CHANNELS.name: channels,
-        RESIDUALS.name: list_residuals(states, dataset.fitted_trials),
-        GAP.name: gap,
-    }
-
-
-def draw(
-    states: Sequence[FittedChannel],
-    channels: pd.DataFrame,
-    gap: pd.DataFrame,
-    settings: DiscrepancySettings,
-    ctx: Context,
-) -> None:
-    """Draw how large the gap is, and where it lies."""
     ctx.figure(
         "gap_bars",
         draw_gap_bars(channels, settings.search.smallest_gap),
@@ -223,6 +204,13 @@ def draw(
             draw_residual_plane(plane),
             "Residual of the fitted nominal model over the state plane.",
         )
+    return {
+        TRIAL_PARTS.name: parts,
+        NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in list_constants(each, weights, settings)]),
+        CHANNELS.name: channels,
+        RESIDUALS.name: list_residuals(states, dataset.fitted_trials),
+        GAP.name: gap,
+    }
 
 
 def list_constants(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> list[dict[str, Any]]:
@@ -248,6 +236,8 @@ def list_constants(state: FittedChannel, weights: Any, settings: DiscrepancySett
 def summarise_channel(state: FittedChannel, weights: Any, settings: DiscrepancySettings) -> dict[str, Any]:
     """Return the row of an output."""
     samples = float(state.samples.sum())
+    floor = weights @ np.minimum(state.leftover.raw, state.current.raw)
+    drawn = np.sqrt(weights @ state.current.raw / np.maximum(floor, 1e-300))
     return {
         "channel": state.output.channel,
         "muscle": state.output.element,
@@ -258,7 +248,7 @@ def summarise_channel(state: FittedChannel, weights: Any, settings: DiscrepancyS
         "gap": float(np.sqrt(state.nominal.raw.sum() / samples)),
         "noise_floor": state.floor,
         "gap_over_floor": state.ratio(state.nominal.raw),
-        "upper": upper_ratio(state, weights, settings.level),
+        "upper": float(np.quantile(drawn, settings.level)),
         **state.noise._asdict(),
         "line_hz": math.nan if state.leftover.line_hz is None else state.leftover.line_hz,
         "remembered": state.leftover.linear_memory,

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -66,6 +67,7 @@ RECORD_KEY, MUSCLE_KEY = ("record", "time_s"), ("trial", "muscle", "time_s")
 NEEDED = ("trial", "muscle", "time_s", "pressure_kpa", "force_n")
 """Columns without which muscles cannot be judged."""
 
+reading = partial(column, float, nullable=True)
 MEASURED = Table(
     "measured",
     "A sample of a muscle in a measured trial",
@@ -73,19 +75,13 @@ MEASURED = Table(
         "trial": column(int, "trial of the dataset", low=0),
         "muscle": column(str, "name of the muscle"),
         "time_s": column(float, "time from the trial's start", unit="s", low=0),
-        "pressure_command_kpa": column(
-            float, "commanded gauge pressure as applied", unit="kPa", low=-100, high=1500, nullable=True
-        ),
-        "pressure_kpa": column(float, "gauge pressure, sensor", unit="kPa", low=-100, high=1500, nullable=True),
-        "contraction": column(float, "contraction, ratio of rest length", low=-0.5, high=0.8, nullable=True),
-        "contraction_velocity_per_s": column(
-            float, "velocity of contraction", unit="1/s", low=-50, high=50, nullable=True
-        ),
-        "force_n": column(float, "tension at the load cell", unit="N", low=-2000, high=20000, nullable=True),
-        "joint_angle_rad": column(float, "angle of the muscle's joint", unit="rad", low=-6.3, high=6.3, nullable=True),
-        "joint_velocity_rad_per_s": column(
-            float, "velocity of the joint's angle", unit="rad/s", low=-200, high=200, nullable=True
-        ),
+        "pressure_command_kpa": reading("commanded gauge pressure as applied", unit="kPa", low=-100, high=1500),
+        "pressure_kpa": reading("gauge pressure, sensor", unit="kPa", low=-100, high=1500),
+        "contraction": reading("contraction, ratio of rest length", low=-0.5, high=0.8),
+        "contraction_velocity_per_s": reading("velocity of contraction", unit="1/s", low=-50, high=50),
+        "force_n": reading("tension at the load cell", unit="N", low=-2000, high=20000),
+        "joint_angle_rad": reading("angle of the muscle's joint", unit="rad", low=-6.3, high=6.3),
+        "joint_velocity_rad_per_s": reading("velocity of the joint's angle", unit="rad/s", low=-200, high=200),
     },
     key=("trial", "muscle", "time_s"),
 )
@@ -115,12 +111,7 @@ MEASURED_TRIALS = Table(
     },
     key=("trial",),
 )
-MEASURED_MUSCLES = Table(
-    "measured_muscles",
-    "A muscle of the measured machine",
-    MUSCLE_COLUMNS,
-    key=("muscle",),
-)
+MEASURED_MUSCLES = Table("measured_muscles", "A muscle of the measured machine", MUSCLE_COLUMNS, key=("muscle",))
 MEASURED_SESSION = Table(
     "measured_session",
     "What was measured",
@@ -217,26 +208,9 @@ class Config(Section):
 class Source:
     """Samples of muscles as they were read, and what is known of the machine.
 
-    Parameters
-    ----------
-    name : str
-        For the session's table.
-    file : str
-        Which messages name.
-    samples : DataFrame
-        This project's columns; its index counts the file's rows.
-    muscles : DataFrame
-        A row for each that may be there.
-    described_in : str
-        What describes the muscles, for messages.
-    load_cell_site, timing : str
-        As told.
-    rate_hz : float or None
-        As told; None where the times must say.
-    session : Session or None
-        What meta.json says, if there is one.
-    notes : sequence of tuple of str
-        What was left out already.
+    `samples` have this project's columns, and an index that counts the file's rows; `muscles` a row for each that may
+    be there. Messages name the `file`, and what the muscles are `described_in`. The times must say where no rate is
+    told; `session` is what meta.json says, and `notes` what was left out already.
     """
 
     name: str
@@ -292,19 +266,16 @@ def measurement(
 ) -> dict[str, pd.DataFrame]:
     """Read what was measured, under this project's names and units."""
     if cfg.measured is not None and cfg.measurement.kind == "records":
-        return fill_in(tabulate_records(cfg.measured, cfg))
-    if cfg.measured is not None:
-        source = read_muscles(cfg.measured, cfg)
-    elif session_recordings is not None and session_machine is not None:
-        source = read_rig_session(session_recordings, session_machine)
+        tables = tabulate_records(cfg.measured, cfg)
     else:
-        source = read_recordings(hardware_recordings, cfg)
-    with about(source.file):
-        return fill_in(tabulate_muscles(source, cfg))
-
-
-def fill_in(tables: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
-    """Return all tables of this stage, empty where there is nothing to put in."""
+        if cfg.measured is not None:
+            source = read_muscles(cfg.measured, cfg)
+        elif session_recordings is not None and session_machine is not None:
+            source = read_rig_session(session_recordings, session_machine)
+        else:
+            source = read_recordings(hardware_recordings, cfg)
+        with about(source.file):
+            tables = tabulate_muscles(source, cfg)
     return {each.name: tables.get(each.name, pd.DataFrame(columns=list(each.columns))) for each in measurement.writes}
 
 
@@ -356,16 +327,13 @@ def read_meta(folder: Path) -> Session:
 def read_muscles(path: InputPath, cfg: Config) -> Source:
     """Read a folder with samples and meta.json, or one file for the configured exoskeleton."""
     if not is_folder(path):
-        file, machine, rate = Path(path), cfg.exoskeleton, cfg.measurement.rate_hz
-        known, described_in = describe_muscles(machine), "exoskeleton.muscles"
-        samples = adopt_muscles(file, cfg, known)
-        return Source(file.name, path, samples, known, described_in, machine.load_cell_site, "", rate, None)
+        machine, known = cfg.exoskeleton, describe_muscles(cfg.exoskeleton)
+        samples, site, rate = adopt_muscles(Path(path), cfg, known), machine.load_cell_site, cfg.measurement.rate_hz
+        return Source(Path(path).name, path, samples, known, "exoskeleton.muscles", site, "", rate, None)
     folder, file = Path(path), Path(path) / SAMPLES
     session = read_meta(folder)
-    known, described_in = session.describe(), str(folder / META)
-    name, samples = folder.resolve().name, adopt_muscles(file, cfg, known)
-    site, timing, rate = session.load_cell_site, session.timing, session.sampling_rate_hz
-    return Source(name, str(file), samples, known, described_in, site, timing, rate, session)
+    known, told = session.describe(), (session.load_cell_site, session.timing, session.sampling_rate_hz, session)
+    return Source(folder.resolve().name, str(file), adopt_muscles(file, cfg, known), known, str(folder / META), *told)
 
 
 def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
@@ -417,10 +385,9 @@ def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
     samples.loc[amiss, [name for name in READINGS if name != "pressure_command_kpa"]] = float("nan")
     counts = recordings[amiss].groupby(["muscle", "status"], sort=False).size().reset_index(name="count")
     notes = [(str(row["muscle"]), f"{row['count']} samples left out: {row['status']}") for _, row in counts.iterrows()]
-    known, machine = describe_muscles(cfg.exoskeleton), cfg.exoskeleton
-    site, rate = machine.load_cell_site, machine.sampling_rate_hz
-    file, described_in = "hardware_recordings", "exoskeleton.muscles"
-    return Source("hardware", file, samples, known, described_in, site, HELD, rate, None, notes)
+    machine, file, described_in = cfg.exoskeleton, "hardware_recordings", "exoskeleton.muscles"
+    told = machine.load_cell_site, HELD, machine.sampling_rate_hz, None, notes
+    return Source("hardware", file, samples, describe_muscles(machine), described_in, *told)
 
 
 def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:

@@ -119,20 +119,21 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
     states = restore_states(dataset, nominal)
     found = search(states, settings.search, ctx.generator("trials"))
     decision = decide(found, settings, ctx.generator("unexplained"))
-    ranked = rank_first(found, decision.doubt, settings.search.most_confounded)
-    ranking = pd.DataFrame(ranked, columns=list(RANKING.columns))
+    rows = [
+        rank_first(found, decision.doubt, settings.search.most_confounded),
+        [{name: getattr(decision, name) for name in DECISION.columns}],
+        list_named(decision.effects),
+        list_named(decision.suspected),
+        list_remainders(decision.remainders),
+        list_steps(decision.steps),
+    ]
+    both = zip(name_effect.writes, rows, strict=True)
+    written = {table.name: pd.DataFrame(kept, columns=list(table.columns)) for table, kept in both}
+    ranking = written[RANKING.name]
     ctx.figure(
         "ranking",
         draw_candidate_ranking(ranking[ranking["round"] == 1]),
         "First round: the probability of the candidates that change something, and the gap with each on trials left "
         "out of its fit.",
     )
-    rows = {
-        NAMED_EFFECTS.name: list_named(decision.effects),
-        SUSPECTED_EFFECTS.name: list_named(decision.suspected),
-        UNEXPLAINED.name: list_remainders(decision.remainders),
-        STEPS.name: list_steps(decision.steps),
-        DECISION.name: [{name: getattr(decision, name) for name in DECISION.columns}],
-    }
-    kept = {table.name: pd.DataFrame(rows.get(table.name), columns=list(table.columns)) for table in name_effect.writes}
-    return kept | {RANKING.name: ranking}
+    return written

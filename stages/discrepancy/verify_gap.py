@@ -8,7 +8,7 @@ verdict in words) and the document ``verdict.json``.
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
-from stages.science.discrepancy.odd_trials import find_odd_trials
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.report_text import (
     describe_bounds,
@@ -48,6 +47,7 @@ from stages.science.discrepancy.verification import (
     Verified,
     bound_ratio,
     compare_steps,
+    find_odd_trials,
     list_predictions,
     select_judged,
     verify,
@@ -123,7 +123,7 @@ def verify_gap(
 ) -> dict[str, pd.DataFrame]:
     """Open the test trials, once, and report what was found."""
     settings, channels, named = cfg.discrepancy, found.channels, found.named_effects
-    status, last, limits = found.status, found.last_step, settings.search.remainder
+    status, last = found.status, found.last_step
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     test = dataset.test
     verified = verify(dataset.outputs, dataset.fitted, found)
@@ -156,7 +156,12 @@ def verify_gap(
     }
     ctx.verdict(verdict)
     predictions = list_predictions(verified, dataset, last)
-    draw(verification, predictions, channels, concerned, ctx)
+    ctx.figure(
+        "gap_waterfall",
+        draw_gap_waterfall(verification[verification["part"] == TEST]),
+        f"Gap on verification trials, step by step, over {' and '.join(concerned)}, with intervals over trials.",
+    )
+    draw_trials(predictions, channels[channels["channel"].isin(concerned)], ctx)
     if status == "named":
         draw_signatures(trace_effects(dataset, found), ctx)
     report = settings.report
@@ -164,8 +169,13 @@ def verify_gap(
     odd = find_odd_trials(comparable, report.odd_trial)
     relevant = list_confounded(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
+    left = float(driven["gap_over_std"].iloc[last])
+    uninformative = (
+        f"The simulation tells nothing of what was measured: not fitted, it errs by {left:.2g} of its standard "
+        "deviation. Before anything else, look whether columns, units and signs are right, and the plant."
+    )
     remarks = [
-        *describe_uninformative(float(driven["gap_over_std"].iloc[last]), limits.uninformative_error),
+        *([uninformative] if left > settings.search.remainder.uninformative_error else []),
         *(describe_scales(dataset.plant) if status == "named" else []),
         *describe_remainder(remainder, status, report),
         *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
@@ -173,7 +183,7 @@ def verify_gap(
         *describe_bounds(amended_values),
         *describe_few_trials(len(dataset.fitted), len(test), report.few_trials),
         *describe_high_floor(channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf),
-        describe_command(tables.measured_session.iloc[0].to_dict(), cfg.exoskeleton.load_cell_site),
+        describe_command(tables.measured_session.iloc[0], cfg.exoskeleton.load_cell_site),
     ]
     return {
         VERIFICATION.name: verification,
@@ -207,17 +217,7 @@ def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -
     }
 
 
-def describe_uninformative(left_over_std: float, most: float) -> list[str]:
-    """Return that a simulation tells nothing of what was measured, where it errs by most of its deviation."""
-    if not left_over_std > most:
-        return []
-    return [
-        f"The simulation tells nothing of what was measured: not fitted, it errs by {left_over_std:.2g} of its "
-        "standard deviation. Before anything else, look whether columns, units and signs are right, and the plant."
-    ]
-
-
-def describe_command(session: dict[Hashable, Any], simulated_at: str) -> str:
+def describe_command(session: pd.Series, simulated_at: str) -> str:
     """Return how to simulate with the amended plant."""
     told = "The amended plant is documents/amended.yaml in the run's folder; simulate with it: python -m pipeline "
     if session["kind"] == "records":
@@ -227,23 +227,12 @@ def describe_command(session: dict[Hashable, Any], simulated_at: str) -> str:
     return f"{told}plant=FOLDER/documents/amended.yaml{elsewhere}"
 
 
-def draw(
-    verification: pd.DataFrame,
-    predictions: pd.DataFrame,
-    channels: pd.DataFrame,
-    concerned: Sequence[str],
-    ctx: Context,
-) -> None:
-    """Draw the gap step by step, and some test trials of the channel whose gap is largest."""
-    ctx.figure(
-        "gap_waterfall",
-        draw_gap_waterfall(verification[verification["part"] == "verification"]),
-        f"Gap on verification trials, step by step, over {' and '.join(concerned)}, with intervals over trials.",
-    )
-    rows = channels[channels["channel"].isin(concerned)].sort_values("gap_over_floor", ascending=False)
+def draw_trials(predictions: pd.DataFrame, channels: pd.DataFrame, ctx: Context) -> None:
+    """Draw some test trials of the channel whose gap is largest."""
+    rows = channels.sort_values("gap_over_floor", ascending=False)
     channel = str(rows["channel"].iloc[0])
     muscles = rows.loc[rows["channel"] == channel, "muscle"].head(MOST_SHOWN).tolist()
-    test = predictions[(predictions["part"] == "verification") & (predictions["channel"] == channel)]
+    test = predictions[(predictions["part"] == TEST) & (predictions["channel"] == channel)]
     trials = sorted(test["trial"].unique())
     if trials:
         chosen = sorted({trials[0], trials[len(trials) // 2], trials[-1]})

@@ -12,7 +12,8 @@ from pipeline.plan import gather
 from pipeline.sources import hash_sources
 from tests.composing import compose_values
 from tests.conftest import ROOT
-from tests.science.discrepancy.sessions import record_session, write_session
+from tests.measured_data import write_dataset
+from tests.science.discrepancy.sessions import record_session
 from tests.studies import run_stage
 
 MAIN = ()
@@ -65,7 +66,7 @@ def test_an_edit_makes_those_stages_stale_that_use_the_file(monkeypatch, file, o
 @pytest.mark.slow
 @pytest.mark.parametrize("overrides", [("budget=tiny",), ("workflow=discrepancy", "measured={}")], ids=["main", "gap"])
 def test_no_stage_runs_code_that_does_not_count(tmp_path, overrides):
-    write_session(tmp_path / "session", *record_session())
+    write_dataset(tmp_path / "session", *record_session())
     study, stages = read_study(compose_values(*(each.format(tmp_path / "session") for each in overrides)))
     tables = {}
     ran = {}

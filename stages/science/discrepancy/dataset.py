@@ -31,18 +31,10 @@ class DatasetTables(MeasuredTables):
 
 @dataclass(frozen=True)
 class Dataset:
-    """Output channels of what was measured.
+    """Output channels of what was measured, with all trials, and the plant, what it left open resolved from the data.
 
-    Parameters
-    ----------
-    plant : Plant or RecordPlant
-        As configured; what it left open is resolved from the data.
-    outputs : sequence of OutputChannel
-        With all trials.
-    trials : list of int
-        Numbers of the trials, in the order of the outputs' last axis.
-    parts : list of str
-        What each trial is for: ``fitted``, ``verification`` (the test trials) or ``other``.
+    Numbers of the trials, and what each is for (``fitted``, ``verification`` or ``other``), are in the order of the
+    outputs' last axis.
     """
 
     plant: Plant | RecordPlant
@@ -74,18 +66,7 @@ class Dataset:
 def build_dataset(
     plant: Plant | RecordPlant, tables: MeasuredTables, trial_parts: pd.DataFrame, settings: DiscrepancySettings
 ) -> Dataset:
-    """Return a dataset.
-
-    Parameters
-    ----------
-    plant : Plant or RecordPlant
-        As configured.
-    tables : MeasuredTables
-        What was measured.
-    trial_parts : DataFrame
-        Columns ``trial part left_before left_after``, a row for each trial.
-    settings : DiscrepancySettings
-        Tolerances of the constants of muscles, and limits of detection.
+    """Return a dataset of the configured plant; `trial_parts` is from `list_parts`.
 
     Raises
     ------

@@ -15,9 +15,9 @@ import numpy as np
 from stages.science.discrepancy.evidence import NONE
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, drop_effects, refit
 from stages.science.discrepancy.naming import Named
-from stages.science.discrepancy.remainder import Remainder, weigh_remainder
+from stages.science.discrepancy.remainder import Remainder, is_hidden, weigh_remainder
 from stages.science.discrepancy.search import Search
-from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.discrepancy.settings import DiscrepancySettings, RemainderSettings
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, least_p
 
@@ -28,25 +28,12 @@ Status = Literal["no_discrepancy", "named", "unexplained"]
 class Decision:
     """What is said of a dataset.
 
-    Parameters
-    ----------
-    status : str
-        ``named`` if an effect stands; else ``unexplained`` if something is missing more probably than not, or cannot be
-        told from noise; else ``no_discrepancy``.
-    missing : float
-        Probability that something is missing, with a name or without.
-    effects : list of Named
-        Those that are probable and that left-out trials confirm, in the order added.
-    suspected : list of Named
-        Those that were added by the search and are not.
-    steps : list of list of Fitted
-        The fits of all outputs with none, one, two, ... of the effects that stand.
-    remainders : dict of str to Remainder
-        By channel, what these leave.
-    blind : bool
-        Whether so much counts as noise that a gap would not be seen, or the simulation predicts nothing.
-    doubt : float
-        Probability of an effect without a name; that of every name in the same channel is reduced by it.
+    The status is ``named`` if an effect stands; else ``unexplained`` if something is missing more probably than not, or
+    cannot be told from noise; else ``no_discrepancy``. Effects stand, in the order added, that are probable and that
+    left-out trials confirm; the others are suspected. `steps` are the fits of all outputs with none, one, two, ... of
+    those that stand, `remainders` what these leave by channel. `missing` is the probability that something is missing,
+    with a name or without, `doubt` that of an effect without a name, by which every name in its channel is reduced.
+    It is `blind` if so much counts as noise that a gap would not be seen, or if the simulation predicts nothing.
     """
 
     status: Status
@@ -65,19 +52,11 @@ class Decision:
 
 
 def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Generator) -> Decision:
-    """Return what is said of a dataset.
+    """Return what is said of a dataset whose search has ended.
 
     An effect stands if its probability is enough and the gap of trials left out of the fit falls with it, beside the
-    others that stand, or if exact values show it. The others are taken out again, the newest first.
-
-    Parameters
-    ----------
-    found : Search
-        Ended.
-    settings : DiscrepancySettings
-        When a gap matters and a name is said.
-    generator : numpy.random.Generator
-        Flips signs and draws weights of trials.
+    others that stand, or if exact values show it. The others are taken out again, the newest first. The generator flips
+    signs and draws weights of trials.
     """
     limits = settings.search
     bearable = max(settings.significance, least_p(found.outputs[0].output.trials))
@@ -89,7 +68,7 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     present = found.steps[-1]
     for added, step in zip(reversed(found.named), reversed(found.steps), strict=False):
         without = _drop(found, present, [added])
-        p_value = compare_left_out(found.outputs, without, present, added, generator)
+        p_value = _compare_left_out(found.outputs, without, present, added, generator)
         named = replace(added, p_value=p_value, probability=added.doubt(doubts[added.channel]))
         if named.probability >= limits.certain and (named.shown or p_value <= bearable):
             stand.insert(0, named)
@@ -102,7 +81,7 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
         remainders = weigh_remainder(found, stand, steps[-1], limits, generator)
     unknown = max((each.unknown for each in remainders.values()), default=0.0)
     missing = 1.0 - found.rounds[0].verdicts.names[NONE] * (1.0 - unknown)
-    blind = any(_is_blind(state, each, settings) for state, each in zip(found.outputs, steps[-1], strict=True))
+    blind = any(_is_blind(state, each, limits.remainder) for state, each in zip(found.outputs, steps[-1], strict=True))
     left: Status = "unexplained" if blind or missing >= limits.certain else "no_discrepancy"
     return Decision(
         "named" if stand else left, missing, stand, suspected, steps, remainders, blind, max(doubts.values())
@@ -123,26 +102,14 @@ def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> li
     return left
 
 
-def compare_left_out(
+def _compare_left_out(
     outputs: Sequence[FittedChannel],
     before: Sequence[Fitted],
     after: Sequence[Fitted],
     named: Named,
     generator: np.random.Generator,
 ) -> float:
-    """Return the p-value of no fall of the gap of trials left out, over the outputs that carry an effect.
-
-    Parameters
-    ----------
-    outputs : sequence of FittedChannel
-        All outputs.
-    before, after : sequence of Fitted
-        Their fits without and with the effect.
-    named : Named
-        The effect.
-    generator : numpy.random.Generator
-        Flips signs where trials are many.
-    """
+    """Return the p-value of no fall of the gap of trials left out, over the outputs that carry an effect."""
     gaps: list[list[Array]] = [[], []]
     for state, *fits in zip(outputs, before, after, strict=True):
         if named.is_in(state.output):
@@ -152,9 +119,8 @@ def compare_left_out(
     return float(compare_signs((old - new)[:, None], generator)[0])
 
 
-def _is_blind(state: FittedChannel, fitted: Fitted, settings: DiscrepancySettings) -> bool:
+def _is_blind(state: FittedChannel, fitted: Fitted, limits: RemainderSettings) -> bool:
     """Return whether what counts as noise hides what there is, or the simulation predicts no better than a mean."""
-    output, limits = state.output, settings.search.remainder
-    hidden = limits.hides(state.floor / output.range, state.noise.white / output.range)
     error = float(np.sqrt(fitted.raw.sum() / state.samples.sum()))
-    return hidden or error > limits.uninformative_error * float(output.measured[output.present].std())
+    measured = state.output.measured[state.output.present]
+    return is_hidden(state, limits) or error > limits.uninformative_error * float(measured.std())

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.description_settings import DescriptionSettings
+from stages.science.discrepancy.settings import DescriptionSettings
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
@@ -38,16 +39,10 @@ BINS = 20
 
 @dataclass(frozen=True)
 class Dependence:
-    """On which inputs a residual depends, as far as trials left out confirm it.
+    """On which inputs a residual depends, as far as trials left out confirm it, the one that tells most first.
 
-    Parameters
-    ----------
-    inputs : tuple of Driver
-        The one that tells most first; empty where none tells anything.
-    heldout : (T, K) ndarray
-        What a GP says of each trial, inputs and all chosen without it; zero where not present, in the channel's unit.
-    mean, deviation : (T, K) ndarray
-        What the GP of all trials says at each sample, and its standard deviation, in the channel's unit.
+    In the channel's unit, (T, K), zero where not present: what a GP says of each trial, inputs and all chosen without
+    it, and mean and standard deviation of the GP of all trials.
     """
 
     inputs: tuple[Driver, ...]
@@ -94,7 +89,7 @@ def find_dependence(
     settings : DescriptionSettings
         How many inputs may be chosen, how much each must help, and pseudo-inputs of each GP.
     generator : numpy.random.Generator
-        Draws pseudo-inputs.
+        Draws samples and pseudo-inputs.
 
     Notes
     -----
@@ -105,15 +100,15 @@ def find_dependence(
     """
     inputs = list_inputs(output)
     present = output.present
-    columns = np.stack([_standardise(each.values, present) for each in inputs], axis=2)
+    columns = np.stack([(v - v[present].mean()) / v[present].std() for v in (each.values for each in inputs)], axis=2)
     nothing = Dependence((), *np.zeros((3, *residual.shape)))
     if not (residual[present] != 0.0).any() or output.trials < 3:
         return nothing
-    thin = _draw_samples(present, generator)
+    thin = np.zeros(present.shape, dtype=bool)  # drawn at random, as an even stride would turn a hum into an offset
+    thin.flat[generator.permutation(np.flatnonzero(present))[:MOST_ROWS]] = True
     rows, trial, target = columns[thin], np.nonzero(thin)[1], residual[thin]
-    everything = np.ones(output.trials, dtype=bool)
     search = _Forward(rows, target, trial, output.trials, settings, [each.own for each in inputs])
-    chosen = search.choose(everything)
+    chosen = search.choose(np.ones(output.trials, dtype=bool))
     if not chosen:
         return nothing
     heldout, mean, deviation = np.zeros((3, *residual.shape))
@@ -134,14 +129,6 @@ def find_dependence(
     return Dependence(tuple(inputs[k] for k in chosen), heldout, mean, deviation)
 
 
-def _draw_samples(present: NDArray[np.bool_], generator: np.random.Generator) -> NDArray[np.bool_]:
-    """Return which samples are learnt from; drawn at random, as an even stride would turn a hum into an offset."""
-    known = np.flatnonzero(present)
-    thin = np.zeros(present.size, dtype=bool)
-    thin[generator.permutation(known)[:MOST_ROWS]] = True
-    return thin.reshape(present.shape)
-
-
 def _measure(values: Array) -> float:
     """Return a root mean square; one of nothing but zeros."""
     return float(np.sqrt((values**2).mean())) or 1.0
@@ -157,16 +144,9 @@ def fit_gaussian_process(inputs: Array, outputs: Array, pseudo_count: int, gener
     outputs : (N,) ndarray
         Over their root mean square.
     pseudo_count : int
-        Pseudo-inputs; rows drawn at random, or all rows where there are no more.
+        Pseudo-inputs, at most.
     generator : numpy.random.Generator
-        Draws them.
-
-    Raises
-    ------
-    ValueError
-        When a shape does not fit or a value is not finite.
-    FactorisationError
-        When the likelihood cannot be evaluated.
+        Of the fit.
     """
     dimensions = inputs.shape[1]
     length = LENGTHS[0] * np.sqrt(dimensions)
@@ -204,11 +184,9 @@ class _Forward:
         squares = np.bincount(self.trial, self.target**2, self.trials).astype(float)
         chosen: list[int] = []
         left = squares[learnt]
-        while len(chosen) < most:
+        while len(chosen) < min(most, self.rows.shape[1]):
             others = [k for k in range(self.rows.shape[1]) if k not in chosen]
             found = {k: self._leave_out([*chosen, k], squares, learnt) for k in others}
-            if not others:
-                break
             best = self._prefer(found)
             if not self._helps(left - found[best], squares[learnt]):
                 break
@@ -254,14 +232,13 @@ class _Forward:
         """Return by length the sums of each trial's features, (K, M, M), and of them by the target, (K, M)."""
         if chosen not in self.known:
             columns = self.rows[:, chosen] / np.sqrt(len(chosen))
-            self.known[chosen] = [self._sum_features(columns / length) for length in LENGTHS]
+            self.known[chosen] = []
+            for length in LENGTHS:
+                features = _decompose(columns / length, self.settings.pseudo_inputs)[1]
+                parts = [features[:, self.trial == k] for k in range(self.trials)]
+                cross = [part @ self.target[self.trial == k] for k, part in enumerate(parts)]
+                self.known[chosen].append((np.stack([part @ part.T for part in parts]), np.stack(cross)))
         return self.known[chosen]
-
-    def _sum_features(self, scaled: Array) -> tuple[Array, Array]:
-        features = _decompose(scaled, self.settings.pseudo_inputs)[1]
-        parts = [features[:, self.trial == k] for k in range(self.trials)]
-        cross = [part @ self.target[self.trial == k] for k, part in enumerate(parts)]
-        return np.stack([part @ part.T for part in parts]), np.stack(cross)
 
 
 def _decompose(scaled: Array, count: int) -> tuple[list[int], Array]:
@@ -285,14 +262,7 @@ def _decompose(scaled: Array, count: int) -> tuple[list[int], Array]:
     return rows, root[: len(rows)]
 
 
-def _standardise(values: Array, present: NDArray[np.bool_]) -> Array:
-    known = values[present]
-    standard: Array = (values - known.mean()) / known.std()
-    return standard
-
-
-@dataclass(frozen=True)
-class Range:
+class Range(NamedTuple):
     """Range of an input in which most is taken away, the part of it that lies there, and the share of time."""
 
     low: float
@@ -304,12 +274,7 @@ class Range:
 def find_range(values: Array, taken: Array, least_part: float) -> Range:
     """Return the range of an input, shortest in time, that holds a part of what is taken away.
 
-    Parameters
-    ----------
-    values, taken : (N,) ndarray
-        The input, and the fall of the squared residual, sample by sample.
-    least_part : float
-        Part of what is taken away that the range holds.
+    Values are those of the input, (N,), and what is taken away is the fall of the squared residual at each, (N,).
     """
     edges = np.quantile(values, np.linspace(0.0, 1.0, BINS + 1))
     place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, BINS - 1)

@@ -8,17 +8,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.dependence import Dependence, find_dependence, find_range
-from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.resampling import find_interval
 from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
 from stages.science.discrepancy.restoring import SearchTables
+from stages.science.discrepancy.settings import DescriptionSettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.symbolic_regression import Sketch, sketch_residual
 from stages.science.output_channels.fitting import Fit, fit
@@ -27,8 +27,7 @@ from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
 
-@dataclass(frozen=True)
-class Share:
+class Share(NamedTuple):
     """Of a residual's squares, the share that is taken away, with an interval over resampled trials."""
 
     value: float
@@ -37,17 +36,7 @@ class Share:
 
 
 def measure_share(before: Array, after: Array, weights: Array, level: float) -> Share:
-    """Return the share of a residual's squares that is taken away.
-
-    Parameters
-    ----------
-    before, after : (K,) ndarray
-        Sums of squares of each trial.
-    weights : (B, K) ndarray
-        Resampled trials.
-    level : float
-        Of the interval.
-    """
+    """Return the share that is taken away of the squares of each trial, (K,) ndarrays, trials resampled by (B, K)."""
     low, high = find_interval(1.0 - (weights @ after) / np.maximum(weights @ before, 1e-300), level)
     return Share(float(1.0 - after.sum() / max(before.sum(), 1e-300)), float(low), float(high))
 
@@ -56,24 +45,8 @@ def measure_share(before: Array, after: Array, weights: Array, level: float) -> 
 class Description:
     """One output's residual, described.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        Channel of the residual.
-    residual : (T, K) ndarray
-        In the channel's unit.
-    floor : float
-        Noise floor, in the channel's unit.
-    dependence : Dependence
-        Inputs, and what a GP of them says.
-    share : Share
-        What the GP takes away of trials left out.
-    sketch : Sketch
-        A formula.
-    sketched : Share
-        What it takes away of trials left out.
-    range_part : float
-        Part of what the GP takes away that its range is to hold.
+    Residual, (T, K), and noise floor are in the channel's unit; `share` and `sketched` are what the GP and the formula
+    take away of trials left out, and `range_part` is the part of that which the GP's range is to hold.
     """
 
     output: OutputChannel
@@ -104,30 +77,16 @@ class Description:
 def describe_above_floor(
     dataset: Dataset,
     found: SearchTables,
-    step: int,
     smallest_gap: float,
     settings: DescriptionSettings,
     weights: Array,
     level: float,
     generator: np.random.Generator,
 ) -> list[Description]:
-    """Return a description of each output channel in which more than noise is left after a number of additions.
+    """Return a description, by `describe`, of each output channel whose gap after all additions is above the floor.
 
     Where an effect was added, the floor is what flexible models leave with it, if that is less: they do better beside
-    the right name than alone.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Its fitted trials are looked at.
-    found : SearchTables
-        Noise floors, and values after each addition.
-    step : int
-        Effects added.
-    smallest_gap : float
-        Over the floor; below it an output channel is passed over.
-    settings, weights, level, generator
-        As `describe` takes them.
+    the right name than alone. A gap below `smallest_gap` times the floor is passed over.
     """
     known = {(row["channel"], row["muscle"]): row for row in found.channels.to_dict("records")}
     described = []
@@ -135,7 +94,7 @@ def describe_above_floor(
         row = known[output.channel, output.element]
         if row["gap_over_floor"] <= smallest_gap:
             continue
-        model, values = found.restore(output, step)
+        model, values = found.restore(output, found.last_step)
         noise = found.read_noise(output)
         fitted = fit(model, noise, values, iterations=0)
         floor = float(row["noise_floor"])
@@ -166,9 +125,7 @@ def describe(
     settings : DescriptionSettings
         How many inputs, pseudo-inputs and terms, and how terms are chosen.
     weights : (B, K) ndarray
-        Resampled trials.
-    level : float
-        Of intervals.
+        Resampled trials, for intervals of the `level`.
     generator : numpy.random.Generator
         Draws pseudo-inputs.
     """
@@ -177,16 +134,8 @@ def describe(
     left = ((residual - found.heldout) ** 2).sum(axis=0)
     share = measure_share((residual**2).sum(axis=0), left, weights, level)
     sketch = sketch_residual(fitted, found.inputs, settings)
-    return Description(
-        output,
-        residual,
-        floor,
-        found,
-        share,
-        sketch,
-        measure_share(sketch.before, sketch.after, weights, level),
-        settings.range_part,
-    )
+    sketched = measure_share(sketch.before, sketch.after, weights, level)
+    return Description(output, residual, floor, found, share, sketch, sketched, settings.range_part)
 
 
 def _measure(residual: Array, output: OutputChannel) -> float:
@@ -195,7 +144,7 @@ def _measure(residual: Array, output: OutputChannel) -> float:
 
 def tabulate(described: Description) -> dict[str, Any]:
     """Return a description as a row; what trials left out do not confirm is left empty."""
-    output, share = described.output, described.share
+    output, share, sketched = described.output, described.share, described.sketched
     inputs = described.dependence.inputs if described.is_confirmed else ()
     row = {
         "channel": output.channel,
@@ -205,9 +154,7 @@ def tabulate(described: Description) -> dict[str, Any]:
         "noise_floor": described.floor,
         "above_floor": described.above_floor,
         "inputs": ", ".join(each.name for each in inputs),
-        "share": share.value,
-        "low": share.low,
-        "high": share.high,
+        **dict(zip(("share", "low", "high"), share, strict=True)),
         **dict.fromkeys(("range_low", "range_high", "range_part", "range_time"), nan),
         "hint": "",
         **dict.fromkeys(("hint_share", "hint_low", "hint_high"), nan),
@@ -216,22 +163,15 @@ def tabulate(described: Description) -> dict[str, Any]:
         rest = described.residual - described.dependence.heldout
         taken = (described.residual**2 - rest**2)[output.present]
         where = find_range(described.dependence.along[output.present], taken, described.range_part)
-        row |= {"range_low": where.low, "range_high": where.high}
-        row |= {"range_part": where.part, "range_time": where.time}
-    sketched = described.sketched
+        row |= {f"range_{name}": value for name, value in where._asdict().items()}
     if inputs and described.sketch.terms and sketched.low > 0.0:
-        row |= {"hint": described.sketch.formula, "hint_share": sketched.value}
-        row |= {"hint_low": sketched.low, "hint_high": sketched.high}
+        row |= {"hint": described.sketch.formula}
+        row |= dict(zip(("hint_share", "hint_low", "hint_high"), sketched, strict=True))
     return row
 
 
 def average_dependence(described: Sequence[Description]) -> pd.DataFrame:
-    """Return residuals, and what the GP says of them, averaged along the first input, for each half of the second.
-
-    Parameters
-    ----------
-    described : sequence of Description
-        Those not confirmed are passed over.
+    """Return confirmed residuals, and what the GP says of them, averaged along the first input.
 
     Returns
     -------
@@ -240,26 +180,16 @@ def average_dependence(described: Sequence[Description]) -> pd.DataFrame:
         over trials, mean and standard deviation of the GP; ``beside`` tells the half of the second input, or is empty.
     """
     columns = ["channel", "muscle", "unit", "variable", "beside", "x", "mean", "error", "said", "deviation"]
-    frames = [_average(each) for each in described if each.is_confirmed]
-    return pd.concat(frames, ignore_index=True)[columns] if frames else pd.DataFrame(columns=columns)
-
-
-def _average(described: Description) -> pd.DataFrame:
-    output, found = described.output, described.dependence
-    present, edges = output.present, equal_edges(found.along[output.present], LOOP_BINS)
-    centres, frames = 0.5 * (edges[1:] + edges[:-1]), []
-    words, unit = name_signal(found.inputs[0].name)
-    for beside, mask in found.split(present).items():
-        mean, error, count = average_in_bins(found.along, described.residual, mask, edges)
-        said, deviation = (average_in_bins(found.along, each, mask, edges)[0] for each in (found.mean, found.deviation))
-        kept = count >= max(LEAST_SHARE * present.sum(), 3.0)
-        told = {"x": centres, "mean": mean, "error": error, "said": said, "deviation": deviation}
-        frames.append(
-            pd.DataFrame({name: values[kept] for name, values in told.items()}).assign(beside=name_signal(beside)[0])
-        )
-    return pd.concat(frames).assign(
-        channel=output.channel,
-        muscle=output.element,
-        unit=output.unit,
-        variable=f"{words} ({unit})" if unit else words,
-    )
+    frames = []
+    for each in [each for each in described if each.is_confirmed]:
+        output, found = each.output, each.dependence
+        edges, (words, unit) = equal_edges(found.along[output.present], LOOP_BINS), name_signal(found.inputs[0].name)
+        centres, variable = 0.5 * (edges[1:] + edges[:-1]), f"{words} ({unit})" if unit else words
+        for half, mask in found.split(output.present).items():
+            mean, error, count = average_in_bins(found.along, each.residual, mask, edges)
+            said, deviation = (average_in_bins(found.along, v, mask, edges)[0] for v in (found.mean, found.deviation))
+            kept = count >= max(LEAST_SHARE * output.present.sum(), 3.0)
+            told = (output.channel, output.element, output.unit, variable, name_signal(half)[0])
+            averages = (values[kept] for values in (centres, mean, error, said, deviation))
+            frames.append(pd.DataFrame(dict(zip(columns, (*told, *averages), strict=True))))
+    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=columns)

@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.signals.trajectories import Array
 
@@ -19,18 +18,11 @@ NONE, STATIC_MAP, MEMORY = "none", "static_map", "memory"
 
 @dataclass(frozen=True)
 class Verdicts:
-    """Probabilities that sum to one, and for each name and output how it would be carried.
+    """Probabilities of names that sum to one, ``none`` and ``static_map`` among them, and how each would be carried.
 
-    Parameters
-    ----------
-    names : mapping of str to float
-        With ``none`` and ``static_map`` among them.
-    forms : mapping of str to list of str
-        Most probable form of each name in every output; empty where no form was looked at.
-    carries : mapping of str to (C,) ndarray
-        Probability that each output is among those that carry the name, given the name.
-    maps : mapping of str to float
-        Probability that a channel follows a static map other than the nominal one, given that it carries no name.
+    `forms` are the most probable of each name in every output, empty where none was looked at; `carries` the
+    probabilities, (C,), that each output is among those that carry the name; `maps` the probabilities that a channel
+    which carries no name follows a static map other than the nominal one.
     """
 
     names: Mapping[str, float]
@@ -48,20 +40,12 @@ class Verdicts:
 class Beside:
     """Log scores of all models of the outputs, all without or all with a static map.
 
-    Parameters
-    ----------
-    none : (C,) ndarray
-        Of each output if it carries nothing more.
-    forms : mapping of (name, form) to mapping of output's place to float
-        Of each output if it carries this form.
+    They are those of each output if it carries nothing more, (C,), and, by name and form, and by the place of the
+    output, if it carries this form.
     """
 
     none: Array
     forms: Mapping[tuple[str, str], Mapping[int, float]]
-
-
-Worth = Callable[[str, list[str], Array], bool]
-"""Whether a name would close a gap that matters, given its form in every output and the probability of each output."""
 
 
 def weigh_names(
@@ -70,7 +54,7 @@ def weigh_names(
     channels: Sequence[str],
     priors: Mapping[str, float],
     most_evidence: float,
-    worth: Worth,
+    worth: Callable[[str, list[str], Array], bool],
 ) -> Verdicts:
     """Return the probability of each name.
 
@@ -86,7 +70,8 @@ def weigh_names(
     most_evidence : float
         Largest log ratio of two likelihoods that is believed, nats; larger ones are scaled down to it, all alike.
     worth : callable
-        A name that is not worth it has no probability, however sure its small gain is.
+        Whether a name would close a gap that matters, given its form in every output and the probability of each
+        output; one that would not has no probability, however sure its small gain is.
 
     Notes
     -----
@@ -97,9 +82,8 @@ def weigh_names(
     power = min(1.0, most_evidence / max(_find_largest(alone, beside), 1e-300))
     names = list(dict.fromkeys(name for name, _ in alone.forms))
     map_prior = priors[STATIC_MAP]
-    log_map = {
-        each: power * float((beside.none - alone.none)[_at(channels, each)].sum()) for each in dict.fromkeys(channels)
-    }
+    more, at = beside.none - alone.none, np.array(channels)
+    log_map = {each: power * float(more[at == each].sum()) for each in dict.fromkeys(channels)}
     log_law = {each: np.logaddexp(np.log1p(-map_prior), np.log(map_prior) + value) for each, value in log_map.items()}
     log_weight, chosen, carries = {NONE: float(np.log(priors[NONE]))}, {}, {}
     for name in names:
@@ -117,10 +101,6 @@ def weigh_names(
     lawful = float(np.prod([1.0 - each for each in maps.values()]))
     shares |= {NONE: shares[NONE] * lawful, STATIC_MAP: shares[NONE] * (1.0 - lawful)}
     return Verdicts(shares, chosen, carries, maps)
-
-
-def _at(channels: Sequence[str], channel: str) -> NDArray[np.bool_]:
-    return np.array([each == channel for each in channels], dtype=bool)
 
 
 def _find_largest(alone: Beside, beside: Beside) -> float:
@@ -157,17 +137,17 @@ def _weigh_name(
         if there:
             best[place] = max(there, key=there.__getitem__)
             gains[place] = np.logaddexp.reduce(list(there.values())) - np.log(len(there))
-    carries = np.zeros(len(channels))
+    carries, at = np.zeros(len(channels)), np.array(channels)
     weights = {}
-    offering = [each for each in dict.fromkeys(channels) if np.isfinite(gains[_at(channels, each)]).any()]
-    for channel in offering:
-        own = np.flatnonzero(_at(channels, channel) & np.isfinite(gains))
-        total, carries[own] = _weigh_sets(gains[own])
-        weights[channel] = total + log_prior + log_map.get(channel, 0.0) - log_law[channel]
+    for channel in dict.fromkeys(channels):
+        own = np.flatnonzero((at == channel) & np.isfinite(gains))
+        if len(own):
+            total, carries[own] = _weigh_sets(gains[own])
+            weights[channel] = total + log_prior + log_map.get(channel, 0.0) - log_law[channel]
     if not weights:
         return -np.inf, best, carries
     likely = max(weights, key=weights.__getitem__)
-    carries[~_at(channels, likely)] = 0.0
+    carries[at != likely] = 0.0
     return float(np.logaddexp.reduce(list(weights.values())) - np.log(len(weights))), best, carries
 
 

@@ -22,7 +22,7 @@ from stages.science.output_channels.flexible import (
     explain_by_trees,
     keep_least,
 )
-from stages.science.output_channels.noise import Noise, estimate_noise, log_density, make_plain
+from stages.science.output_channels.noise import Noise, estimate_noise, make_plain
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel, map_in_threads
 from stages.science.output_channels.trial_noise import TrialNoise
 from stages.science.signals.trajectories import Array
@@ -37,17 +37,7 @@ AGAIN = 4
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit of one output, judged on its trials, each left out.
-
-    Parameters
-    ----------
-    fit : Fit
-        Values and what leaving trials out changes.
-    residual : (T, K) ndarray
-        Of trials left out.
-    raw : (K,) ndarray
-        Its sums of squares, in the channel's unit.
-    """
+    """A fit of one output, with the residual, (T, K), of its trials, each left out, and its sums of squares, (K,)."""
 
     fit: Fit
     residual: Array
@@ -67,11 +57,6 @@ class Fitted:
         """Return the noise that the residual most likely is."""
         output = self.fit.model.output
         return estimate_noise(self.residual, output.present, output.step_s, output.limits)
-
-    def density(self, noise: Noise) -> Array:
-        """Return the log density of each trial's residual under a noise, (K,) ndarray."""
-        output = self.fit.model.output
-        return log_density(self.residual, output.present, noise, output.step_s)
 
 
 @dataclass
@@ -159,20 +144,9 @@ def _fit_constants(model: Model) -> Fitted:
 
 
 def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, left: Leftover) -> FittedChannel:
-    """Return an output as `prepare` left it.
+    """Return an output of the fitted trials as `prepare` left it.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        Of the fitted trials.
-    values : (P,) ndarray
-        Its fitted constants.
-    noise : Noise
-        Of the channel.
-    residual : (T, K) ndarray
-        Of each trial, left out of the fit.
-    left : Leftover
-        What a flexible model left of it.
+    Its fitted constants are (P,); the residual of each trial left out of the fit is (T, K).
     """
     found = fit(Model(output), noise, values, iterations=0)
     nominal = Fitted(found, residual, (residual**2).sum(axis=0))
@@ -241,12 +215,7 @@ def drop_effects(fitted: Fitted, names: Collection[str], noise: Noise) -> Fitted
 def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChannel:
     """Return an output with its inputs corrected for the effects of sensors that the fits of its element's others hold.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        As it was recorded, of any trials.
-    fits : sequence of Fitted
-        Of all outputs.
+    The output is as it was recorded, of any trials; the fits are of all outputs.
     """
     effects = [
         (form.name, form.form, values)

@@ -1,4 +1,4 @@
-"""How large a gap is, where it lies and how sure that is: the table of regimes.
+"""How large a gap is, in which regimes of motion and time it lies, and how sure that is.
 
 Fits, and what a flexible model leaves, flow in; rows flow out. The unit of every test is the trial.
 """
@@ -9,27 +9,21 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.science.discrepancy.fitted_channel import FittedChannel
-from stages.science.discrepancy.regimes import find_regimes, split_bands
 from stages.science.discrepancy.settings import RegimeSettings
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, least_p
+
+Mask = NDArray[np.bool_]
 
 
 def locate(
     states: Sequence[FittedChannel], settings: RegimeSettings, generator: np.random.Generator
 ) -> list[dict[str, Any]]:
-    """Return a row for each channel, element and regime.
-
-    Parameters
-    ----------
-    states : sequence of FittedChannel
-        Prepared outputs.
-    settings : RegimeSettings
-        Regimes of motion and time.
-    generator : numpy.random.Generator
-        For tests with many trials.
+    """Return a row for each channel, element and regime; the generator is for tests with many trials.
 
     Notes
     -----
@@ -52,49 +46,102 @@ def locate(
 def _locate_in(state: FittedChannel, settings: RegimeSettings, generator: np.random.Generator) -> list[dict[str, Any]]:
     output, nominal = state.output, state.nominal.fit.residual
     least = np.where(output.present, state.leftover.residual, 0.0)
-    excess = nominal**2 - least**2
-    whole = float(excess.sum())
-    regimes = {"everywhere": output.present, **find_regimes(output, settings.around_reversal)}
+    whole = float((nominal**2 - least**2).sum())
+    regimes = {"everywhere": output.present, **_find_regimes(output, settings.around_reversal)}
+    looks = [(name, mask, mask.sum(axis=0), nominal, least) for name, mask in regimes.items()]
+    bands = [_split_bands(each, settings.band_edges, output.step_s, output.time_scale_s) for each in (nominal, least)]
+    length = np.full(output.trials, len(nominal))
+    looks += [(name, output.present, length, part, bands[1][name]) for name, part in bands[0].items()]
     columns, rows = [], []
-    quantile = settings.largest_quantile
-
-    def share(squares: Array) -> float:
-        return float(squares.sum() / whole) if whole > 0.0 else 0.0
-
-    for name, mask in regimes.items():
-        inside = mask.sum(axis=0)
-        columns.append(np.where(inside > 0, (excess * mask).sum(axis=0) / np.maximum(inside, 1), np.nan))
-        rows.append(_describe(state, name, mask, nominal, least, share(excess * mask), quantile))
-    bands = [split_bands(each, settings.band_edges, output.step_s, output.time_scale_s) for each in (nominal, least)]
-    for name, part in bands[0].items():
-        rest = bands[1][name]
-        band = np.where(output.present, part**2 - rest**2, 0.0)
-        columns.append(band.mean(axis=0))
-        rows.append(_describe(state, name, output.present, part, rest, share(band * output.present), quantile))
+    for name, mask, counts, gap, rest in looks:
+        excess = np.where(mask, gap**2 - rest**2, 0.0)
+        columns.append(np.where(counts > 0, excess.sum(axis=0) / np.maximum(counts, 1), np.nan))
+        samples = int(mask.sum())
+        rows.append(
+            {
+                "channel": output.channel,
+                "muscle": output.element,
+                "regime": name,
+                "samples": samples,
+                "share_of_time": samples / max(int(output.present.sum()), 1),
+                "gap": float(np.sqrt((gap**2 * mask).sum() / max(samples, 1))),
+                "noise_floor": float(np.sqrt((rest**2 * mask).sum() / max(samples, 1))),
+                "largest": float(np.quantile(np.abs(gap[mask]), settings.largest_quantile)) if samples else 0.0,
+                "share_of_gap": float(excess.sum() / whole) if whole > 0.0 else 0.0,
+            }
+        )
     p = compare_signs(np.column_stack(columns), generator)
     floor = least_p(output.trials)
     return [{**row, "p_value": float(each), "p_least": floor} for row, each in zip(rows, p, strict=True)]
 
 
-def _describe(
-    state: FittedChannel, name: str, mask: Any, gap: Array, least: Array, share_of_gap: float, quantile: float
-) -> dict[str, Any]:
-    count = int(mask.sum())
-    return {
-        "channel": state.output.channel,
-        "muscle": state.output.element,
-        "regime": name,
-        "samples": count,
-        "share_of_time": count / max(int(state.output.present.sum()), 1),
-        "gap": float(np.sqrt((gap**2 * mask).sum() / max(count, 1))),
-        "noise_floor": float(np.sqrt((least**2 * mask).sum() / max(count, 1))),
-        "largest": float(np.quantile(np.abs(gap[mask]), quantile)) if count else 0.0,
-        "share_of_gap": share_of_gap,
-    }
+def _find_regimes(output: OutputChannel, around_reversal: float) -> dict[str, Mask]:
+    """Return for each regime the samples in it, (T, K) ndarrays of bool.
+
+    Regimes come from the output's own drivers: the sign of each rate and the moments at which it turns, each signal's
+    high and low half, time within the trial, and the trial's place in the session. A reversal reaches over
+    `around_reversal` usual movements on both sides.
+    """
+    present = output.present
+    around = max(round(around_reversal / (output.step_s / output.time_scale_s)), 1)
+    regimes: dict[str, Mask] = {}
+    for driver in [each for each in output.drivers() if each.own]:
+        if driver.rate:
+            usual = np.abs(driver.values[present & (driver.values != 0.0)])
+            moving = 0.05 * float(np.quantile(usual, 0.95)) if usual.size else 0.0
+            forth, back, reversal = _format_motion(driver.name)
+            regimes[forth] = driver.values > moving
+            regimes[back] = driver.values < -moving
+            regimes[reversal] = _around_reversals(driver.values, moving, around)
+        else:
+            name = _format_name(driver.name)
+            middle = float(np.median(driver.values[present])) if present.any() else 0.0
+            regimes[f"high {name}"] = driver.values > middle
+            regimes[f"low {name}"] = driver.values <= middle
+    samples, trials = output.measured.shape
+    sample, trial = np.indices((samples, trials))
+    regimes["early in the trial"] = sample < 0.5 * samples
+    regimes["late in the trial"] = sample >= 0.5 * samples
+    regimes["early in the session"] = trial < 0.5 * trials
+    regimes["late in the session"] = trial >= 0.5 * trials
+    return {name: mask & present for name, mask in regimes.items()}
 
 
-def upper_ratio(state: FittedChannel, weights: Array, level: float) -> float:
-    """Return the one-sided upper limit of an output's gap over the floor, over resampled trials (B, K)."""
-    gap = weights @ state.current.raw
-    floor = weights @ np.minimum(state.leftover.raw, state.current.raw)
-    return float(np.quantile(np.sqrt(gap / np.maximum(floor, 1e-300)), level))
+def _split_bands(residual: Array, edges: Sequence[float], step_s: float, time_scale_s: float) -> dict[str, Array]:
+    """Return a residual's parts by frequency band, (T, K) ndarrays that sum to it; edges are over the usual rate."""
+    spectrum = np.fft.rfft(residual, axis=0)
+    frequency = np.fft.rfftfreq(len(residual), step_s)
+    parts = {}
+    for slow, quick in zip([0.0, *edges], [*edges, np.inf], strict=True):
+        low, high = slow / time_scale_s, quick / time_scale_s
+        inside = (frequency >= low) & (frequency < high)
+        name = f"above {low:g} Hz" if high == np.inf else f"{low:g} to {high:g} Hz"
+        parts[name] = np.fft.irfft(spectrum * inside[:, None], n=len(residual), axis=0)
+    return parts
+
+
+def _format_name(name: str) -> str:
+    """Return a level's name in words, without its unit."""
+    words = {"pressure_command_kpa": "command", "pressure_kpa": "pressure"}
+    return words.get(name, name.replace("_", " "))
+
+
+def _format_motion(name: str) -> tuple[str, str, str]:
+    """Return the words for a rate above zero, below zero, and turning."""
+    if name == "contraction_velocity_per_s":
+        return "shortening", "lengthening", "velocity reversal"
+    what = _format_name(name.removesuffix("_rate"))
+    forth, back = ("rising", "falling") if name.endswith("_rate") else ("positive", "negative")
+    return f"{what} {forth}", f"{what} {back}", f"{what} reversal"
+
+
+def _around_reversals(rate: Array, moving: float, around: int) -> Mask:
+    """Return the samples within `around` samples of a change of sign between two movements."""
+    mask = np.zeros(rate.shape, dtype=bool)
+    for k in range(rate.shape[1]):
+        direction = np.where(np.abs(rate[:, k]) > moving, np.sign(rate[:, k]), 0.0)
+        at = np.flatnonzero(direction)
+        turned = np.flatnonzero(np.diff(direction[at]) != 0.0)
+        for left, right in zip(at[turned], at[turned + 1], strict=True):
+            mask[max(left - around, 0) : right + around, k] = True
+    return mask

@@ -26,19 +26,10 @@ SIGNALS = {
 }
 
 
-def collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, str], smoothing_s: float) -> Records:
-    """Return one muscle's trials as arrays.
+def _collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, str], smoothing_s: float) -> Records:
+    """Return one muscle's trials, in their order, as arrays.
 
-    Parameters
-    ----------
-    tables : MeasuredTables
-        Trials are in the order of the arrays' last axis.
-    muscle : str
-        Name of the muscle.
-    joints : mapping of str to str
-        Joint of every muscle; another joint's angle is read from the first muscle on it.
-    smoothing_s : float
-        Width over which pressure and velocity are smoothed, s.
+    Another joint's angle is read from the first muscle on it; pressure and velocity are smoothed over `smoothing_s`.
     """
     measured, trials = tables.measured, tables.measured_trials
     order = list(trials["trial"])
@@ -52,7 +43,14 @@ def collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, st
     start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
     signals["smooth_pressure_kpa"] = _smooth(signals["pressure_kpa"], step_s, smoothing_s)
     signals["velocity_per_s"] = _smooth(signals["velocity_per_s"], step_s, smoothing_s)
-    others = _look_aside(measured, order, muscle, joints, samples)
+    others, seen = {}, {joints.get(muscle)}
+    for name in [each for each in joints if each != muscle]:
+        rows, joint = measured[measured["muscle"] == name], joints[name]
+        for signal in ("pressure_kpa", "pressure_command_kpa"):
+            others[f"{name} {signal}"] = _spread(rows, order, signal, samples)[1]
+        if joint not in seen:
+            seen.add(joint)
+            others[f"{joint} contraction"] = _spread(rows, order, "contraction", samples)[1]
     return Records(step_s, start - start[0], **signals, known=known, others=others)
 
 
@@ -68,21 +66,6 @@ def _smooth(signal: Array, step_s: float, width_s: float) -> Array:
         return signal
     smooth: Array = savgol_filter(signal, window, 3, axis=0)
     return smooth
-
-
-def _look_aside(
-    measured: pd.DataFrame, order: Sequence[int], muscle: str, joints: Mapping[str, str], samples: int
-) -> dict[str, Array]:
-    others = {}
-    seen = {joints.get(muscle)}
-    for name in [each for each in joints if each != muscle]:
-        rows = measured[measured["muscle"] == name]
-        others[f"{name} pressure_kpa"] = _spread(rows, order, "pressure_kpa", samples)[1]
-        others[f"{name} pressure_command_kpa"] = _spread(rows, order, "pressure_command_kpa", samples)[1]
-        if joints[name] not in seen:
-            seen.add(joints[name])
-            others[f"{joints[name]} contraction"] = _spread(rows, order, "contraction", samples)[1]
-    return others
 
 
 def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int) -> tuple[Any, Array]:
@@ -103,15 +86,7 @@ def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int)
 
 
 def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings) -> list[MuscleChannel]:
-    """Return the output channels of a dataset: for every muscle its pressure and its force, where there are data.
-
-    Parameters
-    ----------
-    tables : MeasuredTables
-        Of muscles.
-    settings : DiscrepancySettings
-        Tolerances of the constants.
-    """
+    """Return the output channels of a dataset: for every muscle its pressure and its force, where there are data."""
     tolerances, limits = settings.tolerances, settings.muscle_channels
     site = str(tables.measured_session["load_cell_site"].iloc[0])
     load_cell_site: Literal["muscle_tip", "joint_end"] = "muscle_tip" if site == "muscle_tip" else "joint_end"
@@ -119,7 +94,7 @@ def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings)
     joints = dict(zip(muscles["muscle"], muscles["joint"], strict=True))
     outputs: list[MuscleChannel] = []
     for row in muscles.to_dict("records"):
-        records = collect_records(tables, row["muscle"], joints, limits.smoothing_s)
+        records = _collect_records(tables, row["muscle"], joints, limits.smoothing_s)
         build = _build(row, settings.max_pressure_kpa)
         for kind in (PressureChannel, ForceChannel):
             declared = tolerances[kind.channel]
@@ -133,24 +108,14 @@ def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings)
 
 
 def _build(row: Mapping[Any, Any], max_pressure_kpa: Mapping[str, float]) -> Build:
-    area = 1000.0 * np.pi * (0.5 * row["nominal_diameter_m"]) ** 2
-    per_rad = row["sign"] * row["moment_arm_m"] / row["rest_length_m"]
-    return Build(
-        row["muscle"],
-        area,
-        max_pressure_kpa[row["type"]],
-        row["contraction_at_angle_0"],
-        per_rad,
-        row["sign"] * row["moment_arm_m"],
-    )
+    area, arm = 1000.0 * np.pi * (0.5 * row["nominal_diameter_m"]) ** 2, row["sign"] * row["moment_arm_m"]
+    most, zero = max_pressure_kpa[row["type"]], row["contraction_at_angle_0"]
+    return Build(row["muscle"], area, most, zero, arm / row["rest_length_m"], arm)
 
 
 def _constant(name: str, tolerance: Tolerance, row: Mapping[Any, Any], largest: float) -> Parameter:
-    start = tolerance.start
-    if start is None:
-        start = float(row[name])
+    start = float(row[name]) if tolerance.start is None else tolerance.start
     scale = {"one": 1.0, "start": abs(start), "largest": largest}[tolerance.times]
     low, high = start + scale * tolerance.low, start + scale * tolerance.high
-    return Parameter(
-        name, tolerance.unit, low, high, start, scale * tolerance.sd, tolerance.description, starts=(start,)
-    )
+    sd, description = scale * tolerance.sd, tolerance.description
+    return Parameter(name, tolerance.unit, low, high, start, sd, description, starts=(start,))

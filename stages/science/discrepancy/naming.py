@@ -72,22 +72,15 @@ def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) 
     Channels without a gap are screened too: some gaps show only with the form that closes them, and confounding with
     the constants is reported in any case.
     """
-    least = 0.5 * (settings.smallest_gap - 1.0)
-    worth = {
-        state.output.channel
-        for state in outputs
-        if state.ratio(state.current.raw) > 1.0 + least or state.output.reveals_saturation()
-    }
-    listed: list[list[Screened]] = []
-    for state in outputs:
-        listed.append([each for each in state.promises if each.form.name not in settings.left_out])
-        if any(each.raw_gain > least for each in listed[-1]):
+    least, worth = 0.5 * (settings.smallest_gap - 1.0), set()
+    listed = [[each for each in state.promises if each.form.name not in settings.left_out] for state in outputs]
+    for state, promised in zip(outputs, listed, strict=True):
+        gap = state.ratio(state.current.raw) > 1.0 + least or state.output.reveals_saturation()
+        if gap or any(each.raw_gain > least for each in promised):
             worth.add(state.output.channel)
-    idle = [state.output.channel not in worth for state in outputs]
-    return [
-        [replace(each, gain=0.0, raw_gain=0.0) for each in promised] if still else promised
-        for promised, still in zip(listed, idle, strict=True)
-    ]
+    for place in [place for place, state in enumerate(outputs) if state.output.channel not in worth]:
+        listed[place] = [replace(each, gain=0.0, raw_gain=0.0) for each in listed[place]]
+    return listed
 
 
 def rank(
@@ -102,7 +95,9 @@ def rank(
         chosen = [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close]
         choices.append(_extend(state, chosen))
     names = sorted({each.form.name for listed in candidates for each in listed})
-    sizes = _count_parameters(candidates)
+    sizes: dict[str, int] = {}
+    for form in [each.form for listed in candidates for each in listed]:
+        sizes[form.name] = min(len(form.parameters), sizes.get(form.name, len(form.parameters)))
     halved = {name: 0.5 ** sizes[name] for name in names}
     every = sum(halved.values()) / (1.0 - settings.none_prior - settings.family_prior)
     priors = {name: each / every for name, each in halved.items()}
@@ -114,37 +109,40 @@ def rank(
     alone, beside, families = _score_all(outputs, candidates, choices, settings)
     channels = [state.output.channel for state in outputs]
     verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
-    verdicts = _choose_forms(verdicts, choices)
+    verdicts = replace(verdicts, forms={name: _choose_forms(name, verdicts, choices) for name in verdicts.forms})
     verdicts = _believe_exact(outputs, choices, verdicts, settings)
-    raws = {name: _raw_with(outputs, choices, verdicts, name) for name in names}
+    raws = {}
+    for name in names:
+        fits = [choice.get((name, form)) for choice, form in zip(choices, verdicts.forms[name], strict=True)]
+        carried = [each if share > 0.5 else None for each, share in zip(fits, verdicts.carries[name], strict=True)]
+        raws[name] = [(each or state.current).raw for state, each in zip(outputs, carried, strict=True)]
     raws |= {family: [each[family] for each in families] for family in (NONE, *verdicts.families)}
-    gaps = {name: _pool(outputs, each) for name, each in raws.items()}
-    heldout = {name: _pool_over_range(outputs, each) for name, each in raws.items()}
-    sites = {
-        each.form.name: each.form.site
-        for place, listed in enumerate(candidates)
-        for each in listed
-        if verdicts.forms[each.form.name][place] == each.form.form
-    }
+    gaps, heldout = {}, {}
+    for name, squares in raws.items():
+        both = list(zip(outputs, squares, strict=True))
+        gaps[name] = _pool([state.ratio(raw) ** 2 for state, raw in both])
+        heldout[name] = _pool([raw.sum() / state.samples.sum() / state.output.range**2 for state, raw in both])
     named = _decide(outputs, choices, verdicts, gaps, settings)
     spoken = (named.name, *named.alternatives) if named else ()
-    confounded = {name: each for name, each in _find_confounded(candidates, verdicts).items() if name not in spoken}
+    sites: dict[str, str] = {}
+    confounded: dict[str, float] = {}
+    for place, listed in enumerate(candidates):
+        for name, each in [(each.form.name, each) for each in listed]:
+            if verdicts.forms[name][place] != each.form.form:
+                continue
+            sites[name] = each.form.site
+            if name not in spoken:
+                confounded[name] = min(each.confounded_with_constants, confounded.get(name, np.inf))
     return Round(verdicts, confounded, gaps, heldout, sites, named), choices
 
 
-def _choose_forms(verdicts: Verdicts, choices: Sequence[Choice]) -> Verdicts:
-    """Return the verdicts with the form of each name that predicts best in each output, of those that were fitted.
-
-    The scores decide on the probability of a name; of its forms, the one with the smallest residual is added.
-    """
-    forms = {}
-    for name, chosen in verdicts.forms.items():
-        forms[name] = list(chosen)
-        for place, fitted in enumerate(choices):
-            own = {form: float(each.raw.sum()) for (known, form), each in fitted.items() if known == name}
-            if own:
-                forms[name][place] = min(own, key=own.__getitem__)
-    return replace(verdicts, forms=forms)
+def _choose_forms(name: str, verdicts: Verdicts, choices: Sequence[Choice]) -> list[str]:
+    """Return the form of a name with the smallest residual in each output, of those fitted; else the most probable."""
+    chosen = list(verdicts.forms[name])
+    for place, fitted in enumerate(choices):
+        own = {form: float(each.raw.sum()) for (known, form), each in fitted.items() if known == name}
+        chosen[place] = min(own, key=own.__getitem__, default=chosen[place])
+    return chosen
 
 
 def _believe_exact(
@@ -154,10 +152,8 @@ def _believe_exact(
     sure = settings.exact_probability
     for name, forms in verdicts.forms.items():
         fits = [choice.get((name, form)) for choice, form in zip(choices, forms, strict=True)]
-        shown = [
-            fitted is not None and _is_shown(state, fitted, settings)
-            for state, fitted in zip(outputs, fits, strict=True)
-        ]
+        both = zip(outputs, fits, strict=True)
+        shown = [fitted is not None and _is_shown(state, fitted, settings) for state, fitted in both]
         if any(shown) and verdicts.names[name] < sure:
             carries = np.where(shown, 1.0, verdicts.carries[name])
             rest = (1.0 - sure) / (1.0 - verdicts.names[name])
@@ -273,15 +269,6 @@ def _score_output(
     return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)], left
 
 
-def _count_parameters(candidates: Sequence[Sequence[Screened]]) -> dict[str, int]:
-    """Return how many parameters the simplest form of each name has."""
-    sizes: dict[str, int] = {}
-    for each in [each for listed in candidates for each in listed]:
-        size = len(each.form.parameters)
-        sizes[each.form.name] = min(size, sizes.get(each.form.name, size))
-    return sizes
-
-
 def _shortlist(
     outputs: Sequence[FittedChannel], candidates: Sequence[Sequence[Screened]], settings: SearchSettings
 ) -> set[tuple[str, str, str]]:
@@ -327,37 +314,8 @@ def _extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
     return {key: refit_coloured(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
 
 
-def _find_confounded(candidates: Sequence[Sequence[Screened]], verdicts: Verdicts) -> dict[str, float]:
-    """Return for each name its least confounding with the constants, over the channels and forms that carry it."""
-    shares: dict[str, list[float]] = {}
-    for place, listed in enumerate(candidates):
-        for each in listed:
-            if verdicts.forms[each.form.name][place] == each.form.form:
-                shares.setdefault(each.form.name, []).append(each.confounded_with_constants)
-    return {name: min(found) for name, found in shares.items()}
-
-
-def _raw_with(
-    outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts, name: str
-) -> list[Array]:
-    """Return the raw sums of squares of all outputs if those that would carry a name do."""
-    raws = []
-    for place, state in enumerate(outputs):
-        fitted = choices[place].get((name, verdicts.forms[name][place]))
-        carried = fitted is not None and verdicts.carries[name][place] > 0.5
-        raws.append(fitted.raw if fitted is not None and carried else state.current.raw)
-    return raws
-
-
-def _pool(outputs: Sequence[FittedChannel], raws: Sequence[Array]) -> float:
-    """Return the gap over the floor, root mean square over outputs."""
-    return float(np.sqrt(np.mean([state.ratio(raw) ** 2 for state, raw in zip(outputs, raws, strict=True)])))
-
-
-def _pool_over_range(outputs: Sequence[FittedChannel], raws: Sequence[Array]) -> float:
-    """Return the gap over the channels' ranges, root mean square over outputs."""
-    each = [raw.sum() / state.samples.sum() / state.output.range**2 for state, raw in zip(outputs, raws, strict=True)]
-    return float(np.sqrt(np.mean(each)))
+def _pool(squares: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(squares)))
 
 
 def _decide(
@@ -388,18 +346,10 @@ def _decide(
     forms = tuple(verdicts.forms[best][place] for place in carriers)
     first = next(form for form in outputs[carriers[0]].output.forms if (form.name, form.form) == (best, forms[0]))
     fits = [choices[place][best, verdicts.forms[best][place]] for place in carriers]
-    stuck = any(_is_stuck(fitted) for fitted in fits)
     shown = any(_is_shown(outputs[place], fitted, settings) for place, fitted in zip(carriers, fits, strict=True))
-    return Named(
-        best,
-        forms,
-        first.site,
-        outputs[carriers[0]].output.channel,
-        tuple(outputs[place].output.element for place in carriers),
-        min(verdicts.names[best], settings.certain if stuck else 1.0),
-        alternatives[:2],
-        shown,
-    )
+    probability = min(verdicts.names[best], settings.certain if any(map(_is_stuck, fits)) else 1.0)
+    channel, elements = outputs[carriers[0]].output.channel, tuple(outputs[each].output.element for each in carriers)
+    return Named(best, forms, first.site, channel, elements, probability, alternatives[:2], shown)
 
 
 def _is_stuck(fitted: Fitted) -> bool:

@@ -45,19 +45,9 @@ class Parts(Declared):
 
 
 def list_parts(trials: pd.DataFrame, parts: Parts, share: float) -> pd.DataFrame:
-    """Return what each trial is for, and how many of its samples are left out.
+    """Return what each trial is for, by `assign_parts`, and how many of its samples are left out: `trial_parts`.
 
-    Parameters
-    ----------
-    trials : DataFrame
-        Columns ``trial part record samples``, in the order of time within a record.
-    parts, share
-        As `assign_parts` takes them.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``trial part left_before left_after``.
+    Trials have columns ``trial part record samples``, in the order of time within a record.
     """
     purposes = assign_parts(list(trials["part"]), parts, share, list(trials["record"]))
     told = pd.DataFrame({"trial": trials["trial"].to_numpy(), "part": purposes})
@@ -107,7 +97,10 @@ def _choose(candidates: Sequence[int], given: Sequence[str], records: Sequence[s
         held.setdefault(given[k], []).append(records[k])
     distinct = {part: list(dict.fromkeys(names)) for part, names in held.items() if all(names)}
     whole = {part: names for part, names in distinct.items() if len(names) >= FEWEST_RECORDS}
-    taken = {names[k] for names in whole.values() for k in choose_verification(len(names), _round(share, len(names)))}
+    taken = set()
+    for names in whole.values():
+        nearest_share = max(math.floor(share * len(names) + 0.5), 1) / len(names)  # opens a whole number of records
+        taken |= {names[k] for k in choose_verification(len(names), nearest_share)}
     rest = [k for k in candidates if given[k] not in whole]
     chosen = [k for k in candidates if given[k] in whole and records[k] in taken]
     if rest and (len(rest) >= FEWEST_RECORDS or not whole):
@@ -115,31 +108,12 @@ def _choose(candidates: Sequence[int], given: Sequence[str], records: Sequence[s
     return chosen
 
 
-def _round(share: float, count: int) -> float:
-    """Return the share that opens the nearest whole number of records, at least one."""
-    return max(math.floor(share * count + 0.5), 1) / count
-
-
 def leave_gaps(trials: pd.DataFrame, purposes: Sequence[str], share: float) -> pd.DataFrame:
-    """Return how many samples of each trial are left out at its beginning and its end.
+    """Return how many samples of each trial are left out: columns ``left_before`` and ``left_after``.
 
     Noise is correlated in time, so a fitted block next to a test block would know some of its noise. The fitted block
-    therefore ends earlier, or begins later; the test block stays whole.
-
-    Parameters
-    ----------
-    trials : DataFrame
-        Columns ``record`` and ``samples``, in the order of time within a record; ``record`` is empty where trials do
-        not follow each other.
-    purposes : sequence of str
-        From `assign_parts`.
-    share : float
-        Of a block, that is left out.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``left_before`` and ``left_after``, in samples.
+    therefore ends earlier, or begins later, by a share of it; the test block stays whole. A trial's ``record`` is empty
+    where trials do not follow each other.
     """
     before, after = [0] * len(trials), [0] * len(trials)
     records, samples = list(trials["record"]), list(trials["samples"])

@@ -9,9 +9,6 @@ from stages.science.plant.machine import list_kinds
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
 
-HELD_BY: dict[str, type] = {"muscles": Plant, "records": RecordPlant}
-"""Which plants simulate each kind of recording."""
-
 
 def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> None:
     """Check that a plant simulates such a recording, and that what it names was measured.
@@ -30,7 +27,7 @@ def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> 
     ValueError
         When it does not, naming what names the signal.
     """
-    if not isinstance(plant, HELD_BY[kind]):
+    if isinstance(plant, RecordPlant) != (kind == "records"):
         hint = "plant=nominal, or measurement=records" if kind == "muscles" else f"plant={' or '.join(list_kinds())}"
         raise ValueError(f"plant: expected one that simulates {kind}, got another kind of machine; set {hint}")
     if not isinstance(plant, RecordPlant):

@@ -8,7 +8,7 @@ from typing import Any
 
 from stages.science.discrepancy.evidence import NONE
 from stages.science.discrepancy.fitted_channel import Fitted
-from stages.science.discrepancy.naming import Named, Round
+from stages.science.discrepancy.naming import Named
 from stages.science.discrepancy.remainder import Remainder
 from stages.science.discrepancy.search import Search
 
@@ -27,34 +27,27 @@ def rank_first(found: Search, unknown: float, most_confounded: float) -> list[di
     most_confounded : float
         Share of an effect's change that the constants may imitate.
     """
-    return [
-        row
-        for number, each in enumerate(found.rounds, start=1)
-        for row in _rank_round(each, number, unknown, most_confounded)
-    ]
-
-
-def _rank_round(looked: Round, number: int, unknown: float, most_confounded: float) -> list[dict[str, Any]]:
     rows = []
-    for name, probability in looked.verdicts.names.items():
-        confounded = float(min(max(looked.confounded_with_constants.get(name, 0.0), 0.0), 1.0))
-        rows.append(
-            {
-                "round": number,
-                "name": name,
-                "form": ",".join(sorted({form for form in looked.verdicts.forms.get(name, []) if form})),
-                "site": looked.sites.get(name, ""),
-                "probability": min(probability * (1.0 - unknown), 1.0),
-                "heldout_gap": looked.heldout[name],
-                "gap_over_floor": looked.gaps[name],
-                "absorbed_share": confounded,
-                "absorbed": confounded > most_confounded,
-            }
-        )
-    left = {"heldout_gap": looked.heldout[NONE], "gap_over_floor": looked.gaps[NONE]}
-    bare = {"form": "", "site": "", "absorbed_share": 0.0, "absorbed": False}
-    rows.append({"round": number, "name": UNKNOWN, "probability": unknown, **left, **bare})
-    return sorted(rows, key=lambda row: -float(row["probability"]))
+    for number, looked in enumerate(found.rounds, start=1):
+        names = {name: min(each * (1.0 - unknown), 1.0) for name, each in looked.verdicts.names.items()}
+        names[UNKNOWN] = unknown
+        for name in sorted(names, key=lambda name: -names[name]):
+            confounded = float(min(max(looked.confounded_with_constants.get(name, 0.0), 0.0), 1.0))
+            as_now = NONE if name == UNKNOWN else name
+            rows.append(
+                {
+                    "round": number,
+                    "name": name,
+                    "form": ",".join(sorted({form for form in looked.verdicts.forms.get(name, []) if form})),
+                    "site": looked.sites.get(name, ""),
+                    "probability": names[name],
+                    "heldout_gap": looked.heldout[as_now],
+                    "gap_over_floor": looked.gaps[as_now],
+                    "absorbed_share": confounded,
+                    "absorbed": confounded > most_confounded,
+                }
+            )
+    return rows
 
 
 def list_named(named: Sequence[Named]) -> list[dict[str, Any]]:

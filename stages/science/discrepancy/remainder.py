@@ -29,8 +29,7 @@ class Remainder(NamedTuple):
     Parameters
     ----------
     share : float
-        Of the initial gap above the floor, what a flexible model would still remove, or the static map that explains
-        it; median over resampled trials.
+        Of the initial gap above the floor, what a flexible model, or the family, would still remove: a median.
     unknown : float
         Probability that it is more than the limit while the gap left is one that matters.
     ambiguous : float
@@ -41,8 +40,7 @@ class Remainder(NamedTuple):
         That explains it: a static map, where the channel follows one more probably than not and it removes more than
         half, a linear memory of the inputs, where it removes most in one of them; else empty.
     doubt : float
-        Probability that names of the channel leave something that a static map does not explain either; where they
-        are ambiguous, `ambiguous_weight` shares it.
+        Probability that names of the channel leave something that a static map does not explain either.
     """
 
     share: float
@@ -60,21 +58,7 @@ def weigh_remainder(
     settings: SearchSettings,
     generator: np.random.Generator,
 ) -> dict[str, Remainder]:
-    """Return by channel what is left, over a Bayesian bootstrap of trials.
-
-    Parameters
-    ----------
-    found : Search
-        Ended.
-    named : sequence of Named
-        Effects that were added.
-    last : sequence of Fitted
-        Fits of all outputs with these.
-    settings : SearchSettings
-        When a gap matters.
-    generator : numpy.random.Generator
-        Draws weights of trials.
-    """
+    """Return by channel what is left by the last fits of all outputs, over a Bayesian bootstrap of trials."""
     remainders = {}
     reached = {id(state): fitted for state, fitted in zip(found.outputs, last, strict=True)}
     for channel, mapped in found.rounds[-1].verdicts.maps.items():
@@ -85,7 +69,10 @@ def weigh_remainder(
         sure = _count(share, matters, settings)
         left, told, by_map = sure, float(np.median(share)), 0.0
         if mapped >= settings.certain:
-            before, after = ([_map(*each) for each in zip(states, some, strict=True)] for some in fits)
+            before, after = (
+                [refit(own, make_plain(own.spread), state.static_map) for state, own in zip(states, some, strict=True)]
+                for some in fits
+            )
             unmapped = _weigh(states, before, after, weights, settings)
             left, ambiguous = _count(*unmapped, settings), float((unmapped[0] > settings.ambiguous_share).mean())
             now, beside = (_draw_gap(states, weights, [each.raw for each in some]) for some in (fits[1], after))
@@ -95,7 +82,7 @@ def weigh_remainder(
             ambiguous = float((share > settings.ambiguous_share).mean())
         added = any(each.forms for each in fits[1])
         ambiguous = ambiguous if added else 0.0
-        if any(_is_hidden(state, settings.remainder) for state in states):
+        if any(is_hidden(state, settings.remainder) for state in states):
             ambiguous = 1.0 if added else 0.0
             sure = sure if added else max(sure, settings.certain)
         if sum(each.channel == channel and not each.shown for each in named) >= settings.most_effects:
@@ -109,10 +96,6 @@ def weigh_remainder(
             by_map if family == STATIC_MAP else told, sure, ambiguous, line_hz, family, doubt
         )
     return remainders
-
-
-def _map(state: FittedChannel, fitted: Fitted) -> Fitted:
-    return refit(fitted, make_plain(fitted.spread), state.static_map)
 
 
 def _weigh(
@@ -134,9 +117,10 @@ def _count(share: Array, matters: NDArray[np.bool_], settings: SearchSettings) -
     return float((matters & (share > settings.unexplained_share)).mean())
 
 
-def _is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
+def is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
     """Return whether the noise floor is so high that neither a name nor its absence is certain."""
-    return settings.hides(state.floor / state.output.range, state.noise.white / state.output.range)
+    floor, white = state.floor / state.output.range, state.noise.white / state.output.range
+    return floor > settings.hiding_share and floor > settings.hiding_ratio * white
 
 
 def _draw_gap(states: Sequence[FittedChannel], weights: Array, raws: Sequence[Array]) -> Array:

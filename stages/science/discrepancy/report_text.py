@@ -46,20 +46,22 @@ def describe_verdict(
     settings : DiscrepancySettings
         From where on something is mentioned.
     """
-    middle = {
-        "no_discrepancy": _describe_no_discrepancy,
-        "named": _describe_named,
-        "unexplained": _describe_unexplained,
-    }
-    where = _describe_places(places, verdict["status"], settings.report.concentrated)
-    sentences = [*where, *middle[verdict["status"]](verdict, settings)]
+    if verdict["status"] == "no_discrepancy":
+        sentences = _describe_no_discrepancy(verdict)
+    else:
+        by_channel: dict[str, list[Mapping[str, Any]]] = {}
+        for each in places:
+            by_channel.setdefault(each["channel"], []).append(each)
+        sentences = [_describe_channel(rows, settings.report.concentrated) for rows in by_channel.values()]
+        tell = _describe_named if verdict["status"] == "named" else _describe_unexplained
+        sentences += tell(verdict, settings)
     if absorbed:
         names = _shorten([_spell(each) for each in absorbed])
         sentences.append(f"Not judged, as in these data the fitted constants absorb what it does: {names}.")
     return [*sentences, *remarks]
 
 
-def _describe_no_discrepancy(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
+def _describe_no_discrepancy(verdict: Mapping[str, Any]) -> list[str]:
     gap = verdict["gap"]
     return [
         f"Nothing that matters is missing (probability {_sure(1.0 - verdict['missing_probability'])}): on "
@@ -134,18 +136,16 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     least = settings.report.nearest_gap * alone
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
-    near = f" {_capitalise(_spell(nearest['name']))} would be one, but is not enough." if nearest else ""
-    line_hz = left["line_hz"]
+    near = f" {_spell(nearest['name']).capitalize()} would be one, but is not enough." if nearest else ""
+    line_hz, mapped = left["line_hz"], left["family"] == STATIC_MAP
     hum = f"an oscillation at {line_hz or 0.0:.3g} Hz runs through all trials, which the simulation lacks"
-    reproducible = (
-        hum
-        if line_hz is not None and left["family"] != STATIC_MAP
-        else "no measured signal tells what it depends on"
-        if left["family"] is None and share < settings.report.least_share
-        else f"{_name_family(left['family'])} takes away {_percent(share)} of what is above the noise"
-    )
-    if line_hz is not None and left["family"] == STATIC_MAP:
-        reproducible += f"; beside it {hum}"
+    if line_hz is not None and not mapped:
+        reproducible = hum
+    elif left["family"] is None and share < settings.report.least_share:
+        reproducible = "no measured signal tells what it depends on"
+    else:
+        reproducible = f"{_name_family(left['family'])} takes away {_percent(share)} of what is above the noise"
+        reproducible += f"; beside it {hum}" if line_hz is not None else ""
     return [
         f"Something is missing (probability {_sure(verdict['missing_probability'])}) that no effect of the library "
         f"explains better than what has no name: {reproducible}.{near} Nothing is named, and the plant is not changed "
@@ -159,17 +159,6 @@ def _name_family(family: str | None) -> str:
     return FAMILIES.get(family or "", "a flexible model")
 
 
-def _capitalise(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
-def _describe_places(places: Sequence[Mapping[str, Any]], status: str, concentrated: float) -> list[str]:
-    if status == "no_discrepancy":
-        return []
-    channels = dict.fromkeys(each["channel"] for each in places)
-    return [_describe_channel([each for each in places if each["channel"] == name], concentrated) for name in channels]
-
-
 def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) -> str:
     first, muscles = rows[0], sorted(each["muscle"] for each in rows)
     channel = _spell(first["channel"].removesuffix(f"_{first['unit'].lower()}"))
@@ -179,49 +168,27 @@ def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) ->
     if first["share_of_gap"] < concentrated * first["share_of_time"]:
         return f"{text}, in no regime of motion more than in others."
     whose = f"{first['muscle']}: " if len(rows) > 1 else ""
-    share = min(float(first["share_of_gap"]), 1.0)
+    share, regime = min(float(first["share_of_gap"]), 1.0), str(first["regime"])
+    motion = regime.endswith(("shortening", "lengthening", "rising", "falling"))
+    where_to = "" if regime.startswith(("early", "late")) else "while " if motion else "at "
     return (
-        f"{text}, most of all {_place(first['regime'])} ({whose}{_percent(share)} of the gap in "
+        f"{text}, most of all {where_to}{regime} ({whose}{_percent(share)} of the gap in "
         f"{_percent(first['share_of_time'])} of the time)."
     )
 
 
-def _place(regime: str) -> str:
-    """Return a regime with the word that leads to it."""
-    if regime.startswith(("early", "late")):
-        return regime
-    motion = regime.endswith(("shortening", "lengthening", "rising", "falling"))
-    return f"{'while' if motion else 'at'} {regime}"
-
-
 def describe_silent_channels(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
-    """Return which channels could not be judged, as their data are missing or never change.
-
-    Parameters
-    ----------
-    judged : collection of (str, str)
-        Channel and muscle of those that were.
-    muscles : sequence of str
-        That were measured.
-    """
+    """Return which channels of the measured muscles were not `judged`, as their data are missing or never change."""
     told = []
     for channel, name in (("pressure_kpa", "pressure"), ("force_n", "force")):
         silent = [each for each in muscles if (channel, each) not in judged]
         if silent:
             told.append(f"{name} of {_join(silent)}")
-    if not told:
-        return []
-    return [f"Not judged, as data are missing, too few, or never change: {'; '.join(told)}."]
+    return [f"Not judged, as data are missing, too few, or never change: {'; '.join(told)}."] if told else []
 
 
 def describe_odd_trials(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
-    """Return which trials do not fit to the others.
-
-    Parameters
-    ----------
-    odd : sequence of mapping
-        Rows ``trial channel muscle ratio``, the worst first.
-    """
+    """Return which trials do not fit to the others, by rows ``trial channel muscle ratio``, the worst first."""
     if not odd:
         return []
     trials = [str(each) for each in dict.fromkeys(int(row["trial"]) for row in odd)]
@@ -234,68 +201,45 @@ def describe_odd_trials(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
 
 
 def describe_bounds(values: pd.DataFrame) -> list[str]:
-    """Return which values stand at a bound, so that what lies beyond was not tried, if any do.
-
-    Parameters
-    ----------
-    values : DataFrame
-        Table `amended_values`.
-    """
-    stuck = values[values["at_bound"] != ""]
-    if stuck.empty:
-        return []
-    named = []
+    """Return which of the `amended_values` stand at a bound, so that what lies beyond was not tried, if any do."""
+    stuck, named = values[values["at_bound"] != ""], []
     for (effect, name), rows in stuck.groupby(["effect", "parameter"], sort=False):
         owner = f" of {_spell(str(effect))}" if effect else ""
         sizes = _join([f"{each:.3g}" for each in dict.fromkeys(rows["value"])][:MOST_LISTED])
         named.append(f"{name}{owner} ({sizes}, {_join(list(dict.fromkeys(rows['at_bound'])))})")
-    return [f"At a bound, beyond which nothing was tried, {'stands' if len(named) == 1 else 'stand'} {_join(named)}."]
+    verb = "stands" if len(named) == 1 else "stand"
+    return [f"At a bound, beyond which nothing was tried, {verb} {_join(named)}."] if named else []
 
 
 def describe_scales(plant: Plant | RecordPlant) -> list[str]:
-    """Return what the scales and the pace are in which effects on a machine of records tell their sizes.
-
-    Parameters
-    ----------
-    plant : Plant, or one of records
-        Resolved from the data; sizes of muscles have units.
-    """
+    """Return the scales and the pace in which effects on a machine of records tell their sizes; none for muscles."""
     if not isinstance(plant, RecordPlant):
         return []
     scales = [(plant.output, plant.output_scale)]
     if isinstance(plant, ElementPlant):
         scales.append((plant.along, plant.along_scale))
-    told = [
-        f"a scale of {words} is {scale:.3g} {unit}".strip()
-        for name, scale in scales
-        if scale is not None
-        for words, unit in [name_signal(name)]
-    ]
-    pace = [f"a pace is {plant.time_scale_s:.3g} s"] if plant.time_scale_s is not None else []
-    return [f"Where sizes are told in them, {_join([*told, *pace])}."] if told or pace else []
+    told = []
+    for name, scale in [each for each in scales if each[1] is not None]:
+        words, unit = name_signal(name)
+        told.append(f"a scale of {words} is {scale:.3g} {unit}".strip())
+    told += [f"a pace is {plant.time_scale_s:.3g} s"] if plant.time_scale_s is not None else []
+    return [f"Where sizes are told in them, {_join(told)}."] if told else []
 
 
 def describe_few_trials(fitted: int, test: int, least: int) -> list[str]:
     """Return that fewer than the least number of fitted trials say little, if they are."""
-    if fitted >= least:
-        return []
-    return [
+    text = (
         f"This rests on {fitted} fitted trials and {test} opened at the end: intervals and probabilities say less "
         f"than they seem to; record {least} and more."
-    ]
+    )
+    return [text] if fitted < least else []
 
 
 def describe_high_floor(channels: pd.DataFrame, high: float, final: float = math.inf) -> list[str]:
-    """Return where what is called noise is far above the sensor's own, from sample to sample.
+    """Return where what is called noise is more than `high` times the sensor's own, from sample to sample.
 
-    Parameters
-    ----------
-    channels : DataFrame
-        Columns ``channel muscle noise_floor white range``.
-    high : float
-        Noise floor over the white noise above which it is high.
-    final : float
-        The floor after all that was named, over the range; where it is less, the first one held what was missing.
+    Channels have columns ``channel muscle noise_floor white range``. The floor after all that was named, over the
+    range, is `final`; where it is less, the first one held what was missing.
     """
     floor = channels["noise_floor"]
     if math.isfinite(final):
@@ -312,17 +256,7 @@ def describe_high_floor(channels: pd.DataFrame, high: float, final: float = math
 
 
 def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSettings) -> list[str]:
-    """Return on what depends that which stays unexplained, channel by channel; a hint, marked as one.
-
-    Parameters
-    ----------
-    remainder : DataFrame
-        Table `remainder`.
-    status : str
-        Of the verdict.
-    settings : ReportSettings
-        From where on something is mentioned.
-    """
+    """Return on what depends that which stays unexplained, by the table `remainder`; a hint, marked as one."""
     if status == "no_discrepancy":
         return []
     if remainder.empty and status == "unexplained":

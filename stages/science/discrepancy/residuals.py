@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,113 +25,73 @@ LEAST_SHARE = 0.002
 def average_plane(states: Sequence[FittedChannel]) -> pd.DataFrame:
     """Return the mean residual over two signals, over the noise floor.
 
-    Returns
-    -------
-    DataFrame
-        Columns ``channel muscle across along x y over_floor``: the signals' names and the bins' centres.
+    Columns are ``channel muscle across along x y over_floor``: the signals' names and the bins' centres.
     """
-    return pd.concat([_average_plane(each) for each in states], ignore_index=True)
-
-
-def _average_plane(state: FittedChannel) -> pd.DataFrame:
-    own = [each for each in state.output.drivers() if each.own]
-    signals, rates = list_signals(state.output), {each.name for each in own if each.rate}
-    across, along = state.output.plane
-    present = state.output.present
-    x, y = signals[across][present], signals[along][present]
-    edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else equal_edges(y, PLANE_BINS)]
-    counts = np.histogram2d(x, y, bins=edges)[0]
-    sums = np.histogram2d(x, y, bins=edges, weights=state.nominal.fit.residual[present])[0]
-    column, row = np.nonzero(counts >= max(LEAST_SHARE * 0.1 * x.size, 3.0))
-    centres = [0.5 * (each[1:] + each[:-1]) for each in edges]
-    return pd.DataFrame(
-        {
-            "channel": state.output.channel,
-            "muscle": state.output.element,
-            "across": across,
-            "along": along,
-            "x": centres[0][column],
-            "y": centres[1][row],
-            "over_floor": sums[column, row] / counts[column, row] / state.floor,
-        }
-    )
+    frames = []
+    for state in states:
+        output, present, (across, along) = state.output, state.output.present, state.output.plane
+        signals, rates = list_signals(output), {each.name for each in output.drivers() if each.own and each.rate}
+        x, y = signals[across][present], signals[along][present]
+        edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else equal_edges(y, PLANE_BINS)]
+        counts = np.histogram2d(x, y, bins=edges)[0]
+        sums = np.histogram2d(x, y, bins=edges, weights=state.nominal.fit.residual[present])[0]
+        column, row = np.nonzero(counts >= max(LEAST_SHARE * 0.1 * x.size, 3.0))
+        centres = [0.5 * (each[1:] + each[:-1]) for each in edges]
+        told: dict[str, Any] = {"channel": output.channel, "muscle": output.element, "across": across, "along": along}
+        told |= {"x": centres[0][column], "y": centres[1][row]}
+        frames.append(pd.DataFrame({**told, "over_floor": sums[column, row] / counts[column, row] / state.floor}))
+    return pd.concat(frames, ignore_index=True)
 
 
 def average_loops(states: Sequence[FittedChannel]) -> pd.DataFrame:
     """Return the mean residual along a signal, apart for the two directions of motion.
 
-    Returns
-    -------
-    DataFrame
-        Columns ``channel muscle unit variable direction x mean error``; the last is the standard error over trials.
+    Columns are ``direction x mean error channel muscle unit variable``, with the standard error over trials.
     """
-    return pd.concat([_average_loop(each) for each in states], ignore_index=True)
-
-
-def _average_loop(state: FittedChannel) -> pd.DataFrame:
-    signals = list_signals(state.output)
-    variable, rate = state.output.loop
-    rows = average_by_direction(signals[variable], signals[rate], state.nominal.fit.residual, state.output)
-    told = {
-        "channel": state.output.channel,
-        "muscle": state.output.element,
-        "unit": state.output.unit,
-        "variable": variable,
-    }
-    return rows.assign(**told)
+    frames = []
+    for state in states:
+        output, signals = state.output, list_signals(state.output)
+        variable, rate = output.loop
+        rows = average_by_direction(signals[variable], signals[rate], state.nominal.fit.residual, output)
+        told = {"channel": output.channel, "muscle": output.element, "unit": output.unit, "variable": variable}
+        frames.append(rows.assign(**told))
+    return pd.concat(frames, ignore_index=True)
 
 
 def list_signals(output: OutputChannel) -> dict[str, Array]:
     """Return an output's own drivers by name."""
-    own = [driver for driver in output.drivers() if driver.own]
-    return dict(zip((each.name for each in own), map(attrgetter("values"), own), strict=True))
+    own = [each for each in output.drivers() if each.own]
+    return dict(map(attrgetter("name", "values"), own))
 
 
 def average_by_direction(variable: Array, rate: Array | None, values: Array, output: OutputChannel) -> pd.DataFrame:
-    """Return the mean of `values` in bins of `variable`, apart for the two directions of motion.
+    """Return the mean of `values` in bins of `variable`, (T, K) ndarrays, apart by `split_by_direction`.
 
-    Parameters
-    ----------
-    variable, values : (T, K) ndarray
-        The signal that is cut into bins, and what is averaged.
-    rate : (T, K) ndarray or None
-        Its sign is the direction, which holds until the next movement; None takes all samples together.
-    output : OutputChannel
-        Says which samples count.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``direction x mean error``; direction is ``rising``, ``falling`` or ``both``.
+    Columns are ``direction x mean error``, with the standard error over trials.
     """
-    present = output.present
-    edges = equal_edges(variable[present], LOOP_BINS)
-    masks = {"both": present}
-    if rate is not None:
-        direction = hold_direction(rate, present)
-        masks = {"rising": present & (direction > 0.0), "falling": present & (direction < 0.0)}
-    frames = []
-    for direction_name, mask in masks.items():
+    edges = equal_edges(variable[output.present], LOOP_BINS)
+    centres, frames = 0.5 * (edges[1:] + edges[:-1]), []
+    for direction, mask in split_by_direction(rate, output.present).items():
         mean, error, count = average_in_bins(variable, values, mask, edges)
-        kept = count >= max(LEAST_SHARE * present.sum(), 3.0)
-        centres = 0.5 * (edges[1:] + edges[:-1])
-        frames.append(
-            pd.DataFrame({"direction": direction_name, "x": centres[kept], "mean": mean[kept], "error": error[kept]})
-        )
+        kept = count >= max(LEAST_SHARE * output.present.sum(), 3.0)
+        rows = {"direction": direction, "x": centres[kept], "mean": mean[kept], "error": error[kept]}
+        frames.append(pd.DataFrame(rows))
     return pd.concat(frames, ignore_index=True)
 
 
-def hold_direction(rate: Array, present: NDArray[np.bool_]) -> Array:
-    """Return the sign of the last movement, (T, K); zero before the first.
+def split_by_direction(rate: Array | None, present: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
+    """Return the samples with each direction of the last movement, (T, K): ``rising`` and ``falling``, or ``both``.
 
-    Rates below a twentieth of usual ones are no movement, as noise has a sign too.
+    Rates below a twentieth of usual ones are no movement, as noise has a sign too; without a rate, all count together.
     """
+    if rate is None:
+        return {"both": present}
     usual = np.abs(rate[present])
     moving = 0.05 * float(np.quantile(usual, 0.95)) if usual.size else 0.0
     sign = np.where(np.abs(rate) > moving, np.sign(rate), 0.0)
     last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(rate))[:, None], 0), axis=0)
-    held: Array = np.take_along_axis(sign, last, axis=0)
-    return held
+    held = np.take_along_axis(sign, last, axis=0)
+    return {"rising": present & (held > 0.0), "falling": present & (held < 0.0)}
 
 
 def average_in_bins(

@@ -19,13 +19,7 @@ from stages.science.signals.trajectories import Array
 
 @dataclass(frozen=True)
 class NominalTables:
-    """The nominal fit; each field is named as its table.
-
-    Parameters
-    ----------
-    nominal_fit, channels, residuals : DataFrame
-        Constants, noise, and what was left, by channel and muscle.
-    """
+    """The nominal fit: constants, noise, and what was left; each field is named as its table."""
 
     nominal_fit: pd.DataFrame
     channels: pd.DataFrame
@@ -34,21 +28,7 @@ class NominalTables:
 
 @dataclass(frozen=True)
 class SearchTables:
-    """What the search found; each field is named as its table.
-
-    Parameters
-    ----------
-    channels : DataFrame
-        Gap, noise floor and noise of each output channel after the nominal fit.
-    decision : DataFrame
-        Status, and probability that something is missing; one row.
-    named_effects, suspected_effects : DataFrame
-        Effects that stand, and that do not, in the order in which they were added, by muscle.
-    unexplained : DataFrame
-        By channel, what is left after all that was named.
-    steps : DataFrame
-        Columns ``step channel muscle effect form parameter value``: values after each number of additions.
-    """
+    """What the search found, and the channels that it began with; each field is named as its table."""
 
     channels: pd.DataFrame
     decision: pd.DataFrame
@@ -76,23 +56,18 @@ class SearchTables:
     def restore(self, output: OutputChannel, step: int) -> tuple[Model, Array]:
         """Return an output's model and values after a number of additions, its inputs corrected by what is known then.
 
-        Parameters
-        ----------
-        output : OutputChannel
-            With any of the dataset's trials.
-        step : int
-            Effects added.
+        The output may have any of the dataset's trials.
         """
         steps = self.steps
         now = steps[(steps["step"] == step) & (steps["muscle"] == output.element)]
         rows = now[now["channel"] == output.channel]
         upstream = now[(now["channel"] != output.channel) & (now["effect"] != "")]
-        output = output.correct([(effect, form, values) for effect, form, values in _group(upstream)])
+        output = output.correct(_group(upstream))
         constants = rows[rows["effect"] == ""].set_index("parameter")["value"]
         values = [float(constants[each.name]) for each in output.constants]
         forms: list[EffectForm] = []
         for effect, form, by_name in _group(rows[rows["effect"] != ""]):
-            found = find_form(output, effect, form)
+            found = next(each for each in output.forms if (each.name, each.form) == (effect, form))
             forms.append(found)
             values += [by_name[each.name] for each in found.parameters]
         return Model(output, tuple(forms)), np.array(values)
@@ -101,17 +76,7 @@ class SearchTables:
 def list_residuals(states: Sequence[FittedChannel], trials: Sequence[int]) -> pd.DataFrame:
     """Return what the nominal model leaves of every sample, and what a flexible one would leave, trials left out.
 
-    Parameters
-    ----------
-    states : sequence of FittedChannel
-        Prepared.
-    trials : sequence of int
-        Numbers of their trials.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``channel muscle trial sample residual left``.
+    Rows are those of the table `residuals`; `trials` are the numbers of the outputs' trials.
     """
     frames = []
     for state in states:
@@ -162,17 +127,3 @@ def _group(rows: pd.DataFrame) -> list[tuple[str, str, dict[str, float]]]:
         (str(effect), str(form), {str(n): float(v) for n, v in zip(given["parameter"], given["value"], strict=True)})
         for (effect, form), given in rows.groupby(["effect", "form"], sort=False)
     ]
-
-
-def find_form(output: OutputChannel, name: str, form: str) -> EffectForm:
-    """Return one of the output's forms.
-
-    Raises
-    ------
-    ValueError
-        When the output offers none of that name.
-    """
-    for each in output.forms:
-        if (each.name, each.form) == (name, form):
-            return each
-    raise ValueError(f"{output.channel} of {output.element}: no effect {name} of form {form}")

@@ -25,22 +25,11 @@ TRIED = 12
 
 @dataclass(frozen=True)
 class Screened:
-    """Screening result of one form in one output channel.
+    """Screening result of one form in one output channel, at the best of its starts, scaled to the residual.
 
-    Parameters
-    ----------
-    form : EffectForm
-        Effect form.
-    start : dict of str to float
-        The best of its starts, its magnitude scaled to the residual.
-    gain : float
-        Fall of the whitened sum of squares of trials left out.
-    raw_gain : float
-        The same of the sum of squares in the channel's unit, fitted so, over what there is.
-    confounded_with_constants : float
-        Share of its change, squared, that the free constants imitate, at this start.
-    known : (P,) ndarray
-        Values of the model without it from which it begins.
+    `gain` is the fall of the whitened sum of squares of trials left out; `raw_gain` the same in the channel's unit,
+    fitted so, over what there is; `confounded_with_constants` the share of its change, squared, that the free constants
+    imitate; `known` the values, (P,), of the model without it from which it begins.
     """
 
     form: EffectForm
@@ -79,7 +68,11 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened
         gain, scale, confounded = _regress(fit, grams, known + index, signed)
         raw_gain = _regress(fit, plain, known + index, signed)[0]
         if output.is_exact(form):
-            scale, gain, raw_gain = 1.0, _take(grams, known + index), _take(plain, known + index)
+            scale = 1.0
+            gain, raw_gain = (  # of a change that is taken as it is
+                float(2.0 * each.cross[:, known + index].sum() - each.slopes[:, known + index, known + index].sum())
+                for each in (grams, plain)
+            )
         raw_gain /= float(plain.square.sum())
         first = form.parameters[0]
         magnitude = float(np.clip(scale * start[first.name], first.low, first.high))
@@ -116,11 +109,6 @@ def _try_starts(found: Fit, forms: Sequence[EffectForm]) -> dict[tuple[str, str]
                 confounded = _find_confounded(tried.white.slopes.sum(axis=0), np.flatnonzero(tried.free[:known]), known)
                 best[key] = Screened(form, reached, gain, share, confounded, tried.values[:known])
     return best
-
-
-def _take(grams: Grams, column: int) -> float:
-    """Return by how much the sum of squares falls if a change is taken as it is."""
-    return float(2.0 * grams.cross[:, column].sum() - grams.slopes[:, column, column].sum())
 
 
 def _find_confounded(total: Array, constants: NDArray[np.int_], column: int) -> float:

@@ -49,17 +49,7 @@ class Search:
 
 
 def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator: np.random.Generator) -> Search:
-    """Name and add effects until none is worth it.
-
-    Parameters
-    ----------
-    outputs : sequence of FittedChannel
-        Prepared.
-    settings : SearchSettings
-        When a gap matters and a name is accepted.
-    generator : numpy.random.Generator
-        Draws weights of trials.
-    """
+    """Name and add effects to prepared outputs until none is worth it; the generator draws other starts of fits."""
     found = Search(list(outputs))
     found.steps.append([state.nominal for state in outputs])
     while len(found.named) < settings.most_effects:
@@ -71,16 +61,13 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
         if looked.named is None:
             break
         _add(found, looked.named, choices, generator)
-        found.named.append(_beside(looked.named, found.named))
+        newest, there = looked.named, [each for each in found.named if each.channel == looked.named.channel]
+        beside = [each.probability for each in there if {*each.elements} & {*newest.elements}]
+        sure = min([1.0, *beside])  # that those which it was found beside are there
+        found.named.append(replace(newest, probability=sure * newest.probability))
         _take_out_redundant(found, settings)
         found.steps.append([state.current for state in found.outputs])
     return found
-
-
-def _beside(newest: Named, earlier: Sequence[Named]) -> Named:
-    """Return an effect with the probability that it and those which it was found beside are there."""
-    shared = [each for each in earlier if each.channel == newest.channel and {*each.elements} & {*newest.elements}]
-    return replace(newest, probability=min([1.0, *(each.probability for each in shared)]) * newest.probability)
 
 
 def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
@@ -109,7 +96,9 @@ def _add(found: Search, named: Named, choices: Sequence[Choice], generator: np.r
     for place, state in enumerate(found.outputs):
         if state.output.channel == named.channel and state.output.element in form_of:
             chosen = choices[place][named.name, form_of[state.output.element]]
-            found.outputs[place] = _update(state, _start_anew(chosen, generator.spawn(1)[0]))
+            best = _start_anew(chosen, generator.spawn(1)[0])
+            spread = float(np.sqrt((best.residual**2).sum() / max(state.output.present.sum(), 1)))
+            found.outputs[place] = continue_from(state, refine(best.model, best.values, spread))
             _correct_others(found, place)
 
 
@@ -144,12 +133,6 @@ def _correct_others(found: Search, place: int) -> None:
                 found.outputs[other] = prepare(corrected)
 
 
-def _update(state: FittedChannel, found: Fit) -> FittedChannel:
-    """Refine a fit, and estimate the noise again from what a flexible model leaves of it."""
-    spread = float(np.sqrt((found.residual**2).sum() / max(state.output.present.sum(), 1)))
-    return continue_from(state, refine(found.model, found.values, spread))
-
-
 def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
     """Remove an earlier effect that a later one has made redundant."""
     for named in found.named[:-1]:
@@ -160,16 +143,12 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
                 continue
             without = drop_effects(state.current, [named.name], state.noise)
             keep.append((place, without))
-            worth |= _is_given(state, named.name) or is_worth(state, without, state.current, settings)
+            own = [form for form in state.current.forms if form.name == named.name]
+            given = state.output.reveals_saturation() and any(state.output.is_exact(form) for form in own)
+            worth |= given or is_worth(state, without, state.current, settings)
         if not worth:
             for place, without in keep:
                 found.outputs[place] = replace(found.outputs[place], current=without)
             del found.steps[1 + found.named.index(named)]
             found.named.remove(named)
             return
-
-
-def _is_given(state: FittedChannel, name: str) -> bool:
-    """Return whether exactly repeated values of an output channel show a named effect."""
-    own = [form for form in state.current.forms if form.name == name]
-    return state.output.reveals_saturation() and any(state.output.is_exact(form) for form in own)

@@ -1,10 +1,11 @@
-"""The section of the configuration that the stages of the discrepancy workflow share."""
+"""Sections of the configuration that the stages of the discrepancy workflow share."""
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from stages.science.output_channels.detection import DetectionSettings
 from stages.science.plant.declaration import Declared, nearest
@@ -30,16 +31,6 @@ class RemainderSettings(Declared):
     hiding_ratio: float = Field(ge=1.0)
     ambiguous_weight: float = Field(ge=0.0, le=1.0)
     uninformative_error: float = Field(gt=0.0, le=1.0)
-
-    def hides(self, floor: float, white: float) -> bool:
-        """Return whether a noise floor hides what there is.
-
-        Parameters
-        ----------
-        floor, white : float
-            Noise floor, and noise from sample to sample, over the channel's range.
-        """
-        return floor > self.hiding_share and floor > self.hiding_ratio * white
 
 
 class SearchSettings(Declared):
@@ -126,6 +117,26 @@ class DiscrepancySettings(Declared):
     def significance(self) -> float:
         """Probability of a result by chance below which it counts."""
         return 1.0 - self.level
+
+
+class DescriptionSettings(Declared):
+    """How what stays unexplained is described."""
+
+    most_inputs: int = Field(ge=1, le=5)
+    least_errors: float = Field(ge=0.0)
+    least_help: float = Field(ge=0.0, le=1.0)
+    range_part: float = Field(gt=0.0, le=1.0)
+    pseudo_inputs: int = Field(ge=2, le=200)
+    most_terms: int = Field(ge=1, le=10)
+    least_own: float = Field(ge=0.0, le=1.0)
+    regression: Literal["stepwise", "pysindy"]
+
+    @field_validator("regression")
+    @classmethod
+    def _is_installed(cls, chosen: str) -> str:
+        if chosen == "pysindy" and find_spec("pysindy") is None:
+            raise ValueError('pysindy is not installed: pip install -e ".[sketch]", or choose stepwise')
+        return chosen
 
 
 def choose_verification(trials: int, share: float) -> list[int]:

@@ -17,8 +17,8 @@ from stages.science.discrepancy.residuals import (
     LOOP_BINS,
     average_by_direction,
     average_in_bins,
-    hold_direction,
     list_signals,
+    split_by_direction,
 )
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.output_channels.output_channel import OutputChannel
@@ -28,21 +28,13 @@ from stages.science.signals.trajectories import Array
 def trace_effects(dataset: Dataset, found: SearchTables) -> pd.DataFrame:
     """Return each added effect's share of the signal and the residual without it, averaged in the same bins.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        Its test trials are averaged.
-    found : SearchTables
-        Values after each addition; the last are taken.
-
     Returns
     -------
     DataFrame
-        Columns ``effect form channel muscle unit variable direction x measured error added``: mean residual of the
-        amended model without the effect, its standard error over trials, and what the effect adds.
+        Columns ``effect form channel muscle unit variable direction x measured error added``, over the test trials:
+        mean residual of the amended model without the effect, its standard error over trials, what the effect adds.
     """
-    columns = ["effect", "form", "channel", "muscle", "unit", "variable", "direction", "x", "measured", "error"]
-    frames = [pd.DataFrame(columns=[*columns, "added"])]
+    frames = []
     effects = found.steps[(found.steps["step"] == found.last_step) & (found.steps["effect"] != "")]
     for (name, channel), rows in effects.groupby(["effect", "channel"], sort=False):
         concerned = [
@@ -51,17 +43,10 @@ def trace_effects(dataset: Dataset, found: SearchTables) -> pd.DataFrame:
         traced = [_trace(each.take(dataset.test), found, str(name)) for each in concerned]
         variable = _choose_variable(traced)
         for each in traced:
-            output = each.output
-            told: dict[str, Any] = {
-                "effect": name,
-                "form": each.form,
-                "channel": channel,
-                "muscle": output.element,
-                "unit": output.unit,
-            }
-            frames.append(_average(each, variable).assign(variable=variable, **told))
-    filled = [each for each in frames if len(each)]
-    return pd.concat(filled, ignore_index=True) if filled else frames[0]
+            told: dict[str, Any] = {"effect": name, "form": each.form, "channel": channel, "variable": variable}
+            told |= {"muscle": each.output.element, "unit": each.output.unit}
+            frames.append(_average(each, variable).assign(**told))
+    return pd.concat([each for each in frames if len(each)] or frames, ignore_index=True)
 
 
 @dataclass(frozen=True)
@@ -85,21 +70,13 @@ def _trace(output: OutputChannel, found: SearchTables, name: str) -> _Traced:
     without = output.simulate(constants, [each for each in effects if each[0].name != name])
     form = next(each.form for each, _ in effects if each.name == name)
     own = [each for each in output.drivers() if each.own]
-    variables = list_signals(output) | _list_variables(output, without)
+    times = np.broadcast_arrays(np.arange(len(whole))[:, None] * output.step_s, output.start_s[None, :])
+    variables = list_signals(output)
+    variables |= {"simulated": without, "simulated_rate": np.gradient(without, output.step_s, axis=0)}
+    variables |= dict(zip(("time_s", "start_s"), times, strict=True))
     levels = frozenset({"simulated", *(each.name for each in own if not each.rate)})
     rate = variables[output.loop[1]]
     return _Traced(output, form, output.measured - without, whole - without, variables, levels, rate)
-
-
-def _list_variables(output: OutputChannel, simulated: Array) -> dict[str, Array]:
-    """Return what a residual may depend on beside the output's own drivers."""
-    samples, trials = output.measured.shape
-    return {
-        "simulated": simulated,
-        "simulated_rate": np.gradient(simulated, output.step_s, axis=0),
-        "time_s": np.repeat(np.arange(samples)[:, None] * output.step_s, trials, axis=1),
-        "start_s": np.repeat(output.start_s[None, :], samples, axis=0),
-    }
 
 
 def _choose_variable(traced: Sequence[_Traced]) -> str:
@@ -114,12 +91,9 @@ def _explain(traced: _Traced, variable: str) -> float:
     edges = np.unique(np.quantile(values[present], np.linspace(0.0, 1.0, LOOP_BINS + 1)))
     if len(edges) < 3:
         return 0.0
-    masks = [present]
-    if variable in traced.levels:
-        direction = hold_direction(traced.rate, present)
-        masks = [present & (direction > 0.0), present & (direction < 0.0)]
+    rate = traced.rate if variable in traced.levels else None
     middle, between = float(np.mean(added[present])), 0.0
-    for mask in masks:
+    for mask in split_by_direction(rate, present).values():
         mean, _, count = average_in_bins(values, added, mask, edges)
         between += float((count * (mean - middle) ** 2).sum())
     return between / (float(present.sum()) * float(np.var(added[present])) + 1e-300)

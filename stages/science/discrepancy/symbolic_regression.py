@@ -14,7 +14,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.discrepancy.description_settings import DescriptionSettings
+from stages.science.discrepancy.settings import DescriptionSettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.output_channels.features import TURNING
 from stages.science.output_channels.fitting import Fit
@@ -30,14 +30,9 @@ THRESHOLDS = (0.8, 0.4, 0.2, 0.1, 0.05)
 
 @dataclass(frozen=True)
 class Sketch:
-    """A formula, and what trials left out say of it.
+    """A formula: texts and weights of its terms, in the channel's unit over the term's; none where none is confirmed.
 
-    Parameters
-    ----------
-    terms : tuple of (str, float)
-        Text and weight, in the channel's unit over the term's; none where trials left out confirm none.
-    before, after : (K,) ndarray
-        Sums of squares of each trial's residual, without the terms and with terms and weights told by the others.
+    Sums of squares, (K,), are of each trial's residual without the terms, and with those told by the other trials.
     """
 
     terms: tuple[tuple[str, float], ...]
@@ -85,23 +80,23 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSet
     nothing = Sketch((), squares, squares)
     if not inputs or output.trials < 3 or squares.sum() == 0.0:
         return nothing
-    names, library = build_library(inputs, output.present)
+    names, library = _build_library(inputs, output.present)
     answers = output.respond(library)
     names += [f"answer to ({name})" for name in names][: answers.shape[2] - len(names)]
     terms = np.where(present[:, :, None], answers[::stride], 0.0)
     sizes = np.sqrt(np.maximum((terms**2).sum(axis=(0, 1)) / present.sum(), 1e-300))
     scale = float(np.sqrt(squares.sum() / present.sum()))
     slopes = fit.slopes[::stride] / np.sqrt(fit.precision) / scale
-    sums = _Sums.collect(slopes, terms / sizes, residual / scale)
+    together = np.concatenate([slopes, terms / sizes, (residual / scale)[:, :, None]], axis=2).transpose(1, 0, 2)
+    sums = _Sums(together.transpose(0, 2, 1) @ together, slopes.shape[2])
     total = sums.trials.sum(axis=0)
     paths = [sums.list_supports(total - own, settings) for own in sums.trials]
-    left = np.stack(
+    left = np.array(
         [
             [sums.measure(own, sums.solve(total - own, support), support) for support in path]
             for own, path in zip(sums.trials, paths, strict=True)
-        ],
-        axis=1,
-    )
+        ]
+    ).T.copy()
     level = _choose_level(left)
     chosen = sums.list_supports(total, settings)[level]
     if not chosen:
@@ -111,28 +106,23 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSet
     return Sketch(told, squares, scale**2 * left[level])
 
 
-def build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tuple[list[str], Array]:
-    """Return the terms that a formula may have: their texts, and their values, (T, K, F), in the inputs' own units.
-
-    Parameters
-    ----------
-    inputs : sequence of Driver
-        Of which they are made.
-    present : (T, K) ndarray of bool
-        Samples that count.
-    """
-    atoms = [_bracket(name_signal(each.name)[0]) for each in inputs]
+def _build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tuple[list[str], Array]:
+    """Return the terms that a formula may have: their texts, and their values, (T, K, F), in the inputs' own units."""
+    words = [name_signal(each.name)[0] for each in inputs]
+    atoms = [f"[{each}]" if " " in each else each for each in words]
     names, columns = ["1"], [np.ones(present.shape)]
     for degree in range(1, DEGREE + 1):
         for chosen in combinations_with_replacement(range(len(inputs)), degree):
-            names.append(_multiply([atoms[k] for k in chosen]))
+            own = [atoms[k] for k in chosen]
+            powers = {atom: own.count(atom) for atom in own}
+            names.append("*".join(f"{atom}^{power}" if power > 1 else atom for atom, power in powers.items()))
             columns.append(np.prod([inputs[k].values for k in chosen], axis=0))
     for place, each in enumerate(inputs):
         if not each.rate:
             continue
         width = TURNING * float(each.values[present].std())
         direction, text = np.tanh(each.values / width), f"tanh({atoms[place]}/{width:.2g})"
-        names += [f"{atoms[place]}*|{atoms[place].strip('[]')}|", text]
+        names += [f"{atoms[place]}*|{words[place]}|", text]
         columns += [each.values * np.abs(each.values), direction]
         for other, beside in enumerate(inputs):
             if other != place:
@@ -141,26 +131,12 @@ def build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tuple
     return names, np.stack(columns, axis=2)
 
 
-def _bracket(words: str) -> str:
-    return f"[{words}]" if " " in words else words
-
-
-def _multiply(atoms: Sequence[str]) -> str:
-    powers = {atom: atoms.count(atom) for atom in atoms}
-    return "*".join(f"{atom}^{power}" if power > 1 else atom for atom, power in powers.items())
-
-
 @dataclass(frozen=True)
 class _Sums:
     """Sums over each trial of products of P slopes, F terms and the residual, (K, P + F + 1, P + F + 1)."""
 
     trials: Array
     held: int
-
-    @classmethod
-    def collect(cls, slopes: Array, terms: Array, residual: Array) -> _Sums:
-        together = np.concatenate([slopes, terms, residual[:, :, None]], axis=2).transpose(1, 0, 2)
-        return cls(together.transpose(0, 2, 1) @ together, slopes.shape[2])
 
     def solve(self, sums: Array, support: Sequence[int]) -> Array:
         """Return the weights of all slopes, under their priors, and of some terms."""
@@ -176,21 +152,15 @@ class _Sums:
 
     def list_supports(self, sums: Array, settings: DescriptionSettings) -> list[list[int]]:
         """Return the terms of formulas of growing length; the first has none."""
-        rest, most = self._free_from_slopes(sums, settings.least_own), settings.most_terms
-        stepwise = settings.regression == "stepwise"
-        found = _add_stepwise(rest, most, settings.least_own) if stepwise else _threshold(rest, most)
-        return [[], *found]
-
-    def _free_from_slopes(self, sums: Array, least_own: float) -> Array:
-        """Return the sums over terms and residual of what slopes do not imitate, (F + 1, F + 1)."""
-        held = self.held
+        held, most, least_own = self.held, settings.most_terms, settings.least_own
         beside = sums[:held, held:]
         among = sums[:held, :held] + np.eye(held)
-        rest = sums[held:, held:] - beside.T @ np.linalg.solve(among, beside)
-        own = np.maximum(np.diag(sums)[held:], 1e-300)
-        confounded = np.diag(rest) < least_own * own
+        rest = sums[held:, held:] - beside.T @ np.linalg.solve(among, beside)  # what slopes do not imitate
+        confounded = np.diag(rest) < least_own * np.maximum(np.diag(sums)[held:], 1e-300)
         confounded[-1] = False
-        return np.where(confounded | confounded[:, None], 0.0, rest)
+        rest = np.where(confounded | confounded[:, None], 0.0, rest)
+        stepwise = settings.regression == "stepwise"
+        return [[], *(_add_stepwise(rest, most, least_own) if stepwise else _threshold(rest, most))]
 
 
 def _add_stepwise(sums: Array, most: int, least_own: float) -> list[list[int]]:

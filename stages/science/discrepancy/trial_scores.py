@@ -37,17 +37,10 @@ class TrialScores:
     jitter: float
 
     def score(self, residual: Array) -> float:
-        """Return the log score of a model.
+        """Return the log score of a model by its residual, (T, K), of trials left out; zero where not present.
 
-        Parameters
-        ----------
-        residual : (T, K) ndarray
-            Of trials left out of its fit; zero where not present.
-
-        Notes
-        -----
-        The log marginal likelihood of normal errors whose variance has Jeffreys' prior, up to what is the same for all
-        models of the output. Offsets and gains have the variance that makes them most likely, up to the largest.
+        It is the log marginal likelihood of normal errors whose variance has Jeffreys' prior, up to what is the same
+        for all models of the output. Offsets and gains have the most likely variance, up to the largest.
         """
         shape, offset, gain = split_residual(residual, self.output)
         samples, least = float(self.output.present.sum()), self.output.resolution**2
@@ -62,14 +55,8 @@ class TrialScores:
 def compare_by(output: OutputChannel, best: Array, largest_jitter: float) -> TrialScores:
     """Return how models of an output are scored.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        What they predict.
-    best : (T, K) ndarray
-        Residual of the best of them, by which the number of independent samples is told.
-    largest_jitter : float
-        Largest offset or gain of a trial, over the root mean square of the measured signal.
+    The residual of the best, (T, K), tells the number of independent samples. The largest offset or gain of a trial is
+    over the root mean square of the measured signal.
 
     Notes
     -----
@@ -83,9 +70,9 @@ def compare_by(output: OutputChannel, best: Array, largest_jitter: float) -> Tri
     mean = float(np.average(squares, weights=count))
     each = effective * count / count.sum()
     seen = each > 0.0
-    dispersion = 1.0
-    if mean > 0.0 and seen.sum() > 1:
+    trials, dispersion = int(seen.sum()), 1.0
+    if mean > 0.0 and trials > 1:
         spread = 0.5 * each[seen] * (squares[seen] / mean - 1.0) ** 2
-        dispersion = max(float(spread.sum()) / (int(seen.sum()) - 1), 1.0)
-    per_trial = max(effective / max(int(seen.sum()), 1), 1.0)
+        dispersion = max(float(spread.sum()) / (trials - 1), 1.0)
+    per_trial = max(effective / max(trials, 1), 1.0)
     return TrialScores(output, effective / dispersion, mean / per_trial, bound_jitter(output, largest_jitter) ** 2)

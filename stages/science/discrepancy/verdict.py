@@ -11,20 +11,15 @@ import pandas as pd
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.statistics.sign_flips import least_p
 
-PLACE = ("channel", "muscle")
+DEPENDS_ON = ("channel", "muscle", "share", "low", "high", "hint", "hint_share")
 UPSTREAM = ("command", "valve")
 """Sites that show in pressure alone."""
 
 
 def list_confounded(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list[str]:
-    """Return the effects confounded with the constants in every round that could act in one of the channels.
+    """Return the effects of the table `ranking` that are confounded with the constants in every round.
 
-    Parameters
-    ----------
-    ranking : DataFrame
-        Table `ranking`.
-    channels : collection of str
-        In which there is a gap; none for all.
+    With channels in which there is a gap, only those that could act in one of these.
     """
     always = ranking["absorbed"].groupby(ranking["name"]).transform("all")
     rows = ranking[(ranking["round"] == 1) & always]
@@ -37,10 +32,8 @@ def summarise_remainder(unexplained: pd.DataFrame, remainder: pd.DataFrame, cert
 
     Parameters
     ----------
-    unexplained : DataFrame
-        Table `unexplained`.
-    remainder : DataFrame
-        Table `remainder`.
+    unexplained, remainder : DataFrame
+        Tables of these names.
     certain : float
         Probability from which on something is said to be left.
     """
@@ -55,46 +48,23 @@ def summarise_remainder(unexplained: pd.DataFrame, remainder: pd.DataFrame, cert
         "line_hz": None if np.isnan(line_hz) else line_hz,
         "imitated": float(unexplained["imitated"].max()),
         "patch": None,
-        "depends_on": list_remainder(remainder),
+        "depends_on": [
+            {
+                "inputs": str(row["inputs"]).split(", ") if row["inputs"] else [],
+                **{name: row[name] if row["hint"] or "hint" not in name else None for name in DEPENDS_ON},
+            }
+            for row in remainder.to_dict("records")
+        ],
     }
 
 
-def list_remainder(remainder: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return on which signals the unexplained residual depends, as the verdict lists it.
-
-    Parameters
-    ----------
-    remainder : DataFrame
-        Table `remainder`.
-    """
-    kept = ["channel", "muscle", "share", "low", "high", "hint", "hint_share"]
-    return [
-        {
-            "inputs": str(row["inputs"]).split(", ") if row["inputs"] else [],
-            **{name: _plain(row[name]) if row["hint"] or "hint" not in name else None for name in kept},
-        }
-        for row in remainder.to_dict("records")
-    ]
-
-
 def list_candidates(ranking: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the candidates of the first round as the verdict lists them.
+    """Return the candidates of the first round of the table `ranking`, as the verdict lists them."""
+    return _list_rows(ranking[ranking["round"] == 1], ["name", "probability", "heldout_gap", "absorbed"])
 
-    Parameters
-    ----------
-    ranking : DataFrame
-        Table `ranking`.
-    """
-    first = ranking[ranking["round"] == 1]
-    return [
-        {
-            "name": str(row["name"]),
-            "probability": float(row["probability"]),
-            "heldout_gap": float(row["heldout_gap"]),
-            "absorbed": bool(row["absorbed"]),
-        }
-        for row in first.to_dict("records")
-    ]
+
+def _list_rows(rows: pd.DataFrame, kept: list[str]) -> list[dict[str, Any]]:
+    return [{str(name): value for name, value in row.items()} for row in rows[kept].to_dict("records")]
 
 
 def locate_most(
@@ -102,31 +72,22 @@ def locate_most(
 ) -> list[dict[str, Any]]:
     """Return for each channel with a gap that matters the regime in which the gap is most concentrated.
 
-    Parameters
-    ----------
-    gap : DataFrame
-        Regimes with shares of the gap and of time.
-    channels : DataFrame
-        Unit and gap over floor of each channel.
-    named : DataFrame
-        Table `named_effects`; where one is, it matters, however large.
-    settings : DiscrepancySettings
-        Smallest gap over the floor, significance level and number of rows.
+    The tables are `gap`, `channels` and `named_effects`; where an effect is named, a gap matters, however small.
     """
-    smallest_gap = settings.search.smallest_gap
-    rows = gap.merge(channels[["channel", "muscle", "unit", "gap_over_floor"]], on=["channel", "muscle"])
+    place = ["channel", "muscle"]
+    rows = gap.merge(channels[[*place, "unit", "gap_over_floor"]], on=place)
     carried = set(zip(named["channel"], named["muscle"], strict=True))
-    matters = [over > smallest_gap or (c, m) in carried for c, m, over in rows[[*PLACE, "gap_over_floor"]].to_numpy()]
-    rows = rows[np.array(matters, dtype=bool) & (rows["regime"] != "everywhere")]
+    shown = np.array([each in carried for each in zip(rows["channel"], rows["muscle"], strict=True)], dtype=bool)
+    rows = rows[(shown | (rows["gap_over_floor"] > settings.search.smallest_gap)) & (rows["regime"] != "everywhere")]
     rows = rows[~rows["regime"].str.contains("Hz") & (rows["share_of_time"] > 0.0)]
     if rows.empty:
         return []
     dense = rows["share_of_gap"].clip(lower=0.0) * (rows["share_of_gap"] / rows["share_of_time"])
     rows = rows.assign(dense=dense.where(rows["p_adjusted"] <= settings.significance, dense * 1e-3))
-    best = rows.sort_values("dense", ascending=False).groupby(["channel", "muscle"], sort=False).head(1)
+    best = rows.sort_values("dense", ascending=False).groupby(place, sort=False).head(1)
     best = best.sort_values("gap_over_floor", ascending=False).head(settings.report.most_places)
-    kept = ["channel", "muscle", "unit", "regime", "share_of_gap", "share_of_time", "largest", "p_value", "p_adjusted"]
-    return [{str(name): _plain(value) for name, value in row.items()} for row in best[kept].to_dict("records")]
+    kept = [*place, "unit", "regime", "share_of_gap", "share_of_time", "largest", "p_value", "p_adjusted"]
+    return _list_rows(best, kept)
 
 
 def reproduce_effects(named: pd.DataFrame, driven: pd.DataFrame, settings: DiscrepancySettings) -> pd.DataFrame:
@@ -135,17 +96,12 @@ def reproduce_effects(named: pd.DataFrame, driven: pd.DataFrame, settings: Discr
     Parameters
     ----------
     named : DataFrame
-        Table `named_effects`.
+        Table `named_effects`; columns ``gap_before``, ``gap_after``, ``p_step`` and ``reproduced`` are added.
     driven : DataFrame
         Rows of the table `verification`, by step.
     settings : DiscrepancySettings
         Significance level of the fall from the step before; with so few trials that none could be less, the least
         p-value that there can be.
-
-    Returns
-    -------
-    DataFrame
-        With columns ``gap_before``, ``gap_after``, ``p_step`` and ``reproduced`` too.
     """
     gap, p_step = driven["gap"].to_numpy(), driven["p_step"].to_numpy()
     order = named["order"].to_numpy(dtype=int)
@@ -156,13 +112,7 @@ def reproduce_effects(named: pd.DataFrame, driven: pd.DataFrame, settings: Discr
 
 
 def list_suspected(suspected: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the effects that the search added and the decision took out, as the verdict lists them.
-
-    Parameters
-    ----------
-    suspected : DataFrame
-        Table `suspected_effects`.
-    """
+    """Return the effects that the search added and the decision took out, as the verdict lists them."""
     return [
         {
             "name": str(rows["name"].iloc[0]),
@@ -176,16 +126,9 @@ def list_suspected(suspected: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return each added effect with its muscles and parameters: the mean over muscles, and each muscle's own.
+    """Return each effect of `reproduce_effects` with its muscles and parameters, from the table `amended_values`.
 
-    The mean is over muscles that carry the commonest form, as forms differ in their parameters.
-
-    Parameters
-    ----------
-    named : DataFrame
-        Table `named_effects`, from `reproduce_effects`.
-    values : DataFrame
-        Table `amended_values`.
+    Parameters are told for each muscle, and as means over those that carry the commonest form.
     """
     effects = []
     for _, rows in named.groupby("order", sort=True):
@@ -219,7 +162,3 @@ def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str
 
 def _interval(row: Any) -> dict[str, float]:
     return {name: float(row[name]) for name in ("value", "low", "high")}
-
-
-def _plain(value: Any) -> Any:
-    return value if isinstance(value, str) else float(value)

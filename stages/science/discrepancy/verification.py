@@ -29,40 +29,17 @@ DRIVEN = "measured upstream"
 
 @dataclass(frozen=True)
 class Verified:
-    """One output on all trials.
+    """One output on all trials, simulated after each number of additions, (T, K) each.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        With all trials.
-    steps : list of (T, K) ndarray
-        Simulated from measured upstream signals, after each number of additions.
-    free : list of (T, K) ndarray
-        Simulated from the command and the joint's motion alone; empty where nothing measured is upstream.
-    floor : (K,) ndarray
-        Sum of squares that a flexible model beside the last one leaves, by trial.
+    `steps` are simulated from measured upstream signals; `free` from the command and the joint's motion alone, empty
+    where nothing measured is upstream. `floor`, (K,), is the sum of squares, over the range squared, that a flexible
+    model beside the last one leaves of each trial.
     """
 
     output: OutputChannel
     steps: list[Array]
     free: list[Array]
     floor: Array
-
-    def over_std(self, squares: Array, trials: Sequence[int]) -> float:
-        """Return the gap in some trials over the standard deviation of what was measured in them.
-
-        Parameters
-        ----------
-        squares : (K,) ndarray
-            As `squares` returns them.
-        trials : sequence of int
-            Positions.
-        """
-        chosen = list(trials)
-        measured = self.output.measured[:, chosen][self.output.present[:, chosen]]
-        if not measured.size or measured.std() == 0.0:
-            return np.nan
-        return float(np.sqrt(squares[chosen].sum() / measured.size) * self.output.range / measured.std())
 
     def squares(self, simulated: Array) -> Array:
         """Return each trial's sum of squares over the range squared."""
@@ -78,17 +55,7 @@ def select_judged(found: SearchTables, verified: Sequence[Verified]) -> list[Ver
 
 
 def verify(outputs: Sequence[OutputChannel], fitted: Sequence[int], found: SearchTables) -> list[Verified]:
-    """Simulate every output channel after each addition.
-
-    Parameters
-    ----------
-    outputs : sequence of OutputChannel
-        With all trials.
-    fitted : sequence of int
-        Positions of the fitted trials.
-    found : SearchTables
-        Noise, and values after each addition.
-    """
+    """Simulate every output channel, with all trials, after each addition; `fitted` are positions of trials."""
     learnt = np.isin(np.arange(outputs[0].trials), list(fitted))
     pressures: dict[tuple[str, int], Array] = {}
     verified = []
@@ -122,7 +89,7 @@ def find_test_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> 
     return floor
 
 
-def pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> Array:
+def _pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> Array:
     """Return each trial's gap, RMSE over range, root mean square over outputs with data in it, (K,) ndarray."""
     counts = np.stack([each.output.present.sum(axis=0) for each in found])[:, list(trials)]
     mean = np.stack(squares)[:, list(trials)] / np.maximum(counts, 1)
@@ -138,7 +105,7 @@ def compare_steps(
     settings: DiscrepancySettings,
     draw: Callable[..., np.random.Generator],
 ) -> list[dict[str, Any]]:
-    """Return the gap of some trials before and after each addition, and the noise floor.
+    """Return the gap of some trials before and after each addition, and the noise floor: rows of `verification`.
 
     Parameters
     ----------
@@ -146,35 +113,43 @@ def compare_steps(
         Outputs that count.
     labels : sequence of str
         Of the steps.
-    part : str
-        What the trials are for.
-    trials : sequence of int
-        Positions.
+    part, trials : str and sequence of int
+        What the trials are for, and their positions.
     settings : DiscrepancySettings
         Number of resamplings, and level of the intervals.
     draw : callable
         Returns the generator of a purpose and a part: to resample trials, and for the exact test of many.
     """
     rows: list[dict[str, Any]] = []
-    weights, level = resample(len(trials), settings.bootstraps, draw("resample", part)), settings.level
+    weights = resample(len(trials), settings.bootstraps, draw("resample", part))
     generator = draw("signs", part)
-    kinds = (DRIVEN, "free run") if any(each.free for each in found) else (DRIVEN,)
-    for kind in kinds:
-        first: Array | None = None
-        before: Array | None = None
-        for step, label in enumerate(labels):
-            chosen = [each.squares((each.steps if kind == DRIVEN else each.free)[step]) for each in found]
-            gaps = pool(found, chosen, trials)
-            first = gaps if first is None else first
-            rows.append(_row(kind, step, label, gaps, (first, before), weights, level, generator))
-            rows[-1]["gap_over_std"] = _pool_over_std(found, chosen, trials)
-            before = gaps
+    for kind in (DRIVEN, "free run") if any(each.free for each in found) else (DRIVEN,):
+        simulated = [each.steps if kind == DRIVEN else each.free for each in found]
+        squares = [
+            [each.squares(own[step]) for each, own in zip(found, simulated, strict=True)] for step in range(len(labels))
+        ]
         if kind == DRIVEN:
-            least = [each.floor for each in found]
-            floor = pool(found, least, trials)
-            rows.append(_row(kind, len(labels), "noise floor", floor, (first, before), weights, level, generator))
-            rows[-1]["gap_over_std"] = _pool_over_std(found, least, trials)
-    return [{"part": part, **row} for row in rows]
+            squares.append([each.floor for each in found])
+        gaps = [_pool(found, each, trials) for each in squares]
+        for step, (gap, label) in enumerate(zip(gaps, [*labels, "noise floor"], strict=False)):
+            low, high = find_interval(np.sqrt(weights @ gap**2 / len(trials)), settings.level)
+            falls = (gaps[0] - gap)[:, None], (gaps[max(step - 1, 0)] - gap)[:, None]
+            rows.append(
+                {
+                    "part": part,
+                    "simulation": kind,
+                    "step": step,
+                    "label": label,
+                    "trials": len(trials),
+                    "gap": float(np.sqrt(np.mean(gap**2))),
+                    "low": float(low),
+                    "high": float(high),
+                    "p_value": float(compare_signs(falls[0], generator, two_sided=True)[0]) if step else 1.0,
+                    "p_step": float(compare_signs(falls[1], generator)[0]) if step else 1.0,
+                    "gap_over_std": _pool_over_std(found, squares[step], trials),
+                }
+            )
+    return rows
 
 
 def bound_ratio(
@@ -184,27 +159,16 @@ def bound_ratio(
     settings: DiscrepancySettings,
     generator: np.random.Generator,
 ) -> dict[str, float]:
-    """Return the gap over the noise floor in the channel where it is largest, with one-sided limits over trials.
+    """Return the gap of test trials over the noise floor in the channel where it is largest, after some additions.
 
-    Parameters
-    ----------
-    found : sequence of Verified
-        All outputs.
-    step : int
-        Effects added.
-    trials : sequence of int
-        Positions of the test trials.
-    settings : DiscrepancySettings
-        Number of resamplings, and level of each limit.
-    generator : numpy.random.Generator
-        Resamples trials.
+    Its limits ``low`` and ``high`` are one-sided, each of the configured level, over resampled trials.
     """
     ratios, level = [], settings.level
     weights = resample(len(trials), settings.bootstraps, generator)
     for channel in dict.fromkeys(each.output.channel for each in found):
         outputs = [each for each in found if each.output.channel == channel]
-        gap = pool(outputs, [each.squares(each.steps[step]) for each in outputs], trials) ** 2
-        floor = np.maximum(pool(outputs, [each.floor for each in outputs], trials) ** 2, 1e-300)
+        gap = _pool(outputs, [each.squares(each.steps[step]) for each in outputs], trials) ** 2
+        floor = np.maximum(_pool(outputs, [each.floor for each in outputs], trials) ** 2, 1e-300)
         drawn = np.sqrt((weights @ gap) / (weights @ floor))
         low, high = np.quantile(drawn, [1.0 - level, level])
         ratios.append({"value": float(np.sqrt(gap.sum() / floor.sum())), "low": float(low), "high": float(high)})
@@ -212,66 +176,53 @@ def bound_ratio(
 
 
 def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> float:
-    each = [one.over_std(own, trials) for one, own in zip(found, squares, strict=True)]
-    known = [value for value in each if np.isfinite(value)]
+    """Return the gap over what was measured, in its standard deviations; root mean square over outputs that vary."""
+    chosen, known = list(trials), []
+    for each, own in zip(found, squares, strict=True):
+        measured = each.output.measured[:, chosen][each.output.present[:, chosen]]
+        if measured.size and measured.std() != 0.0:
+            ratio = float(np.sqrt(own[chosen].sum() / measured.size) * each.output.range / measured.std())
+            known += [ratio] if np.isfinite(ratio) else []
     return float(np.sqrt(np.mean(np.square(known)))) if known else np.nan
 
 
-def _row(
-    kind: str,
-    step: int,
-    label: str,
-    gaps: Array,
-    earlier: tuple[Any, Any],
-    weights: Array,
-    level: float,
-    generator: Any,
-) -> dict[str, Any]:
-    trials, (first, before) = len(gaps), earlier
-    drawn = np.sqrt(weights @ gaps**2 / trials)
-    low, high = find_interval(drawn, level)
-    return {
-        "simulation": kind,
-        "step": step,
-        "label": label,
-        "trials": trials,
-        "gap": float(np.sqrt(np.mean(gaps**2))),
-        "low": float(low),
-        "high": float(high),
-        "p_value": float(compare_signs((first - gaps)[:, None], generator, two_sided=True)[0]) if step else 1.0,
-        "p_step": float(compare_signs((before - gaps)[:, None], generator)[0]) if step else 1.0,
-    }
-
-
 def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int) -> pd.DataFrame:
-    """Return every sample as measured and as simulated before and after, one row per trial, time, muscle, channel.
-
-    Parameters
-    ----------
-    found : sequence of Verified
-        Output channels.
-    dataset : Dataset
-        Says which trials there are, and what for.
-    last : int
-        Number of additions after which a sample is simulated.
-    """
+    """Return every sample as measured, and as simulated before and after the `last` addition: `predictions`."""
     frames = []
     for each in found:
         output = each.output
-        for place, (trial, part) in enumerate(zip(dataset.trials, dataset.parts, strict=True)):
-            rows = output.present[:, place]
-            frames.append(
-                pd.DataFrame(
-                    {
-                        "trial": trial,
-                        "part": part,
-                        "time_s": np.flatnonzero(rows) * output.step_s,
-                        "muscle": output.element,
-                        "channel": output.channel,
-                        "measured": output.measured[rows, place],
-                        "before": each.steps[0][rows, place],
-                        "after": each.steps[last][rows, place],
-                    }
-                )
-            )
+        place, sample = np.nonzero(output.present.T)
+        rows = {
+            "trial": np.array(dataset.trials)[place],
+            "part": np.array(dataset.parts, dtype=object)[place],
+            "time_s": sample * output.step_s,
+            "muscle": output.element,
+            "channel": output.channel,
+            "measured": output.measured[sample, place],
+            "before": each.steps[0][sample, place],
+            "after": each.steps[last][sample, place],
+        }
+        frames.append(pd.DataFrame(rows))
     return pd.concat(frames, ignore_index=True)
+
+
+def find_odd_trials(predictions: pd.DataFrame, least_ratio: float) -> pd.DataFrame:
+    """Return the trials whose error is many times the usual one, as after a loose cable.
+
+    Parameters
+    ----------
+    predictions : DataFrame
+        From `list_predictions`.
+    least_ratio : float
+        Error of a trial over the median of its channel's trials, above which it is odd.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``channel muscle trial ratio``: error over the median over the channel's trials; the worst first.
+    """
+    square = (predictions["measured"] - predictions["after"]) ** 2
+    by_trial = square.groupby([predictions[name] for name in ("channel", "muscle", "trial")]).mean() ** 0.5
+    usual = by_trial.groupby(["channel", "muscle"]).transform("median")
+    ratio = (by_trial / usual.where(usual > 0.0)).rename("ratio").reset_index()
+    return ratio[ratio["ratio"] > least_ratio].sort_values("ratio", ascending=False).reset_index(drop=True)

@@ -3,10 +3,9 @@
 import numpy as np
 import yaml
 
-from stages.science.discrepancy.description_settings import DescriptionSettings
 from stages.science.discrepancy.fitted_channel import prepare
 from stages.science.discrepancy.search import search
-from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
 from tests.science.plant.machines import CONF
 
 STATED = yaml.safe_load((CONF / "discrepancy" / "default.yaml").read_text())

@@ -1,7 +1,5 @@
 """Measured sessions with something wrong with them: short ones of the hidden rig, spoilt in one way each."""
 
-import json
-
 import numpy as np
 import pandas as pd
 
@@ -19,14 +17,6 @@ def record_session(effects=(), trials=6, seconds=1.2, muscles=TWO, seed=11, magn
     return samples.reset_index(drop=True), {**made.meta, "muscles": told}
 
 
-def write_session(folder, samples, meta):
-    """Write a measured folder and return it."""
-    folder.mkdir(parents=True)
-    samples.to_parquet(folder / "samples.parquet")
-    (folder / "meta.json").write_text(json.dumps(meta))
-    return folder
-
-
 def lose_stretches(samples):
     """Stretches without force, pressure or contraction, other ones in each trial."""
     spoilt = samples.copy()
@@ -34,13 +24,6 @@ def lose_stretches(samples):
         first = start + 0.02 * spoilt["trial"]
         spoilt.loc[spoilt["time_s"].between(first, first + 0.15), signal] = np.nan
     return spoilt
-
-
-def silence_muscle(samples):
-    """One muscle's sensors recorded nothing."""
-    return samples.assign(
-        **{name: samples[name].where(samples["muscle"] != "pam2") for name in ("force_n", "pressure_kpa")}
-    )
 
 
 def hold_pressure(samples):
@@ -53,19 +36,11 @@ def hold_pressure(samples):
     )
 
 
-def spoil_trial(samples):
-    """In one trial the load cell was loose."""
-    wild = samples["trial"] == 1
-    noise = np.random.default_rng(5).normal(0.0, 300.0, len(samples))
-    return samples.assign(force_n=samples["force_n"].where(~wild, 2.5 * samples["force_n"] + noise))
-
-
 def resample(samples, rate_hz):
     """The same session by a slower or quicker recorder: straight lines between samples."""
-    frames = []
-    for (trial, muscle), rows in samples.groupby(["trial", "muscle"]):
+    frames, key = [], ["trial", "muscle"]
+    for (trial, muscle), rows in samples.groupby(key):
         time_s = np.arange(0.0, rows["time_s"].max(), 1.0 / rate_hz)
-        signals = rows.columns.difference(["trial", "muscle", "time_s"])
-        made = {name: np.interp(time_s, rows["time_s"], rows[name]) for name in signals}
-        frames.append(pd.DataFrame({"trial": trial, "muscle": muscle, "time_s": time_s, **made}))
+        made = {name: np.interp(time_s, rows["time_s"], rows[name]) for name in rows.columns.difference(key)}
+        frames.append(pd.DataFrame({**made, "trial": trial, "muscle": muscle, "time_s": time_s}))
     return pd.concat(frames, ignore_index=True)

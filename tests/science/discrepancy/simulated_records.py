@@ -2,12 +2,19 @@
 
 import numpy as np
 import pandas as pd
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from scipy.integrate import solve_ivp
 
 from stages.science.output_channels.whole_record_channel import build_whole_records
+from stages.science.plant.machines.second_order import Oscillator
 from tests.science.discrepancy.searches import DISCREPANCY
+from tests.science.plant.machines import CONF
 
 FINE = 20
 """Steps within a sample."""
+RATE_HZ, OMEGA = 610.3515625, 2 * np.pi * 68.0
+NOISE_V, WANDER_V = 0.0005, 0.0005
 
 
 def build_records(signals, trials, plant):
@@ -42,6 +49,22 @@ def drive(seed, coulomb=0.0, viscous=0.0, held=False, noise=2e-5, samples=3000, 
     return {"force_n": force, "position_m": position + noise * generator.standard_normal(samples)}, step_s
 
 
+def at(signal, k, i):
+    """A signal some fine steps after a sample, on the straight line to the next."""
+    return signal[k] + i / FINE * (signal[min(k + 1, len(signal) - 1)] - signal[k])
+
+
+def integrate(pull, samples, step_s):
+    """The places of what starts at rest and is accelerated by `pull(k, i, x, v)`."""
+    places, x, v = np.empty(samples), 0.0, 0.0
+    for k in range(samples):
+        places[k] = x
+        for i in range(FINE):
+            v += step_s / FINE * pull(k, i, x, v)
+            x += step_s / FINE * v
+    return places
+
+
 def lag(seed, asymmetry=0.0, fastest=np.inf, noise=0.3, samples=3000, step_s=0.02):
     """A chamber of 100 kPa per V and 20 kPa at rest that fills in 0.35 s; `fastest` in V/s."""
     generator = np.random.default_rng(seed)
@@ -51,8 +74,7 @@ def lag(seed, asymmetry=0.0, fastest=np.inf, noise=0.3, samples=3000, step_s=0.0
     for k in range(samples):
         level[k] = x
         for i in range(FINE):
-            wanted = command[k] + i / FINE * (command[min(k + 1, samples - 1)] - command[k])
-            rate = (wanted - x) / 0.35
+            rate = (at(command, k, i) - x) / 0.35
             rate *= 1.0 + asymmetry if rate > 0.0 else 1.0 / (1.0 + asymmetry)
             x += step_s / FINE * min(max(rate, -fastest), fastest)
     pressure = 100.0 * level + 20.0 + noise * generator.standard_normal(samples)
@@ -64,17 +86,12 @@ def joint(seed, coulomb=0.0, noise=5e-4, samples=3000, step_s=0.01):
     generator = np.random.default_rng(seed)
     differ, both = 60.0 * wander(generator, samples, 120), 30.0 * wander(generator, samples, 400)
     raising, lowering = 200.0 + differ + both, 200.0 - differ + both
-    angle, x, v = np.empty(samples), 0.0, 0.0
-    for k in range(samples):
-        angle[k] = x
-        after = min(k + 1, samples - 1)
-        for i in range(FINE):
-            up = raising[k] + i / FINE * (raising[after] - raising[k])
-            down = lowering[k] + i / FINE * (lowering[after] - lowering[k])
-            turned = 0.5 * (up - down) + 1.0 - (20.0 + 0.1 * (up + down)) * x - 4.0 * v - coulomb * rub(v, 1e-2)
-            v += step_s / FINE * turned
-            x += step_s / FINE * v
-    angle += noise * generator.standard_normal(samples)
+
+    def turn(k, i, x, v):
+        up, down = at(raising, k, i), at(lowering, k, i)
+        return 0.5 * (up - down) + 1.0 - (20.0 + 0.1 * (up + down)) * x - 4.0 * v - coulomb * rub(v, 1e-2)
+
+    angle = integrate(turn, samples, step_s) + noise * generator.standard_normal(samples)
     return {"pressure_1_kpa": raising, "pressure_2_kpa": lowering, "angle_rad": angle}, step_s
 
 
@@ -82,14 +99,7 @@ def pendulum(seed, noise=2e-3, samples=1600, step_s=0.02):
     """A pendulum of 5 rad/s that is pushed up to some 70 degrees, all over its inertia."""
     generator = np.random.default_rng(seed)
     pushed = 5.0 * wander(generator, samples, 40)
-    angle, x, v = np.empty(samples), 0.0, 0.0
-    for k in range(samples):
-        angle[k] = x
-        after = min(k + 1, samples - 1)
-        for i in range(FINE):
-            push = pushed[k] + i / FINE * (pushed[after] - pushed[k])
-            v += step_s / FINE * (push - 25.0 * np.sin(x) - 0.8 * v)
-            x += step_s / FINE * v
+    angle = integrate(lambda k, i, x, v: at(pushed, k, i) - 25.0 * np.sin(x) - 0.8 * v, samples, step_s)
     return {"drive_v": pushed, "response_v": angle + noise * generator.standard_normal(samples)}, step_s
 
 
@@ -116,3 +126,38 @@ def tabulate(signals, step_s=0.02, record="a", blocks=16):
     size = len(time) // blocks
     starts = np.arange(blocks) * size * step_s
     return pd.concat(rows, ignore_index=True), pd.DataFrame({"record": record, "start_s": starts, "samples": size})
+
+
+def configured(name):
+    """The oscillator that `plant=...` describes."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return Oscillator(**OmegaConf.to_container(compose(overrides=[f"+plant={name}"]))["plant"])
+
+
+def shake(generator, force, records=12, samples=1000):
+    """Records of band-limited random motion; `force` (x, w) opposes it beside spring and damper, in spring units.
+
+    Returns signals and blocks as the workflow reads them.
+    """
+    instants = np.arange(samples) / RATE_HZ
+    lines = np.arange(2, 160) * 1.2
+    phase = generator.uniform(0, 2 * np.pi, (len(lines), records))
+
+    def drive(now):
+        return 0.022 * np.sqrt(2 / len(lines)) * np.sin(2 * np.pi * lines[:, None] * now + phase).sum(axis=0)
+
+    def rates(now, state):
+        x, w = state.reshape(2, records)
+        return np.concatenate([OMEGA * w, OMEGA * (drive(now) - x - 0.1 * w - force(x, w))])
+
+    solved = solve_ivp(rates, (0, instants[-1]), np.zeros(2 * records), t_eval=instants, rtol=1e-6, atol=1e-8)
+    motion = solved.y[:records].T + NOISE_V * generator.standard_normal((samples, records))
+    motion += WANDER_V * np.sin(2 * np.pi * 0.4 * instants[:, None] + generator.uniform(0, 6, records))
+    driven = np.array([drive(now) for now in instants])
+    signals, blocks = [], []
+    first = round(0.5 * RATE_HZ)
+    for k in range(records):
+        told = {"drive_v": driven[:, k], "response_v": motion[:, k]}
+        signals.append(tabulate(told, 1.0 / RATE_HZ, f"record {k}")[0])
+        blocks.append({"record": f"record {k}", "start_s": first / RATE_HZ, "samples": samples - first})
+    return pd.concat(signals, ignore_index=True), pd.DataFrame(blocks)

@@ -46,13 +46,10 @@ def sum_hypotheses(power):
             for channel in offering:
                 places = [p for p in ALONE.forms[name, forms[0]] if CHANNELS[p] == channel]
                 for chosen in list_sets(places):
-                    likelihood = 1.0
-                    for place in range(3):
-                        if place in chosen:
-                            each = [np.exp(power * scores[place].forms[name, form][place]) for form in forms]
-                            likelihood *= np.mean(each)
-                        else:
-                            likelihood *= np.exp(power * base[place])
+                    likelihood = np.exp(power * sum(base[place] for place in range(3) if place not in chosen))
+                    for place in chosen:
+                        each = [np.exp(power * scores[place].forms[name, form][place]) for form in forms]
+                        likelihood *= np.mean(each)
                     share = 1.0 / len(offering) / len(places) / comb(len(places), len(chosen))
                     weights[name] += PRIORS[name] * prior * share * likelihood
     total = sum(weights.values())
@@ -83,11 +80,8 @@ def test_what_is_not_worth_it_has_no_probability_and_the_rest_share_it():
 
 
 def test_the_outputs_that_carry_a_name_are_told():
-    gains = {0: 8.0, 1: -6.0}
-    scores = Beside(np.zeros(3), {("wave", "only"): gains})
+    scores = Beside(np.zeros(3), {("wave", "only"): {0: 8.0, 1: -6.0}})
     said = weigh_names(scores, scores, CHANNELS, {"none": 0.5, "static_map": 1e-9, "wave": 0.5}, 1e3, always)
-    first, second = np.exp(8.0), np.exp(-6.0)
-    total = 0.25 * first + 0.25 * second + 0.5 * first * second
-    both = 0.5 * first * second
-    expected = [(0.25 * first + both) / total, (0.25 * second + both) / total, 0.0]
+    first, second, both = 0.25 * np.exp(8.0), 0.25 * np.exp(-6.0), 0.5 * np.exp(2.0)
+    expected = np.array([first + both, second + both, 0.0]) / (first + second + both)
     np.testing.assert_allclose(said.carries["wave"], expected, rtol=1e-9)

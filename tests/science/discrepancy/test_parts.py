@@ -1,13 +1,16 @@
-"""Which trials are fitted, opened and only reported."""
+"""Which trials are fitted, opened and only reported; what a shorter one lacks counts for nothing."""
 
 import numpy as np
 import pandas as pd
 import pytest
-from pydantic import ValidationError
 
+from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.parts import Parts, assign_parts, leave_gaps
 from stages.science.discrepancy.settings import choose_verification
-from tests.science.discrepancy.simulated_records import build_records
+from stages.science.recording.datasets import tabulate_session
+from tests.science.discrepancy.searches import DISCREPANCY
+from tests.science.discrepancy.sessions import record_session
+from tests.science.discrepancy.simulated_records import build_records, tabulate
 from tests.science.plant.machines import read_plant
 
 GIVEN = ["estimation"] * 8 + ["validation"] * 3 + ["arrow"] * 2
@@ -18,75 +21,57 @@ def choose(fitted=None, verification=None, last_share=None):
 
 
 @pytest.mark.parametrize(
-    ("names", "estimation", "validation", "arrow"),
+    ("names", "purposes"),
     [
-        ({"fitted": ["estimation"]}, "ffvffvfv", "ooo", "oo"),
-        ({"fitted": ["estimation"], "verification": ["validation"]}, "ffffffff", "vvv", "oo"),
-        ({"fitted": ["estimation"], "last_share": 0.4}, "fffffvvv", "ooo", "oo"),
-        ({"verification": ["arrow"]}, "ffffffff", "fff", "vv"),
+        ({"fitted": ["estimation"]}, "ffvffvfv ooo oo"),
+        ({"fitted": ["estimation"], "verification": ["validation"]}, "ffffffff vvv oo"),
+        ({"fitted": ["estimation"], "last_share": 0.4}, "fffffvvv ooo oo"),
+        ({"verification": ["arrow"]}, "ffffffff fff vv"),
     ],
     ids=["a share of the fitted part", "a named part", "the last of the fitted part", "all but a named part"],
 )
-def test_trials_are_opened_within_the_fitted_part_or_in_a_named_one(names, estimation, validation, arrow):
+def test_trials_are_opened_within_the_fitted_part_or_in_a_named_one(names, purposes):
     found = "".join(purpose[0] for purpose in assign_parts(GIVEN, choose(**names), 0.375))
-    assert (found[:8], found[8:11], found[11:]) == (estimation, validation, arrow)
+    assert found == purposes.replace(" ", "")
 
 
 def test_without_names_a_share_of_all_trials_is_opened_and_at_least_one():
     purposes = assign_parts(GIVEN, choose(), 0.375)
-    assert purposes.count("verification") == 4
-    assert purposes.count("fitted") == 9
+    assert (purposes.count("verification"), purposes.count("fitted")) == (4, 9)
     assert assign_parts(GIVEN, choose(last_share=0.01), 0.375).count("verification") == 1
-
-
-@pytest.mark.parametrize(
-    ("fitted", "verification", "told"),
-    [
-        (["estimatoin"], None, "no part 'estimatoin' was recorded; did you mean 'estimation'"),
-        (["arrow"], None, "at least 3 trials"),
-        (None, ["estimation", "validation", "arrow"], "at least 2 trials to fit, got 0"),
-    ],
-)
-def test_impossible_parts_are_refused(fitted, verification, told):
-    with pytest.raises(ValueError, match=told):
-        assign_parts(GIVEN, choose(fitted=fitted, verification=verification), 0.375)
 
 
 @pytest.mark.parametrize(
     ("names", "told"),
     [
+        ({"fitted": ["estimatoin"]}, "no part 'estimatoin' was recorded; did you mean 'estimation'"),
+        ({"fitted": ["arrow"]}, "at least 3 trials"),
+        ({"verification": ["estimation", "validation", "arrow"]}, "at least 2 trials to fit, got 0"),
         ({"fitted": ["arrow"], "verification": ["arrow", "validation"]}, "got arrow in both"),
         ({"verification": ["arrow"], "last_share": 0.4}, "verification or last_share, got both"),
     ],
 )
-def test_a_part_serves_for_one_purpose(names, told):
-    with pytest.raises(ValidationError, match=told):
-        choose(**names)
+def test_impossible_parts_are_refused(names, told):
+    with pytest.raises(ValueError, match=told):
+        assign_parts(GIVEN, choose(**names), 0.375)
 
 
-def opened(parts, records, **names):
-    purposes = assign_parts(parts, choose(**names), 0.375, records)
+def opened(parts, records):
+    purposes = assign_parts(parts, choose(), 0.375, records)
     return [k for k, purpose in enumerate(purposes) if purpose == "verification"]
 
 
-def test_whole_records_are_opened_where_a_part_has_enough_of_them():
-    records = [name for name in "abcdef" for _ in range(3)]
-    assert {records[k] for k in opened(["given"] * 18, records)} == {"c", "f"}
-
-
-@pytest.mark.parametrize(("count", "kept"), [(3, 1), (4, 2), (5, 2), (8, 3), (16, 6)])
-def test_the_nearest_number_of_records_to_the_share_is_opened(count, kept):
+@pytest.mark.parametrize(("count", "kept"), [(3, 1), (4, 2), (5, 2), (6, 2), (8, 3), (16, 6)])
+def test_whole_records_are_opened_the_nearest_number_to_the_share(count, kept):
     records = [f"r{k}" for k in range(count) for _ in range(2)]
     found = opened(["given"] * len(records), records)
     assert len({records[k] for k in found}) == kept
     assert len(found) == 2 * kept
+    assert count != 6 or {records[k] for k in found} == {"r2", "r5"}
 
 
-def test_two_records_are_too_few_and_their_blocks_are_opened():
-    records = ["a"] * 8 + ["b"] * 8
-    found = opened(["given"] * 16, records)
-    assert len(found) == 6
-    assert {records[k] for k in found} == {"a", "b"}
+def test_two_records_are_too_few_and_blocks_of_both_are_opened():
+    assert opened(["given"] * 16, ["a"] * 8 + ["b"] * 8) == opened(["given"] * 16, [])
 
 
 @pytest.mark.parametrize("parts", [["noise"] * 8 + ["steps"] * 8 + ["sweep"] * 8, ["given"] * 24])
@@ -112,12 +97,10 @@ def test_a_gap_is_not_judged_and_nothing_else_is_lost(machine):
     swing = machine == "second_order"
     plant = read_plant(machine, **({} if swing else {"time_scale_s": 1.0}))
     names = ("drive_v", "response_v") if swing else ("position_m", "force_n")
-    time = np.arange(200) * 0.1
-    told = {name: np.sin(time + k) for k, name in enumerate(names)}
-    rows = [pd.DataFrame({"record": "a", "time_s": time, "signal": n, "value": v}) for n, v in told.items()]
+    rows, _ = tabulate({name: np.sin(np.arange(200) * 0.1 + k) for k, name in enumerate(names)}, 0.1)
     trials = make_blocks()
     gaps = leave_gaps(trials, ["fitted", "verification", "fitted", "fitted"], 0.1)
-    whole, cut = (build_records(pd.concat(rows), each, plant) for each in (trials, trials.join(gaps)))
+    whole, cut = (build_records(rows, each, plant) for each in (trials, trials.join(gaps)))
     assert (whole.present & ~cut.present).sum(axis=0).tolist() == [5, 0, 5, 0]
     assert not cut.present[45:, 0].any()
     assert not cut.present[:5, 2].any()
@@ -130,3 +113,14 @@ def test_a_gap_is_not_judged_and_nothing_else_is_lost(machine):
 )
 def test_verification_trials_are_spread_evenly_at_least_the_last_and_two_are_left_to_fit(trials, share, chosen):
     assert choose_verification(trials, share) == chosen
+
+
+def test_a_shorter_trial_shortens_no_other():
+    samples, meta = record_session(trials=6, seconds=0.6, muscles=("pam1",))
+    samples = samples[(samples["trial"] != 2) | (samples["time_s"] < 0.4)]
+    rows = samples.groupby("trial").size()
+    assert rows[2] < rows[1]
+    for output in build_muscle_channels(tabulate_session(samples, meta, "short"), DISCREPANCY):
+        np.testing.assert_array_equal(output.present.sum(axis=0), rows)
+        own = samples.pivot(index="time_s", columns="trial", values=output.channel)
+        np.testing.assert_allclose(output.measured[output.present], own.to_numpy()[output.present])

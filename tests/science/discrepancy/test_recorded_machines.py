@@ -44,52 +44,37 @@ PARTS = ["parts.fitted=[est]", "parts.verification=[val]"]
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason=f"recorded data of others are needed at {DATA}")
 
 
-def run(pamid, tmp_path, path, *more):
+def run(pamid, path, *more):
     """Run the workflow; return names with probabilities, status, and RMSE/std before and after where not fitted."""
-    result = pamid(
-        "workflow=discrepancy",
-        "measurement=records",
-        f"measured={path}",
-        "columns.time_s=t",
-        "figures=[]",
-        *MAPS[path],
-        *more,
-    )
+    given = ("workflow=discrepancy", "measurement=records", f"measured={path}", "columns.time_s=t", "figures=[]")
+    result = pamid(*given, *MAPS[path], *more)
     assert result.returncode == 0, result.stderr
-    verdict = json.loads(next(tmp_path.glob("outputs/runs/*/verdict.json")).read_text())
-    table = pd.read_parquet(next(tmp_path.glob("outputs/runs/*/tables/verification.parquet")))
+    verdict = json.loads((pamid.runs[0] / "verdict.json").read_text())
+    table = pd.read_parquet(pamid.runs[0] / "tables" / "verification.parquet")
     opened = table[(table["part"] == "verification") & (table["label"] != "noise floor")]["gap_over_std"]
     return {each["name"]: each["probability"] for each in verdict["effects"]}, verdict["status"], opened.tolist()
 
 
 @pytest.mark.slow
-def test_tanks_are_full_and_run_over(pamid, tmp_path):
-    names, status, left = run(pamid, tmp_path, TANKS, *PARTS)
-    assert status == "named"
-    assert set(names) == {"saturation", "overflow"}
-    assert left[0] > 0.3
-    assert left[-1] < 0.175
+@pytest.mark.parametrize(
+    ("path", "parts", "told", "before", "after"),
+    [
+        (TANKS, PARTS, {"saturation", "overflow"}, 0.3, 0.175),
+        (JOINT, [], {"hysteresis"}, 0.3, 0.099),
+        (DRIVE, PARTS, {"coulomb_friction", "viscous_friction"}, 1.0, 0.08),
+    ],
+    ids=["tanks are full and run over", "a joint sticks where the force turns", "a drive rubs"],
+)
+def test_what_a_machine_does_is_named_and_taken_away(path, parts, told, before, after, pamid):
+    names, status, left = run(pamid, path, *parts)
+    assert (status, set(names)) == ("named", told)
+    assert left[0] > before
+    assert left[-1] < after
 
 
 @pytest.mark.slow
-def test_a_joint_sticks_where_the_force_turns(pamid, tmp_path):
-    names, _, left = run(pamid, tmp_path, JOINT)
-    assert set(names) == {"hysteresis"}
-    assert left[0] > 0.3
-    assert left[-1] < 0.099
-
-
-@pytest.mark.slow
-def test_a_drive_rubs(pamid, tmp_path):
-    names, _, left = run(pamid, tmp_path, DRIVE, *PARTS)
-    assert set(names) == {"coulomb_friction", "viscous_friction"}
-    assert left[0] > 1.0
-    assert left[-1] < 0.08
-
-
-@pytest.mark.slow
-def test_without_hysteresis_no_other_name_is_sure(pamid, tmp_path):
-    names, _, _ = run(pamid, tmp_path, JOINT, "discrepancy.search.left_out=[hysteresis,coulomb_friction]")
+def test_without_hysteresis_no_other_name_is_sure(pamid):
+    names, _, _ = run(pamid, JOINT, "discrepancy.search.left_out=[hysteresis,coulomb_friction]")
     assert max(names.values(), default=0.0) < 0.8
 
 

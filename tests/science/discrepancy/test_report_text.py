@@ -24,7 +24,6 @@ GAP = {
     "p_value": 0.031,
     "over_floor": {"value": 1.02, "low": 1.0, "high": 1.05, "smallest": 1.15},
 }
-LARGE = {**GAP, "over_floor": {**GAP["over_floor"], "value": 4.0}}
 EFFECT = {
     "name": "hysteresis",
     "form": "maxwell_slip",
@@ -36,40 +35,35 @@ EFFECT = {
     "indistinguishable_from": [],
     "by_muscle": {},
 }
-RANKING = [
-    {"name": "hysteresis", "probability": 0.93, "heldout_gap": 0.021, "absorbed": False},
-    {"name": "coulomb_friction", "probability": 0.05, "heldout_gap": 0.05, "absorbed": False},
-    {"name": "none", "probability": 0.02, "heldout_gap": 0.081, "absorbed": False},
-]
-
-
 GONE = {**EFFECT, "reproduced": False, "step": {"before": 0.034, "after": 0.033, "p_value": 0.43}}
+ELSEWHERE = {**EFFECT, "channel": "pressure"}
 LEAKAGE = {"name": "leakage", "channel": "pressure", "muscles": ["pam2"], "probability": 0.4, "p_value": 0.03}
+CANDIDATES = (("hysteresis", 0.93, 0.021), ("coulomb_friction", 0.05, 0.05), ("none", 0.02, 0.081))
 RESOLVED = {"status": "none", "share": 0.1, "family": None, "line_hz": None, "imitated": 0.0, "depends_on": []}
 DOUBTED = {**RESOLVED, "imitated": 0.6, "share": 0.08}
-ELSEWHERE = {**EFFECT, "channel": "pressure"}
-IMITATION = "8.0 % of the gap above the noise) is more than forms of one effect"
-MANY = "So many names in one channel may stand in for one effect"
 LEFT_OVER = {**RESOLVED, "status": "unexplained", "share": 0.4}
 NAMED = {
     "status": "named",
     "missing_probability": 0.97,
     "effects": [EFFECT],
     "suspected": [],
-    "ranking": RANKING,
+    "ranking": [{"name": n, "probability": p, "heldout_gap": gap, "absorbed": False} for n, p, gap in CANDIDATES],
     "gap": GAP,
     "remainder": RESOLVED,
     "verification_trials": [2, 5, 8],
 }
+LARGE = {**GAP, "over_floor": {**GAP["over_floor"], "value": 4.0}}
 UNEXPLAINED = {**NAMED, "status": "unexplained", "effects": [], "gap": LARGE, "remainder": LEFT_OVER}
 CLEAN = {**NAMED, "status": "no_discrepancy", "missing_probability": 0.2, "effects": []}
+DEEP = {**GAP, "noise_floor": 0.09}
 CLOSED = "hysteresis on pam1 and pam3 (probability 0.93; next is coulomb friction, 0.05)"
 STAYS = "Trials not fitted do not show it: with it the gap there goes from 3.4 % to 3.3 % of range (p = 0.43)"
 SO_MUCH = "So much remains: a flexible model would still take away 40 % of what was above the noise"
 LEFT = "a flexible model takes away 40 % of what is above the noise"
 BLIND = "cannot be told: the gap is 1.02 times the noise floor, but so much counts as noise"
 SUSPECTED = "Suspected, and not added to the plant: leakage on pam2 (probability 0.40; p = 0.03 that"
-DEEP = {**GAP, "noise_floor": 0.09}
+IMITATION = "8.0 % of the gap above the noise) is more than forms of one effect"
+MANY = "So many names in one channel may stand in for one effect"
 
 
 @pytest.mark.parametrize(
@@ -113,9 +107,7 @@ def test_scales_are_told_in_units():
 
 
 def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
-    channels = pd.DataFrame(
-        {"channel": ["force_n", "force_n"], "muscle": ["pam1", "pam2"], "noise_floor": [9.0, 2.0], "white": [1.0, 1.0]}
-    )
+    channels = pd.DataFrame({"channel": "force_n", "muscle": ["pam1", "pam2"], "noise_floor": [9.0, 2.0], "white": 1.0})
     (sentence,) = describe_high_floor(channels, 3.0)
     assert "force n of pam1" in sentence
     assert "pam2" not in sentence
@@ -133,14 +125,8 @@ def test_the_remainder_is_that_of_the_channel_in_which_it_is_most_probable():
 
 
 def test_values_at_a_bound_are_told_once_for_all_muscles():
-    values = pd.DataFrame(
-        {
-            "effect": ["", "coulomb_friction", "coulomb_friction"],
-            "parameter": ["mass_kg", "level", "level"],
-            "value": [5.0, 0.0, 0.0],
-            "at_bound": ["high", "low", "low"],
-        }
-    )
+    rows = [("", "mass_kg", 5.0, "high"), *[("coulomb_friction", "level", 0.0, "low")] * 2]
+    values = pd.DataFrame(rows, columns=["effect", "parameter", "value", "at_bound"])
     (sentence,) = describe_bounds(values)
     assert sentence.endswith("stand mass_kg (5, high) and level of coulomb friction (0, low).")
     assert describe_bounds(values.assign(at_bound="")) == []

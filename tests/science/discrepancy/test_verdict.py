@@ -1,12 +1,14 @@
 """What the opened trials show is told beside what was named, and decides nothing."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from stages.science.discrepancy.verdict import reproduce_effects
+from stages.science.discrepancy.verification import bound_ratio
 from tests.science.discrepancy.searches import DISCREPANCY
 from tests.science.discrepancy.simulated_records import move, slide
 
@@ -23,8 +25,7 @@ def test_the_opened_trials_tell_whether_an_effect_is_reproduced(p_step, trials, 
     told = reproduce_effects(named, pd.DataFrame(steps), DISCREPANCY)
     assert told["reproduced"].tolist() == [True, reproduced]
     assert told["probability"].tolist() == [0.9, 0.9]
-    assert told["gap_before"].tolist() == [0.4, 0.2]
-    assert told["gap_after"].tolist() == [0.2, 0.1]
+    assert told[["gap_before", "gap_after"]].to_numpy().tolist() == [[0.4, 0.2], [0.2, 0.1]]
 
 
 def judge_bench(pamid, path, frame, *overrides):
@@ -59,3 +60,19 @@ def test_a_wrong_column_gets_no_clean_bill(pamid, tmp_path, generator):
     told, verdict = judge_bench(pamid, tmp_path / "bench.csv", frame)
     assert (verdict["status"], verdict["effects"]) == ("unexplained", [])
     assert "look whether columns, units and signs are right" in told
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_gap_over_the_floor_is_that_of_the_channel_where_it_is_largest(order):
+    def channel(name, gap, floor, trials=3, samples=10):
+        """An output of a channel with the same squared gap and floor in every trial."""
+        return SimpleNamespace(
+            output=SimpleNamespace(channel=name, present=np.ones((samples, trials), dtype=bool)),
+            floor=samples * np.full(trials, floor**2),
+            steps=[samples * np.full(trials, gap**2)],
+            squares=lambda step: step,
+        )
+
+    found = [channel("force_n", 0.03, 0.01), channel("pressure_kpa", 0.08, 0.04)][::order]
+    ratio = bound_ratio(found, 0, range(3), DISCREPANCY, np.random.default_rng(0))
+    assert ratio == {name: pytest.approx(3.0) for name in ("value", "low", "high")}

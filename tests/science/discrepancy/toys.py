@@ -16,12 +16,8 @@ def constant(name, low, high, mean, sd):
     return Parameter(name, "1", low, high, mean, sd, name, (mean,))
 
 
-def magnitude(name="size", low=0.0, high=10.0, starts=(0.5, 2.0)):
-    return Parameter(name, "1", low, high, 0.5, 5.0, name, starts)
-
-
 def form(name, shape):
-    return EffectForm(name, "only", "muscle", (magnitude(),), shape)
+    return EffectForm(name, "only", "muscle", (Parameter("size", "1", 0.0, 10.0, 0.5, 5.0, "size", (0.5, 2.0)),), shape)
 
 
 WAVE = form("wave", lambda x: np.sin(3.0 * x))
@@ -65,13 +61,7 @@ class Toy(OutputChannel):
 
     def take(self, trials):
         chosen = list(trials)
-        return replace(
-            self,
-            x=self.x[:, chosen],
-            measured=self.measured[:, chosen],
-            present=self.present[:, chosen],
-            start_s=self.start_s[chosen],
-        )
+        return replace(self, **{n: getattr(self, n)[..., chosen] for n in ("x", "measured", "present", "start_s")})
 
 
 def make_toy(seed, hidden=(), noise=0.1, trials=8, samples=300, wander=0.0, element="toy", **kwargs):

@@ -14,8 +14,8 @@ from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.machine import read_machine
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import read_initial_state
-from tests.science.discrepancy.oscillators import configured as configured_oscillator
 from tests.science.discrepancy.simulated_records import build_records, drive, joint, lag, tabulate
+from tests.science.discrepancy.simulated_records import configured as configured_oscillator
 from tests.science.plant.machines import begin_surely, configured, read_plant, simulate
 
 
