@@ -18,16 +18,12 @@ def move(force, effects=(), begun=None, between="linear", **changes):
     return simulate(read_drive(between_samples=between), {"force_n": force}, {**CONSTANTS, **changes}, effects, begun)
 
 
-def test_a_constant_force_draws_a_parabola():
+def test_a_constant_force_draws_a_parabola_from_a_place_and_rate_that_may_be_shifted():
     time = np.arange(200) * STEP_S
-    found = move(np.full(200, 1.5), begun=begin_surely(0.1, -0.3))
-    np.testing.assert_allclose(found, 0.1 - 0.3 * time + 0.25 * time**2, atol=1e-12)
-
-
-def test_the_place_and_rate_in_which_it_begins_may_be_shifted():
-    time = np.arange(200) * STEP_S
-    found = move(np.full(200, -0.5), begun=begin_surely(0.1, 0.2), start_shift=0.02, start_rate_shift=-0.05)
-    np.testing.assert_allclose(found, 0.12 + 0.15 * time, atol=1e-12)
+    begun = begin_surely(0.1, -0.3)
+    np.testing.assert_allclose(move(np.full(200, 1.5), begun=begun), 0.1 - 0.3 * time + 0.25 * time**2, atol=1e-12)
+    found = move(np.full(200, -0.5), begun=begun, start_shift=0.02, start_rate_shift=-0.05)
+    np.testing.assert_allclose(found, 0.12 - 0.35 * time, atol=1e-12)
 
 
 @pytest.mark.parametrize("hertz", [0.5, 2.0])
@@ -39,26 +35,20 @@ def test_a_sine_of_force_is_a_sine_of_motion(hertz):
     np.testing.assert_allclose(found, -0.75 / omega**2 * np.sin(omega * time), atol=2e-5)
 
 
-FRICTION = [
-    ("viscous_friction", "quadratic_drag", {"share": 0.4}, lambda v: 0.4 * v * abs(v) / 0.3),
-    (
-        "coulomb_friction",
-        "slider",
-        {"share": 0.2, "sliding": 0.3},
-        lambda v: 0.2 * 0.3 / 0.25 * np.tanh(v * 0.5 / 0.09),
-    ),
-]
-
-
-@pytest.mark.parametrize(("name", "form", "values", "slowed"), FRICTION, ids=[each[1] for each in FRICTION])
-def test_friction_agrees_with_an_adaptive_solver(name, form, values, slowed, generator):
+def test_friction_agrees_with_an_adaptive_solver(generator):
     time = np.arange(300) * STEP_S
     force = np.cumsum(generator.standard_normal(300)) / 3.0
+    friction = [
+        ("viscous_friction", "quadratic_drag", {"share": 0.4}),
+        ("coulomb_friction", "slider", {"share": 0.2, "sliding": 0.3}),
+    ]
 
     def rates(now, state):
-        return [state[1], (np.interp(now, time, force) + 0.5) / 4.0 - slowed(state[1])]
+        v = state[1]
+        slowed = 0.4 * v * abs(v) / 0.3 + 0.2 * 0.3 / 0.25 * np.tanh(v * 0.5 / 0.09)
+        return [v, (np.interp(now, time, force) + 0.5) / 4.0 - slowed]
 
-    found = move(force, [(name, form, values)], begun=begin_surely(0.0, 0.0))
+    found = move(force, friction, begun=begin_surely(0.0, 0.0))
     assert np.abs(found - move(force, begun=begin_surely(0.0, 0.0))).max() > 0.05
     np.testing.assert_allclose(found, solve(rates, [0.0, 0.0], time)[0], atol=2e-4 * np.ptp(found))
 
@@ -69,20 +59,17 @@ def test_a_force_recorded_early_or_late_acts_in_time(share):
         return 1.0 - np.cos(3.0 * now) - 0.6 * np.sin(2.0 * now) ** 3
 
     time = np.arange(400) * STEP_S
-    begun = begin_surely(0.0, 0.0)
-    late = move(push(time + share * STEP_S), begun=begun, input_delay_s=share * STEP_S)
-    off = move(push(time + share * STEP_S), begun=begun) - move(push(time), begun=begun)
-    assert np.abs(late - move(push(time), begun=begun)).max() < 0.02 * np.abs(off).max()
+    begun, shifted = begin_surely(0.0, 0.0), push(time + share * STEP_S)
+    truth = move(push(time), begun=begun)
+    late = move(shifted, begun=begun, input_delay_s=share * STEP_S)
+    assert np.abs(late - truth).max() < 0.02 * np.abs(move(shifted, begun=begun) - truth).max()
 
 
 def test_samples_that_are_means_move_it_as_the_force_itself():
     """Straight lines through the means of each twenty samples would lie beside a bent force."""
     fine = np.arange(8000) * STEP_S / 20
-    force = 2.0 * np.sin(4.0 * fine)
-    means = force.reshape(-1, 20).mean(axis=1)
-    truth, speed = (
-        each.reshape(-1, 20).mean(axis=1) for each in (-0.03125 * np.sin(4.0 * fine), -0.125 * np.cos(4.0 * fine))
-    )
+    curves = 2.0 * np.sin(4.0 * fine), -0.03125 * np.sin(4.0 * fine), -0.125 * np.cos(4.0 * fine)
+    means, truth, speed = (each.reshape(-1, 20).mean(axis=1) for each in curves)
     begun = begin_surely(truth[0], speed[0])
     averaged, straight = (
         np.abs(move(means, begun=begun, between=how, force_offset=0.0) - truth).max() for how in ("averaged", "linear")
@@ -90,15 +77,12 @@ def test_samples_that_are_means_move_it_as_the_force_itself():
     assert averaged < 0.1 * straight
 
 
-def test_values_of_the_configuration_are_kept():
+def test_values_of_the_configuration_are_kept_and_it_never_forgets_how_it_began():
     mass = {"unit": "kg", "start": 30.0, "low": 10.0, "high": 90.0, "sd": 5.0}
     told = read_drive().model_dump()["constants"] | {"mass": mass}
     signals, step_s = drive(5)
-    assert read_drive(constants=told).resolve_from_data([signals], step_s).starts["mass"] == 30.0
-
-
-def test_it_never_forgets_how_it_began():
-    plant = read_drive(output_scale=None).resolve_from_data([drive(5)[0]], 0.005)
+    plant = read_drive(constants=told, output_scale=None).resolve_from_data([signals], step_s)
+    assert plant.starts["mass"] == 30.0
     assert plant.memory_s == np.inf
     assert plant.drifts
 
