@@ -13,25 +13,12 @@ def wander(generator, time_s):
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.01, 0.163, 0.3, 0.457])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_delay_is_found_to_a_fraction_of_a_sample(seed, delay_s):
-    generator = np.random.default_rng(seed)
+def test_a_delay_is_found_to_a_fraction_of_a_sample_and_noise_moves_it_little(seed, delay_s):
     time_s = np.arange(800) / RATE_HZ
-    state = generator.bit_generator.state
-    shown = wander(generator, time_s)
-    generator.bit_generator.state = state
-    followed = 0.3 + 0.8 * wander(generator, time_s - delay_s)
-    assert find_delay(shown, followed, RATE_HZ, 1.0) == pytest.approx(delay_s, abs=0.003)
-
-
-def test_noise_moves_it_little():
-    generator = np.random.default_rng(1)
-    time_s = np.arange(800) / RATE_HZ
-    state = generator.bit_generator.state
-    shown = wander(generator, time_s)
-    generator.bit_generator.state = state
-    followed = wander(generator, time_s - 0.2)
+    shown, followed = (wander(np.random.default_rng(seed), at_s) for at_s in (time_s, time_s - delay_s))
+    assert find_delay(shown, 0.3 + 0.8 * followed, RATE_HZ, 1.0) == pytest.approx(delay_s, abs=0.003)
     noisy = followed + 0.1 * followed.std() * np.random.default_rng(2).standard_normal(800)
-    assert find_delay(shown, noisy, RATE_HZ, 1.0) == pytest.approx(0.2, abs=0.02)
+    assert find_delay(shown, noisy, RATE_HZ, 1.0) == pytest.approx(delay_s, abs=0.02)
 
 
 def test_what_does_not_follow_has_no_delay(generator):
