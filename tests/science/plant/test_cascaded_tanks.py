@@ -7,14 +7,8 @@ from stages.science.plant.record_plant import HEAD, read_initial_state
 from tests.science.plant.machines import begin_surely, read_plant, simulate, solve
 
 STEP_S = 4.0
-CONSTANTS = {
-    "upper_outflow": 0.05,
-    "lower_inflow": 0.05,
-    "lower_outflow": 0.04,
-    "pump_gain": 0.04,
-    "reading_offset": 0.3,
-    "input_delay_s": 0.0,
-}
+CONSTANTS = {"upper_outflow": 0.05, "lower_inflow": 0.05, "lower_outflow": 0.04, "pump_gain": 0.04}
+CONSTANTS |= {"reading_offset": 0.3, "input_delay_s": 0.0}
 UPPER, LOWER = 4.0, 6.0
 """Levels in which records begin."""
 RIM, CUT = ("overflow", "rim"), ("saturation", "tank_reading")

@@ -33,8 +33,3 @@ def test_muscles_have_schedules_of_their_own(generator):
     profiles = pressure_profiles(generator, [0, 0], [100, 100], 2000, 250.0, step_share=0.0, **TIMES)
     still = np.diff(profiles, axis=0) == 0.0
     assert (still[:, 0] != still[:, 1]).mean() > 0.1
-
-
-def test_a_share_beyond_all_is_refused(generator):
-    with pytest.raises(ValueError, match=r"step_share: expected a share between 0 and 1, got 1.5"):
-        pressure_profiles(generator, [4], [5], 100, 100.0, step_share=1.5, **TIMES)
