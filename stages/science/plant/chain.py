@@ -43,6 +43,7 @@ class Chain:
         self.step_s = 1.0 / exoskeleton.sampling_rate_hz
         self.start_s = start_s
         self.constants = collect_constants(exoskeleton, plant)
+        self._repeated: dict[int, MuscleConstants] = {}
         self.effects = [_place(entry, exoskeleton) for entry in plant.effects if isinstance(entry.effect, ChainEffect)]
 
     @property
@@ -112,10 +113,10 @@ class Chain:
         return np.ascontiguousarray(values, dtype=float).reshape(len(values), -1)
 
     def _repeat(self, columns: int) -> MuscleConstants:
-        copies = columns // len(self.constants.area_n_per_kpa)
-        if copies == 1:
-            return self.constants
-        return MuscleConstants(*(np.tile(column, copies) for column in self.constants))
+        if columns not in self._repeated:
+            copies = columns // len(self.constants.area_n_per_kpa)
+            self._repeated[columns] = MuscleConstants(*(np.tile(column, copies) for column in self.constants))
+        return self._repeated[columns]
 
 
 class _OnSome:

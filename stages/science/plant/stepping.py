@@ -10,80 +10,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from stages.science.plant.chain import Chain
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.interaction import SLOWEST_PER_S, Motion
-from stages.science.plant.joint import JointConstants, collect_joints, find_rates, sum_muscle_torque, sum_passive_torque
-from stages.science.plant.muscle import MuscleConstants
+from stages.science.plant.joint import advance, balance, collect_joints, stack_rows
 from stages.science.plant.participant import Intention, Person
 from stages.science.plant.plant import Plant
 from stages.science.signals.trajectories import Array
 
 PASSES = 2
-
-
-@njit(cache=True, error_model="numpy")
-def _balance(start: float, drive: Array, joint: JointConstants, muscles: Array, person: Person) -> float:
-    """Return the torque that a person holds at rest; `drive` is (3, m)."""
-    inputs = np.empty((1, 3, muscles.shape[0]))
-    inputs[0] = drive
-    if person.compensation_per_s == 0.0:
-        return 0.0
-    load = sum_muscle_torque(start, 0.0, inputs, 0, muscles) + sum_passive_torque(start, 0.0, joint)
-    return min(max(-load, -person.strength_nm), person.strength_nm)
-
-
-@njit(cache=True, error_model="numpy")
-def _advance(
-    state: Array,
-    drive: Array,
-    aims: Array,
-    joint: JointConstants,
-    muscles: Array,
-    person: Person,
-    step_s: float,
-    substeps: int,
-) -> Array:
-    """Return angle, velocity and held torque one sample later, by the rule of `stages.science.plant.joint`.
-
-    `drive` is (2, 3, m), `aims` (2, 3) with angle, velocity and push, both at the sample and the next.
-    """
-    inputs = np.empty((3, 3, muscles.shape[0]))
-    h = step_s / substeps
-    q, w, held = state[0], state[1], state[2]
-    for i in range(substeps):
-        for s in range(3):
-            inputs[s] = drive[0] + (i + 0.5 * s) / substeps * (drive[1] - drive[0])
-        dq, dw, dh = 0.0, 0.0, 0.0
-        sum_q, sum_w, sum_h = 0.0, 0.0, 0.0
-        for stage in range(4):
-            reach = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
-            weight = 1.0 if stage == 0 or stage == 3 else 2.0
-            s = (stage + 1) // 2
-            share = (i + 0.5 * s) / substeps
-            aim = aims[0] + share * (aims[1] - aims[0])
-            q_now, w_now, held_now = q + reach * dq, w + reach * dw, held + reach * dh
-            dq = w_now
-            dw, dh = find_rates(q_now, w_now, held_now, inputs, s, aim[0], aim[1], aim[2], joint, muscles, person)
-            sum_q += weight * dq
-            sum_w += weight * dw
-            sum_h += weight * dh
-        q += h / 6.0 * sum_q
-        w += h / 6.0 * sum_w
-        held += h / 6.0 * sum_h
-    return np.array([q, w, held])
-
-
-class RepeatedChain(Chain):
-    """A chain that repeats its constants for each number of columns once."""
-
-    def _repeat(self, columns: int) -> MuscleConstants:
-        known = self.__dict__.setdefault("known", {})
-        if columns not in known:
-            known[columns] = super()._repeat(columns)
-        return known[columns]
 
 
 class Steps:
@@ -106,7 +42,7 @@ class Steps:
     def __init__(
         self, exoskeleton: Exoskeleton, plant: Plant, intention: Intention, person: Sequence[Person], start_rad: Array
     ):
-        self.chain = RepeatedChain(exoskeleton, plant)
+        self.chain = Chain(exoskeleton, plant)
         self.joints = collect_joints(exoskeleton, plant)
         self.of_muscle = np.array(exoskeleton.joint_of_muscle)
         self.person = person
@@ -114,9 +50,8 @@ class Steps:
         self.substeps = max(int(np.ceil(self.step_s / plant.integration_step_s - 1e-9)), 1)
         self.aims = np.stack(intention, axis=1)  # (T, 3, J)
         samples, muscles = len(self.aims), len(self.of_muscle)
-        constants = self.chain.constants
-        area = constants.area_n_per_kpa * constants.area_factor
-        self.rows = np.stack((area, *constants[1:7], *constants[8:11]), axis=1)
+        self.rows = stack_rows(self.chain.constants)
+        self.inputs = [np.empty((3, 3, int((self.of_muscle == j).sum()))) for j in range(len(self.joints))]
         self.command = np.zeros((samples, muscles))
         self.drive = np.zeros((samples, 3, muscles))
         self.angle, self.velocity = (np.zeros((samples, len(self.joints))) for _ in range(2))
@@ -170,9 +105,9 @@ class Steps:
         self._settle(0, self.states)
         for j in range(len(self.joints)):
             on = self.of_muscle == j
-            drive = np.ascontiguousarray(self.drive[0][:, on])
+            drive = np.ascontiguousarray(self.drive[:1, :, on])
             rows = np.ascontiguousarray(self.rows[on])
-            self.states[j, 2] = _balance(self.states[j, 0], drive, self.joints[j], rows, self.person[j])
+            self.states[j, 2] = balance(self.states[j, 0], drive, self.joints[j], rows, self.person[j])
 
     def step(self, command_kpa: Array) -> None:
         """Go on by one sample, over which a command was held."""
@@ -182,26 +117,25 @@ class Steps:
         self.drive[after, 0] = self.chain.pressurise(self.command[: after + 1])[after]
         self.drive[after, 1:] = self.drive[now, 1:]
         for _ in range(PASSES if self.chain.bends_force else 1):
-            states = self._move(now)
+            states = np.array([self._move(now, j) for j in range(len(self.joints))])
             self._settle(after, states)
         self.states = states
         self.at = after
 
-    def _move(self, now: int) -> Array:
-        found = np.empty_like(self.states)
-        for j in range(len(self.joints)):
-            on = self.of_muscle == j
-            found[j] = _advance(
-                self.states[j],
-                np.ascontiguousarray(self.drive[now : now + 2][:, :, on]),
-                np.ascontiguousarray(self.aims[now : now + 2, :, j]),
-                self.joints[j],
-                np.ascontiguousarray(self.rows[on]),
-                self.person[j],
-                self.step_s,
-                self.substeps,
-            )
-        return found
+    def _move(self, now: int, j: int) -> tuple[float, float, float]:
+        on = self.of_muscle == j
+        return advance(
+            *self.states[j],
+            np.ascontiguousarray(self.drive[now : now + 2][:, :, on]),
+            np.ascontiguousarray(self.aims[now : now + 2, :, j]),
+            0,
+            self.joints[j],
+            np.ascontiguousarray(self.rows[on]),
+            self.person[j],
+            self.step_s,
+            self.substeps,
+            self.inputs[j],
+        )
 
     def _settle(self, at: int, states: Array) -> None:
         """Note a sample's motion, its tensions, and what effects do to them, as `split_deviation` splits it."""
