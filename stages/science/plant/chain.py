@@ -6,15 +6,13 @@ simulated side by side. Effects are applied at their sites in the order in which
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from stages.science.plant.actuator_path import ActuatorPath, Everywhere
-from stages.science.plant.effect import ChainEffect, Signal, State
+from stages.science.plant.actuator_path import Acting, ActuatorPath
+from stages.science.plant.effect import ChainEffect
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.muscle import MuscleConstants, compute_tension
-from stages.science.plant.plant import AppliedEffect, Plant, collect_constants
+from stages.science.plant.plant import Plant, collect_constants
 from stages.science.signals.trajectories import Array
 
 BENDING = ("acting_pressure_kpa", "contraction", "force_n", "tension_n")
@@ -44,12 +42,17 @@ class Chain:
         self.start_s = start_s
         self.constants = collect_constants(exoskeleton, plant)
         self._repeated: dict[int, MuscleConstants] = {}
-        self.effects = [_place(entry, exoskeleton) for entry in plant.effects if isinstance(entry.effect, ChainEffect)]
+        self.effects = [
+            Acting(entry.effect, entry.parameters, None if on is None else np.isin(exoskeleton.muscle_names, on))
+            for entry in plant.effects
+            for on in [entry.muscles]
+            if isinstance(entry.effect, ChainEffect)
+        ]
 
     @property
     def bends_force(self) -> bool:
         """Whether an effect lets tension at the joint differ from the static law at the valve's pressure."""
-        return any(effect.signal in BENDING for effect in self.effects)
+        return any(each.effect.signal in BENDING for each in self.effects)
 
     def pressurise(self, command_kpa: Array) -> Array:
         """Return the pressure at the valves that a held command brings.
@@ -117,33 +120,3 @@ class Chain:
             copies = columns // len(self.constants.area_n_per_kpa)
             self._repeated[columns] = MuscleConstants(*(np.tile(column, copies) for column in self.constants))
         return self._repeated[columns]
-
-
-class _OnSome:
-    """An effect on some muscles of every trial."""
-
-    def __init__(self, effect: Everywhere, chosen: list[str], muscles: list[str]):
-        self.effect = effect
-        self.mask = np.array([name in chosen for name in muscles])
-
-    @property
-    def signal(self) -> Signal:
-        return self.effect.signal
-
-    def apply(self, values: Array, state: State) -> Array:
-        return self._change(self.effect.apply, values, state)
-
-    def invert(self, values: Array, state: State) -> Array:
-        return self._change(self.effect.invert, values, state)
-
-    def _change(self, change: Callable[[Array, State], Array], values: Array, state: State) -> Array:
-        mask = np.tile(self.mask, values.shape[1] // self.mask.size)
-        changed = values.copy()
-        changed[:, mask] = change(np.ascontiguousarray(values[:, mask]), state.select(mask))
-        return changed
-
-
-def _place(entry: AppliedEffect, exoskeleton: Exoskeleton) -> Everywhere | _OnSome:
-    assert isinstance(entry.effect, ChainEffect)
-    everywhere = Everywhere(entry.effect, entry.parameters)
-    return everywhere if entry.muscles is None else _OnSome(everywhere, entry.muscles, exoskeleton.muscle_names)

@@ -25,7 +25,6 @@ from stages.science.plant.record_plant import (
     Placed,
     Positive,
     RecordPlant,
-    Watched,
     begin,
     collect,
     list_limits,
@@ -48,14 +47,6 @@ class MotionEffect(EffectConfig):
     """An effect that acts in a motion."""
 
     SITE = SITE
-
-
-def _stack(columns: Sequence[Array], factor: float) -> Array:
-    """Return columns (N, R) of several cases as rows, (C R, N), times a factor."""
-    rows = np.empty((len(columns), columns[0].shape[1], len(columns[0])))
-    for place, each in enumerate(columns):
-        np.multiply(each.T, factor, out=rows[place])
-    return rows.reshape(-1, rows.shape[2])
 
 
 class Pull(NamedTuple):
@@ -93,6 +84,7 @@ class MotionPlant(RecordPlant):
 
     SITE: ClassVar[str] = SITE
     TOGETHER: ClassVar[int] = WIDE
+    WATCHED: ClassVar[tuple[str, str]] = ("motion", "velocity")
     SETTLES: ClassVar[bool] = True
     """Whether it forgets how it began: then its own motion refines what the first samples tell of that."""
     FILTER: ClassVar[float] = 0.3
@@ -195,7 +187,13 @@ class MotionPlant(RecordPlant):
         return self.model_copy(update={"constants": type(self.constants)(**told)})
 
     def _follow_nature(self, records: Sequence[Mapping[str, Array]]) -> Self:
-        return self.model_copy(update={"time_scale_s": self.find_natural_pace(records)})
+        """Return the plant at the pace of its free motion, or of that in which the usual push brings one scale."""
+        joined = {name: np.concatenate([each[name] for each in records])[:, None] for name in self.inputs}
+        pulled = self.pull(joined, self.starts)
+        hold, push = float(np.mean(pulled.hold)), float(np.sqrt((pulled.push**2).mean()))
+        scale = cast(float, self.output_scale)
+        pace_s = float(1.0 / np.sqrt(hold)) if hold > 0.0 else float(np.sqrt(scale / max(push, 1e-300)))
+        return self.model_copy(update={"time_scale_s": pace_s})
 
     def _miss(self, records: Sequence[Mapping[str, Array]], step_s: float) -> float:
         """Return the root mean square by which the guessed constants miss what was measured."""
@@ -207,14 +205,6 @@ class MotionPlant(RecordPlant):
             squares += float(((told[:, 0] - each[self.output]) ** 2).sum())
             samples += len(told)
         return float(np.sqrt(squares / samples))
-
-    def find_natural_pace(self, records: Sequence[Mapping[str, Array]]) -> float:
-        """Return the time, s, of a radian of the free motion, or in which the usual push brings one scale."""
-        joined = {name: np.concatenate([each[name] for each in records])[:, None] for name in self.inputs}
-        pulled = self.pull(joined, self.starts)
-        hold, push = float(np.mean(pulled.hold)), float(np.sqrt((pulled.push**2).mean()))
-        scale = cast(float, self.output_scale)
-        return float(1.0 / np.sqrt(hold)) if hold > 0.0 else float(np.sqrt(scale / max(push, 1e-300)))
 
     def thin_out(self, stride: int) -> Self:
         """Return the plant for records of which every so many samples became their mean: such inputs are means."""
@@ -258,9 +248,9 @@ class MotionPlant(RecordPlant):
         records = pulls[0].push.shape[1]
         terms = [collect(MotionTerms, SITE, self.place(effects)) for _, effects in cases]
         terms = [each for each in terms for _ in range(records)]
-        drive = _stack([each.push for each in pulls], self.time_scale_s**2 / scale)
+        drive = np.concatenate([(self.time_scale_s**2 / scale * each.push).T for each in pulls])
         holds = [each.hold * np.ones((1, records)) for each in pulls]
-        hold = _stack(holds, self.time_scale_s**2)
+        hold = np.concatenate([(self.time_scale_s**2 * each).T for each in holds])
         damping = np.repeat([each.damping * self.time_scale_s for each in pulls], records)
         late = np.repeat([constants["input_delay_s"] / step_s for constants, _ in cases], records)
         offset = np.repeat([each.offset for each in pulls], records)
@@ -287,16 +277,3 @@ class MotionPlant(RecordPlant):
         motion = integrate(drive, hold, state, damping, terms, pace, substeps, late, offset / scale)
         output: Array = offset + scale * motion
         return output.reshape(len(motion), len(cases), records).transpose(0, 2, 1)
-
-    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
-        """Return the motion by the textbook, its velocity, and the inputs.
-
-        The measured motion would carry the noise that is to be told from what a model can explain.
-        """
-        return self.list_watched(self.simulate_textbook(signals, step_s, constants), signals, step_s)
-
-    def list_watched(self, motion: Array, signals: Mapping[str, Array], step_s: float) -> list[Watched]:
-        """Return a motion (T, R), its velocity, and the inputs."""
-        velocity = np.gradient(motion, step_s, axis=0) * cast(float, self.time_scale_s)
-        told = [Watched("motion", motion, False), Watched("velocity", velocity, True)]
-        return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]

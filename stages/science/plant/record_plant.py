@@ -113,6 +113,8 @@ class RecordPlant(Declared):
     """Where effects act."""
     TOGETHER: ClassVar[int] = 1
     """Simulations that take together little longer than one."""
+    WATCHED: ClassVar[tuple[str, str]] = ("state", "rate of state")
+    """What `watch` calls the output and its rate."""
 
     kind: str
     output: str
@@ -322,9 +324,12 @@ class RecordPlant(Declared):
         Here the output as the textbook would have it, its rate, and the inputs. The measured output would carry the
         noise that is to be told from what a model can explain.
         """
-        state = self.simulate_textbook(signals, step_s, constants)
+        return self.list_watched(self.simulate_textbook(signals, step_s, constants), signals, step_s)
+
+    def list_watched(self, state: Array, signals: Mapping[str, Array], step_s: float) -> list[Watched]:
+        """Return a state (T, R), its rate per pace, and the inputs."""
         rate = np.gradient(state, step_s, axis=0) * (self.time_scale_s or 1.0)
-        told = [Watched("state", state, False), Watched("rate of state", rate, True)]
+        told = [Watched(self.WATCHED[0], state, False), Watched(self.WATCHED[1], rate, True)]
         return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]
 
     def simulate_textbook(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> Array:

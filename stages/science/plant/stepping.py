@@ -13,7 +13,7 @@ import numpy as np
 
 from stages.science.plant.chain import Chain
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.plant.interaction import SLOWEST_PER_S, Motion
+from stages.science.plant.interaction import Motion, pull_and_split
 from stages.science.plant.joint import advance, balance, collect_joints, stack_rows
 from stages.science.plant.participant import Intention, Person
 from stages.science.plant.plant import Plant
@@ -124,8 +124,11 @@ class Steps:
 
     def _move(self, now: int, j: int) -> tuple[float, float, float]:
         on = self.of_muscle == j
+        angle, velocity, held = self.states[j]
         return advance(
-            *self.states[j],
+            angle,
+            velocity,
+            held,
             np.ascontiguousarray(self.drive[now : now + 2][:, :, on]),
             np.ascontiguousarray(self.aims[now : now + 2, :, j]),
             0,
@@ -138,22 +141,8 @@ class Steps:
         )
 
     def _settle(self, at: int, states: Array) -> None:
-        """Note a sample's motion, its tensions, and what effects do to them, as `split_deviation` splits it."""
+        """Note a sample's motion, its tensions, and what effects do to them."""
         self.angle[at], self.velocity[at] = states[:, 0], states[:, 1]
-        upto = slice(0, at + 1)
-        contraction, rate = self.contraction[upto], self.rate[upto]
-        pressure = self.pressure[upto]
-        if not self.chain.bends_force:
-            force, tension = self.chain.pull(pressure, contraction, rate)
-            self.force[at], self.tension[at] = force[at], tension[at]
-            return
-        moving = np.copysign(np.maximum(np.abs(rate), SLOWEST_PER_S), rate)
-        rates = np.stack([rate, moving, np.zeros_like(rate)], axis=1)
-        pressures, contractions = (np.repeat(each[:, None], 3, axis=1) for each in (pressure, contraction))
-        force, tension = self.chain.pull(pressures, contractions, rates)
-        self.force[at], self.tension[at] = force[at, 0], tension[at, 0]
-        last = slice(at, at + 1)
-        nominal = self.chain.pull_nominally(pressures[last], contractions[last], rates[last])
-        shown, moved, still = tension[at] - nominal[0]
-        drag = np.maximum((still - moved) / moving[at], 0.0)
-        self.drive[at, 1], self.drive[at, 2] = shown + drag * rate[at], drag
+        pressure, contraction, rate = (each[: at + 1] for each in (self.pressure, self.contraction, self.rate))
+        found = pull_and_split(self.chain, pressure, contraction, rate, since=at)
+        self.force[at], self.tension[at], self.drive[at, 1], self.drive[at, 2] = (each[0] for each in found)

@@ -137,6 +137,7 @@ class CascadedTanks(RecordPlant):
     """Everything that simulating two tanks takes."""
 
     SITE: ClassVar[str] = SITE
+    WATCHED: ClassVar[tuple[str, str]] = ("level", "rate of level")
 
     kind: Literal["cascaded_tanks"]
     input: str
@@ -214,14 +215,9 @@ class CascadedTanks(RecordPlant):
         return run(state, np.arange(len(columns)), columns.shape[1])
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
-        """Return the input, and the level as the textbook's tanks would have it."""
-        level = self.simulate_textbook(signals, step_s, constants)
-        rate = np.gradient(level, step_s, axis=0) * self.time_scale_s
-        return [
-            Watched(self.input, signals[self.input], False),
-            Watched("level", level, False),
-            Watched("rate of level", rate, True),
-        ]
+        """Return the input, and the level as the textbook's tanks would have it; see `RecordPlant.watch`."""
+        level, rate, pump = super().watch(signals, step_s, constants)
+        return [pump, level, rate]
 
 
 PLANT = CascadedTanks

@@ -25,7 +25,6 @@ from stages.science.plant.record_plant import (
     Placed,
     Positive,
     RecordPlant,
-    Watched,
     begin,
     collect,
     list_limits,
@@ -106,6 +105,7 @@ class FirstOrder(RecordPlant):
     """Everything that simulating a lag takes."""
 
     SITE: ClassVar[str] = SITE
+    WATCHED: ClassVar[tuple[str, str]] = ("level", "rate of level")
 
     kind: Literal["first_order"]
     input: str
@@ -205,19 +205,7 @@ class FirstOrder(RecordPlant):
                 heads = (signals[self.output][:HEAD] - constants["offset"]) / scale
                 error, noise = np.maximum(begun.value_error[None] / scale, 1e-6), begun.noise / scale
                 start = begin(lambda state, chosen: run(state, chosen, len(heads)), start, error, heads, noise)
-        found = run(start, np.arange(len(columns)), columns.shape[1])
-        output: Array = constants["offset"] + scale * found
-        return output
-
-    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
-        """Return the output as the textbook would have it, its rate, and the input."""
-        level = self.simulate_textbook(signals, step_s, constants)
-        rate = np.gradient(level, step_s, axis=0) * (self.time_scale_s or 1.0)
-        return [
-            Watched("level", level, False),
-            Watched("rate of level", rate, True),
-            Watched(self.input, signals[self.input], False),
-        ]
+        return constants["offset"] + scale * run(start, np.arange(len(columns)), columns.shape[1])
 
     def respond(self, features: Array, step_s: float) -> Array:
         """Return features both as they are and as the lag answers to them, (T, K, 2 F)."""
