@@ -26,14 +26,11 @@ def measure_cost(step: Callable[[], object]) -> dict[str, float]:
     began = time.perf_counter()
     step()
     seconds = time.perf_counter() - began
-    running = tracemalloc.is_tracing()
     tracemalloc.start()
     try:
-        tracemalloc.reset_peak()
         before = tracemalloc.get_traced_memory()[0]
         step()
         peak = tracemalloc.get_traced_memory()[1]
     finally:
-        if not running:
-            tracemalloc.stop()
+        tracemalloc.stop()
     return {"seconds": seconds, "peak_memory_mb": (peak - before) / 2**20}

@@ -46,7 +46,7 @@ class LinearMuscleModel:
     repair : str
         What was done where data do not determine all coefficients; empty otherwise.
     centre, scale : (2,) ndarray
-        Centre and half range of pressure (kPa) and contraction, which standardise them.
+        Of pressure (kPa) and contraction: centre and half range, which standardise them.
     weights : (6,) ndarray
         The same polynomial in standardised inputs, N.
 

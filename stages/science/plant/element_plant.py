@@ -21,9 +21,7 @@ from stages.science.signals.trajectories import Array
 SITE = "element"
 
 
-class ElementEffectConfig(EffectConfig):
-    """An effect that acts at an element."""
-
+class _ElementEffect(EffectConfig):
     SITE = SITE
 
 
@@ -37,7 +35,7 @@ class ElementPlant(RecordPlant):
     along_scale: Positive | None = Field(description="way in which effects tell theirs, unit of `along`")
     output_scale: Positive | None = Field(description="answer in which effects tell their sizes, unit of the output")
     time_scale_s: Positive | None = Field(description="time of a usual movement through one scale, s")
-    effects: list[ElementEffectConfig]
+    effects: list[_ElementEffect]
 
     @model_validator(mode="after")
     def _check_names(self) -> Self:

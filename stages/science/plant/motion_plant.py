@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
@@ -43,9 +43,7 @@ A machine that is moved much more slowly than it moves by itself shows its usual
 """
 
 
-class MotionEffect(EffectConfig):
-    """An effect that acts in a motion."""
-
+class _MotionEffect(EffectConfig):
     SITE = SITE
 
 
@@ -83,6 +81,7 @@ class MotionPlant(RecordPlant):
     """Everything that simulating one motion takes."""
 
     SITE: ClassVar[str] = SITE
+    TERMS: ClassVar = MotionTerms
     TOGETHER: ClassVar[int] = WIDE
     WATCHED: ClassVar[tuple[str, str]] = ("motion", "velocity")
     SETTLES: ClassVar[bool] = True
@@ -93,12 +92,7 @@ class MotionPlant(RecordPlant):
     between_samples: Between
     output_scale: Positive | None = Field(description="motion in which effects tell their sizes, unit of the output")
     time_scale_s: Positive | None = Field(description="time of a radian of the usual motion, s")
-    effects: list[MotionEffect]
-
-    @model_validator(mode="after")
-    def _check_effects(self) -> Self:
-        collect(MotionTerms, SITE, self.place())
-        return self
+    effects: list[_MotionEffect]
 
     @property
     def pushing(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
 from stages.science.plant.declaration import Declared
-from stages.science.plant.exoskeleton import Exoskeleton, Joint
+from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.signals.noise import band_noise, select_band
 from stages.science.signals.trajectories import Array
 
@@ -98,13 +98,13 @@ class Intention(NamedTuple):
 
 def embody(participant: Participant, exoskeleton: Exoskeleton) -> list[Person]:
     """Return a participant's constants at each joint."""
-    return [_embody_at(participant, joint) for joint in exoskeleton.joints]
-
-
-def _embody_at(participant: Participant, joint: Joint) -> Person:
-    stiffness = participant.stiffness_per_rad * joint.strength_nm
-    damping = 2.0 * participant.damping_ratio * math.sqrt(stiffness * joint.inertia_kg_m2)
-    return Person(stiffness, damping, 1.0 / participant.compensation_s, participant.strength * joint.strength_nm)
+    people = []
+    for joint in exoskeleton.joints:
+        stiffness = participant.stiffness_per_rad * joint.strength_nm
+        damping = 2.0 * participant.damping_ratio * math.sqrt(stiffness * joint.inertia_kg_m2)
+        strength = participant.strength * joint.strength_nm
+        people.append(Person(stiffness, damping, 1.0 / participant.compensation_s, strength))
+    return people
 
 
 def nobody(exoskeleton: Exoskeleton) -> list[Person]:

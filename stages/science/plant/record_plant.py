@@ -111,6 +111,8 @@ class RecordPlant(Declared):
 
     SITE: ClassVar[str]
     """Where effects act."""
+    TERMS: ClassVar[Callable[..., Any] | None] = None
+    """The named tuple of what effects add, each term by one of them, where there is one."""
     TOGETHER: ClassVar[int] = 1
     """Simulations that take together little longer than one."""
     WATCHED: ClassVar[tuple[str, str]] = ("state", "rate of state")
@@ -138,9 +140,12 @@ class RecordPlant(Declared):
         return {**nullable, **told, "constants": infer_from_data(constants)}
 
     @model_validator(mode="after")
-    def _check_signals(self) -> Self:
+    def _check_signals_and_effects(self) -> Self:
         if self.output in self.inputs:
             raise ValueError(f"output: expected another signal than those it is told from, got {self.output}")
+        placed = self.place()
+        if self.TERMS is not None:
+            collect(self.TERMS, self.SITE, placed)
         return self
 
     @property
@@ -152,12 +157,6 @@ class RecordPlant(Declared):
     def pushing(self) -> tuple[str, ...]:
         """Inputs that push a motion."""
         return ()
-
-    @model_validator(mode="after")
-    def _check_effects(self) -> Self:
-        for entry in self.effects:
-            find_effect_at(self.SITE, entry.name, entry.form)
-        return self
 
     @property
     def nominal(self) -> dict[str, NominalConstant]:

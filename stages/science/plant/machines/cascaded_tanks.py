@@ -13,7 +13,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
@@ -127,9 +127,7 @@ class TankConstants(Declared):
     input_delay_s: NominalConstant = Field(description="by which the input acts later than recorded, within a sample")
 
 
-class TankEffectConfig(EffectConfig):
-    """An effect that acts at the tanks."""
-
+class _TankEffect(EffectConfig):
     SITE = SITE
 
 
@@ -137,6 +135,7 @@ class CascadedTanks(RecordPlant):
     """Everything that simulating two tanks takes."""
 
     SITE: ClassVar[str] = SITE
+    TERMS: ClassVar = TankTerms
     WATCHED: ClassVar[tuple[str, str]] = ("level", "rate of level")
 
     kind: Literal["cascaded_tanks"]
@@ -145,12 +144,7 @@ class CascadedTanks(RecordPlant):
     output_scale: Positive = Field(description="level in which effects tell theirs, unit of the reading")
     time_scale_s: Positive = Field(description="time in which a level follows, s")
     constants: TankConstants
-    effects: list[TankEffectConfig]
-
-    @model_validator(mode="after")
-    def _check_effects(self) -> Self:
-        collect(TankTerms, SITE, self.place())
-        return self
+    effects: list[_TankEffect]
 
     @property
     def inputs(self) -> tuple[str, ...]:

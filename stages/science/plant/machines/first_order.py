@@ -95,9 +95,7 @@ class LagConstants(Declared):
     input_delay_s: NominalConstant = Field(description="by which the input acts later than recorded, within a sample")
 
 
-class LagEffectConfig(EffectConfig):
-    """An effect that acts at a lag."""
-
+class _LagEffect(EffectConfig):
     SITE = SITE
 
 
@@ -105,6 +103,7 @@ class FirstOrder(RecordPlant):
     """Everything that simulating a lag takes."""
 
     SITE: ClassVar[str] = SITE
+    TERMS: ClassVar = LagTerms
     WATCHED: ClassVar[tuple[str, str]] = ("level", "rate of level")
 
     kind: Literal["first_order"]
@@ -112,11 +111,10 @@ class FirstOrder(RecordPlant):
     output_scale: Positive | None = Field(description="change in which effects tell theirs, unit of the output")
     time_scale_s: Positive | None = Field(description="time of a radian of the usual motion, s")
     constants: LagConstants
-    effects: list[LagEffectConfig]
+    effects: list[_LagEffect]
 
     @model_validator(mode="after")
-    def _check_effects(self) -> Self:
-        collect(LagTerms, SITE, self.place())
+    def _check_time_constant(self) -> Self:
         low = self.constants.time_constant_s.low
         if low is not None and low <= 0.0:
             raise ValueError(f"time_constant_s: expected low above 0 s, got {low}")
