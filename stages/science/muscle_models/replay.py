@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -160,30 +159,22 @@ class Replay:
         def starts(trial: int) -> list[np.random.Generator]:
             return [generator("starts", trial, name) for name in self.muscles.names]
 
-        inputs, outputs = self._begin(initial, points)
-        known = Interaction.begin(design, self.muscles.candidates, priors, inputs, outputs, initial, starts(0))
-        yield known
-        shift = TimeShift(amplitude_s, self.period_s) if amplitude_s else None
-        for trial in range(1, trials + 1):
-            chosen = known.ask(generator("random", trial)).trajectory
-            recorded = [each[chosen] for each in self.inputs], [each[chosen] for each in self.outputs]
-            ways = None
-            if shift:
-                ways = [partial(self._displace, shift, generator, trial, name) for name in self.muscles.names]
-            known, _ = known.tell(chosen, *recorded, starts(trial), ways)
-            yield known
+        def displace(trial: int, name: str) -> Callable[[int, Sequence[int]], int]:
+            samples = self.outputs[0].shape[1]
+            return lambda row, taken: shift.displace(row, taken, samples, generator("shift", trial, name, len(taken)))
 
-    def _begin(self, initial: Sequence[int], points: int) -> tuple[list[Array], list[Array]]:
         inputs, outputs = [], []
         for x, y in zip(self.inputs, self.outputs, strict=True):
             executed = np.concatenate([x[each] for each in initial])
             at = place_evenly(points, len(executed))
             inputs.append(executed[at])
             outputs.append(np.concatenate([y[each] for each in initial])[at])
-        return inputs, outputs
-
-    def _displace(
-        self, shift: TimeShift, generator: Draw, trial: int, muscle: str, row: int, taken: Sequence[int]
-    ) -> int:
-        samples = self.outputs[0].shape[1]
-        return shift.displace(row, taken, samples, generator("shift", trial, muscle, len(taken)))
+        known = Interaction.begin(design, self.muscles.candidates, priors, inputs, outputs, initial, starts(0))
+        yield known
+        shift = TimeShift(amplitude_s, self.period_s)
+        for trial in range(1, trials + 1):
+            chosen = known.ask(generator("random", trial)).trajectory
+            recorded = [each[chosen] for each in self.inputs], [each[chosen] for each in self.outputs]
+            ways = [displace(trial, name) for name in self.muscles.names] if amplitude_s else None
+            known, _ = known.tell(chosen, *recorded, starts(trial), ways)
+            yield known

@@ -83,6 +83,10 @@ class ActuatorPath:
         force = self._bend("force_n", static, state)
         return force, self._bend("tension_n", force, state)
 
+    def pull_nominally(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
+        """Return the tension, N, that the static law alone gives."""
+        return compute_tension(pressure_kpa, contraction, velocity_per_s, self.muscles)
+
     def sense_pressure(self, pressure_kpa: Array) -> Array:
         """Return what the pressure sensor shows, kPa."""
         return self._apply("sensed_pressure_kpa", pressure_kpa, lambda: self._upstream(pressure_kpa, pressure_kpa))

@@ -6,12 +6,15 @@ simulated side by side. Effects are applied at their sites in the order in which
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from stages.science.plant.actuator_path import Acting, ActuatorPath
 from stages.science.plant.effect import ChainEffect
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.plant.muscle import MuscleConstants, compute_tension
+from stages.science.plant.muscle import MuscleConstants
 from stages.science.plant.plant import Plant, collect_constants
 from stages.science.signals.trajectories import Array
 
@@ -67,8 +70,7 @@ class Chain:
         (T, ..., M) ndarray
             Pressure, kPa gauge.
         """
-        command = self._flatten(command_kpa)
-        return self._pass(command).pressurise(command).reshape(command_kpa.shape)
+        return self._pass(ActuatorPath.pressurise, command_kpa)
 
     def pull(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> tuple[Array, Array]:
         """Return the tension at both ends of the cables.
@@ -85,38 +87,30 @@ class Chain:
         tuple of (T, ..., M) ndarray
             Tension at the muscle's tip and at the joint's end, N.
         """
-        pressure, contraction, velocity = map(self._flatten, (pressure_kpa, contraction, velocity_per_s))
-        force, tension = self._pass(pressure).pull(pressure, contraction, velocity)
-        return force.reshape(pressure_kpa.shape), tension.reshape(pressure_kpa.shape)
+        return self._pass(ActuatorPath.pull, pressure_kpa, contraction, velocity_per_s)
 
     def pull_nominally(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
         """Return the tension, N, that the static law alone gives; shapes as in `pull`."""
-        pressure, contraction, velocity = map(self._flatten, (pressure_kpa, contraction, velocity_per_s))
-        tension = compute_tension(pressure, contraction, velocity, self._repeat(pressure.shape[1]))
-        return tension.reshape(pressure_kpa.shape)
+        return self._pass(ActuatorPath.pull_nominally, pressure_kpa, contraction, velocity_per_s)
 
     def sense_pressure(self, pressure_kpa: Array) -> Array:
         """Return what the pressure sensors show, kPa gauge; shapes as in `pressurise`."""
-        pressure = self._flatten(pressure_kpa)
-        return self._pass(pressure).sense_pressure(pressure).reshape(pressure_kpa.shape)
+        return self._pass(ActuatorPath.sense_pressure, pressure_kpa)
 
     def sense_force(self, force_n: Array, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
         """Return what the load cells show, N, of the forces on them; shapes as in `pull`."""
-        flat = [self._flatten(each) for each in (force_n, pressure_kpa, contraction, velocity_per_s)]
-        return self._pass(flat[0]).sense_force(*flat).reshape(force_n.shape)
+        return self._pass(ActuatorPath.sense_force, force_n, pressure_kpa, contraction, velocity_per_s)
 
-    def _pass(self, values: Array) -> ActuatorPath:
-        columns = values.shape[1]
-        return ActuatorPath(self._repeat(columns), self.effects, self.step_s, np.full(columns, self.start_s))
-
-    def _flatten(self, values: Array) -> Array:
-        muscles = len(self.constants.area_n_per_kpa)
-        if values.shape[-1] != muscles:
-            raise ValueError(f"expected {muscles} muscles on the last axis, got shape {values.shape}")
-        return np.ascontiguousarray(values, dtype=float).reshape(len(values), -1)
-
-    def _repeat(self, columns: int) -> MuscleConstants:
+    def _pass(self, step: Callable[..., Any], *signals: Array) -> Any:
+        """Return what a step of the path makes of signals (T, ..., M), of their shape."""
+        muscles, shape = len(self.constants.area_n_per_kpa), signals[0].shape
+        if shape[-1] != muscles:
+            raise ValueError(f"expected {muscles} muscles on the last axis, got shape {shape}")
+        flat = [np.ascontiguousarray(each, dtype=float).reshape(len(each), -1) for each in signals]
+        columns = flat[0].shape[1]
         if columns not in self._repeated:
-            copies = columns // len(self.constants.area_n_per_kpa)
+            copies = columns // muscles
             self._repeated[columns] = MuscleConstants(*(np.tile(column, copies) for column in self.constants))
-        return self._repeated[columns]
+        path = ActuatorPath(self._repeated[columns], self.effects, self.step_s, np.full(columns, self.start_s))
+        found = step(path, *flat)
+        return tuple(each.reshape(shape) for each in found) if isinstance(found, tuple) else found.reshape(shape)

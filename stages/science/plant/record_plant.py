@@ -27,6 +27,8 @@ PERIODS = 2.0
 """Periods of the usual motion in a movement."""
 SAMPLES_A_PERIOD = 200
 Terms = TypeVar("Terms")
+Tries = list[dict[str, float]] | None
+"""Values of parameters from which a fit is tried; None for their own starts."""
 Case = tuple[Mapping[str, float], Sequence[Placed]]
 """Constants by name, and effects beside those listed."""
 
@@ -113,6 +115,10 @@ class RecordPlant(Declared):
     """Where effects act."""
     TERMS: ClassVar[Callable[..., Any] | None] = None
     """The named tuple of what effects add, each term by one of them, where there is one."""
+    ELEMENT: ClassVar[str] = ""
+    """What the machine is called in tables, where not by its kind."""
+    drifts: ClassVar[bool] = False
+    """Whether a small error grows without end: then no slope at a fit says what another effect would change."""
     TOGETHER: ClassVar[int] = 1
     """Simulations that take together little longer than one."""
     WATCHED: ClassVar[tuple[str, str]] = ("state", "rate of state")
@@ -166,28 +172,32 @@ class RecordPlant(Declared):
     @property
     def element(self) -> str:
         """What the machine is called in tables."""
-        return self.kind
+        return self.ELEMENT or self.kind
+
+    def know(self, scale: str) -> float:
+        """Return a scale.
+
+        Raises
+        ------
+        ValueError
+            While it is open.
+        """
+        value: float | None = getattr(self, scale)
+        if value is None:
+            raise ValueError(f"{scale}: it is the data's own, and there are no data yet")
+        return value
 
     @property
     def movement_s(self) -> float:
         """Time of a usual movement, s; regimes of time and frequency are told by it."""
-        if self.time_scale_s is None:
-            raise ValueError("time_scale_s: it is the data's own, and there are no data yet")
-        return PERIODS * 2.0 * np.pi * self.time_scale_s
+        return PERIODS * 2.0 * np.pi * self.know("time_scale_s")
 
     @property
     def finest_s(self) -> float:
         """Time between samples, s, below which more of them tell no more."""
         return self.movement_s / (PERIODS * SAMPLES_A_PERIOD)
 
-    @property
-    def drifts(self) -> bool:
-        """Whether a small error grows without end: then no slope at a fit says what another effect would change."""
-        return False
-
-    def list_starts(
-        self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]
-    ) -> list[dict[str, float]] | None:
+    def list_starts(self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]) -> Tries:
         """Return values of an effect's parameters from which fits may begin, told by records; None for its own."""
         return None
 
@@ -247,11 +257,15 @@ class RecordPlant(Declared):
                 f"{type(self).__name__}.guess: expected (start, low, high, sd) of {', '.join(untold)}, got none; tell "
                 f"them there, or as plant.constants.{untold[0]}={{unit: ..., start: ..., low: ..., high: ..., sd: ...}}"
             )
+        return settled.fill_in(guessed)
+
+    def fill_in(self, guessed: Mapping[str, tuple[float, ...]], **scales: float) -> Self:
+        """Return the plant with scales, and with guesses where constants are open; see `guess`."""
         told = {
-            name: each.with_defaults(*guessed[name]) if name in left else each for name, each in self.nominal.items()
+            name: each.with_defaults(*guessed[name]) if name in guessed else each for name, each in self.nominal.items()
         }
         constants = told if isinstance(self.constants, dict) else type(self.constants)(**told)
-        return settled.model_copy(update={"constants": constants})
+        return self.model_copy(update={**scales, "constants": constants})
 
     def find_scales(self, records: Sequence[Mapping[str, Array]], step_s: float) -> dict[str, float]:
         """Return what scales are if they were left open: half the range of the output, and how quick it is."""
@@ -357,18 +371,22 @@ class RecordPlant(Declared):
         ]
 
 
-def list_limits(effect: Effect, drives: Sequence[Array], scale: float) -> list[dict[str, float]]:
-    """Return values of a limiting effect's one parameter, scale over limit, from which fits may begin.
+def list_limits(effect: Effect, form: str, drives: Iterable[Array], scale: float) -> Tries:
+    """Return values of a limit's one parameter, scale over limit, from which fits may begin; None of another effect.
 
     Parameters
     ----------
     effect : Effect
-        With one parameter.
-    drives : sequence of ndarray
+        Any.
+    form : str
+        Of saturation, that limits the drives.
+    drives : iterable of ndarray
         What is limited, of each record; a twentieth, a fifth and half of it lie beyond.
     scale : float
         In which the effect tells its limit, in their unit.
     """
+    if (effect.name, effect.form) != ("saturation", form):
+        return None
     levels = np.quantile(np.concatenate([np.abs(each).ravel() for each in drives]), LIMITED) / scale
     return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
 
@@ -393,14 +411,14 @@ def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effec
 
 
 def begin(
-    run: Callable[[Array, NDArray[np.int_]], Array], guess: Array, wide: Array, heads: Array, noise: Array
+    run: Callable[[Array, NDArray[np.int_], int], Array], guess: Array, wide: Array, heads: Array, noise: Array
 ) -> Array:
     """Return the states in which records begin: what agrees best with their first samples, near a guess.
 
     Parameters
     ----------
     run : callable
-        Of states (S, N) and the records that they belong to (N,), returns the first samples of the output, (H, N).
+        Of states (S, N), the records that they belong to (N,) and a count, returns so many first samples of the output.
     guess, wide : (S, K) ndarray
         Means and standard deviations of Gaussian priors.
     heads : (H, K) ndarray
@@ -421,7 +439,7 @@ def begin(
     state, lost = guess.copy(), np.zeros(records, dtype=bool)
     for _ in range(2):
         tried = (state + moves[:, :, None] * step).transpose(1, 0, 2).reshape(count, -1)
-        found = run(tried, np.tile(np.arange(records), count + 1)).reshape(-1, count + 1, records)
+        found = run(tried, np.tile(np.arange(records), count + 1), len(heads)).reshape(-1, count + 1, records)
         left = np.where(known, heads - found[:, 0], 0.0)
         noise = np.maximum(noise, np.sqrt((left**2).sum(axis=0) / samples))  # where the model errs, it tells little
         slopes = np.where(known[:, None], (found[:, 1:] - found[:, :1]) / step, 0.0) / noise

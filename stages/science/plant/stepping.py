@@ -88,15 +88,8 @@ class Steps:
     def collect(self) -> Motion:
         """Return the motion, as far as the trial is."""
         part = slice(self.at + 1)
-        return Motion(
-            self.pressure[part],
-            self.contraction[part],
-            self.rate[part],
-            self.force[part],
-            self.tension[part],
-            self.angle[part],
-            self.velocity[part],
-        )
+        told = (self.pressure, self.contraction, self.rate, self.force, self.tension, self.angle, self.velocity)
+        return Motion(*(each[part] for each in told))
 
     def begin(self, command_kpa: Array) -> None:
         """Set the first sample: muscles filled to a command, joints at rest, the person in balance."""

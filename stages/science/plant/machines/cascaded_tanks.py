@@ -174,9 +174,7 @@ class CascadedTanks(RecordPlant):
 
     def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
         """Return the plant with bounds of its timing, where they were left open; a fit begins at an input held."""
-        guessed = (0.5 * step_s, -step_s, step_s, 0.5 * step_s)
-        told = {**self.nominal, "input_delay_s": self.constants.input_delay_s.with_defaults(*guessed)}
-        return self.model_copy(update={"constants": TankConstants(**told)})
+        return self.fill_in({"input_delay_s": (0.5 * step_s, -step_s, step_s, 0.5 * step_s)})
 
     def simulate(
         self,
@@ -205,7 +203,7 @@ class CascadedTanks(RecordPlant):
         if begun is not None and self.output in signals:
             heads = signals[self.output][:HEAD]
             wide = np.full(state.shape, self.output_scale) / np.array([[self.time_scale_s], [1.0]])
-            state = begin(lambda at, of: run(at, of, len(heads)), state, wide, heads, begun.noise)
+            state = begin(run, state, wide, heads, begun.noise)
         return run(state, np.arange(len(columns)), columns.shape[1])
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:

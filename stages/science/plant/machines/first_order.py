@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, NamedTuple, Self, cast
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numba import njit
@@ -25,6 +25,7 @@ from stages.science.plant.record_plant import (
     Placed,
     Positive,
     RecordPlant,
+    Tries,
     begin,
     collect,
     list_limits,
@@ -125,14 +126,10 @@ class FirstOrder(RecordPlant):
         """The command, pump or pressure."""
         return (self.input,)
 
-    def list_starts(
-        self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]
-    ) -> list[dict[str, float]] | None:
-        """Return limits of the input that a twentieth, a fifth and half of the time lies beyond."""
-        if (effect.name, effect.form) != ("saturation", "lag_drive"):
-            return None
-        aims = [constants["gain"] * each[self.input] for each in signals]
-        return list_limits(effect, aims, cast(float, self.output_scale))
+    def list_starts(self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]) -> Tries:
+        """Return limits of the input; see `list_limits`."""
+        aims = (constants["gain"] * each[self.input] for each in signals)
+        return list_limits(effect, "lag_drive", aims, self.know("output_scale"))
 
     @property
     def memory_s(self) -> float:
@@ -164,8 +161,7 @@ class FirstOrder(RecordPlant):
             "time_constant_s": (lag, 0.01 * lag, 100.0 * lag, lag),
             "input_delay_s": (0.0, -step_s, step_s, 0.5 * step_s),
         }
-        told = {name: each.with_defaults(*guessed[name]) for name, each in self.nominal.items()}
-        return self.model_copy(update={"output_scale": scale, "time_scale_s": pace, "constants": LagConstants(**told)})
+        return self.fill_in(guessed, output_scale=scale, time_scale_s=pace)
 
     def simulate(
         self,
@@ -177,12 +173,11 @@ class FirstOrder(RecordPlant):
         begun: InitialState | None = None,
     ) -> Array:
         """Return the output, (T, R); see `RecordPlant.simulate`."""
-        if self.output_scale is None or self.time_scale_s is None:
-            raise ValueError("output_scale: it is the data's own, and there are no data yet")
-        scale, pace = self.output_scale, step_s / self.time_scale_s
+        scale, time_scale_s = self.know("output_scale"), self.know("time_scale_s")
+        pace = step_s / time_scale_s
         terms = collect(LagTerms, SITE, self.place(effects))
-        terms = terms._replace(delay=terms.delay + constants["input_delay_s"] / self.time_scale_s)
-        per_pace = self.time_scale_s / constants["time_constant_s"]
+        terms = terms._replace(delay=terms.delay + constants["input_delay_s"] / time_scale_s)
+        per_pace = time_scale_s / constants["time_constant_s"]
         quickest = max(pace / FINEST, pace * per_pace * (1.0 + abs(terms.asymmetry)))
         substeps = min(max(int(np.ceil(quickest)), 2), 100)
         aim = constants["gain"] * signals[self.input] / scale
@@ -202,7 +197,7 @@ class FirstOrder(RecordPlant):
             if self.output in signals:
                 heads = (signals[self.output][:HEAD] - constants["offset"]) / scale
                 error, noise = np.maximum(begun.value_error[None] / scale, 1e-6), begun.noise / scale
-                start = begin(lambda state, chosen: run(state, chosen, len(heads)), start, error, heads, noise)
+                start = begin(run, start, error, heads, noise)
         return constants["offset"] + scale * run(start, np.arange(len(columns)), columns.shape[1])
 
     def respond(self, features: Array, step_s: float) -> Array:
