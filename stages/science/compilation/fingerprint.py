@@ -15,19 +15,9 @@ import numpy as np
 
 
 def digest_calls(function: FunctionType) -> str:
-    """Return a digest of a function, the functions that it calls, the constants that they read, and their modules.
+    """Return the SHA-256 of a function, the functions that it calls, the constants that they read, and their modules.
 
     Names are looked up when this is called, so that a function may call what its file defines further down.
-
-    Parameters
-    ----------
-    function : function
-        What `numba.njit` was given.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal.
     """
     digest = hashlib.sha256()
     for part in _describe_function(function, set()):

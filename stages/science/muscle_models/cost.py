@@ -11,17 +11,9 @@ from collections.abc import Callable
 
 
 def measure_cost(step: Callable[[], object]) -> dict[str, float]:
-    """Return what a call takes.
+    """Return what a step takes that is called twice, timed, then watched.
 
-    Parameters
-    ----------
-    step : callable
-        Called twice: timed, then watched.
-
-    Returns
-    -------
-    dict of str to float
-        ``seconds``, and ``peak_memory_mb``: the most that was allocated beyond what was there before (MB).
+    ``seconds``, and ``peak_memory_mb``: the most that was allocated beyond what was there before (MB).
     """
     began = time.perf_counter()
     step()

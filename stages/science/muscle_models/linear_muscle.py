@@ -71,23 +71,12 @@ class LinearMuscleModel:
 
     @classmethod
     def fit(cls, pressure_kpa: ArrayLike, contraction: ArrayLike, force_n: ArrayLike) -> LinearMuscleModel:
-        """Fit the coefficients by ordinary least squares.
+        """Fit the coefficients by ordinary least squares to pressures (kPa gauge), contractions and forces (N), (n,).
 
-        Parameters
-        ----------
-        pressure_kpa : (n,) array_like
-            kPa gauge.
-        contraction : (n,) array_like
-            Ratio of rest length.
-        force_n : (n,) array_like
-            Measured tension, N; samples of a slack muscle do not follow the law and are better left out.
-
-        Returns
-        -------
-        LinearMuscleModel
-            Where data do not determine all coefficients (fewer than six samples, two contractions only, one pressure),
-            the polynomial of least norm in standardised inputs, as its `repair` says: it explains the data as well as
-            any other, and its forces elsewhere are a convention; an input that never changed changes no force.
+        Samples of a slack muscle do not follow the law and are better left out. Where data do not determine all
+        coefficients (fewer than six samples, two contractions only, one pressure), the model is the polynomial of least
+        norm in standardised inputs, as its `repair` says: it explains the data as well as any other, and its forces
+        elsewhere are a convention; an input that never changed changes no force.
 
         Raises
         ------
@@ -156,8 +145,7 @@ class LinearMuscleModel:
         if worst > LARGEST_VALUE:
             raise ValueError(f"expected pressure and contraction within {LARGEST_VALUE:g}, got {worst}")
         inputs = (pressure - self.centre[0]) / self.scale[0], (contracted - self.centre[1]) / self.scale[1]
-        force: Array = _design(*inputs) @ self.weights
-        return force
+        return _design(*inputs) @ self.weights
 
 
 def _standardise(values: Array) -> tuple[float, float]:

@@ -30,15 +30,8 @@ ROUNDING = 1e-9
 class TimeShift:
     """Takes the sample at t + d in place of that at t, with d uniform between plus and minus an amplitude.
 
-    d is rounded to a sample. It is drawn again when the sample lies outside the trial, farther from t than the
-    amplitude, or was taken from this trial before.
-
-    Parameters
-    ----------
-    amplitude_s : float
-        Largest shift, s.
-    period_s : float
-        Sampling period, s.
+    d is rounded to a sample, `period_s` apart. It is drawn again when the sample lies outside the trial, farther from t
+    than the amplitude, or was taken from this trial before.
     """
 
     amplitude_s: float
@@ -80,16 +73,9 @@ class TimeShift:
 
 @dataclass(frozen=True)
 class Replay:
-    """The bank's movements and what was recorded in each.
+    """The bank's movements, as a choice sees them, without force, and what was recorded in each, `period_s` apart.
 
-    Parameters
-    ----------
-    muscles : MuscleSet
-        With the candidates that a choice sees, without force.
-    inputs, outputs : tuples over M muscles of (R, T, D) and (R, T) float arrays
-        Recordings of each movement, standardised.
-    period_s : float
-        Sampling period of the recordings, s.
+    Recordings are standardised, by muscle: inputs (R, T, D) and outputs (R, T) of R movements.
     """
 
     muscles: MuscleSet

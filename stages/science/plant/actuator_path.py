@@ -131,7 +131,7 @@ Chosen = Sequence[tuple[ChainEffect, Mapping[str, float]]]
 def predict_pressure(
     command_kpa: Array, constants: MuscleConstants, effects: Chosen, step_s: float, start_s: Array
 ) -> Array:
-    """Return the pressure that the sensor shows under a held command.
+    """Return the pressure (T, K), kPa gauge, that the sensor shows under a held command.
 
     Parameters
     ----------
@@ -145,11 +145,6 @@ def predict_pressure(
         Time between samples, s.
     start_s : (K,) ndarray
         When each column's trial began in the session, s.
-
-    Returns
-    -------
-    (T, K) ndarray
-        Pressure, kPa gauge.
     """
     path = ActuatorPath(constants, [Acting(*each) for each in effects], step_s, start_s)
     return path.sense_pressure(path.pressurise(_contiguous(command_kpa)))
@@ -165,7 +160,7 @@ def predict_force(
     start_s: Array,
     load_cell_site: Literal["muscle_tip", "joint_end"],
 ) -> Array:
-    """Return the force that the load cell shows at measured pressures and motions.
+    """Return the force (T, K), N, that the load cell shows, its offset included, at measured pressures and motions.
 
     Parameters
     ----------
@@ -177,11 +172,6 @@ def predict_force(
         As in `predict_pressure`.
     load_cell_site : str
         ``muscle_tip`` or ``joint_end``.
-
-    Returns
-    -------
-    (T, K) ndarray
-        Force, N, with the load cell's offset.
     """
     path = ActuatorPath(constants, [Acting(*each) for each in effects], step_s, start_s)
     contraction, velocity = _contiguous(contraction), _contiguous(velocity_per_s)

@@ -22,16 +22,7 @@ BENDING = ("acting_pressure_kpa", "contraction", "force_n", "tension_n")
 
 
 class Chain:
-    """Muscles and valves of an exoskeleton under a plant's constants and effects.
-
-    Parameters
-    ----------
-    exoskeleton : Exoskeleton
-        The machine's rows.
-    plant : Plant
-        Constants and effects.
-    start_s : float
-        When the trial began in the session, s.
+    """Muscles and valves of an exoskeleton under a plant's constants and effects, in a trial begun at `start_s`, s.
 
     Raises
     ------
@@ -58,22 +49,11 @@ class Chain:
         return any(each.effect.signal in BENDING for each in self.effects)
 
     def pressurise(self, command_kpa: Array) -> Array:
-        """Return the pressure at the valves that a held command brings.
-
-        Parameters
-        ----------
-        command_kpa : (T, ..., M) ndarray
-            Commanded pressure, kPa gauge.
-
-        Returns
-        -------
-        (T, ..., M) ndarray
-            Pressure, kPa gauge.
-        """
+        """Return the pressure at the valves, kPa gauge, that a held command (T, ..., M), kPa gauge, brings."""
         return self._pass(ActuatorPath.pressurise, command_kpa)
 
     def pull(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> tuple[Array, Array]:
-        """Return the tension at both ends of the cables.
+        """Return the tension at the muscle's tip and at the joint's end, N.
 
         Parameters
         ----------
@@ -81,11 +61,6 @@ class Chain:
             Pressure at the valves, kPa gauge.
         contraction, velocity_per_s : (T, ..., M) ndarray
             Contraction by the joint's geometry, 1, and its rate, 1/s.
-
-        Returns
-        -------
-        tuple of (T, ..., M) ndarray
-            Tension at the muscle's tip and at the joint's end, N.
         """
         return self._pass(ActuatorPath.pull, pressure_kpa, contraction, velocity_per_s)
 

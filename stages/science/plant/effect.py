@@ -36,54 +36,29 @@ Signal = Literal[
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect.
-
-    Parameters
-    ----------
-    name : str
-        Ends with its unit, where it has one.
-    unit : str
-        ``"1"`` for a ratio.
-    low, high : float
-        Closed bounds.
-    prior_mean, prior_sd : float
-        Of a Gaussian prior, cut at the bounds.
-    description : str
-        One line.
-    starts : tuple of float
-        Where a fit begins, within the bounds; of the magnitude, none is zero.
-    optional : bool
-        Whether a list of effects may leave it out.
-    """
+    """One number of an effect, with closed bounds and a Gaussian prior that is cut there."""
 
     name: str
+    """Ends with its unit, where it has one."""
     unit: str
+    """``"1"`` for a ratio."""
     low: float
     high: float
     prior_mean: float
     prior_sd: float
     description: str
     starts: tuple[float, ...]
+    """Where a fit begins, within the bounds; of the magnitude, none is zero."""
     optional: bool = False
+    """Whether a list of effects may leave it out."""
 
 
 @dataclass(frozen=True)
 class State:
     """What a chain effect may look at beside the signal that it maps; arrays have the signal's shape (T, K).
 
-    Parameters
-    ----------
-    step_s : float
-        Time between samples.
-    muscles : MuscleConstants
-        Constants of the K columns.
-    command_kpa, pressure_kpa, contraction, velocity_per_s : (T, K) ndarray
-        Signals at this point of the chain. Upstream of the muscle the last two are zero; from there on the first is the
-        pressure at the valve, and the second the pressure that acts.
-    time_s : (T,) ndarray
-        Time within the trial.
-    start_s : (K,) ndarray
-        When each column's trial began in the session; zero where that is not known.
+    Signals are those at this point of the chain. Upstream of the muscle contraction and velocity are zero; from there
+    on the command is the pressure at the valve, and the pressure the one that acts.
     """
 
     step_s: float
@@ -93,7 +68,9 @@ class State:
     contraction: Array
     velocity_per_s: Array
     time_s: Array
+    """Time within the trial, (T,)."""
     start_s: Array
+    """When each column's trial began in the session, (K,); zero where that is not known."""
 
     def select(self, columns: NDArray[np.bool_]) -> State:
         """Return the state of some columns; `columns` is a (K,) mask."""
@@ -107,54 +84,32 @@ class State:
 
 @dataclass(frozen=True, kw_only=True)
 class NamedEffect:
-    """What every effect tells.
-
-    Parameters
-    ----------
-    name, form : str
-        The effect, and the literature's form of it.
-    site : str
-        Where it acts.
-    parameters : tuple of Parameter
-        The magnitude first.
-    source : str
-        Where the form comes from.
-    signature : str
-        What its absence from a model leaves in the residual, in one sentence.
-    split_by : str
-        The experiment that tells it from its nearest relatives.
-    relatives : tuple of str
-        Names of effects that ordinary excitation may not tell from it.
-    """
+    """What every effect tells: its name and the literature's form of it, where it acts, and the rest."""
 
     name: str
     form: str
     site: str
     parameters: tuple[Parameter, ...]
+    """The magnitude first."""
     source: str
+    """Where the form comes from."""
     signature: str
+    """What its absence from a model leaves in the residual, in one sentence."""
     split_by: str
+    """The experiment that tells it from its nearest relatives."""
     relatives: tuple[str, ...]
+    """Names of effects that ordinary excitation may not tell from it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChainEffect(NamedEffect):
-    """An effect that maps whole arrays: ``apply(signal, state, parameters)`` returns the changed signal.
-
-    Parameters
-    ----------
-    signal : str
-        What it maps.
-    apply : callable
-        Returns a new array of the signal's shape.
-    invert : callable, optional
-        Returns the signal of which ``apply`` made another; without it, fixed-point passes of ``apply`` do.
-    """
+    """An effect that maps whole arrays: ``apply(signal, state, parameters)`` returns a new array of their shape."""
 
     site: Site
     signal: Signal
     apply: Callable[[Array, State, Mapping[str, float]], Array]
     invert: Callable[[Array, State, Mapping[str, float]], Array] | None = None
+    """Returns the signal of which ``apply`` made another; without it, fixed-point passes of ``apply`` do."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,25 +135,17 @@ class DynamicEffect(NamedEffect):
 
 @dataclass(frozen=True)
 class Bench:
-    """What an effect of an element may look at beside the answer that it maps; arrays are (T, R), records in columns.
-
-    Parameters
-    ----------
-    along : (T, R) ndarray
-        The signal along which the element is moved, over its scale, zero in the middle of its range.
-    rate : (T, R) ndarray
-        How fast it is moved, scales per pace.
-    step_s, time_scale_s : float
-        Time between samples, and of a usual movement through one scale, s.
-    session_s : (T, R) ndarray
-        Time in the session, s.
-    """
+    """What an effect of an element may look at beside the answer that it maps; arrays are (T, R), a column a record."""
 
     along: Array
+    """The signal along which the element is moved, over its scale, zero in the middle of its range."""
     rate: Array
+    """How fast it is moved, scales per pace."""
     step_s: float
     time_scale_s: float
+    """Time of a usual movement through one scale."""
     session_s: Array
+    """Time in the session."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,27 +43,18 @@ def interact(
     person: Sequence[Person],
     start_rad: Array,
 ) -> Motion:
-    """Simulate one trial.
+    """Simulate one trial; tensions follow from the motion returned, by the whole chain.
 
     Parameters
     ----------
-    exoskeleton : Exoskeleton
-        The machine's rows.
-    plant : Plant
-        Constants and effects.
+    exoskeleton, plant
+        The machine's rows; constants and effects.
     command_kpa : (T, M) ndarray
         Commanded pressure, kPa gauge, as applied.
-    intention : Intention
-        What the person does.
-    person : sequence of Person
-        Constants of the person, or of nobody, at each joint.
+    intention, person
+        What the person does; constants of the person, or of nobody, at each joint.
     start_rad : (J,) ndarray
         Angles at the first sample, at rest.
-
-    Returns
-    -------
-    Motion
-        Tensions follow from the motion returned, by the whole chain.
     """
     chain = Chain(exoskeleton, plant)
     joints, of_muscle = collect_joints(exoskeleton, plant), exoskeleton.joint_of_muscle

@@ -201,7 +201,7 @@ def integrate_joints(
     step_s: float,
     substeps: int,
 ) -> tuple[Array, Array]:
-    """Return the motion of the joints from rest.
+    """Return angle, rad, and velocity, rad/s, of the joints from rest, (T, J) each.
 
     Parameters
     ----------
@@ -213,23 +213,14 @@ def integrate_joints(
         What the person does.
     start_rad : (J,) ndarray
         Angles at the first sample.
-    joints : sequence of JointConstants
-        From `collect_joints`.
-    muscles : MuscleConstants
-        Of the M muscles.
-    joint_of_muscle : sequence of int
-        Index of each muscle's joint.
+    joints, muscles, joint_of_muscle
+        Constants of the J joints, from `collect_joints`, and of the M muscles, and the index of each muscle's joint.
     person : sequence of Person
         Constants of the person at each joint; with one who compensates loads, the start is in balance.
     step_s : float
         Time between samples, s.
     substeps : int
         Integration steps per sample.
-
-    Returns
-    -------
-    tuple of (T, J) ndarray
-        Angle, rad, and velocity, rad/s.
     """
     drive, aims = np.stack([pressure_kpa, deviation_n, drag_n_s], axis=1), np.stack(intention, axis=1)
     rows = stack_rows(muscles)

@@ -220,7 +220,7 @@ def integrate(
     limit = np.array([1.0 / cut if cut > 0.0 else np.inf for cut in told["drive_cut"]])
     late = (told["delay"] * 2.0 * np.pi / pace + late) * (2 * substeps)
     drive, hold, start = (np.ascontiguousarray(each) for each in (drive, hold, start))
-    moved: Array = _integrate(drive, hold, start, table, limit, late, h, substeps)
+    moved = _integrate(drive, hold, start, table, limit, late, h, substeps)
     ends = (told[name] - offset for name in ("lowest", "highest"))
     return read(moved + told["sensor_offset"], told["unread"], *ends)
 
@@ -251,8 +251,7 @@ def refine(signal: Array, substeps: int, between: Between) -> Array:
     if between == "held":
         return signal[places // fine]
     if between == "band_limited":
-        smooth: Array = resample_poly(signal, fine, 1, axis=0, window=("kaiser", 8.0), padtype="line")
-        return smooth[: len(places)]
+        return resample_poly(signal, fine, 1, axis=0, window=("kaiser", 8.0), padtype="line")[: len(places)]
     if between == "averaged" and len(signal) > 2:
         signal = signal.copy()
         signal[1:-1] -= np.diff(signal, 2, axis=0) / BENT

@@ -49,27 +49,17 @@ class _MotionEffect(EffectConfig):
 
 
 class Pull(NamedTuple):
-    """What accelerates a motion.
-
-    Parameters
-    ----------
-    push : (N, R) ndarray
-        What the inputs bring, unit of the output per squared second.
-    hold : float or (N, R) ndarray
-        Of the spring, per squared second.
-    damping : float
-        Per second.
-    offset : float
-        What the sensor adds, unit of the output.
-    start : (float, float)
-        What is added to the place and the velocity in which a record seems to begin, unit of the output and per second.
-    """
+    """What accelerates a motion, in the unit of the output and in seconds."""
 
     push: Array
+    """What the inputs bring, (N, R)."""
     hold: float | Array
+    """Of the spring, also (N, R)."""
     damping: float
     offset: float
+    """What the sensor adds."""
     start: tuple[float, float] = (0.0, 0.0)
+    """What is added to the place and the velocity in which a record seems to begin."""
 
 
 Guess = dict[str, tuple[float, ...]]

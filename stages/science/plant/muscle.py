@@ -99,7 +99,7 @@ def _pull_columns(pressure: Array, contraction: Array, velocity: Array, muscles:
 
 
 def compute_tension(pressure_kpa: Array, contraction: Array, velocity_per_s: Array, muscles: MuscleConstants) -> Array:
-    """Return the tension of each muscle by the static law with linear damping.
+    """Return the tension (T, K), N, of each muscle by the static law with linear damping; a slack one pulls with zero.
 
     Parameters
     ----------
@@ -111,14 +111,8 @@ def compute_tension(pressure_kpa: Array, contraction: Array, velocity_per_s: Arr
         Its rate, 1/s.
     muscles : MuscleConstants
         Constants of the K columns.
-
-    Returns
-    -------
-    (T, K) ndarray
-        Tension, N; a slack muscle pulls with zero.
     """
     pressure, contraction, velocity = (
         np.ascontiguousarray(each, dtype=float) for each in (pressure_kpa, contraction, velocity_per_s)
     )
-    tension: Array = _pull_columns(pressure, contraction, velocity, muscles)
-    return tension
+    return _pull_columns(pressure, contraction, velocity, muscles)

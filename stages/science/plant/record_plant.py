@@ -55,14 +55,7 @@ LIMITED = (0.95, 0.8, 0.5)
 class InitialState(NamedTuple):
     """What the first samples of records tell of their beginning, in the output's unit and per second; (R,) each.
 
-    Parameters
-    ----------
-    value, value_error : (R,) ndarray
-        Of the output, and its standard error.
-    rate, rate_error : (R,) ndarray
-        Of its change, and its standard error.
-    noise : (R,) ndarray
-        Of a sample.
+    The output and its rate, each with its standard error, and the noise of a sample.
     """
 
     value: Array
@@ -73,16 +66,9 @@ class InitialState(NamedTuple):
 
 
 def read_initial_state(heads: Sequence[Array], step_s: float, at_s: float = 0.0) -> InitialState:
-    """Return how records begin, by a parabola through as many of their first samples as lie on one.
+    """Return how records are at a time after their first sample, by a parabola through as many as lie on one.
 
-    Parameters
-    ----------
-    heads : sequence of (N_r,) ndarray
-        First samples of the output, without gaps.
-    step_s : float
-        Time between samples, s.
-    at_s : float
-        Time after the first sample for which it is told, s.
+    `heads` are the first samples of the output, (N_r,) without gaps.
     """
     return InitialState(*np.array([_read_one(head, step_s, at_s) for head in heads]).T)
 
@@ -413,7 +399,9 @@ def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effec
 def begin(
     run: Callable[[Array, NDArray[np.int_], int], Array], guess: Array, wide: Array, heads: Array, noise: Array
 ) -> Array:
-    """Return the states in which records begin: what agrees best with their first samples, near a guess.
+    """Return the states (S, K) in which records begin: what agrees best with their first samples, near a guess.
+
+    Two steps of Gauss and Newton.
 
     Parameters
     ----------
@@ -425,11 +413,6 @@ def begin(
         First samples of each record's output; NaN where there is none.
     noise : (K,) ndarray
         Of a sample, in the output's unit.
-
-    Returns
-    -------
-    (S, K) ndarray
-        After two steps of Gauss and Newton.
     """
     count, records = guess.shape
     known = np.isfinite(heads)

@@ -23,21 +23,7 @@ PASSES = 2
 
 
 class Steps:
-    """A trial that is simulated as it goes.
-
-    Parameters
-    ----------
-    exoskeleton : Exoskeleton
-        The machine's rows.
-    plant : Plant
-        Constants and effects.
-    intention : Intention
-        What the person does; the trial ends with it.
-    person : sequence of Person
-        Constants of the person, or of nobody, at each joint.
-    start_rad : (J,) ndarray
-        Angles at the first sample, at rest.
-    """
+    """A trial that is simulated as it goes; it ends with the intention, and its arguments are those of `interact`."""
 
     def __init__(
         self, exoskeleton: Exoskeleton, plant: Plant, intention: Intention, person: Sequence[Person], start_rad: Array

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from stages.science.plant.chain import Chain
 from stages.science.plant.effect import ChainEffect, find_effect, list_effects
+from stages.science.plant.valve import respond
+from tests.science.plant.columns import STEP_S
 from tests.science.plant.machines import configured, with_effects
 
 CHAIN = [name for name in list_effects() if name != "none" and isinstance(find_effect(name), ChainEffect)]
@@ -27,7 +30,7 @@ def move(shape, amplitude=0.05):
     turns = np.arange(4) if len(shape) == 2 else np.arange(shape[1] * 4).reshape(shape[1:])
     time = np.arange(shape[0]).reshape(-1, *[1] * (len(shape) - 1))
     contraction = 0.1 + amplitude * np.sin(time / 30 + turns)
-    return contraction, np.gradient(contraction, 0.004, axis=0)
+    return contraction, np.gradient(contraction, STEP_S, axis=0)
 
 
 @pytest.mark.parametrize("name", CHAIN)
@@ -67,3 +70,23 @@ def test_tension_never_turns_into_push():
     pressure = np.tile([30.0, 80.0, 30.0, 80.0], (6000, 1))
     force, tension = chain_with(*everything).pull(pressure, *move((6000, 4), 0.15))
     assert force.min() == tension.min() == 0.0
+
+
+def solve_valve(command, rise, fall):
+    """Pressure at the sampling instants, sample by sample with an adaptive solver."""
+    pressure = [command[0]]
+    for held in command[:-1]:
+
+        def flow(_, p, held=held):
+            return (held - p) / (rise if held > p[0] else fall)
+
+        solved = solve_ivp(flow, (0, STEP_S), [pressure[-1]], rtol=1e-10, atol=1e-10).y[0, -1] if rise else held
+        pressure.append(solved)
+    return np.array(pressure)
+
+
+@pytest.mark.parametrize(("rise", "fall"), [(0.04, 0.04), (0.03, 0.06), (0.0, 0.0)])
+def test_a_held_command_is_answered_exactly(generator, rise, fall):
+    command = np.repeat(generator.uniform(50, 500, 12), 10)
+    pressure = respond(command[:, None], np.array([rise]), np.array([fall]), STEP_S)[:, 0]
+    assert pressure == pytest.approx(solve_valve(command, rise, fall), rel=1e-7)

@@ -104,18 +104,6 @@ def _fill(
     return reading
 
 
-def _rest(pump: Array, values: TankValues) -> Array:
-    """Return the state (2, R) in which tanks rest under a pump's voltage (R,)."""
-    down = values.lower_inflow * values.pump_gain * np.maximum(pump, 0.0) / values.upper_outflow
-    return np.stack([down, (down / values.lower_outflow) ** 2])
-
-
-def _read_state(begun: InitialState, values: TankValues) -> Array:
-    """Return the state (2, R) that the first readings tell: what the lower tank gains and loses ran into it."""
-    lower = np.maximum(begun.value - values.reading_offset, 0.0)
-    return np.stack([np.maximum(begun.rate + values.lower_outflow * np.sqrt(lower), 0.0), lower])
-
-
 class TankConstants(Declared):
     """Constants of the textbook tanks."""
 
@@ -199,7 +187,12 @@ class CascadedTanks(RecordPlant):
             )
             return read(np.stack(list(filled), axis=1), terms.unread, *ends)
 
-        state = _rest(columns[:, 0], values) if begun is None else _read_state(begun, values)
+        if begun is None:  # they rest under the first voltage
+            down = values.lower_inflow * values.pump_gain * np.maximum(columns[:, 0], 0.0) / values.upper_outflow
+            state = np.stack([down, (down / values.lower_outflow) ** 2])
+        else:  # what the lower tank gains and loses ran into it
+            lower = np.maximum(begun.value - values.reading_offset, 0.0)
+            state = np.stack([np.maximum(begun.rate + values.lower_outflow * np.sqrt(lower), 0.0), lower])
         if begun is not None and self.output in signals:
             heads = signals[self.output][:HEAD]
             wide = np.full(state.shape, self.output_scale) / np.array([[self.time_scale_s], [1.0]])

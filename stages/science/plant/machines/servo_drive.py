@@ -85,22 +85,14 @@ class ServoDrive(MotionPlant):
 def _leave_out_rest(rows: Sequence[Array], outputs: Sequence[Array], skipped: int) -> tuple[list[Array], list[Array]]:
     """Return columns and accelerations of the samples in which the drive moves: at rest, friction takes up any force.
 
-    Parameters
-    ----------
-    rows : sequence of (N_r, C) ndarray
-        Columns of each record.
-    outputs : sequence of (N_r, 3) ndarray
-        Filtered place, velocity and acceleration.
-    skipped : int
-        Samples in which the filters settle.
+    Of each record, columns (N_r, C) and filtered place, velocity and acceleration (N_r, 3); filters settle first.
     """
     fastest = max(float(np.abs(q[skipped:, 1]).max(initial=0.0)) for q in outputs)
     moves = [(np.abs(q[:, 1]) > MOVING * fastest) & (np.arange(len(q)) >= skipped) for q in outputs]
     if sum(each.sum() for each in moves) < FEWEST_MOVING:
         moves = [np.arange(len(q)) >= min(skipped, len(q) // 2) for q in outputs]
-    return [each[k] for each, k in zip(rows, moves, strict=True)], [
-        q[k, 2] for q, k in zip(outputs, moves, strict=True)
-    ]
+    kept = list(zip(rows, outputs, moves, strict=True))
+    return [each[k] for each, _, k in kept], [q[k, 2] for _, q, k in kept]
 
 
 PLANT = ServoDrive
