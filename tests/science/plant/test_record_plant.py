@@ -1,16 +1,12 @@
 """Sections of machines of records: what they may leave to the data, what is refused, and how one is amended."""
 
-from typing import Literal
-
 import numpy as np
 import pytest
 import yaml
 from pydantic import ValidationError
 
-from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import find_effect, list_effects
-from stages.science.plant.effect_config import NominalConstant, constant, list_effects_at
-from stages.science.plant.element_plant import ElementPlant
+from stages.science.plant.effect_config import list_effects_at
 from stages.science.plant.machine import read_machine
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import read_initial_state
@@ -18,46 +14,13 @@ from tests.science.discrepancy.oscillators import configured as configured_oscil
 from tests.science.discrepancy.simulated_records import build_records, drive, joint, lag, tabulate
 from tests.science.plant.columns import begin, label
 from tests.science.plant.machines import begin_surely, configured, read_plant, simulate
-
-
-class Constants(Declared):
-    stiffness: NominalConstant = constant("N/m", "force over way")
-
-
-class Spring(ElementPlant):
-    kind: Literal["spring"]
-    constants: Constants
-
-    def answer(self, signals, constants):
-        return constants["stiffness"] * signals[self.along]
-
-    def guess(self, signals):
-        return {"stiffness": (float(signals[self.output] @ signals[self.along]), 0.0, 1e9, 1.0)}
-
-
-SECTION = {"kind": "spring", "along": "position_m", "output": "force_n", "effects": []}
-
-
-def test_all_that_may_be_left_open_is_the_data_s_own():
-    way = np.array([0.0, 0.6, -0.8])
-    plant = Spring.model_validate({**SECTION, "constants": None})
-    assert plant.constants.stiffness.unit == "N/m"
-    settled = plant.resolve_from_data([{"position_m": way, "force_n": 30.0 * way}], 0.1)
-    assert settled.starts == {"stiffness": pytest.approx(30.0)}
-    assert settled.along_scale == pytest.approx(0.7)
-    assert Spring.model_validate(settled.model_dump()) == settled
-
-
-def test_where_constants_are_told_so_is_all_else():
-    told = {"stiffness": {"unit": "N/m", "start": 1.0, "low": 0.0, "high": 9.0, "sd": 1.0}}
-    with pytest.raises(ValidationError, match="along_middle\n  Field required"):
-        Spring.model_validate({**SECTION, "constants": told})
+from tests.science.plant.test_static_map import sweep
 
 
 @pytest.mark.parametrize("kind", ["first_order", "static_map"])
 def test_a_machine_that_does_not_declare_its_constants_units_has_a_section_for_them(kind):
     with pytest.raises(ValidationError, match="constants"):
-        read_machine({**SECTION, "kind": kind, "input": "command_v", "constants": None})
+        read_plant(kind, constants=None)
 
 
 RIM = {"name": "overflow", "scale_over_rim": 1.0, "share_down": 0.1}
@@ -210,13 +173,6 @@ def test_after_a_gap_nothing_is_judged_until_it_is_forgotten(kind, lost, memory_
     assert unjudged[-1] == pytest.approx(520 * step_s + memory, abs=3 * output.step_s)
 
 
-def sweep_element():
-    """A machine that is a spring, swept slowly and quickly."""
-    time = 0.01 * np.arange(2000)
-    way = 0.03 + 0.02 * np.sin(0.8 * time) + 0.004 * np.sin(3.1 * time)
-    return read_plant("static_map"), {"position_m": way, "force_n": 900.0 * way - 4.0}, 0.01
-
-
 def shake_oscillator():
     plant, source = configured_oscillator("silverbox"), np.random.default_rng(3)
     return plant, {each: 0.3 * source.standard_normal(400) for each in (*plant.inputs, plant.output)}, 0.0016
@@ -225,7 +181,7 @@ def shake_oscillator():
 SITES = {
     "lag": lambda: (read_plant("first_order"), *lag(5, samples=800)),
     "motion": shake_oscillator,
-    "element": sweep_element,
+    "element": lambda: (read_plant("static_map"), sweep(), 0.01),
 }
 FORMS = [form for site in SITES for form in list_effects_at(site, list_effects())]
 
