@@ -110,7 +110,10 @@ class LinearMuscleModel:
         residual_sd = float(np.linalg.norm(residuals) / np.sqrt(free)) * size if free else np.nan
         change = _change_of_basis(centre, scale)
         errors = residual_sd * np.linalg.norm(change @ (right.T / singular), axis=1)
+        repair = ""
         if rank < design.shape[1]:
+            found = f"{np.unique(pressure).size} pressures and {np.unique(contracted).size} contractions"
+            repair = f"least norm: {force.size} samples with {found} determine {rank} of 6 coefficients"
             # a coefficient is determined where its row of the change of basis lies in the span of the directions
             outside = change - change @ right.T @ right
             open_ = np.linalg.norm(outside, axis=1) > 1e-8 * np.linalg.norm(change, axis=1)
@@ -122,7 +125,7 @@ class LinearMuscleModel:
             n=force.size,
             rank=rank,
             condition=float(singular[0] / singular[-1]),
-            repair=_describe(rank, pressure, contracted) if rank < design.shape[1] else "",
+            repair=repair,
             centre=centre,
             scale=scale,
             weights=weights * size,
@@ -170,8 +173,3 @@ def _change_of_basis(centre: Array, scale: Array) -> Array:
     contraction = np.array([[slope**2, 0.0, 0.0], [2 * slope * shift, slope, 0.0], [shift**2, shift, 1.0]])
     pressure = np.array([[1 / scale[0], 0.0], [-centre[0] / scale[0], 1.0]])
     return np.kron(pressure, contraction)
-
-
-def _describe(rank: int, pressure: Array, contraction: Array) -> str:
-    found = f"{np.unique(pressure).size} pressures and {np.unique(contraction).size} contractions"
-    return f"least norm: {pressure.size} samples with {found} determine {rank} of 6 coefficients"

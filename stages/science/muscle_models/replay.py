@@ -37,11 +37,6 @@ class TimeShift:
     amplitude_s: float
     period_s: float
 
-    @property
-    def reach(self) -> int:
-        """Largest shift in samples."""
-        return int(np.floor(self.amplitude_s / self.period_s + ROUNDING))
-
     def displace(self, row: int, taken: Sequence[int], samples: int, generator: np.random.Generator) -> int:
         """Return the row to take in place of another.
 
@@ -61,7 +56,8 @@ class TimeShift:
         ValueError
             When every sample within reach was taken.
         """
-        first, last = max(0, row - self.reach), min(samples - 1, row + self.reach)
+        reach = int(np.floor(self.amplitude_s / self.period_s + ROUNDING))
+        first, last = max(0, row - reach), min(samples - 1, row + reach)
         free = set(range(first, last + 1)).difference(taken)
         if not free:
             raise ValueError(f"expected a free sample within {self.amplitude_s} s of sample {row}, all are taken")

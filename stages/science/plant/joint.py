@@ -76,29 +76,21 @@ def _sum_passive_torque(angle: float, velocity: float, joint: JointConstants) ->
 
 
 @njit(cache=True, error_model="numpy")
-def _sum_muscle_torque(angle: float, velocity: float, inputs: Array, s: int, muscles: Array) -> float:
+def _sum_muscle_torque(angle: float, velocity: float, inputs: Array, s: int, muscles: MuscleConstants) -> float:
     """Return the torque of a joint's muscles, N m, under row `s` of `inputs` (S, 3, m): pressure, deviation, drag."""
     torque = 0.0
-    for m in range(muscles.shape[0]):
-        at_zero, per_rad, arm = muscles[m, 7], muscles[m, 8], muscles[m, 9]
-        tension = pull(
-            inputs[s, 0, m],
-            at_zero + per_rad * angle,
-            per_rad * velocity,
-            muscles[m, 0],
-            muscles[m, 1],
-            muscles[m, 2],
-            muscles[m, 3],
-            muscles[m, 4],
-            muscles[m, 5],
-            muscles[m, 6],
+    for m in range(inputs.shape[2]):
+        rate = muscles.contraction_per_rad[m] * velocity
+        contraction = muscles.contraction_at_angle_0[m] + muscles.contraction_per_rad[m] * angle
+        tension = pull(inputs[s, 0, m], contraction, rate, muscles, m)
+        torque += muscles.torque_arm_m[m] * (
+            tension + inputs[s, 1, m] - inputs[s, 2, m] * muscles.contraction_per_rad[m] * velocity
         )
-        torque += arm * (tension + inputs[s, 1, m] - inputs[s, 2, m] * per_rad * velocity)
     return torque
 
 
 @njit(cache=True, error_model="numpy")
-def balance(start: float, drive: Array, joint: JointConstants, muscles: Array, person: Person) -> float:
+def balance(start: float, drive: Array, joint: JointConstants, muscles: MuscleConstants, person: Person) -> float:
     """Return the torque, N m, that a person holds at rest under the first row of `drive` (S, 3, m)."""
     if person.compensation_per_s == 0.0:
         return 0.0
@@ -108,30 +100,29 @@ def balance(start: float, drive: Array, joint: JointConstants, muscles: Array, p
 
 @njit(cache=True, error_model="numpy")
 def advance(
-    q: float,
-    w: float,
-    held: float,
+    state: tuple[float, float, float],
     drive: Array,
     aims: Array,
     k: int,
     joint: JointConstants,
-    muscles: Array,
+    muscles: MuscleConstants,
     person: Person,
     step_s: float,
     substeps: int,
     inputs: Array,
 ) -> tuple[float, float, float]:
-    """Return angle, velocity and held torque one sample after sample `k`.
+    """Return the state, angle, velocity and held torque, one sample after sample `k`.
 
     `drive` is (S, 3, m) with pressure, deviation and drag, `aims` (S, 3) with intended angle, velocity and push;
     `inputs` (3, 3, m) is overwritten.
     """
+    q, w, held = state
     h = step_s / substeps
     for i in range(substeps):
         for s in range(3):
             share = (i + 0.5 * s) / substeps
             for n in range(3):
-                for m in range(muscles.shape[0]):
+                for m in range(inputs.shape[2]):
                     inputs[s, n, m] = drive[k, n, m] + share * (drive[k + 1, n, m] - drive[k, n, m])
         dq, dw, dh = 0.0, 0.0, 0.0
         sum_q, sum_w, sum_h = 0.0, 0.0, 0.0
@@ -167,25 +158,24 @@ def _integrate(
     aims: Array,
     start: float,
     joint: JointConstants,
-    muscles: Array,
+    muscles: MuscleConstants,
     person: Person,
     step_s: float,
     substeps: int,
 ) -> tuple[Array, Array]:
     angle, velocity = np.empty(len(aims)), np.empty(len(aims))
-    inputs = np.empty((3, 3, muscles.shape[0]))
-    q, w, held = start, 0.0, balance(start, drive, joint, muscles, person)
-    angle[0], velocity[0] = q, w
+    inputs = np.empty((3, 3, drive.shape[2]))
+    state = (start, 0.0, balance(start, drive, joint, muscles, person))
+    angle[0], velocity[0] = start, 0.0
     for k in range(len(aims) - 1):
-        q, w, held = advance(q, w, held, drive, aims, k, joint, muscles, person, step_s, substeps, inputs)
-        angle[k + 1], velocity[k + 1] = q, w
+        state = advance(state, drive, aims, k, joint, muscles, person, step_s, substeps, inputs)
+        angle[k + 1], velocity[k + 1] = state[0], state[1]
     return angle, velocity
 
 
-def stack_rows(muscles: MuscleConstants) -> Array:
-    """Return the constants that torques take, (M, 10): effective area, those of the law, and the muscle's place."""
-    area = muscles.area_n_per_kpa * muscles.area_factor
-    return np.stack((area, *muscles[1:7], *muscles[8:11]), axis=1)
+def split_by_joint(muscles: MuscleConstants, joint_of_muscle: Array, joints: int) -> list[MuscleConstants]:
+    """Return the constants of each joint's muscles."""
+    return [MuscleConstants(*(each[joint_of_muscle == j] for each in muscles)) for j in range(joints)]
 
 
 def integrate_joints(
@@ -223,13 +213,12 @@ def integrate_joints(
         Integration steps per sample.
     """
     drive, aims = np.stack([pressure_kpa, deviation_n, drag_n_s], axis=1), np.stack(intention, axis=1)
-    rows = stack_rows(muscles)
+    of_muscle = np.array(joint_of_muscle)
+    its_muscles = split_by_joint(muscles, of_muscle, len(joints))
     angle, velocity = np.empty_like(intention.angle_rad), np.empty_like(intention.angle_rad)
     for j, joint in enumerate(joints):
-        on_joint = np.array(joint_of_muscle) == j
-        taken = (drive[:, :, on_joint], aims[:, :, j], rows[on_joint])
-        its_drive, its_aims, its_rows = (np.ascontiguousarray(each) for each in taken)
+        its_drive, its_aims = (np.ascontiguousarray(each) for each in (drive[:, :, of_muscle == j], aims[:, :, j]))
         angle[:, j], velocity[:, j] = _integrate(
-            its_drive, its_aims, float(start_rad[j]), joint, its_rows, person[j], step_s, substeps
+            its_drive, its_aims, float(start_rad[j]), joint, its_muscles[j], person[j], step_s, substeps
         )
     return angle, velocity

@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import DynamicEffect, Effect, Parameter
-from stages.science.plant.effect_config import EffectConfig, NominalConstant, find_effect_at, infer_from_data
+from stages.science.plant.effect_config import EffectConfig, NominalConstant, infer_from_data
 from stages.science.plant.linear_guess import find_pace
 from stages.science.signals.trajectories import Array
 
@@ -351,10 +351,7 @@ class RecordPlant(Declared):
 
     def place(self, effects: Sequence[Placed] = ()) -> list[Placed]:
         """Return the effects listed, and more."""
-        return [
-            *((find_effect_at(self.SITE, entry.name, entry.form), entry.parameters) for entry in self.effects),
-            *effects,
-        ]
+        return [*((entry.effect, entry.parameters) for entry in self.effects), *effects]
 
 
 def list_limits(effect: Effect, form: str, drives: Iterable[Array], scale: float) -> Tries:

@@ -14,7 +14,7 @@ import numpy as np
 from stages.science.plant.chain import Chain
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.interaction import Motion, pull_and_split
-from stages.science.plant.joint import advance, balance, collect_joints, stack_rows
+from stages.science.plant.joint import advance, balance, collect_joints, split_by_joint
 from stages.science.plant.participant import Intention, Person
 from stages.science.plant.plant import Plant
 from stages.science.signals.trajectories import Array
@@ -36,8 +36,9 @@ class Steps:
         self.substeps = max(int(np.ceil(self.step_s / plant.integration_step_s - 1e-9)), 1)
         self.aims = np.stack(intention, axis=1)  # (T, 3, J)
         samples, muscles = len(self.aims), len(self.of_muscle)
-        self.rows = stack_rows(self.chain.constants)
-        self.inputs = [np.empty((3, 3, int((self.of_muscle == j).sum()))) for j in range(len(self.joints))]
+        self.on = [self.of_muscle == j for j in range(len(self.joints))]
+        self.muscles = split_by_joint(self.chain.constants, self.of_muscle, len(self.joints))
+        self.inputs = [np.empty((3, 3, int(on.sum()))) for on in self.on]
         self.command = np.zeros((samples, muscles))
         self.drive = np.zeros((samples, 3, muscles))
         self.angle, self.velocity = (np.zeros((samples, len(self.joints))) for _ in range(2))
@@ -82,11 +83,9 @@ class Steps:
         self.command[0] = command_kpa
         self.drive[0, 0] = self.chain.pressurise(self.command[:1])[0]
         self._settle(0, self.states)
-        for j in range(len(self.joints)):
-            on = self.of_muscle == j
+        for j, (on, joint) in enumerate(zip(self.on, self.joints, strict=True)):
             drive = np.ascontiguousarray(self.drive[:1, :, on])
-            rows = np.ascontiguousarray(self.rows[on])
-            self.states[j, 2] = balance(self.states[j, 0], drive, self.joints[j], rows, self.person[j])
+            self.states[j, 2] = balance(self.states[j, 0], drive, joint, self.muscles[j], self.person[j])
 
     def step(self, command_kpa: Array) -> None:
         """Go on by one sample, over which a command was held."""
@@ -102,22 +101,12 @@ class Steps:
         self.at = after
 
     def _move(self, now: int, j: int) -> tuple[float, float, float]:
-        on = self.of_muscle == j
-        angle, velocity, held = self.states[j]
-        return advance(
-            angle,
-            velocity,
-            held,
-            np.ascontiguousarray(self.drive[now : now + 2][:, :, on]),
-            np.ascontiguousarray(self.aims[now : now + 2, :, j]),
-            0,
-            self.joints[j],
-            np.ascontiguousarray(self.rows[on]),
-            self.person[j],
-            self.step_s,
-            self.substeps,
-            self.inputs[j],
+        both = slice(now, now + 2)
+        drive, aims = (
+            np.ascontiguousarray(each) for each in (self.drive[both][:, :, self.on[j]], self.aims[both, :, j])
         )
+        constants = (self.joints[j], self.muscles[j], self.person[j], self.step_s, self.substeps)
+        return advance(tuple(self.states[j]), drive, aims, 0, *constants, self.inputs[j])
 
     def _settle(self, at: int, states: Array) -> None:
         """Note a sample's motion, its tensions, and what effects do to them."""
