@@ -15,19 +15,9 @@ import numpy as np
 
 
 def digest_calls(function: FunctionType) -> str:
-    """Return a digest of a function, the functions that it calls, the constants that they read, and their modules.
+    """Return the SHA-256 of a function, the functions that it calls, the constants that they read, and their modules.
 
     Names are looked up when this is called, so that a function may call what its file defines further down.
-
-    Parameters
-    ----------
-    function : function
-        What `numba.njit` was given.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal.
     """
     digest = hashlib.sha256()
     for part in _describe_function(function, set()):
@@ -45,11 +35,15 @@ def _describe_function(function: FunctionType, told: set[int]) -> Iterator[str]:
     dispatcher = function.__globals__.get(function.__name__)
     if getattr(dispatcher, "py_func", None) is function:
         yield _describe_options(dispatcher)
-    yield from _describe_code(function.__code__)
+    codes = list(_walk(function.__code__))
+    for code in codes:
+        yield code.co_code.hex()
+        yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars))
+        yield from (repr(constant) for constant in code.co_consts if not isinstance(constant, CodeType))
     yield from _describe_value(function.__defaults__, set(), told)
     for cell in function.__closure__ or ():
         yield from _describe_value(cell.cell_contents, set(), told)
-    names = set(_list_names(function.__code__))
+    names = {name for code in codes for name in code.co_names}
     for name in sorted(names & function.__globals__.keys()):
         yield name
         yield from _describe_value(function.__globals__[name], names, told)
@@ -59,21 +53,11 @@ def _describe_options(dispatcher: Any) -> str:
     return repr(sorted((name, repr(value)) for name, value in dispatcher.targetoptions.items()))
 
 
-def _describe_code(code: CodeType) -> Iterator[str]:
-    yield code.co_code.hex()
-    yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars))
+def _walk(code: CodeType) -> Iterator[CodeType]:
+    yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _describe_code(constant)
-        else:
-            yield repr(constant)
-
-
-def _list_names(code: CodeType) -> Iterator[str]:
-    yield from code.co_names
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield from _list_names(constant)
+            yield from _walk(constant)
 
 
 def _describe_value(value: object, names: set[str], told: set[int]) -> Iterator[str]:

@@ -29,18 +29,7 @@ def _balance(pressure: Array, contraction: Array, velocity: Array, muscles: Musc
         for k in range(contraction.shape[0]):
             x = contraction[k, m]
             for _ in range(PASSES):
-                tension = pull(
-                    pressure[k, m],
-                    x,
-                    velocity[k, m],
-                    area,
-                    a,
-                    muscles.braid_b[m],
-                    factor,
-                    linear,
-                    quadratic,
-                    muscles.damping_n_s[m],
-                )
+                tension = pull(pressure[k, m], x, velocity[k, m], muscles, m)
                 slope = -2.0 * pressure[k, m] * area * a * factor * (1.0 - factor * x) - linear - 2.0 * quadratic * x
                 falling = min(slope, 0.0) if tension > 0.0 else 0.0
                 x -= (x - contraction[k, m] - per_n * tension) / (1.0 - per_n * falling)

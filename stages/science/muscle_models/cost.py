@@ -11,29 +11,18 @@ from collections.abc import Callable
 
 
 def measure_cost(step: Callable[[], object]) -> dict[str, float]:
-    """Return what a call takes.
+    """Return what a step takes that is called twice, timed, then watched.
 
-    Parameters
-    ----------
-    step : callable
-        Called twice: timed, then watched.
-
-    Returns
-    -------
-    dict of str to float
-        ``seconds``, and ``peak_memory_mb``: the most that was allocated beyond what was there before (MB).
+    ``seconds``, and ``peak_memory_mb``: the most that was allocated beyond what was there before (MB).
     """
     began = time.perf_counter()
     step()
     seconds = time.perf_counter() - began
-    running = tracemalloc.is_tracing()
     tracemalloc.start()
     try:
-        tracemalloc.reset_peak()
         before = tracemalloc.get_traced_memory()[0]
         step()
         peak = tracemalloc.get_traced_memory()[1]
     finally:
-        if not running:
-            tracemalloc.stop()
+        tracemalloc.stop()
     return {"seconds": seconds, "peak_memory_mb": (peak - before) / 2**20}

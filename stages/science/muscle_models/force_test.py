@@ -18,19 +18,7 @@ from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
 
 @dataclass(frozen=True)
 class ForceTest:
-    """Inputs and forces of every muscle.
-
-    Parameters
-    ----------
-    name : str
-        Of the table that they come from.
-    scalings : list over M muscles of Scaling
-        Of the models' inputs and output.
-    inputs : tuple over M muscles of (N, D) float arrays
-        Standardised.
-    forces_n : tuple over M muscles of (N,) float arrays
-        Measured, N.
-    """
+    """Standardised inputs (N, D) and measured forces (N,) of every muscle, and the table that they come from."""
 
     name: str
     scalings: list[Scaling]

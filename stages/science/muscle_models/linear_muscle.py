@@ -46,7 +46,7 @@ class LinearMuscleModel:
     repair : str
         What was done where data do not determine all coefficients; empty otherwise.
     centre, scale : (2,) ndarray
-        Centre and half range of pressure (kPa) and contraction, which standardise them.
+        Of pressure (kPa) and contraction: centre and half range, which standardise them.
     weights : (6,) ndarray
         The same polynomial in standardised inputs, N.
 
@@ -71,23 +71,12 @@ class LinearMuscleModel:
 
     @classmethod
     def fit(cls, pressure_kpa: ArrayLike, contraction: ArrayLike, force_n: ArrayLike) -> LinearMuscleModel:
-        """Fit the coefficients by ordinary least squares.
+        """Fit the coefficients by ordinary least squares to pressures (kPa gauge), contractions and forces (N), (n,).
 
-        Parameters
-        ----------
-        pressure_kpa : (n,) array_like
-            kPa gauge.
-        contraction : (n,) array_like
-            Ratio of rest length.
-        force_n : (n,) array_like
-            Measured tension, N; samples of a slack muscle do not follow the law and are better left out.
-
-        Returns
-        -------
-        LinearMuscleModel
-            Where data do not determine all coefficients (fewer than six samples, two contractions only, one pressure),
-            the polynomial of least norm in standardised inputs, as its `repair` says: it explains the data as well as
-            any other, and its forces elsewhere are a convention; an input that never changed changes no force.
+        Samples of a slack muscle do not follow the law and are better left out. Where data do not determine all
+        coefficients (fewer than six samples, two contractions only, one pressure), the model is the polynomial of least
+        norm in standardised inputs, as its `repair` says: it explains the data as well as any other, and its forces
+        elsewhere are a convention; an input that never changed changes no force.
 
         Raises
         ------
@@ -121,7 +110,10 @@ class LinearMuscleModel:
         residual_sd = float(np.linalg.norm(residuals) / np.sqrt(free)) * size if free else np.nan
         change = _change_of_basis(centre, scale)
         errors = residual_sd * np.linalg.norm(change @ (right.T / singular), axis=1)
+        repair = ""
         if rank < design.shape[1]:
+            found = f"{np.unique(pressure).size} pressures and {np.unique(contracted).size} contractions"
+            repair = f"least norm: {force.size} samples with {found} determine {rank} of 6 coefficients"
             # a coefficient is determined where its row of the change of basis lies in the span of the directions
             outside = change - change @ right.T @ right
             open_ = np.linalg.norm(outside, axis=1) > 1e-8 * np.linalg.norm(change, axis=1)
@@ -133,7 +125,7 @@ class LinearMuscleModel:
             n=force.size,
             rank=rank,
             condition=float(singular[0] / singular[-1]),
-            repair=_describe(rank, pressure, contracted) if rank < design.shape[1] else "",
+            repair=repair,
             centre=centre,
             scale=scale,
             weights=weights * size,
@@ -156,8 +148,7 @@ class LinearMuscleModel:
         if worst > LARGEST_VALUE:
             raise ValueError(f"expected pressure and contraction within {LARGEST_VALUE:g}, got {worst}")
         inputs = (pressure - self.centre[0]) / self.scale[0], (contracted - self.centre[1]) / self.scale[1]
-        force: Array = _design(*inputs) @ self.weights
-        return force
+        return _design(*inputs) @ self.weights
 
 
 def _standardise(values: Array) -> tuple[float, float]:
@@ -182,8 +173,3 @@ def _change_of_basis(centre: Array, scale: Array) -> Array:
     contraction = np.array([[slope**2, 0.0, 0.0], [2 * slope * shift, slope, 0.0], [shift**2, shift, 1.0]])
     pressure = np.array([[1 / scale[0], 0.0], [-centre[0] / scale[0], 1.0]])
     return np.kron(pressure, contraction)
-
-
-def _describe(rank: int, pressure: Array, contraction: Array) -> str:
-    found = f"{np.unique(pressure).size} pressures and {np.unique(contraction).size} contractions"
-    return f"least norm: {pressure.size} samples with {found} determine {rank} of 6 coefficients"

@@ -5,6 +5,7 @@ Values of the configuration flow in; a `Design` of the GP's flows out.
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
@@ -59,17 +60,8 @@ class DesignSettings(BaseModel):
 
     def design(self, mean: str, utility: str | None = None) -> Design:
         """Return the choices, with the models' mean (``zero`` or ``constant``), and another utility if given."""
-        return Design(
-            utility=utility or self.utility,
-            subsample_utility=self.subsample_utility,
-            reduce=self.reduce,
-            points_per_trial=self.points_per_trial,
-            reuse_trajectories=self.reuse_trajectories,
-            log_det_every=self.log_det_every,
-            mean=mean,
-            starts=self.starts,
-            memory_mb=self.memory_mb,
-        )
+        told = {name: value for name, value in vars(self).items() if name in {each.name for each in fields(Design)}}
+        return Design(**{**told, "mean": mean, "utility": utility or self.utility})
 
 
 class LoopSettings(DesignSettings):
@@ -92,21 +84,20 @@ class LoopSettings(DesignSettings):
         ValueError
             When the bank has too few movements for all trials, or a trial too few samples for what is taken from it.
         """
-        spare = movements - self.initial_trials
+        spare, initial = movements - self.initial_trials, self.initial_trials * samples
         if spare < (0 if self.reuse_trajectories else self.trials):
             raise ValueError(
                 f"{section}.loop.trials: expected at most {max(spare, 0)} ({movements} movements of the bank less "
                 f"{self.initial_trials} initial trials), got {self.trials}; raise bank.trajectories or lower "
                 f"{section}.loop.initial_trials"
             )
-        if self.points_per_trial > samples:
-            raise ValueError(
-                f"{section}.loop.points_per_trial: expected at most the {samples} samples of a trial, "
-                f"got {self.points_per_trial}; lower it"
-            )
-        if self.initial_points > self.initial_trials * samples:
-            raise ValueError(
-                f"{section}.loop.initial_points: expected at most the {self.initial_trials * samples} samples of the "
-                f"{self.initial_trials} initial trials, got {self.initial_points}; lower it"
-            )
+        for name, most, whose in (
+            ("points_per_trial", samples, "a trial"),
+            ("initial_points", initial, f"the {self.initial_trials} initial trials"),
+        ):
+            if getattr(self, name) > most:
+                raise ValueError(
+                    f"{section}.loop.{name}: expected at most the {most} samples of {whose}, "
+                    f"got {getattr(self, name)}; lower it"
+                )
         return self

@@ -20,20 +20,8 @@ CONSTANT_MEAN = "constant_mean"
 class MuscleSet:
     """What a loop knows of every muscle before it begins, in the order of the hyperprior table.
 
-    Parameters
-    ----------
-    names : list of str
-        The M muscles.
-    hyperparameters : list of str
-        Of each muscle's model, P in all.
-    trajectories : list of int
-        The R movements of the bank.
-    scalings : list over muscles of Scaling
-        Centres and scales.
-    priors : list over muscles of Hyperprior
-        Table 1.
-    candidates : list over muscles of (R, T, D) float arrays
-        Inputs along each movement, standardised.
+    The muscles' names, the hyperparameters of each one's model, the R movements of the bank; and by muscle the scaling,
+    Table 1 and the standardised inputs along each movement, (R, T, D).
     """
 
     names: list[str]

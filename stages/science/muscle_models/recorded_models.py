@@ -14,17 +14,7 @@ from stages.science.signals.scaling import Scaling
 
 @dataclass(frozen=True)
 class RecordedModels:
-    """What the models of one muscle share, whatever they learned from.
-
-    Parameters
-    ----------
-    prior : Hyperprior
-        Table 1.
-    mean : str
-        ``zero`` or ``constant``.
-    scaling : Scaling
-        Of inputs and force.
-    """
+    """What the models of one muscle share, whatever they learned from: Table 1, ``zero`` or ``constant``, a scaling."""
 
     prior: Hyperprior
     mean: str

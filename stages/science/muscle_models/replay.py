@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -31,24 +30,12 @@ ROUNDING = 1e-9
 class TimeShift:
     """Takes the sample at t + d in place of that at t, with d uniform between plus and minus an amplitude.
 
-    d is rounded to a sample. It is drawn again when the sample lies outside the trial, farther from t than the
-    amplitude, or was taken from this trial before.
-
-    Parameters
-    ----------
-    amplitude_s : float
-        Largest shift, s.
-    period_s : float
-        Sampling period, s.
+    d is rounded to a sample, `period_s` apart. It is drawn again when the sample lies outside the trial, farther from t
+    than the amplitude, or was taken from this trial before.
     """
 
     amplitude_s: float
     period_s: float
-
-    @property
-    def reach(self) -> int:
-        """Largest shift in samples."""
-        return int(np.floor(self.amplitude_s / self.period_s + ROUNDING))
 
     def displace(self, row: int, taken: Sequence[int], samples: int, generator: np.random.Generator) -> int:
         """Return the row to take in place of another.
@@ -69,7 +56,8 @@ class TimeShift:
         ValueError
             When every sample within reach was taken.
         """
-        first, last = max(0, row - self.reach), min(samples - 1, row + self.reach)
+        reach = int(np.floor(self.amplitude_s / self.period_s + ROUNDING))
+        first, last = max(0, row - reach), min(samples - 1, row + reach)
         free = set(range(first, last + 1)).difference(taken)
         if not free:
             raise ValueError(f"expected a free sample within {self.amplitude_s} s of sample {row}, all are taken")
@@ -81,16 +69,9 @@ class TimeShift:
 
 @dataclass(frozen=True)
 class Replay:
-    """The bank's movements and what was recorded in each.
+    """The bank's movements, as a choice sees them, without force, and what was recorded in each, `period_s` apart.
 
-    Parameters
-    ----------
-    muscles : MuscleSet
-        With the candidates that a choice sees, without force.
-    inputs, outputs : tuples over M muscles of (R, T, D) and (R, T) float arrays
-        Recordings of each movement, standardised.
-    period_s : float
-        Sampling period of the recordings, s.
+    Recordings are standardised, by muscle: inputs (R, T, D) and outputs (R, T) of R movements.
     """
 
     muscles: MuscleSet
@@ -160,30 +141,22 @@ class Replay:
         def starts(trial: int) -> list[np.random.Generator]:
             return [generator("starts", trial, name) for name in self.muscles.names]
 
-        inputs, outputs = self._begin(initial, points)
-        known = Interaction.begin(design, self.muscles.candidates, priors, inputs, outputs, initial, starts(0))
-        yield known
-        shift = TimeShift(amplitude_s, self.period_s) if amplitude_s else None
-        for trial in range(1, trials + 1):
-            chosen = known.ask(generator("random", trial)).trajectory
-            recorded = [each[chosen] for each in self.inputs], [each[chosen] for each in self.outputs]
-            ways = None
-            if shift:
-                ways = [partial(self._displace, shift, generator, trial, name) for name in self.muscles.names]
-            known, _ = known.tell(chosen, *recorded, starts(trial), ways)
-            yield known
+        def displace(trial: int, name: str) -> Callable[[int, Sequence[int]], int]:
+            samples = self.outputs[0].shape[1]
+            return lambda row, taken: shift.displace(row, taken, samples, generator("shift", trial, name, len(taken)))
 
-    def _begin(self, initial: Sequence[int], points: int) -> tuple[list[Array], list[Array]]:
         inputs, outputs = [], []
         for x, y in zip(self.inputs, self.outputs, strict=True):
             executed = np.concatenate([x[each] for each in initial])
             at = place_evenly(points, len(executed))
             inputs.append(executed[at])
             outputs.append(np.concatenate([y[each] for each in initial])[at])
-        return inputs, outputs
-
-    def _displace(
-        self, shift: TimeShift, generator: Draw, trial: int, muscle: str, row: int, taken: Sequence[int]
-    ) -> int:
-        samples = self.outputs[0].shape[1]
-        return shift.displace(row, taken, samples, generator("shift", trial, muscle, len(taken)))
+        known = Interaction.begin(design, self.muscles.candidates, priors, inputs, outputs, initial, starts(0))
+        yield known
+        shift = TimeShift(amplitude_s, self.period_s)
+        for trial in range(1, trials + 1):
+            chosen = known.ask(generator("random", trial)).trajectory
+            recorded = [each[chosen] for each in self.inputs], [each[chosen] for each in self.outputs]
+            ways = [displace(trial, name) for name in self.muscles.names] if amplitude_s else None
+            known, _ = known.tell(chosen, *recorded, starts(trial), ways)
+            yield known

@@ -20,11 +20,7 @@ def place_evenly(count: int, samples: int) -> NDArray[np.intp]:
 
 def spread_evenly(executed: pd.DataFrame, count: int, muscles: Sequence[str]) -> pd.DataFrame:
     """Return `count` samples of each muscle, evenly spread over the executed trials."""
-    frames = []
-    for name in muscles:
-        rows = executed[executed["muscle"] == name]
-        frames.append(rows.iloc[place_evenly(count, len(rows))].assign(pick=range(count)))
-    return pd.concat(frames, ignore_index=True)[TAKEN]
+    return take(executed, [place_evenly(count, (executed["muscle"] == name).sum()) for name in muscles], muscles)
 
 
 def keep_usable(executed: pd.DataFrame) -> pd.DataFrame:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stages.science.output_channels.detection import DetectionSettings
 from stages.science.output_channels.exact_values import find_levels
 from stages.science.output_channels.output_channel import Driver, EffectForm, OutputChannel, list_starts
-from stages.science.plant.actuator_path import ActuatorPath, Everywhere, predict_force, predict_pressure
+from stages.science.plant.actuator_path import Acting, ActuatorPath, predict_force, predict_pressure
 from stages.science.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
 from stages.science.signals.trajectories import Array
@@ -260,7 +260,7 @@ class ForceChannel(MuscleChannel):
         """Return the output with the true pressure, where the pressure's sensor has an effect."""
         placed = [(find_effect(name, form), values) for name, form, values in effects]
         sensor = [
-            Everywhere(effect, values)
+            Acting(effect, values)
             for effect, values in placed
             if isinstance(effect, ChainEffect) and effect.signal == "sensed_pressure_kpa"
         ]

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.science.plant.effect import ChainEffect, Signal, State
 from stages.science.plant.muscle import MuscleConstants, compute_tension
@@ -20,35 +21,23 @@ from stages.science.signals.trajectories import Array
 INVERSIONS = 3
 
 
-class Acting(Protocol):
-    """An effect that knows its parameters and its columns."""
-
-    @property
-    def signal(self) -> Signal:
-        """What it maps."""
-
-    def apply(self, values: Array, state: State) -> Array:
-        """Return the mapped signal."""
-
-    def invert(self, values: Array, state: State) -> Array:
-        """Return the signal that it maps to these values."""
-
-
 @dataclass(frozen=True)
-class Everywhere:
-    """An effect on all columns."""
+class Acting:
+    """An effect with its parameters, and on which muscles of every trial it acts: all, without a mask."""
 
     effect: ChainEffect
     parameters: Mapping[str, float]
-
-    @property
-    def signal(self) -> Signal:
-        """What it maps."""
-        return self.effect.signal
+    mask: NDArray[np.bool_] | None = None
 
     def apply(self, values: Array, state: State) -> Array:
-        """Return the mapped signal."""
-        return self.effect.apply(values, state, self.parameters)
+        """Return the mapped signal, (T, K)."""
+        if self.mask is None:
+            return self.effect.apply(values, state, self.parameters)
+        mask = np.tile(self.mask, values.shape[1] // self.mask.size)
+        changed = values.copy()
+        its = np.ascontiguousarray(values[:, mask])
+        changed[:, mask] = self.effect.apply(its, state.select(mask), self.parameters)
+        return changed
 
     def invert(self, values: Array, state: State) -> Array:
         """Return the signal that is mapped to these values.
@@ -68,19 +57,7 @@ class Everywhere:
 
 @dataclass(frozen=True)
 class ActuatorPath:
-    """K columns of muscle under effects.
-
-    Parameters
-    ----------
-    muscles : MuscleConstants
-        Of the K columns.
-    effects : sequence of Acting
-        In order.
-    step_s : float
-        Time between samples, s.
-    start_s : (K,) ndarray
-        When each column's trial began in the session, s.
-    """
+    """K columns of muscle under effects, in order; times in s, `start_s` (K,) of each column's trial in the session."""
 
     muscles: MuscleConstants
     effects: Sequence[Acting]
@@ -106,6 +83,10 @@ class ActuatorPath:
         force = self._bend("force_n", static, state)
         return force, self._bend("tension_n", force, state)
 
+    def pull_nominally(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
+        """Return the tension, N, that the static law alone gives."""
+        return compute_tension(pressure_kpa, contraction, velocity_per_s, self.muscles)
+
     def sense_pressure(self, pressure_kpa: Array) -> Array:
         """Return what the pressure sensor shows, kPa."""
         return self._apply("sensed_pressure_kpa", pressure_kpa, lambda: self._upstream(pressure_kpa, pressure_kpa))
@@ -114,7 +95,7 @@ class ActuatorPath:
         """Return the pressure, kPa, that the sensor shows so."""
         pressure = shown_kpa
         for effect in reversed(self.effects):
-            if effect.signal == "sensed_pressure_kpa":
+            if effect.effect.signal == "sensed_pressure_kpa":
                 pressure = effect.invert(pressure, self._upstream(pressure, pressure))
         return pressure
 
@@ -127,7 +108,7 @@ class ActuatorPath:
 
     def _apply(self, signal: Signal, values: Array, state: Callable[[], State]) -> Array:
         for effect in self.effects:
-            if effect.signal == signal:
+            if effect.effect.signal == signal:
                 values = effect.apply(values, state())
         return values
 
@@ -150,7 +131,7 @@ Chosen = Sequence[tuple[ChainEffect, Mapping[str, float]]]
 def predict_pressure(
     command_kpa: Array, constants: MuscleConstants, effects: Chosen, step_s: float, start_s: Array
 ) -> Array:
-    """Return the pressure that the sensor shows under a held command.
+    """Return the pressure (T, K), kPa gauge, that the sensor shows under a held command.
 
     Parameters
     ----------
@@ -164,13 +145,8 @@ def predict_pressure(
         Time between samples, s.
     start_s : (K,) ndarray
         When each column's trial began in the session, s.
-
-    Returns
-    -------
-    (T, K) ndarray
-        Pressure, kPa gauge.
     """
-    path = ActuatorPath(constants, [Everywhere(*each) for each in effects], step_s, start_s)
+    path = ActuatorPath(constants, [Acting(*each) for each in effects], step_s, start_s)
     return path.sense_pressure(path.pressurise(_contiguous(command_kpa)))
 
 
@@ -184,7 +160,7 @@ def predict_force(
     start_s: Array,
     load_cell_site: Literal["muscle_tip", "joint_end"],
 ) -> Array:
-    """Return the force that the load cell shows at measured pressures and motions.
+    """Return the force (T, K), N, that the load cell shows, its offset included, at measured pressures and motions.
 
     Parameters
     ----------
@@ -196,13 +172,8 @@ def predict_force(
         As in `predict_pressure`.
     load_cell_site : str
         ``muscle_tip`` or ``joint_end``.
-
-    Returns
-    -------
-    (T, K) ndarray
-        Force, N, with the load cell's offset.
     """
-    path = ActuatorPath(constants, [Everywhere(*each) for each in effects], step_s, start_s)
+    path = ActuatorPath(constants, [Acting(*each) for each in effects], step_s, start_s)
     contraction, velocity = _contiguous(contraction), _contiguous(velocity_per_s)
     pressure = path.unsense_pressure(_contiguous(pressure_kpa))
     force = path.pull(pressure, contraction, velocity)[load_cell_site == "joint_end"]

@@ -7,30 +7,22 @@ simulated side by side. Effects are applied at their sites in the order in which
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from stages.science.plant.actuator_path import ActuatorPath, Everywhere
-from stages.science.plant.effect import ChainEffect, Signal, State
+from stages.science.plant.actuator_path import Acting, ActuatorPath
+from stages.science.plant.effect import ChainEffect
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.plant.muscle import MuscleConstants, compute_tension
-from stages.science.plant.plant import AppliedEffect, Plant, collect_constants
+from stages.science.plant.muscle import MuscleConstants
+from stages.science.plant.plant import Plant, collect_constants
 from stages.science.signals.trajectories import Array
 
 BENDING = ("acting_pressure_kpa", "contraction", "force_n", "tension_n")
 
 
 class Chain:
-    """Muscles and valves of an exoskeleton under a plant's constants and effects.
-
-    Parameters
-    ----------
-    exoskeleton : Exoskeleton
-        The machine's rows.
-    plant : Plant
-        Constants and effects.
-    start_s : float
-        When the trial began in the session, s.
+    """Muscles and valves of an exoskeleton under a plant's constants and effects, in a trial begun at `start_s`, s.
 
     Raises
     ------
@@ -43,31 +35,25 @@ class Chain:
         self.step_s = 1.0 / exoskeleton.sampling_rate_hz
         self.start_s = start_s
         self.constants = collect_constants(exoskeleton, plant)
-        self.effects = [_place(entry, exoskeleton) for entry in plant.effects if isinstance(entry.effect, ChainEffect)]
+        self._repeated: dict[int, MuscleConstants] = {}
+        self.effects = [
+            Acting(entry.effect, entry.parameters, None if on is None else np.isin(exoskeleton.muscle_names, on))
+            for entry in plant.effects
+            for on in [entry.muscles]
+            if isinstance(entry.effect, ChainEffect)
+        ]
 
     @property
     def bends_force(self) -> bool:
         """Whether an effect lets tension at the joint differ from the static law at the valve's pressure."""
-        return any(effect.signal in BENDING for effect in self.effects)
+        return any(each.effect.signal in BENDING for each in self.effects)
 
     def pressurise(self, command_kpa: Array) -> Array:
-        """Return the pressure at the valves that a held command brings.
-
-        Parameters
-        ----------
-        command_kpa : (T, ..., M) ndarray
-            Commanded pressure, kPa gauge.
-
-        Returns
-        -------
-        (T, ..., M) ndarray
-            Pressure, kPa gauge.
-        """
-        command = self._flatten(command_kpa)
-        return self._pass(command).pressurise(command).reshape(command_kpa.shape)
+        """Return the pressure at the valves, kPa gauge, that a held command (T, ..., M), kPa gauge, brings."""
+        return self._pass(ActuatorPath.pressurise, command_kpa)
 
     def pull(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> tuple[Array, Array]:
-        """Return the tension at both ends of the cables.
+        """Return the tension at the muscle's tip and at the joint's end, N.
 
         Parameters
         ----------
@@ -75,74 +61,31 @@ class Chain:
             Pressure at the valves, kPa gauge.
         contraction, velocity_per_s : (T, ..., M) ndarray
             Contraction by the joint's geometry, 1, and its rate, 1/s.
-
-        Returns
-        -------
-        tuple of (T, ..., M) ndarray
-            Tension at the muscle's tip and at the joint's end, N.
         """
-        pressure, contraction, velocity = map(self._flatten, (pressure_kpa, contraction, velocity_per_s))
-        force, tension = self._pass(pressure).pull(pressure, contraction, velocity)
-        return force.reshape(pressure_kpa.shape), tension.reshape(pressure_kpa.shape)
+        return self._pass(ActuatorPath.pull, pressure_kpa, contraction, velocity_per_s)
 
     def pull_nominally(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
         """Return the tension, N, that the static law alone gives; shapes as in `pull`."""
-        pressure, contraction, velocity = map(self._flatten, (pressure_kpa, contraction, velocity_per_s))
-        tension = compute_tension(pressure, contraction, velocity, self._repeat(pressure.shape[1]))
-        return tension.reshape(pressure_kpa.shape)
+        return self._pass(ActuatorPath.pull_nominally, pressure_kpa, contraction, velocity_per_s)
 
     def sense_pressure(self, pressure_kpa: Array) -> Array:
         """Return what the pressure sensors show, kPa gauge; shapes as in `pressurise`."""
-        pressure = self._flatten(pressure_kpa)
-        return self._pass(pressure).sense_pressure(pressure).reshape(pressure_kpa.shape)
+        return self._pass(ActuatorPath.sense_pressure, pressure_kpa)
 
     def sense_force(self, force_n: Array, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
         """Return what the load cells show, N, of the forces on them; shapes as in `pull`."""
-        flat = [self._flatten(each) for each in (force_n, pressure_kpa, contraction, velocity_per_s)]
-        return self._pass(flat[0]).sense_force(*flat).reshape(force_n.shape)
+        return self._pass(ActuatorPath.sense_force, force_n, pressure_kpa, contraction, velocity_per_s)
 
-    def _pass(self, values: Array) -> ActuatorPath:
-        columns = values.shape[1]
-        return ActuatorPath(self._repeat(columns), self.effects, self.step_s, np.full(columns, self.start_s))
-
-    def _flatten(self, values: Array) -> Array:
-        muscles = len(self.constants.area_n_per_kpa)
-        if values.shape[-1] != muscles:
-            raise ValueError(f"expected {muscles} muscles on the last axis, got shape {values.shape}")
-        return np.ascontiguousarray(values, dtype=float).reshape(len(values), -1)
-
-    def _repeat(self, columns: int) -> MuscleConstants:
-        copies = columns // len(self.constants.area_n_per_kpa)
-        if copies == 1:
-            return self.constants
-        return MuscleConstants(*(np.tile(column, copies) for column in self.constants))
-
-
-class _OnSome:
-    """An effect on some muscles of every trial."""
-
-    def __init__(self, effect: Everywhere, chosen: list[str], muscles: list[str]):
-        self.effect = effect
-        self.mask = np.array([name in chosen for name in muscles])
-
-    @property
-    def signal(self) -> Signal:
-        return self.effect.signal
-
-    def apply(self, values: Array, state: State) -> Array:
-        return self._change(self.effect.apply, values, state)
-
-    def invert(self, values: Array, state: State) -> Array:
-        return self._change(self.effect.invert, values, state)
-
-    def _change(self, change: Callable[[Array, State], Array], values: Array, state: State) -> Array:
-        mask = np.tile(self.mask, values.shape[1] // self.mask.size)
-        changed = values.copy()
-        changed[:, mask] = change(np.ascontiguousarray(values[:, mask]), state.select(mask))
-        return changed
-
-
-def _place(entry: AppliedEffect, exoskeleton: Exoskeleton) -> Everywhere | _OnSome:
-    assert isinstance(entry.effect, ChainEffect)
-    everywhere = Everywhere(entry.effect, entry.parameters)
-    return everywhere if entry.muscles is None else _OnSome(everywhere, entry.muscles, exoskeleton.muscle_names)
+    def _pass(self, step: Callable[..., Any], *signals: Array) -> Any:
+        """Return what a step of the path makes of signals (T, ..., M), of their shape."""
+        muscles, shape = len(self.constants.area_n_per_kpa), signals[0].shape
+        if shape[-1] != muscles:
+            raise ValueError(f"expected {muscles} muscles on the last axis, got shape {shape}")
+        flat = [np.ascontiguousarray(each, dtype=float).reshape(len(each), -1) for each in signals]
+        columns = flat[0].shape[1]
+        if columns not in self._repeated:
+            copies = columns // muscles
+            self._repeated[columns] = MuscleConstants(*(np.tile(column, copies) for column in self.constants))
+        path = ActuatorPath(self._repeated[columns], self.effects, self.step_s, np.full(columns, self.start_s))
+        found = step(path, *flat)
+        return tuple(each.reshape(shape) for each in found) if isinstance(found, tuple) else found.reshape(shape)

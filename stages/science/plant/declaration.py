@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import importlib
+import pkgutil
 from collections.abc import Iterable
+from functools import cache
 
 from pydantic import BaseModel, ConfigDict
 
@@ -12,6 +15,12 @@ class Declared(BaseModel):
     """A frozen section whose values stand in YAML or nowhere."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+@cache
+def list_modules(package: str) -> tuple[str, ...]:
+    """Return the names of the modules of a package, sorted."""
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(importlib.import_module(package).__path__)))
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -9,16 +9,15 @@ forms in the literature: they share its name, and the module of that name lists 
 from __future__ import annotations
 
 import importlib
-import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.plant.declaration import nearest
+from stages.science.plant.declaration import list_modules, nearest
 from stages.science.plant.muscle import MuscleConstants
 from stages.science.signals.trajectories import Array
 
@@ -37,54 +36,29 @@ Signal = Literal[
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect.
-
-    Parameters
-    ----------
-    name : str
-        Ends with its unit, where it has one.
-    unit : str
-        ``"1"`` for a ratio.
-    low, high : float
-        Closed bounds.
-    prior_mean, prior_sd : float
-        Of a Gaussian prior, cut at the bounds.
-    description : str
-        One line.
-    starts : tuple of float
-        Where a fit begins, within the bounds; of the magnitude, none is zero.
-    optional : bool
-        Whether a list of effects may leave it out.
-    """
+    """One number of an effect, with closed bounds and a Gaussian prior that is cut there."""
 
     name: str
+    """Ends with its unit, where it has one."""
     unit: str
+    """``"1"`` for a ratio."""
     low: float
     high: float
     prior_mean: float
     prior_sd: float
     description: str
     starts: tuple[float, ...]
+    """Where a fit begins, within the bounds; of the magnitude, none is zero."""
     optional: bool = False
+    """Whether a list of effects may leave it out."""
 
 
 @dataclass(frozen=True)
 class State:
     """What a chain effect may look at beside the signal that it maps; arrays have the signal's shape (T, K).
 
-    Parameters
-    ----------
-    step_s : float
-        Time between samples.
-    muscles : MuscleConstants
-        Constants of the K columns.
-    command_kpa, pressure_kpa, contraction, velocity_per_s : (T, K) ndarray
-        Signals at this point of the chain. Upstream of the muscle the last two are zero; from there on the first is the
-        pressure at the valve, and the second the pressure that acts.
-    time_s : (T,) ndarray
-        Time within the trial.
-    start_s : (K,) ndarray
-        When each column's trial began in the session; zero where that is not known.
+    Signals are those at this point of the chain. Upstream of the muscle contraction and velocity are zero; from there
+    on the command is the pressure at the valve, and the pressure the one that acts.
     """
 
     step_s: float
@@ -94,153 +68,107 @@ class State:
     contraction: Array
     velocity_per_s: Array
     time_s: Array
+    """Time within the trial, (T,)."""
     start_s: Array
+    """When each column's trial began in the session, (K,); zero where that is not known."""
 
     def select(self, columns: NDArray[np.bool_]) -> State:
         """Return the state of some columns; `columns` is a (K,) mask."""
-        return replace(
-            self,
-            muscles=MuscleConstants(*(constant[columns] for constant in self.muscles)),
-            command_kpa=np.ascontiguousarray(self.command_kpa[:, columns]),
-            pressure_kpa=np.ascontiguousarray(self.pressure_kpa[:, columns]),
-            contraction=np.ascontiguousarray(self.contraction[:, columns]),
-            velocity_per_s=np.ascontiguousarray(self.velocity_per_s[:, columns]),
-            start_s=self.start_s[columns],
-        )
+        changed: dict[str, Any] = {
+            name: np.ascontiguousarray(getattr(self, name)[:, columns])
+            for name in ("command_kpa", "pressure_kpa", "contraction", "velocity_per_s")
+        }
+        muscles = MuscleConstants(*(constant[columns] for constant in self.muscles))
+        return replace(self, muscles=muscles, start_s=self.start_s[columns], **changed)
 
 
-@dataclass(frozen=True)
-class ChainEffect:
-    """An effect that maps whole arrays: ``apply(signal, state, parameters)`` returns the changed signal.
-
-    Parameters
-    ----------
-    name, form : str
-        The effect, and the literature's form of it.
-    site, signal : str
-        Where it acts, and what it maps.
-    parameters : tuple of Parameter
-        The magnitude first.
-    source : str
-        Where the form comes from.
-    signature : str
-        What its absence from a model leaves in the residual, in one sentence.
-    split_by : str
-        The experiment that tells it from its nearest relatives.
-    relatives : tuple of str
-        Names of effects that ordinary excitation may not tell from it.
-    apply : callable
-        Returns a new array of the signal's shape.
-    invert : callable, optional
-        Returns the signal of which ``apply`` made another; without it, fixed-point passes of ``apply`` do.
-    """
-
-    name: str
-    form: str
-    site: Site
-    signal: Signal
-    parameters: tuple[Parameter, ...]
-    source: str
-    signature: str
-    split_by: str
-    relatives: tuple[str, ...]
-    apply: Callable[[Array, State, Mapping[str, float]], Array]
-    invert: Callable[[Array, State, Mapping[str, float]], Array] | None = None
-
-
-@dataclass(frozen=True)
-class JointEffect:
-    """An effect inside the joint's motion: ``terms(parameters)`` returns what it adds to the integrator's terms.
-
-    The other fields are those of `ChainEffect`.
-    """
-
-    name: str
-    form: str
-    parameters: tuple[Parameter, ...]
-    source: str
-    signature: str
-    split_by: str
-    relatives: tuple[str, ...]
-    terms: Callable[[Mapping[str, float]], dict[str, float]]
-    site: Site = "joint"
-
-
-@dataclass(frozen=True)
-class DynamicEffect:
-    """An effect inside a machine that is one integrator: ``terms(parameters)`` returns what it adds to its terms.
-
-    The site is the machine's `SITE`; the other fields are those of `ChainEffect`. Sizes are told in the machine's own
-    scales, so that bounds hold for every machine of the kind. What an effect does grows with its magnitude in
-    proportion to begin with (`scales`), or sets in somewhere: then a fit has to be tried from each of its starts.
-    """
+@dataclass(frozen=True, kw_only=True)
+class NamedEffect:
+    """What every effect tells: its name and the literature's form of it, where it acts, and the rest."""
 
     name: str
     form: str
     site: str
     parameters: tuple[Parameter, ...]
+    """The magnitude first."""
     source: str
+    """Where the form comes from."""
     signature: str
+    """What its absence from a model leaves in the residual, in one sentence."""
     split_by: str
+    """The experiment that tells it from its nearest relatives."""
     relatives: tuple[str, ...]
+    """Names of effects that ordinary excitation may not tell from it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChainEffect(NamedEffect):
+    """An effect that maps whole arrays: ``apply(signal, state, parameters)`` returns a new array of their shape."""
+
+    site: Site
+    signal: Signal
+    apply: Callable[[Array, State, Mapping[str, float]], Array]
+    invert: Callable[[Array, State, Mapping[str, float]], Array] | None = None
+    """Returns the signal of which ``apply`` made another; without it, fixed-point passes of ``apply`` do."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointEffect(NamedEffect):
+    """An effect inside the joint's motion: ``terms(parameters)`` returns what it adds to the integrator's terms."""
+
+    site: Site = "joint"
+    terms: Callable[[Mapping[str, float]], dict[str, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DynamicEffect(NamedEffect):
+    """An effect inside a machine that is one integrator: ``terms(parameters)`` returns what it adds to its terms.
+
+    The site is the machine's `SITE`. Sizes are told in the machine's own scales, so that bounds hold for every machine
+    of the kind. What an effect does grows with its magnitude in proportion to begin with (`scales`), or sets in
+    somewhere: then a fit has to be tried from each of its starts.
+    """
+
     terms: Callable[[Mapping[str, float]], dict[str, float]]
     scales: bool = True
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What an effect of an element may look at beside the answer that it maps; arrays are (T, R), records in columns.
-
-    Parameters
-    ----------
-    along : (T, R) ndarray
-        The signal along which the element is moved, over its scale, zero in the middle of its range.
-    rate : (T, R) ndarray
-        How fast it is moved, scales per pace.
-    step_s, time_scale_s : float
-        Time between samples, and of a usual movement through one scale, s.
-    session_s : (T, R) ndarray
-        Time in the session, s.
-    """
+    """What an effect of an element may look at beside the answer that it maps; arrays are (T, R), a column a record."""
 
     along: Array
+    """The signal along which the element is moved, over its scale, zero in the middle of its range."""
     rate: Array
+    """How fast it is moved, scales per pace."""
     step_s: float
     time_scale_s: float
+    """Time of a usual movement through one scale."""
     session_s: Array
+    """Time in the session."""
 
 
-@dataclass(frozen=True)
-class ElementEffect:
+@dataclass(frozen=True, kw_only=True)
+class ElementEffect(NamedEffect):
     """An effect of an element on a test bench: ``apply(answer, bench, parameters)`` returns the changed answer.
 
-    The answer is over its scale, so that bounds hold for every element. The other fields are those of `ChainEffect`;
-    `scales` is that of `DynamicEffect`, false also where a form has several sliders, which no one slope tells apart.
+    The answer is over its scale, so that bounds hold for every element. `scales` is that of `DynamicEffect`, false also
+    where a form has several sliders, which no one slope tells apart.
     """
 
-    name: str
-    form: str
-    parameters: tuple[Parameter, ...]
-    source: str
-    signature: str
-    split_by: str
-    relatives: tuple[str, ...]
-    apply: Callable[[Array, Bench, Mapping[str, float]], Array]
     site: Literal["element"] = "element"
+    apply: Callable[[Array, Bench, Mapping[str, float]], Array]
     scales: bool = True
 
 
 Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect
 
-
 EFFECTS = "stages.science.effects"
 
 
-@cache
 def list_effects() -> tuple[str, ...]:
     """Return the names of all effects: the modules of `EFFECTS`."""
-    package = importlib.import_module(EFFECTS)
-    return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
+    return list_modules(EFFECTS)
 
 
 def name_module(effect: str) -> str:
@@ -260,8 +188,7 @@ def list_forms(name: str) -> tuple[Effect, ...]:
     known = list_effects()
     if name not in known:
         raise ValueError(f"unknown effect '{name}': {nearest(name, known)}")
-    forms: tuple[Effect, ...] = importlib.import_module(name_module(name)).FORMS
-    return forms
+    return importlib.import_module(name_module(name)).FORMS
 
 
 def find_effect(name: str, form: str | None = None) -> Effect:

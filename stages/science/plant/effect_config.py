@@ -1,4 +1,4 @@
-"""What plants of records have in common: nominal constants with tolerances, and entries of their lists of effects.
+"""What plants have in common: nominal constants with tolerances, and entries of their lists of effects.
 
 A section of YAML flows in; checked values come out.
 """
@@ -10,9 +10,8 @@ from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel, Field, model_serializer, model_validator
 
-from stages.science.plant.declaration import Declared
+from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.effect import Effect, Parameter, find_effect, list_forms, name_module
-from stages.science.plant.plant import check_parameters
 
 
 class NominalConstant(Declared):
@@ -55,20 +54,48 @@ class NominalConstant(Declared):
         return Parameter(name, self.unit, self.low, self.high, self.start, self.sd, description, starts=(self.start,))
 
 
-UNIT = "unit"
-
-
 def constant(unit: str, description: str) -> Any:
     """Return the declaration of a nominal constant with its unit, which the configuration may then leave out."""
-    return Field(description=description, json_schema_extra={UNIT: unit})
+    return Field(description=description, json_schema_extra={"unit": unit})
 
 
 def infer_from_data(constants: type[BaseModel]) -> dict[str, Any] | None:
     """Return a section that leaves all constants of a model to the data; None where it does not tell their units."""
     told = {name: each.json_schema_extra for name, each in constants.model_fields.items()}
-    units = {name: each[UNIT] for name, each in told.items() if isinstance(each, dict) and UNIT in each}
+    units = {name: each["unit"] for name, each in told.items() if isinstance(each, dict) and "unit" in each}
     open_values = {"start": None, "low": None, "high": None, "sd": None}
     return {name: {"unit": unit, **open_values} for name, unit in units.items()} if len(units) == len(told) else None
+
+
+def check_parameters(effect: Effect, values: Mapping[str, Any]) -> dict[str, float]:
+    """Return an effect's parameters as floats, in declared order.
+
+    Raises
+    ------
+    ValueError
+        For one that is unknown, missing though not optional, no number or out of bounds.
+    """
+    declared = {parameter.name: parameter for parameter in effect.parameters}
+    for name in values:
+        if name not in declared:
+            raise ValueError(f"effect {effect.name} has no parameter '{name}': {nearest(str(name), declared)}")
+    checked = {}
+    for name, each in declared.items():
+        unit = "" if each.unit == "1" else each.unit
+        if name not in values and each.optional:
+            continue
+        if name not in values:
+            told = f"{each.description}, {unit}" if unit else each.description
+            raise ValueError(f"effect {effect.name}: missing parameter '{name}' ({told})")
+        value = values[name]
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not each.low <= value <= each.high:
+            raise ValueError(
+                f"effect {effect.name}, {name}: expected a number from {each.low} to {each.high}"
+                f"{unit and ' '}{unit}, got {value!r}; change it in the list plant.effects"
+            )
+        checked[name] = float(value)
+    return checked
 
 
 class EffectConfig(Declared):

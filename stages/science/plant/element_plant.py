@@ -21,9 +21,7 @@ from stages.science.signals.trajectories import Array
 SITE = "element"
 
 
-class ElementEffectConfig(EffectConfig):
-    """An effect that acts at an element."""
-
+class _ElementEffect(EffectConfig):
     SITE = SITE
 
 
@@ -31,13 +29,14 @@ class ElementPlant(RecordPlant):
     """Everything that simulating an element takes."""
 
     SITE: ClassVar[str] = SITE
+    ELEMENT: ClassVar[str] = SITE
 
     along: str = Field(description="signal along which the element is moved")
     along_middle: float | None = Field(description="value of `along` from which effects count, its unit")
     along_scale: Positive | None = Field(description="way in which effects tell theirs, unit of `along`")
     output_scale: Positive | None = Field(description="answer in which effects tell their sizes, unit of the output")
     time_scale_s: Positive | None = Field(description="time of a usual movement through one scale, s")
-    effects: list[ElementEffectConfig]
+    effects: list[_ElementEffect]
 
     @model_validator(mode="after")
     def _check_names(self) -> Self:
@@ -50,11 +49,6 @@ class ElementPlant(RecordPlant):
     def inputs(self) -> tuple[str, ...]:
         """Signals that the answer is told from, the one along which the element is moved first."""
         return (self.along,)
-
-    @property
-    def element(self) -> str:
-        """What the machine is called in tables."""
-        return SITE
 
     @property
     def finest_s(self) -> float:
@@ -77,13 +71,7 @@ class ElementPlant(RecordPlant):
 
     @abstractmethod
     def guess(self, signals: Mapping[str, Array]) -> dict[str, tuple[float, float, float, float]]:
-        """Return start, bounds and deviation of each constant; scales are known.
-
-        Parameters
-        ----------
-        signals : mapping of str to (N,) ndarray
-            Inputs and output by name, all records one after another.
-        """
+        """Return start, bounds and deviation of each constant, from all records one after another, (N,) by name."""
 
     def find_scales(self, records: Sequence[Mapping[str, Array]], step_s: float) -> dict[str, float]:
         """Return what scales are if they were left open, told by the signal along which the element is moved."""
@@ -111,30 +99,22 @@ class ElementPlant(RecordPlant):
         placed = self.place(effects)
         if not placed:
             return answer
-        if self.output_scale is None:
-            raise ValueError("output_scale: it is the data's own, and there are no data yet")
-        bench = self.set_up(signals[self.along], step_s, start_s)
-        changed = answer / self.output_scale
+        scale, bench = self.know("output_scale"), self.set_up(signals[self.along], step_s, start_s)
+        changed = answer / scale
         for effect, values in placed:
             changed = effect.apply(changed, bench, values)
-        scaled: Array = changed * self.output_scale
-        return scaled
+        return changed * scale
 
     def set_up(self, along: Array, step_s: float, start_s: Array) -> Bench:
         """Return what effects look at, for a signal along which records are moved, (T, R)."""
-        if self.along_middle is None or self.along_scale is None or self.time_scale_s is None:
-            raise ValueError("along_scale: it is the data's own, and there are no data yet")
-        way = np.ascontiguousarray((along - self.along_middle) / self.along_scale)
+        time_scale_s = self.know("time_scale_s")
+        way = np.ascontiguousarray((along - self.know("along_middle")) / self.know("along_scale"))
         within = np.arange(len(along))[:, None] * step_s
-        rate = np.gradient(way, step_s, axis=0) * self.time_scale_s
-        return Bench(way, rate, step_s, self.time_scale_s, within + start_s)
+        rate = np.gradient(way, step_s, axis=0) * time_scale_s
+        return Bench(way, rate, step_s, time_scale_s, within + start_s)
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
         """Return the inputs, and how the element is moved."""
         rate = self.set_up(signals[self.along], step_s, np.zeros(1)).rate
-        others = [Watched(name, signals[name], False) for name in self.inputs[1:]]
-        return [
-            Watched(self.along, signals[self.along], False),
-            Watched(f"rate of {self.along}", rate, True),
-            *others,
-        ]
+        along, *others = (Watched(name, signals[name], False) for name in self.inputs)
+        return [along, Watched(f"rate of {self.along}", rate, True), *others]

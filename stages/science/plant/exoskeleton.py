@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
 from typing import Literal, Self
 
 from pydantic import Field, PositiveFloat, model_validator
@@ -72,8 +71,7 @@ class Muscle(Declared):
 
     def contractions_over(self, joint: Joint) -> tuple[float, float]:
         """Return the contraction at a joint's lower and upper end stop, ratio of rest length."""
-        per_rad = self.contraction_per_rad
-        at_zero = self.contraction_at_angle_0
+        per_rad, at_zero = self.contraction_per_rad, self.contraction_at_angle_0
         return at_zero + per_rad * joint.lower_rad, at_zero + per_rad * joint.upper_rad
 
 
@@ -106,40 +104,36 @@ class Exoskeleton(Declared):
             twice = [name for name, count in Counter(names).items() if count > 1]
             if twice:
                 raise ValueError(f"{kind} '{twice[0]}' is listed twice; give each {kind} its own name")
+        joints = {joint.name: joint for joint in self.joints}
         for muscle in self.muscles:
-            if muscle.joint not in self.joint_names:
-                raise ValueError(
-                    f"muscle {muscle.name}: no joint '{muscle.joint}'; {nearest(muscle.joint, self.joint_names)}"
-                )
-        for problem in (*self._find_wrong_sampling(), *self._find_wrong_geometry()):
-            raise ValueError(problem)
-        return self
-
-    def _find_wrong_sampling(self) -> Iterator[str]:
-        window_s, order = self.velocity_filter.window_s, self.velocity_filter.order
-        length = window_samples(self.sampling_rate_hz, window_s)
-        if order >= length:
-            yield (
-                f"velocity_filter.order: expected less than the {length} samples of the window (window_s {window_s} at "
-                f"sampling_rate_hz {self.sampling_rate_hz}), got {order}; lower it or raise velocity_filter.window_s"
-            )
-        if length > self.samples:
-            yield (
-                f"velocity_filter.window_s: expected a window that a trial of {self.samples} samples (trial_s "
-                f"{self.trial_s} at sampling_rate_hz {self.sampling_rate_hz}) can hold, "
-                f"got {window_s}; lower it or raise trial_s"
-            )
-
-    def _find_wrong_geometry(self) -> Iterator[str]:
-        for muscle in self.muscles:
-            joint = self.joints[self.joint_names.index(muscle.joint)]
+            if muscle.joint not in joints:
+                raise ValueError(f"muscle {muscle.name}: no joint '{muscle.joint}'; {nearest(muscle.joint, joints)}")
+            joint = joints[muscle.joint]
             lower, upper = muscle.contractions_over(joint)
             if min(lower, upper) <= MOST_STRETCHED or max(lower, upper) >= MOST_CONTRACTED:
-                yield (
+                raise ValueError(
                     f"muscle {muscle.name}: expected contractions between {MOST_STRETCHED} and {MOST_CONTRACTED} over "
                     f"the range of joint {joint.name}, got {lower:.3g} to {upper:.3g}; lower moment_arm_m, or change "
                     "sign, rest_length_m, contraction_at_angle_0 or the joint's lower_rad and upper_rad"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _check_sampling(self) -> Self:
+        window_s, order = self.velocity_filter.window_s, self.velocity_filter.order
+        length = window_samples(self.sampling_rate_hz, window_s)
+        if order >= length:
+            raise ValueError(
+                f"velocity_filter.order: expected less than the {length} samples of the window (window_s {window_s} at "
+                f"sampling_rate_hz {self.sampling_rate_hz}), got {order}; lower it or raise velocity_filter.window_s"
+            )
+        if length > self.samples:
+            raise ValueError(
+                f"velocity_filter.window_s: expected a window that a trial of {self.samples} samples (trial_s "
+                f"{self.trial_s} at sampling_rate_hz {self.sampling_rate_hz}) can hold, "
+                f"got {window_s}; lower it or raise trial_s"
+            )
+        return self
 
     @property
     def joint_names(self) -> list[str]:

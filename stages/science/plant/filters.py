@@ -1,7 +1,4 @@
-"""Linear filters of sampled signals: a lag that starts settled, and a shift in time.
-
-Arrays (T, K) flow in and out, each column on its own.
-"""
+"""Linear filters of sampled signals (T, K), each column on its own: a lag that starts settled, and a shift in time."""
 
 from __future__ import annotations
 
@@ -22,29 +19,16 @@ def _lag_straight(signal: Array, decay: float, last: float, now: float) -> Array
 
 
 def lag(signal: Array, tau_s: float, step_s: float) -> Array:
-    """Return a first-order lag of a signal that runs straight from sample to sample.
+    """Return the exact first-order lag of a signal (T, K) that runs straight from sample to sample.
 
-    Parameters
-    ----------
-    signal : (T, K) ndarray
-        Input; the lag starts settled at its first sample.
-    tau_s : float
-        Time constant, s; zero returns the signal itself.
-    step_s : float
-        Time between samples, s.
-
-    Returns
-    -------
-    (T, K) ndarray
-        The exact solution.
+    It starts settled at the first sample; a time constant of zero returns the signal itself.
     """
     if tau_s <= 0.0:
         return signal
     ratio = step_s / tau_s
     decay = np.exp(-ratio)
     mean = -np.expm1(-ratio) / ratio
-    lagged: Array = _lag_straight(np.ascontiguousarray(signal), decay, mean - decay, 1.0 - mean)
-    return lagged
+    return _lag_straight(np.ascontiguousarray(signal), decay, mean - decay, 1.0 - mean)
 
 
 def shift(signal: Array, samples: float) -> Array:

@@ -43,27 +43,18 @@ def interact(
     person: Sequence[Person],
     start_rad: Array,
 ) -> Motion:
-    """Simulate one trial.
+    """Simulate one trial; tensions follow from the motion returned, by the whole chain.
 
     Parameters
     ----------
-    exoskeleton : Exoskeleton
-        The machine's rows.
-    plant : Plant
-        Constants and effects.
+    exoskeleton, plant
+        The machine's rows; constants and effects.
     command_kpa : (T, M) ndarray
         Commanded pressure, kPa gauge, as applied.
-    intention : Intention
-        What the person does.
-    person : sequence of Person
-        Constants of the person, or of nobody, at each joint.
+    intention, person
+        What the person does; constants of the person, or of nobody, at each joint.
     start_rad : (J,) ndarray
         Angles at the first sample, at rest.
-
-    Returns
-    -------
-    Motion
-        Tensions follow from the motion returned, by the whole chain.
     """
     chain = Chain(exoskeleton, plant)
     joints, of_muscle = collect_joints(exoskeleton, plant), exoskeleton.joint_of_muscle
@@ -72,35 +63,24 @@ def interact(
     pressure = chain.pressurise(command_kpa)
     deviation = drag = np.zeros_like(pressure)
     for _ in range(1 + plant.relaxation_passes * chain.bends_force):
-        angle, velocity = integrate_joints(
-            pressure,
-            deviation,
-            drag,
-            intention,
-            start_rad,
-            joints,
-            chain.constants,
-            of_muscle,
-            person,
-            step_s,
-            substeps,
-        )
+        inputs = (pressure, deviation, drag, intention, start_rad)
+        angle, velocity = integrate_joints(*inputs, joints, chain.constants, of_muscle, person, step_s, substeps)
         contraction = chain.constants.contraction_at_angle_0 + chain.constants.contraction_per_rad * angle[:, of_muscle]
         rate = chain.constants.contraction_per_rad * velocity[:, of_muscle]
-        deviation, drag = split_deviation(chain, pressure, contraction, rate)
-    force, tension = chain.pull(pressure, contraction, rate)
+        force, tension, deviation, drag = pull_and_split(chain, pressure, contraction, rate)
     return Motion(pressure, contraction, rate, force, tension, angle, velocity)
 
 
-def split_deviation(
-    chain: Chain, pressure_kpa: Array, contraction: Array, velocity_per_s: Array
-) -> tuple[Array, Array]:
-    """Split what effects do to the tension into a drag and the rest.
+def pull_and_split(
+    chain: Chain, pressure_kpa: Array, contraction: Array, velocity_per_s: Array, since: int = 0
+) -> tuple[Array, Array, Array, Array]:
+    """Return the tension, and what effects do to it as a drag and the rest, from a sample of a trial (T, M) on.
 
     Returns
     -------
-    tuple of (T, M) ndarray
-        Rest, N, and drag, N s: the deviation is the rest less drag times contraction velocity.
+    tuple of (T - since, M) ndarray
+        Tension at the muscle's tip and at the joint's end, N; rest, N, and drag, N s: what effects add to the tension
+        at the joint is the rest less drag times contraction velocity.
 
     Notes
     -----
@@ -109,10 +89,9 @@ def split_deviation(
     monotone materials).
     """
     moving = np.copysign(np.maximum(np.abs(velocity_per_s), SLOWEST_PER_S), velocity_per_s)
-    still = np.zeros_like(velocity_per_s)
-    deviations = [
-        chain.pull(pressure_kpa, contraction, rate)[1] - chain.pull_nominally(pressure_kpa, contraction, rate)
-        for rate in (velocity_per_s, moving, still)
-    ]
-    drag = np.maximum((deviations[2] - deviations[1]) / moving, 0.0)
-    return deviations[0] + drag * velocity_per_s, drag
+    rates = np.stack([velocity_per_s, moving, np.zeros_like(moving)], axis=1)
+    pressures, contractions = (np.repeat(each[:, None], 3, axis=1) for each in (pressure_kpa, contraction))
+    force, tension = (each[since:] for each in chain.pull(pressures, contractions, rates))
+    added = tension - chain.pull_nominally(*(each[since:] for each in (pressures, contractions, rates)))
+    drag = np.maximum((added[:, 2] - added[:, 1]) / moving[since:], 0.0)
+    return force[:, 0], tension[:, 0], added[:, 0] + drag * velocity_per_s[since:], drag

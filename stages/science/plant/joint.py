@@ -64,7 +64,7 @@ def collect_joints(exoskeleton: Exoskeleton, plant: Plant) -> list[JointConstant
 
 
 @njit(cache=True, error_model="numpy")
-def sum_passive_torque(angle: float, velocity: float, joint: JointConstants) -> float:
+def _sum_passive_torque(angle: float, velocity: float, joint: JointConstants) -> float:
     """Return the torque of gravity, friction and end stops, N m."""
     torque = -joint.gravity_torque_nm * math.sin(angle - joint.gravity_zero_rad) - joint.viscous_nm_s_per_rad * velocity
     if joint.coulomb_nm > 0.0:
@@ -76,100 +76,106 @@ def sum_passive_torque(angle: float, velocity: float, joint: JointConstants) -> 
 
 
 @njit(cache=True, error_model="numpy")
-def sum_muscle_torque(angle: float, velocity: float, inputs: Array, s: int, muscles: Array) -> float:
+def _sum_muscle_torque(angle: float, velocity: float, inputs: Array, s: int, muscles: MuscleConstants) -> float:
     """Return the torque of a joint's muscles, N m, under row `s` of `inputs` (S, 3, m): pressure, deviation, drag."""
     torque = 0.0
-    for m in range(muscles.shape[0]):
-        at_zero, per_rad, arm = muscles[m, 7], muscles[m, 8], muscles[m, 9]
-        tension = pull(
-            inputs[s, 0, m],
-            at_zero + per_rad * angle,
-            per_rad * velocity,
-            muscles[m, 0],
-            muscles[m, 1],
-            muscles[m, 2],
-            muscles[m, 3],
-            muscles[m, 4],
-            muscles[m, 5],
-            muscles[m, 6],
+    for m in range(inputs.shape[2]):
+        rate = muscles.contraction_per_rad[m] * velocity
+        contraction = muscles.contraction_at_angle_0[m] + muscles.contraction_per_rad[m] * angle
+        tension = pull(inputs[s, 0, m], contraction, rate, muscles, m)
+        torque += muscles.torque_arm_m[m] * (
+            tension + inputs[s, 1, m] - inputs[s, 2, m] * muscles.contraction_per_rad[m] * velocity
         )
-        torque += arm * (tension + inputs[s, 1, m] - inputs[s, 2, m] * per_rad * velocity)
     return torque
 
 
 @njit(cache=True, error_model="numpy")
-def find_rates(
-    angle: float,
-    velocity: float,
-    held: float,
-    inputs: Array,
-    s: int,
-    target: float,
-    target_velocity: float,
-    push: float,
+def balance(start: float, drive: Array, joint: JointConstants, muscles: MuscleConstants, person: Person) -> float:
+    """Return the torque, N m, that a person holds at rest under the first row of `drive` (S, 3, m)."""
+    if person.compensation_per_s == 0.0:
+        return 0.0
+    load = _sum_muscle_torque(start, 0.0, drive, 0, muscles) + _sum_passive_torque(start, 0.0, joint)
+    return min(max(-load, -person.strength_nm), person.strength_nm)
+
+
+@njit(cache=True, error_model="numpy")
+def advance(
+    state: tuple[float, float, float],
+    drive: Array,
+    aims: Array,
+    k: int,
     joint: JointConstants,
-    muscles: Array,
+    muscles: MuscleConstants,
     person: Person,
-) -> tuple[float, float]:
-    """Return the rates of velocity, rad/s^2, and of the torque that the person holds, N m/s."""
-    effort = person.stiffness_nm_per_rad * (target - angle)
-    wanted = effort + person.damping_nm_s_per_rad * (target_velocity - velocity) + held
-    given = min(max(wanted, -person.strength_nm), person.strength_nm)
-    held_rate = effort * person.compensation_per_s if given == wanted else 0.0
-    torque = sum_muscle_torque(angle, velocity, inputs, s, muscles) + sum_passive_torque(angle, velocity, joint)
-    return (torque + given + push) / joint.inertia_kg_m2, held_rate
+    step_s: float,
+    substeps: int,
+    inputs: Array,
+) -> tuple[float, float, float]:
+    """Return the state, angle, velocity and held torque, one sample after sample `k`.
+
+    `drive` is (S, 3, m) with pressure, deviation and drag, `aims` (S, 3) with intended angle, velocity and push;
+    `inputs` (3, 3, m) is overwritten.
+    """
+    q, w, held = state
+    h = step_s / substeps
+    for i in range(substeps):
+        for s in range(3):
+            share = (i + 0.5 * s) / substeps
+            for n in range(3):
+                for m in range(inputs.shape[2]):
+                    inputs[s, n, m] = drive[k, n, m] + share * (drive[k + 1, n, m] - drive[k, n, m])
+        dq, dw, dh = 0.0, 0.0, 0.0
+        sum_q, sum_w, sum_h = 0.0, 0.0, 0.0
+        for stage in range(4):
+            reach = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+            weight = 1.0 if stage == 0 or stage == 3 else 2.0
+            s = (stage + 1) // 2
+            share = (i + 0.5 * s) / substeps
+            aim = aims[k, 0] + share * (aims[k + 1, 0] - aims[k, 0])
+            aim_rate = aims[k, 1] + share * (aims[k + 1, 1] - aims[k, 1])
+            push = aims[k, 2] + share * (aims[k + 1, 2] - aims[k, 2])
+            angle, velocity, holds = q + reach * dq, w + reach * dw, held + reach * dh
+            effort = person.stiffness_nm_per_rad * (aim - angle)
+            wanted = effort + person.damping_nm_s_per_rad * (aim_rate - velocity) + holds
+            given = min(max(wanted, -person.strength_nm), person.strength_nm)
+            torque = _sum_muscle_torque(angle, velocity, inputs, s, muscles)
+            torque += _sum_passive_torque(angle, velocity, joint)
+            dq = velocity
+            dw = (torque + given + push) / joint.inertia_kg_m2
+            dh = effort * person.compensation_per_s if given == wanted else 0.0
+            sum_q += weight * dq
+            sum_w += weight * dw
+            sum_h += weight * dh
+        q += h / 6.0 * sum_q
+        w += h / 6.0 * sum_w
+        held += h / 6.0 * sum_h
+    return q, w, held
 
 
 @njit(cache=True, error_model="numpy")
 def _integrate(
     drive: Array,
-    target: Array,
-    target_velocity: Array,
-    push: Array,
+    aims: Array,
     start: float,
     joint: JointConstants,
-    muscles: Array,
+    muscles: MuscleConstants,
     person: Person,
     step_s: float,
     substeps: int,
 ) -> tuple[Array, Array]:
-    samples = target.shape[0]
-    angle, velocity = np.empty(samples), np.empty(samples)
-    inputs = np.empty((3, 3, muscles.shape[0]))
-    h = step_s / substeps
-    q, w, held = start, 0.0, 0.0
-    if person.compensation_per_s > 0.0:
-        load = sum_muscle_torque(q, w, drive, 0, muscles) + sum_passive_torque(q, w, joint)
-        held = min(max(-load, -person.strength_nm), person.strength_nm)
-    angle[0], velocity[0] = q, w
-    for k in range(samples - 1):
-        for i in range(substeps):
-            for s in range(3):
-                share = (i + 0.5 * s) / substeps
-                for n in range(3):
-                    for m in range(muscles.shape[0]):
-                        inputs[s, n, m] = drive[k, n, m] + share * (drive[k + 1, n, m] - drive[k, n, m])
-            dq, dw, dh = 0.0, 0.0, 0.0
-            sum_q, sum_w, sum_h = 0.0, 0.0, 0.0
-            for stage in range(4):
-                reach = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
-                weight = 1.0 if stage == 0 or stage == 3 else 2.0
-                s = (stage + 1) // 2
-                share = (i + 0.5 * s) / substeps
-                aim = target[k] + share * (target[k + 1] - target[k])
-                aim_rate = target_velocity[k] + share * (target_velocity[k + 1] - target_velocity[k])
-                nudge = push[k] + share * (push[k + 1] - push[k])
-                q_now, w_now, held_now = q + reach * dq, w + reach * dw, held + reach * dh
-                dq = w_now
-                dw, dh = find_rates(q_now, w_now, held_now, inputs, s, aim, aim_rate, nudge, joint, muscles, person)
-                sum_q += weight * dq
-                sum_w += weight * dw
-                sum_h += weight * dh
-            q += h / 6.0 * sum_q
-            w += h / 6.0 * sum_w
-            held += h / 6.0 * sum_h
-        angle[k + 1], velocity[k + 1] = q, w
+    angle, velocity = np.empty(len(aims)), np.empty(len(aims))
+    inputs = np.empty((3, 3, drive.shape[2]))
+    state = (start, 0.0, balance(start, drive, joint, muscles, person))
+    angle[0], velocity[0] = start, 0.0
+    for k in range(len(aims) - 1):
+        state = advance(state, drive, aims, k, joint, muscles, person, step_s, substeps, inputs)
+        angle[k + 1], velocity[k + 1] = state[0], state[1]
     return angle, velocity
+
+
+def split_by_joint(muscles: MuscleConstants, joint_of_muscle: Array, joints: int) -> list[MuscleConstants]:
+    """Return the constants of each joint's muscles."""
+    return [MuscleConstants(*(each[joint_of_muscle == j] for each in muscles)) for j in range(joints)]
 
 
 def integrate_joints(
@@ -185,7 +191,7 @@ def integrate_joints(
     step_s: float,
     substeps: int,
 ) -> tuple[Array, Array]:
-    """Return the motion of the joints from rest.
+    """Return angle, rad, and velocity, rad/s, of the joints from rest, (T, J) each.
 
     Parameters
     ----------
@@ -197,40 +203,22 @@ def integrate_joints(
         What the person does.
     start_rad : (J,) ndarray
         Angles at the first sample.
-    joints : sequence of JointConstants
-        From `collect_joints`.
-    muscles : MuscleConstants
-        Of the M muscles.
-    joint_of_muscle : sequence of int
-        Index of each muscle's joint.
+    joints, muscles, joint_of_muscle
+        Constants of the J joints, from `collect_joints`, and of the M muscles, and the index of each muscle's joint.
     person : sequence of Person
         Constants of the person at each joint; with one who compensates loads, the start is in balance.
     step_s : float
         Time between samples, s.
     substeps : int
         Integration steps per sample.
-
-    Returns
-    -------
-    tuple of (T, J) ndarray
-        Angle, rad, and velocity, rad/s.
     """
-    drive = np.stack([pressure_kpa, deviation_n, drag_n_s], axis=1)
-    area = muscles.area_n_per_kpa * muscles.area_factor
-    rows = np.stack((area, *muscles[1:7], *muscles[8:11]), axis=1)
+    drive, aims = np.stack([pressure_kpa, deviation_n, drag_n_s], axis=1), np.stack(intention, axis=1)
+    of_muscle = np.array(joint_of_muscle)
+    its_muscles = split_by_joint(muscles, of_muscle, len(joints))
     angle, velocity = np.empty_like(intention.angle_rad), np.empty_like(intention.angle_rad)
     for j, joint in enumerate(joints):
-        on_joint = np.array(joint_of_muscle) == j
+        its_drive, its_aims = (np.ascontiguousarray(each) for each in (drive[:, :, of_muscle == j], aims[:, :, j]))
         angle[:, j], velocity[:, j] = _integrate(
-            np.ascontiguousarray(drive[:, :, on_joint]),
-            np.ascontiguousarray(intention.angle_rad[:, j]),
-            np.ascontiguousarray(intention.velocity_rad_per_s[:, j]),
-            np.ascontiguousarray(intention.push_nm[:, j]),
-            float(start_rad[j]),
-            joint,
-            np.ascontiguousarray(rows[on_joint]),
-            person[j],
-            step_s,
-            substeps,
+            its_drive, its_aims, float(start_rad[j]), joint, its_muscles[j], person[j], step_s, substeps
         )
     return angle, velocity

@@ -15,20 +15,14 @@ from stages.science.signals.trajectories import Array
 
 
 def find_pace(outputs: Sequence[Array], step_s: float) -> float:
-    """Return the time in which an output moves by a radian, s: half of its power lies at slower motions.
+    """Return the time, s, in which the output of records, (N_r,) without gaps, moves by a radian.
 
-    Parameters
-    ----------
-    outputs : sequence of (N_r,) ndarray
-        Of each record, without gaps.
-    step_s : float
-        Time between samples, s.
+    Half of its power lies at slower motions.
     """
     power, frequency = [], []
     for each in outputs:
         moved = each - np.linspace(each[0], each[-1], len(each))
-        taper = np.hanning(len(each))
-        spectrum = np.abs(np.fft.rfft((moved - moved.mean()) * taper)) ** 2
+        spectrum = np.abs(np.fft.rfft((moved - moved.mean()) * np.hanning(len(each)))) ** 2
         power.append(spectrum[1:])
         frequency.append(np.fft.rfftfreq(len(each), step_s)[1:])
     at, much = np.concatenate(frequency), np.concatenate(power)
@@ -41,18 +35,9 @@ def find_pace(outputs: Sequence[Array], step_s: float) -> float:
 
 
 def filter_derivatives(signal: Array, order: int, tau_s: float, step_s: float) -> Array:
-    """Return a signal and its derivatives up to an order, each through the same low-pass, (N, order + 1).
+    """Return a signal (N,) without gaps and its derivatives up to an order, (N, order + 1).
 
-    Parameters
-    ----------
-    signal : (N,) ndarray
-        Without gaps.
-    order : int
-        Of the highest derivative.
-    tau_s : float
-        Time constant of the filter 1 / (1 + tau s) to the power of order + 1, s.
-    step_s : float
-        Time between samples, s.
+    Each passes the same filter, 1 / (1 + tau s) to the power of order + 1.
     """
     from scipy.signal import bilinear, lfilter, lfilter_zi
 
@@ -67,20 +52,12 @@ def filter_derivatives(signal: Array, order: int, tau_s: float, step_s: float) -
 
 
 def regress(rows: Sequence[Array], target: Sequence[Array], skipped: int) -> Array:
-    """Return least-squares coefficients of filtered columns, (C,), without each record's first samples.
+    """Return the least-squares coefficients (C,) by which columns (N_r, C) of records add up to a target (N_r,).
 
-    Parameters
-    ----------
-    rows : sequence of (N_r, C) ndarray
-        Columns of each record.
-    target : sequence of (N_r,) ndarray
-        What they are to add up to.
-    skipped : int
-        Samples in which the filters settle.
+    Samples in which the filters settle are skipped at the beginning of each record.
     """
     skip = [min(skipped, len(each) // 2) for each in target]
     columns = np.concatenate([each[k:] for each, k in zip(rows, skip, strict=True)])
     told = np.concatenate([each[k:] for each, k in zip(target, skip, strict=True)])
     size = np.maximum(np.sqrt((columns**2).mean(axis=0)), 1e-300)
-    found: Array = np.linalg.lstsq(columns / size, told, rcond=1e-9)[0] / size
-    return found
+    return np.linalg.lstsq(columns / size, told, rcond=1e-9)[0] / size

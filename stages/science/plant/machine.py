@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import importlib
-import pkgutil
 from collections.abc import Mapping
-from functools import cache
 from typing import Annotated, Any
 
 from annotated_types import MinLen
 from pydantic import PlainValidator
-from pydantic.fields import FieldInfo
 
-from stages.science.plant.declaration import nearest
+from stages.science.plant.declaration import list_modules, nearest
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
 
 MACHINES = "stages.science.plant.machines"
 
 
-@cache
 def list_kinds() -> tuple[str, ...]:
     """Return the kinds of machines whose records are simulated: the modules of `MACHINES`."""
-    package = importlib.import_module(MACHINES)
-    return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
+    return list_modules(MACHINES)
 
 
 def list_signals() -> dict[str, dict[str, int]]:
@@ -32,13 +27,11 @@ def list_signals() -> dict[str, dict[str, int]]:
     for kind in list_kinds():
         fields = importlib.import_module(f"{MACHINES}.{kind}").PLANT.model_fields
         named = {key: 1 for key, each in fields.items() if each.annotation is str and key != "output"}
-        lists = {key: _fewest(each) for key, each in fields.items() if each.annotation == list[str]}
-        found[kind] = named | lists | {"output": 1}
+        for key, each in fields.items():
+            if each.annotation == list[str]:
+                named[key] = next((limit.min_length for limit in each.metadata if isinstance(limit, MinLen)), 1)
+        found[kind] = named | {"output": 1}
     return found
-
-
-def _fewest(field: FieldInfo) -> int:
-    return next((each.min_length for each in field.metadata if isinstance(each, MinLen)), 1)
 
 
 def read_machine(section: Any) -> Plant | RecordPlant:
@@ -49,7 +42,7 @@ def read_machine(section: Any) -> Plant | RecordPlant:
     ValidationError
         When the model refuses it.
     ValueError
-        When there is no such kind.
+        When there is no such kind, or its file lacks what every machine has to tell.
     """
     if isinstance(section, Plant | RecordPlant):
         return section
@@ -58,24 +51,13 @@ def read_machine(section: Any) -> Plant | RecordPlant:
     kind = str(section["kind"])
     if kind not in list_kinds():
         raise ValueError(f"kind: expected {' or '.join(list_kinds())}, got {kind!r}; {nearest(kind, list_kinds())}")
-    return _find_machine(kind).model_validate(section)
-
-
-def _find_machine(kind: str) -> type[RecordPlant]:
-    """Return the class of a kind of machine.
-
-    Raises
-    ------
-    ValueError
-        When its file does not name it, or when it lacks what every machine has to tell.
-    """
     found = getattr(importlib.import_module(f"{MACHINES}.{kind}"), "PLANT", None)
     if not isinstance(found, type) or not issubclass(found, RecordPlant):
         raise ValueError(f"kind: expected {MACHINES}.{kind} to end in PLANT = its class, got {found!r}")
     missing = [*sorted(found.__abstractmethods__), *([] if hasattr(found, "SITE") else ["SITE"])]
     if missing:
         raise ValueError(f"kind: expected {found.__name__} to tell {', '.join(missing)}; docs/extend.md shows how")
-    return found
+    return found.model_validate(section)
 
 
 Machine = Annotated[Plant | RecordPlant, PlainValidator(read_machine)]

@@ -25,8 +25,9 @@ BENT = 12.0
 """Straight lines through points of a bent curve lie beside it by its second difference over this, on average."""
 WIDE = 8
 """Columns that are advanced together: as many numbers as one instruction takes, where there are such instructions."""
-COULOMB = 5
-"""Where the table of constants tells dry friction."""
+TABLE = ("cubic", "quadratic", "hysteretic", "damping", "drag", "coulomb", "sliding", "turning", "stiction", "yielding")
+"""Rows of the table of constants that the integrator reads."""
+COULOMB = TABLE.index("coulomb")
 DIVISORS = tuple(1.0 / count for count in range(10, 0, -1))
 """Of the series of an exponential."""
 FURTHEST = 1e3
@@ -212,25 +213,14 @@ def integrate(
     """
     told = {name: np.array([getattr(each, name) for each in terms]) for name in MotionTerms._fields}
     h = pace / substeps
-    sliding = np.maximum(told["sliding"], 0.5 * told["coulomb"] * h)  # a step cannot turn more sharply
-    table = np.stack(
-        [
-            told["cubic"],
-            told["quadratic"],
-            told["hysteretic"],
-            damping + told["damping"],
-            told["drag"],
-            told["coulomb"],
-            1.0 / sliding,
-            1.0 / told["turning"],
-            told["stiction"],
-            1.0 / told["yielding"],
-        ]
-    )
+    told["damping"] = damping + told["damping"]
+    told["sliding"] = np.maximum(told["sliding"], 0.5 * told["coulomb"] * h)  # a step cannot turn more sharply
+    inverted = ("sliding", "turning", "yielding")
+    table = np.stack([1.0 / told[name] if name in inverted else told[name] for name in TABLE])
     limit = np.array([1.0 / cut if cut > 0.0 else np.inf for cut in told["drive_cut"]])
     late = (told["delay"] * 2.0 * np.pi / pace + late) * (2 * substeps)
     drive, hold, start = (np.ascontiguousarray(each) for each in (drive, hold, start))
-    moved: Array = _integrate(drive, hold, start, table, limit, late, h, substeps)
+    moved = _integrate(drive, hold, start, table, limit, late, h, substeps)
     ends = (told[name] - offset for name in ("lowest", "highest"))
     return read(moved + told["sensor_offset"], told["unread"], *ends)
 
@@ -261,8 +251,7 @@ def refine(signal: Array, substeps: int, between: Between) -> Array:
     if between == "held":
         return signal[places // fine]
     if between == "band_limited":
-        smooth: Array = resample_poly(signal, fine, 1, axis=0, window=("kaiser", 8.0), padtype="line")
-        return smooth[: len(places)]
+        return resample_poly(signal, fine, 1, axis=0, window=("kaiser", 8.0), padtype="line")[: len(places)]
     if between == "averaged" and len(signal) > 2:
         signal = signal.copy()
         signal[1:-1] -= np.diff(signal, 2, axis=0) / BENT

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple, Self, cast
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
@@ -25,7 +25,7 @@ from stages.science.plant.record_plant import (
     Placed,
     Positive,
     RecordPlant,
-    Watched,
+    Tries,
     begin,
     collect,
     list_limits,
@@ -44,42 +44,25 @@ A machine that is moved much more slowly than it moves by itself shows its usual
 """
 
 
-class MotionEffect(EffectConfig):
-    """An effect that acts in a motion."""
-
+class _MotionEffect(EffectConfig):
     SITE = SITE
 
 
-def _stack(columns: Sequence[Array], factor: float) -> Array:
-    """Return columns (N, R) of several cases as rows, (C R, N), times a factor."""
-    rows = np.empty((len(columns), columns[0].shape[1], len(columns[0])))
-    for place, each in enumerate(columns):
-        np.multiply(each.T, factor, out=rows[place])
-    return rows.reshape(-1, rows.shape[2])
-
-
 class Pull(NamedTuple):
-    """What accelerates a motion.
-
-    Parameters
-    ----------
-    push : (N, R) ndarray
-        What the inputs bring, unit of the output per squared second.
-    hold : float or (N, R) ndarray
-        Of the spring, per squared second.
-    damping : float
-        Per second.
-    offset : float
-        What the sensor adds, unit of the output.
-    start : (float, float)
-        What is added to the place and the velocity in which a record seems to begin, unit of the output and per second.
-    """
+    """What accelerates a motion, in the unit of the output and in seconds."""
 
     push: Array
+    """What the inputs bring, (N, R)."""
     hold: float | Array
+    """Of the spring, also (N, R)."""
     damping: float
     offset: float
+    """What the sensor adds."""
     start: tuple[float, float] = (0.0, 0.0)
+    """What is added to the place and the velocity in which a record seems to begin."""
+
+
+Guess = dict[str, tuple[float, ...]]
 
 
 class MotionConstants(Declared):
@@ -92,40 +75,26 @@ class MotionPlant(RecordPlant):
     """Everything that simulating one motion takes."""
 
     SITE: ClassVar[str] = SITE
+    TERMS: ClassVar = MotionTerms
     TOGETHER: ClassVar[int] = WIDE
-    SETTLES: ClassVar[bool] = True
-    """Whether it forgets how it began: then its own motion refines what the first samples tell of that."""
+    WATCHED: ClassVar[tuple[str, str]] = ("motion", "velocity")
     FILTER: ClassVar[float] = 0.3
     """Time constant of the filters by which constants are guessed, paces."""
 
     between_samples: Between
     output_scale: Positive | None = Field(description="motion in which effects tell their sizes, unit of the output")
     time_scale_s: Positive | None = Field(description="time of a radian of the usual motion, s")
-    effects: list[MotionEffect]
-
-    @model_validator(mode="after")
-    def _check_effects(self) -> Self:
-        collect(MotionTerms, SITE, self.place())
-        return self
+    effects: list[_MotionEffect]
 
     @property
     def pushing(self) -> tuple[str, ...]:
         """All inputs."""
         return self.inputs
 
-    @property
-    def drifts(self) -> bool:
-        """Whether nothing makes it forget how it began."""
-        return not self.SETTLES
-
-    def list_starts(
-        self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]
-    ) -> list[dict[str, float]] | None:
-        """Return limits of the drive that a twentieth, a fifth and half of the time lies beyond."""
-        if (effect.name, effect.form) != ("saturation", "drive"):
-            return None
-        pushes = [self.pull(each, constants).push for each in signals]
-        return list_limits(effect, pushes, cast(float, self.output_scale) / cast(float, self.time_scale_s) ** 2)
+    def list_starts(self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]) -> Tries:
+        """Return limits of the drive; see `list_limits`."""
+        pushes = (self.pull(each, constants).push for each in signals)
+        return list_limits(effect, "drive", pushes, self.know("output_scale") / self.know("time_scale_s") ** 2)
 
     @property
     def memory_s(self) -> float:
@@ -133,16 +102,14 @@ class MotionPlant(RecordPlant):
         pulled = self.pull({name: np.zeros((1, 1)) for name in self.inputs}, self.starts)
         hold, damping = float(np.max(pulled.hold)), pulled.damping
         slowest = 0.5 * damping if damping**2 < 4.0 * hold else 0.5 * (damping - np.sqrt(damping**2 - 4.0 * hold))
-        return float(np.log(1e3) / slowest) if self.SETTLES and slowest > 0.0 else np.inf
+        return float(np.log(1e3) / slowest) if slowest > 0.0 and not self.drifts else np.inf
 
     @abstractmethod
     def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
         """Return what accelerates the motion under inputs (N, R), at whatever instants."""
 
     @abstractmethod
-    def guess(
-        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState
-    ) -> dict[str, tuple[float, ...]]:
+    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState) -> Guess:
         """Return start, bounds and deviation of each constant.
 
         Parameters
@@ -169,7 +136,7 @@ class MotionPlant(RecordPlant):
         if self.time_scale_s:
             return settled
         settled = settled._follow_nature(records)
-        if not self.SETTLES:
+        if self.drifts:
             return settled
         least = QUICKER * settled._miss(records, step_s)
         for halvings in range(1, MOST_HALVINGS):
@@ -185,17 +152,21 @@ class MotionPlant(RecordPlant):
 
     def _guess_constants(self, records: Sequence[Mapping[str, Array]], step_s: float, begun: InitialState) -> Self:
         """Return the plant with constants told by records through filters of its pace."""
-        tau_s = max(self.FILTER * cast(float, self.time_scale_s), FINEST_FILTER * step_s)
+        tau_s = max(self.FILTER * self.know("time_scale_s"), FINEST_FILTER * step_s)
         names = (*self.inputs, self.output)
         filtered = {name: [filter_derivatives(each[name], 2, tau_s, step_s) for each in records] for name in names}
         filtered[""] = [filter_derivatives(np.ones(len(each[self.output])), 2, tau_s, step_s) for each in records]
         guessed = self.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)), begun)
         guessed["input_delay_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
-        told = {name: each.with_defaults(*guessed[name]) for name, each in self.nominal.items()}
-        return self.model_copy(update={"constants": type(self.constants)(**told)})
+        return self.fill_in(guessed)
 
     def _follow_nature(self, records: Sequence[Mapping[str, Array]]) -> Self:
-        return self.model_copy(update={"time_scale_s": self.find_natural_pace(records)})
+        """Return the plant at the pace of its free motion, or of that in which the usual push brings one scale."""
+        joined = {name: np.concatenate([each[name] for each in records])[:, None] for name in self.inputs}
+        pulled = self.pull(joined, self.starts)
+        hold, push = float(np.mean(pulled.hold)), float(np.sqrt((pulled.push**2).mean()))
+        pace_s = 1.0 / np.sqrt(hold) if hold > 0.0 else np.sqrt(self.know("output_scale") / max(push, 1e-300))
+        return self.model_copy(update={"time_scale_s": float(pace_s)})
 
     def _miss(self, records: Sequence[Mapping[str, Array]], step_s: float) -> float:
         """Return the root mean square by which the guessed constants miss what was measured."""
@@ -208,14 +179,6 @@ class MotionPlant(RecordPlant):
             samples += len(told)
         return float(np.sqrt(squares / samples))
 
-    def find_natural_pace(self, records: Sequence[Mapping[str, Array]]) -> float:
-        """Return the time, s, of a radian of the free motion, or in which the usual push brings one scale."""
-        joined = {name: np.concatenate([each[name] for each in records])[:, None] for name in self.inputs}
-        pulled = self.pull(joined, self.starts)
-        hold, push = float(np.mean(pulled.hold)), float(np.sqrt((pulled.push**2).mean()))
-        scale = cast(float, self.output_scale)
-        return float(1.0 / np.sqrt(hold)) if hold > 0.0 else float(np.sqrt(scale / max(push, 1e-300)))
-
     def thin_out(self, stride: int) -> Self:
         """Return the plant for records of which every so many samples became their mean: such inputs are means."""
         return self.model_copy(update={"between_samples": "averaged"}) if stride > 1 else self
@@ -226,9 +189,7 @@ class MotionPlant(RecordPlant):
         return {**signals, **refined}
 
     def _substeps(self, step_s: float) -> int:
-        if self.time_scale_s is None:
-            raise ValueError("time_scale_s: it is the data's own, and there are no data yet")
-        return max(int(np.ceil(step_s / self.time_scale_s / FINEST)), 2)
+        return max(int(np.ceil(step_s / self.know("time_scale_s") / FINEST)), 2)
 
     def simulate(
         self,
@@ -251,17 +212,16 @@ class MotionPlant(RecordPlant):
         begun: InitialState | None = None,
     ) -> Array:
         """Return the motions of several cases, (T, R, C); see `RecordPlant.simulate_each`."""
-        if self.output_scale is None or self.time_scale_s is None:
-            raise ValueError("output_scale: it is the data's own, and there are no data yet")
-        scale, pace, substeps = self.output_scale, step_s / self.time_scale_s, self._substeps(step_s)
+        scale, time_scale_s = self.know("output_scale"), self.know("time_scale_s")
+        pace, substeps = step_s / time_scale_s, self._substeps(step_s)
         pulls = [self.pull(signals, constants) for constants, _ in cases]
         records = pulls[0].push.shape[1]
         terms = [collect(MotionTerms, SITE, self.place(effects)) for _, effects in cases]
         terms = [each for each in terms for _ in range(records)]
-        drive = _stack([each.push for each in pulls], self.time_scale_s**2 / scale)
+        drive = np.concatenate([(time_scale_s**2 / scale * each.push).T for each in pulls])
         holds = [each.hold * np.ones((1, records)) for each in pulls]
-        hold = _stack(holds, self.time_scale_s**2)
-        damping = np.repeat([each.damping * self.time_scale_s for each in pulls], records)
+        hold = np.concatenate([(time_scale_s**2 * each).T for each in holds])
+        damping = np.repeat([each.damping * time_scale_s for each in pulls], records)
         late = np.repeat([constants["input_delay_s"] / step_s for constants, _ in cases], records)
         offset = np.repeat([each.offset for each in pulls], records)
 
@@ -278,25 +238,10 @@ class MotionPlant(RecordPlant):
             shifts = np.repeat([each.start for each in pulls], records, axis=0).T
             told = InitialState(*(np.tile(each, len(cases)) for each in begun))
             place, rate = told.value - offset + shifts[0], told.rate + shifts[1]
-            state = np.stack([place / scale, rate * self.time_scale_s / scale])
-            if self.SETTLES and self.output in signals:
+            state = np.stack([place / scale, rate * time_scale_s / scale])
+            if not self.drifts and self.output in signals:  # its own motion refines what the first samples tell
                 heads = (np.tile(signals[self.output][:HEAD], len(cases)) - offset) / scale
-                errors = np.stack([told.value_error, told.rate_error * self.time_scale_s]) / scale
-                noise = told.noise / scale
-                state = begin(lambda at, of: run(at, of, len(heads)), state, np.maximum(errors, 1e-6), heads, noise)
+                errors = np.stack([told.value_error, told.rate_error * time_scale_s]) / scale
+                state = begin(run, state, np.maximum(errors, 1e-6), heads, told.noise / scale)
         motion = integrate(drive, hold, state, damping, terms, pace, substeps, late, offset / scale)
-        output: Array = offset + scale * motion
-        return output.reshape(len(motion), len(cases), records).transpose(0, 2, 1)
-
-    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
-        """Return the motion by the textbook, its velocity, and the inputs.
-
-        The measured motion would carry the noise that is to be told from what a model can explain.
-        """
-        return self.list_watched(self.simulate_textbook(signals, step_s, constants), signals, step_s)
-
-    def list_watched(self, motion: Array, signals: Mapping[str, Array], step_s: float) -> list[Watched]:
-        """Return a motion (T, R), its velocity, and the inputs."""
-        velocity = np.gradient(motion, step_s, axis=0) * cast(float, self.time_scale_s)
-        told = [Watched("motion", motion, False), Watched("velocity", velocity, True)]
-        return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]
+        return (offset + scale * motion).reshape(len(motion), len(cases), records).transpose(0, 2, 1)

@@ -52,19 +52,8 @@ def pull_at_rest(pressure_kpa: Array, muscles: MuscleConstants) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def pull(
-    pressure: float,
-    contraction: float,
-    velocity: float,
-    area: float,
-    a: float,
-    b: float,
-    factor: float,
-    linear: float,
-    quadratic: float,
-    damping: float,
-) -> float:
-    """Return the tension of one muscle, N; never negative.
+def pull(pressure: float, contraction: float, velocity: float, muscles: MuscleConstants, m: int) -> float:
+    """Return the tension of muscle `m`, N; never negative.
 
     Notes
     -----
@@ -72,10 +61,11 @@ def pull(
     (1996): F = P pi r^2 (a (1 - C)^2 - b). The factor on C accounts for tapering ends (Tondu and Lopez, IEEE Control
     Syst. Mag. 20, 2000); the part without pressure is the rubber tube's.
     """
-    shape = 1.0 - factor * contraction
-    active = pressure * area * (a * shape * shape - b)
-    passive = contraction * (linear + quadratic * contraction) + damping * velocity
-    return max(active - passive, 0.0)
+    area = muscles.area_n_per_kpa[m] * muscles.area_factor[m]
+    shape = 1.0 - muscles.contraction_factor[m] * contraction
+    active = pressure * area * (muscles.braid_a[m] * shape * shape - muscles.braid_b[m])
+    rubber = contraction * (muscles.passive_linear_n[m] + muscles.passive_quadratic_n[m] * contraction)
+    return max(active - (rubber + muscles.damping_n_s[m] * velocity), 0.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -83,23 +73,12 @@ def _pull_columns(pressure: Array, contraction: Array, velocity: Array, muscles:
     tension = np.empty_like(pressure)
     for k in range(pressure.shape[0]):
         for m in range(pressure.shape[1]):
-            tension[k, m] = pull(
-                pressure[k, m],
-                contraction[k, m],
-                velocity[k, m],
-                muscles.area_n_per_kpa[m] * muscles.area_factor[m],
-                muscles.braid_a[m],
-                muscles.braid_b[m],
-                muscles.contraction_factor[m],
-                muscles.passive_linear_n[m],
-                muscles.passive_quadratic_n[m],
-                muscles.damping_n_s[m],
-            )
+            tension[k, m] = pull(pressure[k, m], contraction[k, m], velocity[k, m], muscles, m)
     return tension
 
 
 def compute_tension(pressure_kpa: Array, contraction: Array, velocity_per_s: Array, muscles: MuscleConstants) -> Array:
-    """Return the tension of each muscle by the static law with linear damping.
+    """Return the tension (T, K), N, of each muscle by the static law with linear damping; a slack one pulls with zero.
 
     Parameters
     ----------
@@ -111,14 +90,8 @@ def compute_tension(pressure_kpa: Array, contraction: Array, velocity_per_s: Arr
         Its rate, 1/s.
     muscles : MuscleConstants
         Constants of the K columns.
-
-    Returns
-    -------
-    (T, K) ndarray
-        Tension, N; a slack muscle pulls with zero.
     """
     pressure, contraction, velocity = (
         np.ascontiguousarray(each, dtype=float) for each in (pressure_kpa, contraction, velocity_per_s)
     )
-    tension: Array = _pull_columns(pressure, contraction, velocity, muscles)
-    return tension
+    return _pull_columns(pressure, contraction, velocity, muscles)

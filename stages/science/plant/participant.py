@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
 from stages.science.plant.declaration import Declared
-from stages.science.plant.exoskeleton import Exoskeleton, Joint
+from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.signals.noise import band_noise, select_band
 from stages.science.signals.trajectories import Array
 
@@ -44,14 +44,7 @@ class Participant(Declared):
         return self
 
     def check_against(self, exoskeleton: Exoskeleton, samples: int) -> Self:
-        """Return the participant if what they do can be sampled, and seen within a trial.
-
-        Parameters
-        ----------
-        exoskeleton : Exoskeleton
-            How trials are sampled.
-        samples : int
-            Of a trial with what is held before it.
+        """Return the participant if what they do shows in a trial of so many samples, with what is held before it.
 
         Raises
         ------
@@ -98,13 +91,13 @@ class Intention(NamedTuple):
 
 def embody(participant: Participant, exoskeleton: Exoskeleton) -> list[Person]:
     """Return a participant's constants at each joint."""
-    return [_embody_at(participant, joint) for joint in exoskeleton.joints]
-
-
-def _embody_at(participant: Participant, joint: Joint) -> Person:
-    stiffness = participant.stiffness_per_rad * joint.strength_nm
-    damping = 2.0 * participant.damping_ratio * math.sqrt(stiffness * joint.inertia_kg_m2)
-    return Person(stiffness, damping, 1.0 / participant.compensation_s, participant.strength * joint.strength_nm)
+    people = []
+    for joint in exoskeleton.joints:
+        stiffness = participant.stiffness_per_rad * joint.strength_nm
+        damping = 2.0 * participant.damping_ratio * math.sqrt(stiffness * joint.inertia_kg_m2)
+        strength = participant.strength * joint.strength_nm
+        people.append(Person(stiffness, damping, 1.0 / participant.compensation_s, strength))
+    return people
 
 
 def nobody(exoskeleton: Exoskeleton) -> list[Person]:
@@ -115,25 +108,13 @@ def nobody(exoskeleton: Exoskeleton) -> list[Person]:
 def intend(
     participant: Participant, exoskeleton: Exoskeleton, reference_rad: Array, generator: np.random.Generator
 ) -> Intention:
-    """Return what a person intends when shown a reference.
+    """Return what a person intends when shown a reference, (T, J) joint angles.
 
     The reference is delayed (its start is held), scaled about the middle of the joint's range, and wanders.
-
-    Parameters
-    ----------
-    participant : Participant
-        Who moves.
-    exoskeleton : Exoskeleton
-        The machine.
-    reference_rad : (T, J) ndarray
-        Joint angles shown, rad.
-    generator : numpy.random.Generator
-        The only source of randomness.
     """
     rate = exoskeleton.sampling_rate_hz
     samples, joints = reference_rad.shape
-    middle = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in exoskeleton.joints])
-    inertia = np.array([joint.inertia_kg_m2 for joint in exoskeleton.joints])
+    middle, inertia = np.array([(0.5 * (j.lower_rad + j.upper_rad), j.inertia_kg_m2) for j in exoskeleton.joints]).T
     time_s = np.arange(samples) / rate
     delayed = np.stack([np.interp(time_s - participant.delay_s, time_s, column) for column in reference_rad.T], axis=1)
     wander = band_noise(generator, samples, joints, rate, 0.0, participant.noise_hz)

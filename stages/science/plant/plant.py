@@ -13,15 +13,8 @@ import numpy as np
 from pydantic import Field, model_serializer, model_validator
 
 from stages.science.plant.declaration import Declared, nearest
-from stages.science.plant.effect import (
-    DynamicEffect,
-    Effect,
-    ElementEffect,
-    Parameter,
-    find_effect,
-    list_forms,
-    name_module,
-)
+from stages.science.plant.effect import DynamicEffect, Effect, ElementEffect, find_effect, list_forms
+from stages.science.plant.effect_config import EffectConfig, check_parameters
 from stages.science.plant.exoskeleton import Exoskeleton, Muscle
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
 
@@ -53,17 +46,14 @@ class Encoder(Declared):
     resolution_rad: float = Field(ge=0.0, le=0.5, description="one count, rad; 0 for none")
 
 
-class AppliedEffect(Declared):
-    """One entry of the plant's list: an effect by name, where it is, and its parameters, written flat in YAML.
+class AppliedEffect(EffectConfig):
+    """One entry of the plant's list, with where it is.
 
     `form` is the first that the entry's place (muscles or joints) admits, where the entry does not say.
     """
 
-    name: str
-    form: str
     muscles: list[str] | None
     joints: list[str] | None
-    parameters: dict[str, float]
 
     @model_validator(mode="before")
     @classmethod
@@ -83,13 +73,8 @@ class AppliedEffect(Declared):
         if entry.get(other) is not None:
             raise ValueError(f"effect {effect.name} acts at the {effect.site}: choose {place}, not {other}")
         numbers = {key: value for key, value in entry.items() if key not in ("name", "form", "muscles", "joints")}
-        return {
-            "name": effect.name,
-            "form": effect.form,
-            place: entry[place],
-            other: None,
-            "parameters": check_parameters(effect, numbers),
-        }
+        named = {"name": effect.name, "form": effect.form, "parameters": check_parameters(effect, numbers)}
+        return {**named, place: entry[place], other: None}
 
     @model_serializer
     def _write(self) -> dict[str, Any]:
@@ -102,11 +87,6 @@ class AppliedEffect(Declared):
     def effect(self) -> Effect:
         """The effect itself."""
         return find_effect(self.name, self.form)
-
-    @property
-    def imported_by_name(self) -> tuple[str, ...]:
-        """Module of the effect."""
-        return (name_module(self.name),)
 
 
 def _places_of(effect: Effect) -> tuple[str, str]:
@@ -122,45 +102,6 @@ def _choose_form(entry: Mapping[str, Any]) -> Effect:
     if entry.get("form") is not None:
         return find_effect(name, str(entry["form"]))
     return next((effect for effect in forms if _places_of(effect)[0] in entry), forms[0])
-
-
-def check_parameters(effect: Effect, values: Mapping[str, Any]) -> dict[str, float]:
-    """Return an effect's parameters as floats, in declared order.
-
-    Raises
-    ------
-    ValueError
-        For one that is unknown, missing though not optional, no number or out of bounds.
-    """
-    declared = {parameter.name: parameter for parameter in effect.parameters}
-    for name in values:
-        if name not in declared:
-            raise ValueError(f"effect {effect.name} has no parameter '{name}': {nearest(str(name), declared)}")
-    for name, parameter in declared.items():
-        if name not in values and not parameter.optional:
-            raise ValueError(
-                f"effect {effect.name}: missing parameter '{name}' "
-                f"({parameter.description}{_format_unit(parameter, ', ')})"
-            )
-    return {
-        name: _check_bounds(effect.name, parameter, values[name])
-        for name, parameter in declared.items()
-        if name in values
-    }
-
-
-def _check_bounds(effect: str, parameter: Parameter, value: Any) -> float:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not parameter.low <= value <= parameter.high:
-        raise ValueError(
-            f"effect {effect}, {parameter.name}: expected a number from {parameter.low} to {parameter.high}"
-            f"{_format_unit(parameter, ' ')}, got {value!r}; change it in the list plant.effects"
-        )
-    return float(value)
-
-
-def _format_unit(parameter: Parameter, before: str) -> str:
-    return "" if parameter.unit == "1" else f"{before}{parameter.unit}"
 
 
 class Plant(Declared):
@@ -187,27 +128,21 @@ class Plant(Declared):
         """
         for muscle in exoskeleton.muscles:
             self.model_of(muscle)
-        for index, entry in enumerate(self.effects):
-            for kind, chosen, known in (
-                ("muscle", entry.muscles, exoskeleton.muscle_names),
-                ("joint", entry.joints, exoskeleton.joint_names),
-            ):
-                for name in chosen or []:
-                    if name not in known:
-                        raise ValueError(
-                            f"plant.effects.{index}.{kind}s: effect {entry.name}: no {kind} '{name}'; "
-                            f"{nearest(name, known)}"
-                        )
-        self._check_joint_effects(exoskeleton)
-        return self
-
-    def _check_joint_effects(self, exoskeleton: Exoskeleton) -> None:
         seen = set()
-        for entry in self.effects:
-            for joint in (entry.joints or exoskeleton.joint_names) if entry.effect.site == "joint" else []:
-                if (entry.name, joint) in seen:
-                    raise ValueError(f"effect {entry.name} is listed twice for joint {joint}; list it once")
-                seen.add((entry.name, joint))
+        for index, entry in enumerate(self.effects):
+            kind, chosen, known = "muscle", entry.muscles, exoskeleton.muscle_names
+            if entry.effect.site == "joint":
+                kind, chosen, known = "joint", entry.joints, exoskeleton.joint_names
+            for name in known if chosen is None else chosen:
+                if name not in known:
+                    raise ValueError(
+                        f"plant.effects.{index}.{kind}s: effect {entry.name}: no {kind} '{name}'; "
+                        f"{nearest(name, known)}"
+                    )
+                if kind == "joint" and (entry.name, name) in seen:
+                    raise ValueError(f"effect {entry.name} is listed twice for joint {name}; list it once")
+                seen.add((entry.name, name))
+        return self
 
     def model_of(self, muscle: Muscle) -> MuscleModel:
         """Return a muscle's constants: its own, else its type's.
@@ -226,28 +161,19 @@ class Plant(Declared):
 
 def collect_constants(exoskeleton: Exoskeleton, plant: Plant) -> MuscleConstants:
     """Return the constants of all muscles as arrays, in the exoskeleton's order."""
-    rows = [_constants_of(muscle, plant.model_of(muscle)) for muscle in exoskeleton.muscles]
-    return MuscleConstants(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
-
-
-def _constants_of(muscle: Muscle, model: MuscleModel) -> tuple[float, ...]:
-    area = 1000.0 * np.pi * (0.5 * muscle.nominal_diameter_m) ** 2
-    a, b = braid_coefficients(model.braid_angle_deg)
-    return (
-        area,
-        a,
-        b,
-        model.contraction_factor,
-        model.passive_linear_n,
-        model.passive_quadratic_n,
-        model.damping_n_s,
-        model.valve_tau_s,
-        muscle.contraction_at_angle_0,
-        muscle.contraction_per_rad,
-        muscle.torque_arm_m,
-        area * muscle.max_pressure_kpa * (a - b),
-        model.area_factor,
-        model.regulator_gain,
-        model.regulator_offset_kpa,
-        model.force_offset_n,
-    )
+    rows = []
+    for muscle in exoskeleton.muscles:
+        model = plant.model_of(muscle)
+        area = 1000.0 * np.pi * (0.5 * muscle.nominal_diameter_m) ** 2
+        a, b = braid_coefficients(model.braid_angle_deg)
+        told = {
+            "area_n_per_kpa": area,
+            "braid_a": a,
+            "braid_b": b,
+            "contraction_at_angle_0": muscle.contraction_at_angle_0,
+            "contraction_per_rad": muscle.contraction_per_rad,
+            "torque_arm_m": muscle.torque_arm_m,
+            "full_force_n": area * muscle.max_pressure_kpa * (a - b),
+        }
+        rows.append([told[name] if name in told else getattr(model, name) for name in MuscleConstants._fields])
+    return MuscleConstants(*np.array(rows, dtype=float).T.copy())

@@ -26,5 +26,4 @@ def read(signal: Array, unread: Array | float, lowest: Array | float, highest: A
         return signal
     shown = np.clip(signal, lowest, highest)
     left = (1.0 - np.asarray(unread)) * (signal - shown)
-    found: Array = np.where(np.equal(unread, 0.0), signal, shown + left)
-    return found
+    return np.where(np.equal(unread, 0.0), signal, shown + left)

@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import DynamicEffect, Effect, Parameter
-from stages.science.plant.effect_config import EffectConfig, NominalConstant, find_effect_at, infer_from_data
+from stages.science.plant.effect_config import EffectConfig, NominalConstant, infer_from_data
 from stages.science.plant.linear_guess import find_pace
 from stages.science.signals.trajectories import Array
 
@@ -27,6 +27,8 @@ PERIODS = 2.0
 """Periods of the usual motion in a movement."""
 SAMPLES_A_PERIOD = 200
 Terms = TypeVar("Terms")
+Tries = list[dict[str, float]] | None
+"""Values of parameters from which a fit is tried; None for their own starts."""
 Case = tuple[Mapping[str, float], Sequence[Placed]]
 """Constants by name, and effects beside those listed."""
 
@@ -53,14 +55,7 @@ LIMITED = (0.95, 0.8, 0.5)
 class InitialState(NamedTuple):
     """What the first samples of records tell of their beginning, in the output's unit and per second; (R,) each.
 
-    Parameters
-    ----------
-    value, value_error : (R,) ndarray
-        Of the output, and its standard error.
-    rate, rate_error : (R,) ndarray
-        Of its change, and its standard error.
-    noise : (R,) ndarray
-        Of a sample.
+    The output and its rate, each with its standard error, and the noise of a sample.
     """
 
     value: Array
@@ -71,16 +66,9 @@ class InitialState(NamedTuple):
 
 
 def read_initial_state(heads: Sequence[Array], step_s: float, at_s: float = 0.0) -> InitialState:
-    """Return how records begin, by a parabola through as many of their first samples as lie on one.
+    """Return how records are at a time after their first sample, by a parabola through as many as lie on one.
 
-    Parameters
-    ----------
-    heads : sequence of (N_r,) ndarray
-        First samples of the output, without gaps.
-    step_s : float
-        Time between samples, s.
-    at_s : float
-        Time after the first sample for which it is told, s.
+    `heads` are the first samples of the output, (N_r,) without gaps.
     """
     return InitialState(*np.array([_read_one(head, step_s, at_s) for head in heads]).T)
 
@@ -111,8 +99,16 @@ class RecordPlant(Declared):
 
     SITE: ClassVar[str]
     """Where effects act."""
+    TERMS: ClassVar[Callable[..., Any] | None] = None
+    """The named tuple of what effects add, each term by one of them, where there is one."""
+    ELEMENT: ClassVar[str] = ""
+    """What the machine is called in tables, where not by its kind."""
+    drifts: ClassVar[bool] = False
+    """Whether a small error grows without end: then no slope at a fit says what another effect would change."""
     TOGETHER: ClassVar[int] = 1
     """Simulations that take together little longer than one."""
+    WATCHED: ClassVar[tuple[str, str]] = ("state", "rate of state")
+    """What `watch` calls the output and its rate."""
 
     kind: str
     output: str
@@ -136,9 +132,12 @@ class RecordPlant(Declared):
         return {**nullable, **told, "constants": infer_from_data(constants)}
 
     @model_validator(mode="after")
-    def _check_signals(self) -> Self:
+    def _check_signals_and_effects(self) -> Self:
         if self.output in self.inputs:
             raise ValueError(f"output: expected another signal than those it is told from, got {self.output}")
+        placed = self.place()
+        if self.TERMS is not None:
+            collect(self.TERMS, self.SITE, placed)
         return self
 
     @property
@@ -151,12 +150,6 @@ class RecordPlant(Declared):
         """Inputs that push a motion."""
         return ()
 
-    @model_validator(mode="after")
-    def _check_effects(self) -> Self:
-        for entry in self.effects:
-            find_effect_at(self.SITE, entry.name, entry.form)
-        return self
-
     @property
     def nominal(self) -> dict[str, NominalConstant]:
         """Constants by name."""
@@ -165,28 +158,32 @@ class RecordPlant(Declared):
     @property
     def element(self) -> str:
         """What the machine is called in tables."""
-        return self.kind
+        return self.ELEMENT or self.kind
+
+    def know(self, scale: str) -> float:
+        """Return a scale.
+
+        Raises
+        ------
+        ValueError
+            While it is open.
+        """
+        value: float | None = getattr(self, scale)
+        if value is None:
+            raise ValueError(f"{scale}: it is the data's own, and there are no data yet")
+        return value
 
     @property
     def movement_s(self) -> float:
         """Time of a usual movement, s; regimes of time and frequency are told by it."""
-        if self.time_scale_s is None:
-            raise ValueError("time_scale_s: it is the data's own, and there are no data yet")
-        return PERIODS * 2.0 * np.pi * self.time_scale_s
+        return PERIODS * 2.0 * np.pi * self.know("time_scale_s")
 
     @property
     def finest_s(self) -> float:
         """Time between samples, s, below which more of them tell no more."""
         return self.movement_s / (PERIODS * SAMPLES_A_PERIOD)
 
-    @property
-    def drifts(self) -> bool:
-        """Whether a small error grows without end: then no slope at a fit says what another effect would change."""
-        return False
-
-    def list_starts(
-        self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]
-    ) -> list[dict[str, float]] | None:
+    def list_starts(self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]) -> Tries:
         """Return values of an effect's parameters from which fits may begin, told by records; None for its own."""
         return None
 
@@ -246,11 +243,15 @@ class RecordPlant(Declared):
                 f"{type(self).__name__}.guess: expected (start, low, high, sd) of {', '.join(untold)}, got none; tell "
                 f"them there, or as plant.constants.{untold[0]}={{unit: ..., start: ..., low: ..., high: ..., sd: ...}}"
             )
+        return settled.fill_in(guessed)
+
+    def fill_in(self, guessed: Mapping[str, tuple[float, ...]], **scales: float) -> Self:
+        """Return the plant with scales, and with guesses where constants are open; see `guess`."""
         told = {
-            name: each.with_defaults(*guessed[name]) if name in left else each for name, each in self.nominal.items()
+            name: each.with_defaults(*guessed[name]) if name in guessed else each for name, each in self.nominal.items()
         }
         constants = told if isinstance(self.constants, dict) else type(self.constants)(**told)
-        return settled.model_copy(update={"constants": constants})
+        return self.model_copy(update={**scales, "constants": constants})
 
     def find_scales(self, records: Sequence[Mapping[str, Array]], step_s: float) -> dict[str, float]:
         """Return what scales are if they were left open: half the range of the output, and how quick it is."""
@@ -322,9 +323,12 @@ class RecordPlant(Declared):
         Here the output as the textbook would have it, its rate, and the inputs. The measured output would carry the
         noise that is to be told from what a model can explain.
         """
-        state = self.simulate_textbook(signals, step_s, constants)
+        return self.list_watched(self.simulate_textbook(signals, step_s, constants), signals, step_s)
+
+    def list_watched(self, state: Array, signals: Mapping[str, Array], step_s: float) -> list[Watched]:
+        """Return a state (T, R), its rate per pace, and the inputs."""
         rate = np.gradient(state, step_s, axis=0) * (self.time_scale_s or 1.0)
-        told = [Watched("state", state, False), Watched("rate of state", rate, True)]
+        told = [Watched(self.WATCHED[0], state, False), Watched(self.WATCHED[1], rate, True)]
         return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]
 
     def simulate_textbook(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> Array:
@@ -347,24 +351,25 @@ class RecordPlant(Declared):
 
     def place(self, effects: Sequence[Placed] = ()) -> list[Placed]:
         """Return the effects listed, and more."""
-        return [
-            *((find_effect_at(self.SITE, entry.name, entry.form), entry.parameters) for entry in self.effects),
-            *effects,
-        ]
+        return [*((entry.effect, entry.parameters) for entry in self.effects), *effects]
 
 
-def list_limits(effect: Effect, drives: Sequence[Array], scale: float) -> list[dict[str, float]]:
-    """Return values of a limiting effect's one parameter, scale over limit, from which fits may begin.
+def list_limits(effect: Effect, form: str, drives: Iterable[Array], scale: float) -> Tries:
+    """Return values of a limit's one parameter, scale over limit, from which fits may begin; None of another effect.
 
     Parameters
     ----------
     effect : Effect
-        With one parameter.
-    drives : sequence of ndarray
+        Any.
+    form : str
+        Of saturation, that limits the drives.
+    drives : iterable of ndarray
         What is limited, of each record; a twentieth, a fifth and half of it lie beyond.
     scale : float
         In which the effect tells its limit, in their unit.
     """
+    if (effect.name, effect.form) != ("saturation", form):
+        return None
     levels = np.quantile(np.concatenate([np.abs(each).ravel() for each in drives]), LIMITED) / scale
     return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
 
@@ -389,25 +394,22 @@ def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effec
 
 
 def begin(
-    run: Callable[[Array, NDArray[np.int_]], Array], guess: Array, wide: Array, heads: Array, noise: Array
+    run: Callable[[Array, NDArray[np.int_], int], Array], guess: Array, wide: Array, heads: Array, noise: Array
 ) -> Array:
-    """Return the states in which records begin: what agrees best with their first samples, near a guess.
+    """Return the states (S, K) in which records begin: what agrees best with their first samples, near a guess.
+
+    Two steps of Gauss and Newton.
 
     Parameters
     ----------
     run : callable
-        Of states (S, N) and the records that they belong to (N,), returns the first samples of the output, (H, N).
+        Of states (S, N), the records that they belong to (N,) and a count, returns so many first samples of the output.
     guess, wide : (S, K) ndarray
         Means and standard deviations of Gaussian priors.
     heads : (H, K) ndarray
         First samples of each record's output; NaN where there is none.
     noise : (K,) ndarray
         Of a sample, in the output's unit.
-
-    Returns
-    -------
-    (S, K) ndarray
-        After two steps of Gauss and Newton.
     """
     count, records = guess.shape
     known = np.isfinite(heads)
@@ -417,7 +419,7 @@ def begin(
     state, lost = guess.copy(), np.zeros(records, dtype=bool)
     for _ in range(2):
         tried = (state + moves[:, :, None] * step).transpose(1, 0, 2).reshape(count, -1)
-        found = run(tried, np.tile(np.arange(records), count + 1)).reshape(-1, count + 1, records)
+        found = run(tried, np.tile(np.arange(records), count + 1), len(heads)).reshape(-1, count + 1, records)
         left = np.where(known, heads - found[:, 0], 0.0)
         noise = np.maximum(noise, np.sqrt((left**2).sum(axis=0) / samples))  # where the model errs, it tells little
         slopes = np.where(known[:, None], (found[:, 1:] - found[:, :1]) / step, 0.0) / noise

@@ -10,13 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from stages.science.plant.chain import Chain
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.plant.interaction import SLOWEST_PER_S, Motion
-from stages.science.plant.joint import JointConstants, collect_joints, find_rates, sum_muscle_torque, sum_passive_torque
-from stages.science.plant.muscle import MuscleConstants
+from stages.science.plant.interaction import Motion, pull_and_split
+from stages.science.plant.joint import advance, balance, collect_joints, split_by_joint
 from stages.science.plant.participant import Intention, Person
 from stages.science.plant.plant import Plant
 from stages.science.signals.trajectories import Array
@@ -24,89 +22,13 @@ from stages.science.signals.trajectories import Array
 PASSES = 2
 
 
-@njit(cache=True, error_model="numpy")
-def _balance(start: float, drive: Array, joint: JointConstants, muscles: Array, person: Person) -> float:
-    """Return the torque that a person holds at rest; `drive` is (3, m)."""
-    inputs = np.empty((1, 3, muscles.shape[0]))
-    inputs[0] = drive
-    if person.compensation_per_s == 0.0:
-        return 0.0
-    load = sum_muscle_torque(start, 0.0, inputs, 0, muscles) + sum_passive_torque(start, 0.0, joint)
-    return min(max(-load, -person.strength_nm), person.strength_nm)
-
-
-@njit(cache=True, error_model="numpy")
-def _advance(
-    state: Array,
-    drive: Array,
-    aims: Array,
-    joint: JointConstants,
-    muscles: Array,
-    person: Person,
-    step_s: float,
-    substeps: int,
-) -> Array:
-    """Return angle, velocity and held torque one sample later, by the rule of `stages.science.plant.joint`.
-
-    `drive` is (2, 3, m), `aims` (2, 3) with angle, velocity and push, both at the sample and the next.
-    """
-    inputs = np.empty((3, 3, muscles.shape[0]))
-    h = step_s / substeps
-    q, w, held = state[0], state[1], state[2]
-    for i in range(substeps):
-        for s in range(3):
-            inputs[s] = drive[0] + (i + 0.5 * s) / substeps * (drive[1] - drive[0])
-        dq, dw, dh = 0.0, 0.0, 0.0
-        sum_q, sum_w, sum_h = 0.0, 0.0, 0.0
-        for stage in range(4):
-            reach = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
-            weight = 1.0 if stage == 0 or stage == 3 else 2.0
-            s = (stage + 1) // 2
-            share = (i + 0.5 * s) / substeps
-            aim = aims[0] + share * (aims[1] - aims[0])
-            q_now, w_now, held_now = q + reach * dq, w + reach * dw, held + reach * dh
-            dq = w_now
-            dw, dh = find_rates(q_now, w_now, held_now, inputs, s, aim[0], aim[1], aim[2], joint, muscles, person)
-            sum_q += weight * dq
-            sum_w += weight * dw
-            sum_h += weight * dh
-        q += h / 6.0 * sum_q
-        w += h / 6.0 * sum_w
-        held += h / 6.0 * sum_h
-    return np.array([q, w, held])
-
-
-class RepeatedChain(Chain):
-    """A chain that repeats its constants for each number of columns once."""
-
-    def _repeat(self, columns: int) -> MuscleConstants:
-        known = self.__dict__.setdefault("known", {})
-        if columns not in known:
-            known[columns] = super()._repeat(columns)
-        return known[columns]
-
-
 class Steps:
-    """A trial that is simulated as it goes.
-
-    Parameters
-    ----------
-    exoskeleton : Exoskeleton
-        The machine's rows.
-    plant : Plant
-        Constants and effects.
-    intention : Intention
-        What the person does; the trial ends with it.
-    person : sequence of Person
-        Constants of the person, or of nobody, at each joint.
-    start_rad : (J,) ndarray
-        Angles at the first sample, at rest.
-    """
+    """A trial that is simulated as it goes; it ends with the intention, and its arguments are those of `interact`."""
 
     def __init__(
         self, exoskeleton: Exoskeleton, plant: Plant, intention: Intention, person: Sequence[Person], start_rad: Array
     ):
-        self.chain = RepeatedChain(exoskeleton, plant)
+        self.chain = Chain(exoskeleton, plant)
         self.joints = collect_joints(exoskeleton, plant)
         self.of_muscle = np.array(exoskeleton.joint_of_muscle)
         self.person = person
@@ -114,9 +36,9 @@ class Steps:
         self.substeps = max(int(np.ceil(self.step_s / plant.integration_step_s - 1e-9)), 1)
         self.aims = np.stack(intention, axis=1)  # (T, 3, J)
         samples, muscles = len(self.aims), len(self.of_muscle)
-        constants = self.chain.constants
-        area = constants.area_n_per_kpa * constants.area_factor
-        self.rows = np.stack((area, *constants[1:7], *constants[8:11]), axis=1)
+        self.on = [self.of_muscle == j for j in range(len(self.joints))]
+        self.muscles = split_by_joint(self.chain.constants, self.of_muscle, len(self.joints))
+        self.inputs = [np.empty((3, 3, int(on.sum()))) for on in self.on]
         self.command = np.zeros((samples, muscles))
         self.drive = np.zeros((samples, 3, muscles))
         self.angle, self.velocity = (np.zeros((samples, len(self.joints))) for _ in range(2))
@@ -153,26 +75,17 @@ class Steps:
     def collect(self) -> Motion:
         """Return the motion, as far as the trial is."""
         part = slice(self.at + 1)
-        return Motion(
-            self.pressure[part],
-            self.contraction[part],
-            self.rate[part],
-            self.force[part],
-            self.tension[part],
-            self.angle[part],
-            self.velocity[part],
-        )
+        told = (self.pressure, self.contraction, self.rate, self.force, self.tension, self.angle, self.velocity)
+        return Motion(*(each[part] for each in told))
 
     def begin(self, command_kpa: Array) -> None:
         """Set the first sample: muscles filled to a command, joints at rest, the person in balance."""
         self.command[0] = command_kpa
         self.drive[0, 0] = self.chain.pressurise(self.command[:1])[0]
         self._settle(0, self.states)
-        for j in range(len(self.joints)):
-            on = self.of_muscle == j
-            drive = np.ascontiguousarray(self.drive[0][:, on])
-            rows = np.ascontiguousarray(self.rows[on])
-            self.states[j, 2] = _balance(self.states[j, 0], drive, self.joints[j], rows, self.person[j])
+        for j, (on, joint) in enumerate(zip(self.on, self.joints, strict=True)):
+            drive = np.ascontiguousarray(self.drive[:1, :, on])
+            self.states[j, 2] = balance(self.states[j, 0], drive, joint, self.muscles[j], self.person[j])
 
     def step(self, command_kpa: Array) -> None:
         """Go on by one sample, over which a command was held."""
@@ -182,44 +95,22 @@ class Steps:
         self.drive[after, 0] = self.chain.pressurise(self.command[: after + 1])[after]
         self.drive[after, 1:] = self.drive[now, 1:]
         for _ in range(PASSES if self.chain.bends_force else 1):
-            states = self._move(now)
+            states = np.array([self._move(now, j) for j in range(len(self.joints))])
             self._settle(after, states)
         self.states = states
         self.at = after
 
-    def _move(self, now: int) -> Array:
-        found = np.empty_like(self.states)
-        for j in range(len(self.joints)):
-            on = self.of_muscle == j
-            found[j] = _advance(
-                self.states[j],
-                np.ascontiguousarray(self.drive[now : now + 2][:, :, on]),
-                np.ascontiguousarray(self.aims[now : now + 2, :, j]),
-                self.joints[j],
-                np.ascontiguousarray(self.rows[on]),
-                self.person[j],
-                self.step_s,
-                self.substeps,
-            )
-        return found
+    def _move(self, now: int, j: int) -> tuple[float, float, float]:
+        both = slice(now, now + 2)
+        drive, aims = (
+            np.ascontiguousarray(each) for each in (self.drive[both][:, :, self.on[j]], self.aims[both, :, j])
+        )
+        constants = (self.joints[j], self.muscles[j], self.person[j], self.step_s, self.substeps)
+        return advance(tuple(self.states[j]), drive, aims, 0, *constants, self.inputs[j])
 
     def _settle(self, at: int, states: Array) -> None:
-        """Note a sample's motion, its tensions, and what effects do to them, as `split_deviation` splits it."""
+        """Note a sample's motion, its tensions, and what effects do to them."""
         self.angle[at], self.velocity[at] = states[:, 0], states[:, 1]
-        upto = slice(0, at + 1)
-        contraction, rate = self.contraction[upto], self.rate[upto]
-        pressure = self.pressure[upto]
-        if not self.chain.bends_force:
-            force, tension = self.chain.pull(pressure, contraction, rate)
-            self.force[at], self.tension[at] = force[at], tension[at]
-            return
-        moving = np.copysign(np.maximum(np.abs(rate), SLOWEST_PER_S), rate)
-        rates = np.stack([rate, moving, np.zeros_like(rate)], axis=1)
-        pressures, contractions = (np.repeat(each[:, None], 3, axis=1) for each in (pressure, contraction))
-        force, tension = self.chain.pull(pressures, contractions, rates)
-        self.force[at], self.tension[at] = force[at, 0], tension[at, 0]
-        last = slice(at, at + 1)
-        nominal = self.chain.pull_nominally(pressures[last], contractions[last], rates[last])
-        shown, moved, still = tension[at] - nominal[0]
-        drag = np.maximum((still - moved) / moving[at], 0.0)
-        self.drive[at, 1], self.drive[at, 2] = shown + drag * rate[at], drag
+        pressure, contraction, rate = (each[: at + 1] for each in (self.pressure, self.contraction, self.rate))
+        found = pull_and_split(self.chain, pressure, contraction, rate, since=at)
+        self.force[at], self.tension[at], self.drive[at, 1], self.drive[at, 2] = (each[0] for each in found)

@@ -21,7 +21,7 @@ def _lag_columns(signal: Array, rise_decay: Array, fall_decay: Array) -> Array:
 
 
 def respond(command_kpa: Array, rise_tau_s: Array, fall_tau_s: Array, step_s: float) -> Array:
-    """Return the pressure at the sampling instants, under a command that is held from each sample to the next.
+    """Return the pressure (T, K), kPa gauge, under a command that is held from each sample to the next.
 
     Parameters
     ----------
@@ -31,12 +31,6 @@ def respond(command_kpa: Array, rise_tau_s: Array, fall_tau_s: Array, step_s: fl
         Time constants of filling and venting, s; zero follows the command one sample later.
     step_s : float
         Time between samples, s.
-
-    Returns
-    -------
-    (T, K) ndarray
-        Pressure, kPa gauge.
     """
     rise, fall = (np.exp(-step_s / np.maximum(tau, 1e-9)) for tau in (rise_tau_s, fall_tau_s))
-    pressure: Array = _lag_columns(np.ascontiguousarray(command_kpa, dtype=float), rise, fall)
-    return pressure
+    return _lag_columns(np.ascontiguousarray(command_kpa, dtype=float), rise, fall)

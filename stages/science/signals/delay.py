@@ -11,7 +11,9 @@ LEAST_CORRELATION = 0.5
 
 
 def find_delay(shown: Array, followed: Array, sampling_rate_hz: float, longest_s: float) -> float:
-    """Return the delay at which two signals agree best.
+    """Return the delay of `followed`, s, by the largest correlation with what was shown, interpolated by a parabola.
+
+    It is nan where the signals do not move, do not agree, or agree best at the longest delay.
 
     Parameters
     ----------
@@ -21,12 +23,6 @@ def find_delay(shown: Array, followed: Array, sampling_rate_hz: float, longest_s
         Samples per second.
     longest_s : float
         Longest delay that is looked for, s; shorter than half the signals.
-
-    Returns
-    -------
-    float
-        Delay of `followed`, s, by the largest correlation, interpolated by a parabola; nan where the signals do not
-        move, do not agree, or agree best at the longest delay.
     """
     lags = np.arange(min(int(longest_s * sampling_rate_hz), len(shown) // 2) + 1)
     correlation = np.array([_correlate(shown[: len(shown) - lag], followed[lag:]) for lag in lags])

@@ -6,7 +6,7 @@ from stages.science.signals.trajectories import Array
 
 
 def differentiate(signal: Array, sampling_rate_hz: float, window_s: float, order: int) -> Array:
-    """Return the zero-phase filtered derivative of each column.
+    """Return the zero-phase filtered derivative of each column, in the unit of the signal per second.
 
     A polynomial is fitted by least squares in a window around each sample and differentiated there; at the ends the
     first and last whole windows serve.
@@ -21,11 +21,6 @@ def differentiate(signal: Array, sampling_rate_hz: float, window_s: float, order
         Length of the window, s; rounded to an odd number of samples that holds the polynomial.
     order : int
         Degree of the polynomial, at least 1.
-
-    Returns
-    -------
-    (T, ...) ndarray
-        Unit of `signal` per second.
 
     Raises
     ------

@@ -33,12 +33,7 @@ def rmse(predicted: ArrayLike, measured: ArrayLike) -> float:
 
 
 def error_rate(predicted: ArrayLike, measured: ArrayLike) -> float:
-    """Return the RMSE divided by the largest measured force (paper, section 5.1).
-
-    Parameters
-    ----------
-    predicted, measured : array_like of one shape
-        Forces, N.
+    """Return the RMSE of forces, N, divided by the largest measured one (paper, section 5.1).
 
     Raises
     ------

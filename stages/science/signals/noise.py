@@ -11,7 +11,7 @@ from stages.science.signals.trajectories import Array
 def band_noise(
     generator: np.random.Generator, samples: int, columns: int, sampling_rate_hz: float, low_hz: float, high_hz: float
 ) -> Array:
-    """Draw Gaussian noise whose power lies between two frequencies, with unit expected variance.
+    """Draw Gaussian noise (samples, columns) whose power lies between two frequencies, with unit expected variance.
 
     Parameters
     ----------
@@ -23,11 +23,6 @@ def band_noise(
         Samples per second.
     low_hz, high_hz : float
         Edges of the flat band; the mean is never in it.
-
-    Returns
-    -------
-    (samples, columns) ndarray
-        Dimensionless, standard deviation 1.
 
     Raises
     ------

@@ -19,7 +19,7 @@ def pressure_profiles(
     transition_s: tuple[float, float],
     step_share: float,
 ) -> Array:
-    """Draw one pressure command per muscle, each on its own schedule.
+    """Draw one pressure command per muscle, (T, M), kPa gauge, each on its own schedule.
 
     Parameters
     ----------
@@ -35,11 +35,6 @@ def pressure_profiles(
         Shortest and longest time that a level is held, and that a ramp takes, s.
     step_share : float
         Share of the transitions that are steps, between 0 and 1.
-
-    Returns
-    -------
-    (T, M) ndarray
-        Commands within the range, kPa gauge.
 
     Raises
     ------

@@ -15,15 +15,7 @@ MODEL_OUTPUT = "force_n"
 
 @dataclass(frozen=True)
 class Scaling:
-    """Centres and scales of one muscle.
-
-    Parameters
-    ----------
-    input_centre, input_scale : (D,) float arrays
-        Of pressure (kPa), contraction (1) and contraction velocity (1/s).
-    force_centre_n, force_scale_n : float
-        Of the force (N).
-    """
+    """Centres and scales of a muscle: (D,) of pressure (kPa), contraction and its velocity (1/s), and of force (N)."""
 
     input_centre: Array
     input_scale: Array

@@ -14,27 +14,18 @@ Array = NDArray[np.float64]
 def minimum_jerk(share: ArrayLike) -> Array:
     """Return the share of the way covered at a share of the time, with no velocity or acceleration at either end.
 
-    Parameters
-    ----------
-    share : array_like
-        Elapsed share of the movement's duration; values outside [0, 1] are held at its ends.
-
-    Returns
-    -------
-    ndarray of the same shape
-        Between 0 and 1.
+    Shares of time outside [0, 1] are held at its ends.
 
     Notes
     -----
     Flash and Hogan, The coordination of arm movements, J. Neurosci. 5 (1985): the polynomial 10 s^3 - 15 s^4 + 6 s^5.
     """
     s = np.clip(np.asarray(share, dtype=float), 0.0, 1.0)
-    covered: Array = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    return covered
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
 def connect_points(points: Array, start_s: Array, duration_s: Array, time_s: Array) -> Array:
-    """Return the trajectory that leaves each point at its time and reaches the next one with minimum jerk.
+    """Return the trajectory (T, J) that leaves each point at its time and reaches the next one with minimum jerk.
 
     Parameters
     ----------
@@ -44,11 +35,6 @@ def connect_points(points: Array, start_s: Array, duration_s: Array, time_s: Arr
         When each movement begins and how long it lasts; movements do not overlap. A duration of zero is a step.
     time_s : (T,) ndarray
         Where to sample.
-
-    Returns
-    -------
-    (T, J) ndarray
-        In the unit of `points`.
     """
     last = np.searchsorted(start_s, time_s, side="right") - 1
     begun = last >= 0
@@ -56,8 +42,7 @@ def connect_points(points: Array, start_s: Array, duration_s: Array, time_s: Arr
     steps = duration_s[at] <= 0.0
     lasting = np.where(steps, 1.0, duration_s[at])
     share = np.where(steps, begun, minimum_jerk(np.clip(time_s - start_s[at], 0.0, lasting) / lasting))
-    trajectory: Array = points[at] + share[:, None] * (points[at + 1] - points[at])
-    return trajectory
+    return points[at] + share[:, None] * (points[at + 1] - points[at])
 
 
 def reach_postures(
@@ -69,7 +54,7 @@ def reach_postures(
     move_s: tuple[float, float],
     rest_s: tuple[float, float],
 ) -> Array:
-    """Draw a natural movement: reaches between random postures, with rests.
+    """Draw a natural movement, (samples, J), rad: reaches of all joints together between random postures, with rests.
 
     Parameters
     ----------
@@ -83,11 +68,6 @@ def reach_postures(
         Samples per second.
     move_s, rest_s : tuple of float
         Shortest and longest duration of a reach and of a rest, s.
-
-    Returns
-    -------
-    (samples, J) ndarray
-        Joint angles within the range, rad; all joints start and stop a reach together.
 
     Raises
     ------

@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from stages.science.plant.actuator_path import ActuatorPath, Everywhere, predict_force, predict_pressure
+from stages.science.plant.actuator_path import Acting, ActuatorPath, predict_force, predict_pressure
 from stages.science.plant.chain import Chain
 from stages.science.plant.effect import ChainEffect, JointEffect, Site, find_effect, list_effects, list_forms
 from stages.science.plant.machine import list_kinds
@@ -192,7 +192,7 @@ def test_a_sensors_error_in_pressure_is_taken_back_before_force(form, generator)
     _, pressure, contraction, velocity = rough(generator)
     row, start = constants(3), np.array([0.0, 100.0, 400.0])
     effect = find_effect(*f"sensor_{form}".split("-"))
-    shown = ActuatorPath(row, [Everywhere(effect, begin(effect))], STEP_S, start).sense_pressure(pressure)
+    shown = ActuatorPath(row, [Acting(effect, begin(effect))], STEP_S, start).sense_pressure(pressure)
     true, again = (
         predict_force(kpa, contraction, velocity, row, entry, STEP_S, start, "muscle_tip")
         for kpa, entry in ((pressure, []), (shown, [(effect, begin(effect))]))

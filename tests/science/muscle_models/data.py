@@ -1,6 +1,7 @@
 """A small bank of a smooth law, as the tables that offline analyses read."""
 
 import hashlib
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -22,26 +23,16 @@ def make_bank(generator, movements=7, samples=50):
     """Return recordings: random sums of sines, and a force that follows from them, N."""
     times = PERIOD_S * np.arange(samples)
     frames = []
-    for trajectory in range(movements):
-        for position, muscle in enumerate(MUSCLES):
-            waves = [
-                generator.normal() + np.sin(generator.uniform(2, 9) * times + generator.uniform(0, 6)) for _ in range(3)
-            ]
-            pressure, contraction, velocity = waves
-            force = 50 + 20 * np.sin(pressure + position) + 8 * contraction**2 + 5 * np.tanh(velocity)
-            frames.append(
-                pd.DataFrame(
-                    {
-                        "trajectory": trajectory,
-                        "time_s": times,
-                        "muscle": muscle,
-                        "pressure_kpa": 100 + 30 * pressure,
-                        "contraction": 0.1 + 0.05 * contraction,
-                        "contraction_velocity_per_s": 0.2 * velocity,
-                        MODEL_OUTPUT: force + 0.3 * generator.standard_normal(samples),
-                    }
-                )
-            )
+    for trajectory, (position, muscle) in product(range(movements), enumerate(MUSCLES)):
+        pressure, contraction, velocity = (
+            generator.normal() + np.sin(generator.uniform(2, 9) * times + generator.uniform(0, 6)) for _ in range(3)
+        )
+        force = 50 + 20 * np.sin(pressure + position) + 8 * contraction**2 + 5 * np.tanh(velocity)
+        force += 0.3 * generator.standard_normal(samples)
+        inputs = dict(zip(MODEL_INPUTS, (100 + 30 * pressure, 0.1 + 0.05 * contraction, 0.2 * velocity), strict=True))
+        frames.append(
+            pd.DataFrame({"trajectory": trajectory, "time_s": times, "muscle": muscle, **inputs, MODEL_OUTPUT: force})
+        )
     return pd.concat(frames, ignore_index=True)
 
 

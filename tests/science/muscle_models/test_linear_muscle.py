@@ -17,21 +17,8 @@ PLANTED = np.array([2.0, -4.5, 1.2, -900.0, 150.0, -20.0])
 
 def terms(pressure, contraction):
     """Return the six columns of the law as it is written."""
-    return np.stack(
-        [
-            pressure * contraction**2,
-            pressure * contraction,
-            pressure,
-            contraction**2,
-            contraction,
-            np.ones_like(pressure),
-        ],
-        axis=-1,
-    )
-
-
-def exactly(values):
-    return [mpmath.mpf(each) for each in values]
+    powers = np.stack([contraction**2, contraction, np.ones_like(pressure)], axis=-1)
+    return np.concatenate([np.expand_dims(pressure, -1) * powers, powers], axis=-1)
 
 
 def draw(generator, n=300, noise=0.0):
@@ -44,7 +31,7 @@ def test_recovers_the_muscle_of_the_plant(generator):
     a, b = braid_coefficients(25.0)
     area, factor, linear, quadratic = 0.1, 1.2, 30.0, 200.0
     constants = (area, a, b, factor, linear, quadratic, 0.0, 0.1, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0)
-    muscle = MuscleConstants(*(np.array([each]) for each in constants))
+    muscle = MuscleConstants(*np.array(constants)[:, None])
     pressure, contraction = generator.uniform(100, 600, (200, 1)), generator.uniform(0.0, 0.15, (200, 1))
     force = compute_tension(pressure, contraction, np.zeros((200, 1)), muscle)
     assert (force > 0).all()
@@ -62,9 +49,8 @@ def test_equals_normal_equations_in_fifty_digits(generator, offset):
     pressure, contraction, force = draw(generator, 40, noise=5.0)
     contraction = contraction + offset
     with mpmath.workdps(50):
-        design = mpmath.matrix(
-            [[p * c**2, p * c, p, c**2, c, 1] for p, c in map(exactly, zip(pressure, contraction, strict=True))]
-        )
+        pairs = [[mpmath.mpf(each) for each in pair] for pair in zip(pressure, contraction, strict=True)]
+        design = mpmath.matrix([[p * c**2, p * c, p, c**2, c, 1] for p, c in pairs])
         exact = mpmath.lu_solve(design.T * design, design.T * mpmath.matrix(force.tolist()))
         predicted = np.array([float(each) for each in design * exact])
         exact = np.array([float(each) for each in exact])
@@ -118,16 +104,6 @@ def test_two_contractions_determine_four_directions(generator):
     np.testing.assert_allclose(model.standard_errors[[2, 5]], baseline.bse[[1, 3]], rtol=1e-8)
     np.testing.assert_allclose(model.predict(pressure, contraction), baseline.fittedvalues, rtol=1e-9)
     assert model.residual_sd_n == pytest.approx(np.sqrt(baseline.mse_resid))
-
-
-def test_a_pressure_that_follows_contraction_determines_four_directions(generator):
-    contraction = generator.uniform(0, 0.25, 60)
-    pressure = 100 + 2000 * contraction
-    force = terms(pressure, contraction) @ PLANTED
-    model = LinearMuscleModel.fit(pressure, contraction, force)
-    assert model.rank == 4
-    assert model.repair
-    np.testing.assert_allclose(model.predict(pressure, contraction), force, rtol=1e-9)
 
 
 @COMMON
@@ -190,9 +166,8 @@ def test_predicts_any_shape_and_keeps_what_is_missing(generator):
     ],
 )
 def test_absurd_data_are_refused_in_one_line(values, message):
-    with pytest.raises(ValueError, match=message) as error:
+    with pytest.raises(ValueError, match=rf"^.*{message}.*\Z"):
         LinearMuscleModel.fit(*values)
-    assert "\n" not in str(error.value)
 
 
 def test_inputs_of_a_prediction_have_one_shape_and_are_sane(generator):

@@ -36,6 +36,8 @@ def test_a_model_stands_on_the_points_of_its_trial_and_earlier_ones(recorded, ge
         for found, expected in zip(rebuilt.predict_marginal(at), fitted[trial].predict_marginal(at), strict=True):
             np.testing.assert_allclose(found, expected, rtol=1e-10)
     assert len(its.rebuild(models[models["trial"] == 0], points).inputs) == 6
+    with pytest.raises(ValueError, match=r"expected the rows of one trial, got those of trials \[0, 1\]"):
+        its.rebuild(models, points)
 
 
 def test_a_constant_mean_is_read_from_table_1(recorded):
@@ -46,10 +48,3 @@ def test_a_constant_mean_is_read_from_table_1(recorded):
     longer = pd.concat([models[models["trial"] == 1], pd.DataFrame([{"trial": 1, "value": 0.7}])])
     assert its.rebuild(longer, points).predict_mean(np.full((1, 3), 1e3))[0] == pytest.approx(0.7)
     assert RecordedModels.read(prior, tables["scaling"], MUSCLES[0]).mean == "zero"
-
-
-def test_refuses_the_rows_of_two_trials(recorded):
-    tables, _, models, points = recorded
-    its = RecordedModels.read(tables["hyperprior"], tables["scaling"], MUSCLES[1])
-    with pytest.raises(ValueError, match=r"expected the rows of one trial, got those of trials \[0, 1\]"):
-        its.rebuild(models, points)

@@ -7,20 +7,12 @@ from stages.science.plant.record_plant import HEAD, read_initial_state
 from tests.science.plant.machines import begin_surely, read_plant, simulate, solve
 
 STEP_S = 4.0
-CONSTANTS = {
-    "upper_outflow": 0.05,
-    "lower_inflow": 0.05,
-    "lower_outflow": 0.04,
-    "pump_gain": 0.04,
-    "reading_offset": 0.3,
-    "input_delay_s": 0.0,
-}
-UPPER, LOWER = 4.0, 6.0
-"""Levels in which records begin."""
+CONSTANTS = {"upper_outflow": 0.05, "lower_inflow": 0.05, "lower_outflow": 0.04, "pump_gain": 0.04}
+CONSTANTS |= {"reading_offset": 0.3, "input_delay_s": 0.0}
 RIM, CUT = ("overflow", "rim"), ("saturation", "tank_reading")
 
 
-def begin(upper=UPPER, lower=LOWER, error=1e-3):
+def begin(upper=4.0, lower=6.0, error=1e-3):
     return begin_surely(lower + 0.3, 0.05 * np.sqrt(upper) - 0.04 * np.sqrt(lower), error)
 
 
@@ -71,8 +63,7 @@ def test_each_record_begins_where_its_own_first_readings_say(generator):
 def test_above_the_rim_water_runs_over_and_a_share_of_it_down():
     pump = np.full(3000, 4.0)
     lost, kept = (fill(pump, [(*RIM, {"scale_over_rim": 1.0, "share_down": share})])[-1] for share in (0.0, 1.0))
-    rim = 5.0
-    assert lost - 0.3 == pytest.approx((0.05 * np.sqrt(rim) / 0.04) ** 2, rel=1e-3)
+    assert lost - 0.3 == pytest.approx((0.05 * np.sqrt(5.0) / 0.04) ** 2, rel=1e-3)
     assert kept - 0.3 == pytest.approx((0.04 * 4.0 / 0.04) ** 2, rel=1e-3)
 
 

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from stages.science.plant.chain import Chain
-from stages.science.plant.effect import ChainEffect, JointEffect, find_effect, list_effects
+from stages.science.plant.effect import ChainEffect, find_effect, list_effects
+from stages.science.plant.valve import respond
+from tests.science.plant.columns import STEP_S
 from tests.science.plant.machines import configured, with_effects
 
 CHAIN = [name for name in list_effects() if name != "none" and isinstance(find_effect(name), ChainEffect)]
@@ -12,11 +15,9 @@ CHAIN = [name for name in list_effects() if name != "none" and isinstance(find_e
 
 def entry(name, magnitude=None, place=None):
     """A list entry of an effect at its prior mean (where that is none, where a fit begins), or another magnitude."""
-    effect = find_effect(name)
-    values = {each.name: each.prior_mean or each.starts[0] for each in effect.parameters}
-    if magnitude is not None:
-        values[effect.parameters[0].name] = magnitude
-    return {"name": name, "joints" if isinstance(effect, JointEffect) else "muscles": place, **values}
+    first, *others = find_effect(name).parameters
+    values = {each.name: each.prior_mean or each.starts[0] for each in (first, *others)}
+    return {"name": name, "muscles": place, **values, **({} if magnitude is None else {first.name: magnitude})}
 
 
 def chain_with(*effects):
@@ -29,7 +30,7 @@ def move(shape, amplitude=0.05):
     turns = np.arange(4) if len(shape) == 2 else np.arange(shape[1] * 4).reshape(shape[1:])
     time = np.arange(shape[0]).reshape(-1, *[1] * (len(shape) - 1))
     contraction = 0.1 + amplitude * np.sin(time / 30 + turns)
-    return contraction, np.gradient(contraction, 0.004, axis=0)
+    return contraction, np.gradient(contraction, STEP_S, axis=0)
 
 
 @pytest.mark.parametrize("name", CHAIN)
@@ -66,15 +67,26 @@ def test_no_effect_is_an_effect_and_the_load_cell_of_a_muscle_sees_no_cable(gene
 
 def test_tension_never_turns_into_push():
     everything = [entry(name, find_effect(name).parameters[0].high) for name in CHAIN]
-    force, tension = chain_with(*everything).pull(
-        np.full((6000, 4), 1.0) * [30.0, 80.0, 30.0, 80.0], *move((6000, 4), 0.15)
-    )
-    assert force.min() == 0.0
-    assert tension.min() == 0.0
+    pressure = np.tile([30.0, 80.0, 30.0, 80.0], (6000, 1))
+    force, tension = chain_with(*everything).pull(pressure, *move((6000, 4), 0.15))
+    assert force.min() == tension.min() == 0.0
 
 
-def test_the_rich_plant_has_effects_at_every_site_of_the_chain():
-    assert {each.name for each in configured("rich").plant.effects} >= {
-        "hysteresis", "capstan_friction", "valve_asymmetry", "threshold_pressure", "coulomb_friction", "creep",
-    }  # fmt: skip
-    assert configured("nominal").plant.effects == []
+def solve_valve(command, rise, fall):
+    """Pressure at the sampling instants, sample by sample with an adaptive solver."""
+    pressure = [command[0]]
+    for held in command[:-1]:
+
+        def flow(_, p, held=held):
+            return (held - p) / (rise if held > p[0] else fall)
+
+        solved = solve_ivp(flow, (0, STEP_S), [pressure[-1]], rtol=1e-10, atol=1e-10).y[0, -1] if rise else held
+        pressure.append(solved)
+    return np.array(pressure)
+
+
+@pytest.mark.parametrize(("rise", "fall"), [(0.04, 0.04), (0.03, 0.06), (0.0, 0.0)])
+def test_a_held_command_is_answered_exactly(generator, rise, fall):
+    command = np.repeat(generator.uniform(50, 500, 12), 10)
+    pressure = respond(command[:, None], np.array([rise]), np.array([fall]), STEP_S)[:, 0]
+    assert pressure == pytest.approx(solve_valve(command, rise, fall), rel=1e-7)

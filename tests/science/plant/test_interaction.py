@@ -5,18 +5,13 @@ from stages.science.plant import joint, muscle, operators, valve
 from stages.science.plant.chain import Chain
 from stages.science.plant.interaction import interact
 from stages.science.plant.participant import Intention, embody, intend
-from stages.science.plant.plant import Plant
 from stages.science.signals.pressures import pressure_profiles
 from tests.science.plant.machines import configured, other_machine, with_effects
 
-LOW, HIGH = [20, 50, 20, 50], [200, 600, 150, 600]
 
-
-def draw_command(seed, samples=1000):
-    source = np.random.default_rng(seed)
-    return pressure_profiles(
-        source, LOW, HIGH, samples, 250.0, hold_s=(0.3, 1.0), transition_s=(0.2, 0.6), step_share=0.3
-    )
+def draw_command(seed):
+    times = {"hold_s": (0.3, 1.0), "transition_s": (0.2, 0.6), "step_share": 0.3}
+    return pressure_profiles(np.random.default_rng(seed), [20, 50, 20, 50], [200, 600, 150, 600], 1000, 250.0, **times)
 
 
 def draw_intention(who, machine, seed):
@@ -25,15 +20,14 @@ def draw_intention(who, machine, seed):
     return intend(who, machine, reference, np.random.default_rng(seed))
 
 
-def move(plant, seed=3, command=None, who=None):
+def move(plant, seed=3):
     rig = configured()
-    who = who or rig.participants["p1"]
-    intention = draw_intention(who, rig.exoskeleton, seed)
-    command = draw_command(seed) if command is None else command
-    return interact(rig.exoskeleton, plant, command, intention, embody(who, rig.exoskeleton), intention.angle_rad[0])
+    who, machine = rig.participants["p1"], rig.exoskeleton
+    intention = draw_intention(who, machine, seed)
+    return interact(machine, plant, draw_command(seed), intention, embody(who, machine), intention.angle_rad[0])
 
 
-def test_the_passes_converge():
+def test_the_passes_converge_and_the_textbook_needs_one():
     plant = configured("rich").plant
     settled = move(plant.model_copy(update={"relaxation_passes": 40}))
     far = []
@@ -45,46 +39,25 @@ def test_the_passes_converge():
     assert far[-1] < 0.05 * far[0]
     again = move(plant.model_copy(update={"relaxation_passes": 60}))
     assert np.abs(again.joint_angle_rad - settled.joint_angle_rad).max() < 1e-9
+    textbook = configured().plant
+    one, many = (move(textbook.model_copy(update={"relaxation_passes": n})).joint_angle_rad for n in (1, 9))
+    assert np.array_equal(one, many)
 
 
-def test_settled_motion_is_that_of_the_tension_it_brings():
+def test_settled_motion_is_that_of_the_tension_it_brings_by_the_whole_chain():
     rig = configured("rich")
     who, machine = rig.participants["p1"], rig.exoskeleton
     settled = move(rig.plant.model_copy(update={"relaxation_passes": 40}))
     chain, intention = Chain(machine, rig.plant), draw_intention(who, machine, 3)
+    force, tension = chain.pull(settled.pressure_kpa, settled.contraction, settled.velocity_per_s)
+    assert np.array_equal(force, settled.force_n)
+    assert np.array_equal(tension, settled.tension_n)
     given = settled.tension_n - chain.pull_nominally(settled.pressure_kpa, settled.contraction, settled.velocity_per_s)
+    inputs = (settled.pressure_kpa, given, np.zeros_like(given), intention, intention.angle_rad[0])
     joints, of_muscle = joint.collect_joints(machine, rig.plant), machine.joint_of_muscle
-    angle, _ = joint.integrate_joints(
-        settled.pressure_kpa,
-        given,
-        np.zeros_like(given),
-        intention,
-        intention.angle_rad[0],
-        joints,
-        chain.constants,
-        of_muscle,
-        embody(who, machine),
-        0.004,
-        2,
-    )
+    angle, _ = joint.integrate_joints(*inputs, joints, chain.constants, of_muscle, embody(who, machine), 0.004, 2)
     assert np.abs(given).max() > 50.0
     assert angle == pytest.approx(settled.joint_angle_rad, abs=1e-3)
-
-
-def test_tension_follows_from_the_motion_by_the_whole_chain():
-    rig = configured("rich")
-    motion = move(rig.plant)
-    force, tension = Chain(rig.exoskeleton, rig.plant).pull(
-        motion.pressure_kpa, motion.contraction, motion.velocity_per_s
-    )
-    assert np.array_equal(force, motion.force_n)
-    assert np.array_equal(tension, motion.tension_n)
-
-
-def test_the_textbook_needs_no_second_pass():
-    plant = configured().plant
-    one, many = (move(plant.model_copy(update={"relaxation_passes": n})).joint_angle_rad for n in (1, 9))
-    assert np.array_equal(one, many)
 
 
 def test_pressure_disturbs_the_person_who_then_compensates():
@@ -95,8 +68,10 @@ def test_pressure_disturbs_the_person_who_then_compensates():
     steady = Intention(np.full((1000, 2), 0.6), np.zeros((1000, 2)), np.zeros((1000, 2)))
     person = embody(rig.participants["p1"], rig.exoskeleton)
     start = steady.angle_rad[0]
-    calm = interact(rig.exoskeleton, rig.plant, weak, steady, person, start).joint_angle_rad
-    pushed = interact(rig.exoskeleton, rig.plant, strong, steady, person, start).joint_angle_rad
+    calm, pushed = (
+        interact(rig.exoskeleton, rig.plant, command, steady, person, start).joint_angle_rad
+        for command in (weak, strong)
+    )
     gap = pushed[:, 0] - calm[:, 0]
     assert np.abs(calm - 0.6).max() < 1e-6
     assert gap.max() > 0.05
@@ -110,12 +85,12 @@ def test_intention_is_delayed_scaled_and_shaky():
     time = np.arange(1000) / 250
     reference = np.repeat((0.6 + 0.5 * np.sin(2 * np.pi * 0.5 * time))[:, None], 2, axis=1)
     intention = intend(who, rig.exoskeleton, reference, np.random.default_rng(1))
-    middle = np.array([0.5 * (row.lower_rad + row.upper_rad) for row in rig.exoskeleton.joints])
+    joints = rig.exoskeleton.joints
+    middle, inertia = np.array([(0.5 * (row.lower_rad + row.upper_rad), row.inertia_kg_m2) for row in joints]).T
     late = round(who.delay_s * 250)
     expected = middle + who.gain * (reference[:-late] - middle)
     assert intention.angle_rad[late:] == pytest.approx(expected, abs=1e-9)
     assert intention.angle_rad[: late + 1] == pytest.approx(np.repeat(intention.angle_rad[:1], late + 1, axis=0))
-    inertia = np.array([row.inertia_kg_m2 for row in rig.exoskeleton.joints])
     shakes = np.stack([intend(who, rig.exoskeleton, reference, np.random.default_rng(n)).push_nm for n in range(20)])
     assert shakes.std(axis=(0, 1)) == pytest.approx(who.tremor_rad_per_s2 * inertia, rel=0.1)
 
@@ -123,21 +98,17 @@ def test_intention_is_delayed_scaled_and_shaky():
 @pytest.mark.parametrize("muscles_of_joint", [[2], [2, 1, 2]])
 def test_other_machines_are_rows(muscles_of_joint):
     machine = other_machine(muscles_of_joint, rate=100.0, trial_s=3.0)
-    values = configured("rich").plant.model_dump()
-    values["effects"] = [each for each in values["effects"] if not each.get("muscles")]
-    plant = Plant.model_validate(values)
+    rich = configured("rich").plant
+    plant = with_effects(rich, *(each for each in rich.model_dump()["effects"] if not each.get("muscles")))
     count = sum(muscles_of_joint)
-    command = np.full((300, count), 120.0)
-    command[100:] += 60.0
+    command = np.where(np.arange(300)[:, None] < 100, 120.0, 180.0) * np.ones(count)
     person = embody(configured().participants["p1"], machine)
     steady = Intention(*(np.full((300, len(muscles_of_joint)), value) for value in (0.5, 0.0, 0.0)))
-    motion = interact(machine, plant, command, steady, person, steady.angle_rad[0])
+    finer = plant.model_copy(update={"integration_step_s": 2e-4})
+    motion, fine = (interact(machine, each, command, steady, person, steady.angle_rad[0]) for each in (plant, finer))
     assert motion.force_n.shape == (300, count)
     assert np.isfinite(motion.force_n).all()
     assert np.ptp(motion.joint_angle_rad, axis=0).min() > 1e-3
-    fine = interact(
-        machine, plant.model_copy(update={"integration_step_s": 2e-4}), command, steady, person, steady.angle_rad[0]
-    )
     assert fine.joint_angle_rad == pytest.approx(motion.joint_angle_rad, abs=2e-4)
 
 

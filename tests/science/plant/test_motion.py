@@ -2,19 +2,16 @@ import numpy as np
 import pytest
 
 from stages.science.plant import motion
-from stages.science.plant.effect import DynamicEffect, find_effect, list_effects, list_forms
+from stages.science.plant.effect import find_effect, list_effects
+from stages.science.plant.effect_config import list_effects_at
 from stages.science.plant.motion import SITE, MotionTerms, integrate, refine, turn
 from stages.science.plant.record_plant import collect
+from tests.science.plant.columns import begin
 from tests.science.plant.machines import solve
 
 STEP, SUBSTEPS, SCALE = 0.0016, 4, 0.3
 OMEGA, DAMPING, GAIN = 2 * np.pi * 60.0, 0.05, 2.0
-FORMS = [
-    form
-    for name in list_effects()
-    for form in list_forms(name)
-    if isinstance(form, DynamicEffect) and form.site == SITE
-]
+FORMS = list_effects_at(SITE, list_effects())
 
 
 def terms_of(*placed):
@@ -57,12 +54,11 @@ RATES = {
 }
 
 
-@pytest.mark.parametrize("form", RATES)
-def test_motion_agrees_with_an_adaptive_solver(form, generator):
+@pytest.mark.parametrize("effect", [each for each in FORMS if each.form in RATES], ids=lambda each: each.form)
+def test_motion_agrees_with_an_adaptive_solver(effect, generator):
     signal = 0.2 * generator.standard_normal(300)
     instants = np.arange(300) * STEP
-    values, more = RATES[form]
-    effect = next(each for each in FORMS if each.form == form)
+    values, more = RATES[effect.form]
 
     def rates(now, state):
         x, w = state
@@ -102,8 +98,7 @@ def test_combining_effects_compiles_nothing():
     answer(signal)
     compiled = list(motion._integrate.signatures)
     for effect in FORMS:
-        values = {parameter.name: parameter.starts[0] for parameter in effect.parameters}
-        answer(signal, terms_of((effect, values)))
+        answer(signal, terms_of((effect, begin(effect))))
     assert motion._integrate.signatures == compiled
 
 
@@ -116,18 +111,14 @@ def test_motions_side_by_side_are_motions_one_by_one(generator):
     count, samples, substeps = 11, 120, 3
     drive = generator.standard_normal((count, (samples - 1) * 2 * substeps + 1))
     start, damping = generator.standard_normal((2, count)), generator.uniform(0.05, 0.5, count)
-    placed = [
-        (each, {parameter.name: parameter.starts[-1] for parameter in each.parameters}) for each in (*FORMS, *FORMS)
-    ]
-    terms = [MotionTerms(), *(terms_of(each) for each in placed[: count - 1])]
+    terms = [MotionTerms(), *(terms_of((each, begin(each))) for each in (*FORMS, *FORMS))][:count]
     late = generator.uniform(-1.0, 1.0, count) * (np.arange(count) % 2)
     for hold in (np.ones((count, 1)), generator.uniform(0.5, 2.0, drive.shape)):
         together = integrate(drive, hold, start, damping, terms, 0.3, substeps, late)
         for k in range(count):
-            alone = slice(k, k + 1)
-            single = integrate(
-                drive[alone], hold[alone], start[:, alone], damping[alone], terms[alone], 0.3, substeps, late[alone]
-            )
+            its = (each[k : k + 1] for each in (drive, hold, start.T, damping, terms))
+            drives, holds, starts, *rest = its
+            single = integrate(drives, holds, starts.T, *rest, 0.3, substeps, late[k : k + 1])
             assert (single[:, 0] == together[:, k]).all()
 
 

@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant, constant
@@ -72,6 +73,8 @@ def test_scales_constants_and_what_is_watched_have_defaults():
     output = build(read_lever(arms=None))
     plant = output.plant
     assert plant.arms == 2
+    assert plant.constants.ratio.unit == "1"
+    assert Lever.model_validate(plant.model_dump()) == plant
     assert plant.output_scale == pytest.approx(0.5 * np.ptp(output.records[0]["out_m"]))
     assert 0.2 < plant.time_scale_s < 0.5  # the quicker wave of a radian in 0.2 s, the slower in 0.48 s
     assert plant.memory_s == plant.movement_s == pytest.approx(4.0 * np.pi * plant.time_scale_s)
@@ -80,6 +83,9 @@ def test_scales_constants_and_what_is_watched_have_defaults():
 
 
 def test_what_is_not_told_is_named():
+    told = {"ratio": {"unit": "1", "start": 1.0, "low": 0.0, "high": 9.0, "sd": 1.0}}
+    with pytest.raises(ValidationError, match="output_scale\n  Field required"):
+        Lever.model_validate({"kind": "lever", "pushed": "in_m", "output": "out_m", "constants": told, "effects": []})
     with pytest.raises(ValueError, match=r"Unguessed.guess: expected \(start, low, high, sd\) of ratio, got none"):
         build(read_lever(Unguessed))
     with pytest.raises(ValueError, match=r"Unwatched.watch: expected a state.*and a rate.*got way \(rate=False\)"):

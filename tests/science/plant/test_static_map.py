@@ -8,22 +8,15 @@ from tests.science.plant.machines import read_plant, simulate
 STEP_S = 0.01
 
 
-def test_the_spring_goes_with_the_way_that_is_named():
-    spring = read_plant(along="s_m", output="f_n")
-    assert spring.inputs == ("s_m",)
-    assert spring.answer({"s_m": np.array([2.0])}, {"stiffness": 3.0, "offset": 1.0}) == pytest.approx([7.0])
-
-
 def sweep(samples=2000):
+    """A spring that is moved slowly and quickly."""
     time = np.arange(samples) * STEP_S
-    return {"position_m": 0.03 + 0.02 * np.sin(0.8 * time) + 0.004 * np.sin(3.1 * time)}
+    way = 0.03 + 0.02 * np.sin(0.8 * time) + 0.004 * np.sin(3.1 * time)
+    return {"position_m": way, "force_n": 900.0 * way - 4.0}
 
 
 def settled(**changes):
-    signals = sweep()
-    return read_plant(**changes).resolve_from_data(
-        [{**signals, "force_n": 900.0 * signals["position_m"] - 4.0}], STEP_S
-    )
+    return read_plant(**changes).resolve_from_data([sweep()], STEP_S)
 
 
 def add(plant, *effect):
@@ -57,7 +50,10 @@ def test_what_is_left_open_is_the_data_s_own():
     assert settled(along_scale=0.5).along_scale == 0.5
 
 
-def test_before_there_are_data_its_bounds_are_open():
+def test_before_there_are_data_its_bounds_are_open_and_it_goes_with_the_way_that_is_named():
+    spring = read_plant(along="s_m", output="f_n")
+    assert spring.inputs == ("s_m",)
+    assert spring.answer({"s_m": np.array([2.0])}, {"stiffness": 3.0, "offset": 1.0}) == pytest.approx([7.0])
     with pytest.raises(ValueError, match="there are no data yet"):
         _ = read_plant().parameters
 

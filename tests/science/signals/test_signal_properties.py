@@ -1,6 +1,7 @@
 """Any signal and schedule: derivatives of polynomials, errors by their definition, commands and postures in range."""
 
 from fractions import Fraction
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -36,6 +37,12 @@ def test_polynomials_of_the_order_are_differentiated_exactly(coefficients, rate,
     found = differentiate(signal, rate, window / rate, order)
     # a slope of rounding: eps of the signal over one sample, by the weights of the ends' polynomial
     assert np.abs(found - truth).max() <= 1e-11 * rate * (1 + np.abs(signal).max()) * 4.0**order
+
+
+def test_the_window_is_odd_and_noise_is_reduced(generator):
+    assert [window_length(rate, 0.05, 2) for rate in (250.0, 100.0, 10.0)] == [13, 5, 3]
+    noise = generator.standard_normal((2000, 1))
+    assert differentiate(noise, 250.0, 0.05, 2).std() < 0.15 * np.gradient(noise, 1 / 250, axis=0).std()
 
 
 @COMMON
@@ -82,11 +89,10 @@ def test_the_error_is_its_definition_in_exact_arithmetic(values):
 def test_absurd_forces_are_refused(value):
     with pytest.raises(ValueError, match=r"one shape, not empty; got \(2,\) and \(3,\)"):
         rmse([1.0, 2.0], [1.0, 2.0, value])
-    for pair in ([value, 1.0], [1.0, value]):
-        with pytest.raises(ValueError, match=r"expected values within 1e\+150"):
-            error_rate(pair, [1.0, 1.0])
-        with pytest.raises(ValueError, match=r"expected values within 1e\+150"):
-            error_rate([1.0, 1.0], pair)
+    for pair in permutations([[value, 1.0], [1.0, 1.0]]), permutations([[1.0, value], [1.0, 1.0]]):
+        for predicted, measured in pair:
+            with pytest.raises(ValueError, match=r"expected values within 1e\+150"):
+                error_rate(predicted, measured)
 
 
 @st.composite
@@ -101,32 +107,22 @@ SPANS = st.tuples(st.floats(0, 0.5), st.floats(0, 0.5)).map(sorted).map(tuple)
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def assert_within(found, samples, low, high):
-    assert found.shape == (samples, low.size)
-    assert (found >= low).all()
-    assert (found <= high).all()
-
-
 @COMMON
 @given(SEEDS, ranges(), st.integers(0, 300), RATES, SPANS, SPANS, st.floats(0, 1))
-def test_pressures_are_always_within_their_ranges(seed, bounds, samples, rate, hold_s, transition_s, share):
-    def draw():
+def test_pressures_and_postures_are_always_within_their_ranges(seed, bounds, samples, rate, first_s, second_s, share):
+    def press():
         source = np.random.default_rng(seed)
-        times = {"hold_s": hold_s, "transition_s": transition_s, "step_share": share}
+        times = {"hold_s": first_s, "transition_s": second_s, "step_share": share}
         return pressure_profiles(source, *bounds, samples, rate, **times)
 
-    assert_within(draw(), samples, *bounds)
-    assert draw().tobytes() == draw().tobytes()
+    def reach():
+        return reach_postures(np.random.default_rng(seed), *bounds, samples, rate, first_s, second_s)
 
-
-@COMMON
-@given(SEEDS, ranges(), st.integers(0, 300), RATES, SPANS, SPANS)
-def test_postures_are_always_within_their_ranges(seed, bounds, samples, rate, move_s, rest_s):
-    def draw():
-        return reach_postures(np.random.default_rng(seed), *bounds, samples, rate, move_s, rest_s)
-
-    assert_within(draw(), samples, *bounds)
-    assert draw().tobytes() == draw().tobytes()
+    for draw in (press, reach):
+        found = draw()
+        assert found.shape == (samples, bounds.shape[1])
+        assert ((found >= bounds[0]) & (found <= bounds[1])).all()
+        assert draw().tobytes() == found.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -149,3 +145,5 @@ def test_ranges_and_times_without_sense_are_refused(change, told, generator):
         reach_postures(generator, low, high, 50, rate, first, second)
     with pytest.raises(ValueError, match=told):
         pressure_profiles(generator, low, high, 50, rate, hold_s=first, transition_s=second, step_share=0.5)
+    with pytest.raises(ValueError, match=r"step_share: expected a share between 0 and 1, got 1.5"):
+        pressure_profiles(generator, [4], [5], 100, 100.0, hold_s=(0, 1), transition_s=(0, 1), step_share=1.5)

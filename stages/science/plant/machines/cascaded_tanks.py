@@ -13,7 +13,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
@@ -104,18 +104,6 @@ def _fill(
     return reading
 
 
-def _rest(pump: Array, values: TankValues) -> Array:
-    """Return the state (2, R) in which tanks rest under a pump's voltage (R,)."""
-    down = values.lower_inflow * values.pump_gain * np.maximum(pump, 0.0) / values.upper_outflow
-    return np.stack([down, (down / values.lower_outflow) ** 2])
-
-
-def _read_state(begun: InitialState, values: TankValues) -> Array:
-    """Return the state (2, R) that the first readings tell: what the lower tank gains and loses ran into it."""
-    lower = np.maximum(begun.value - values.reading_offset, 0.0)
-    return np.stack([np.maximum(begun.rate + values.lower_outflow * np.sqrt(lower), 0.0), lower])
-
-
 class TankConstants(Declared):
     """Constants of the textbook tanks."""
 
@@ -127,9 +115,7 @@ class TankConstants(Declared):
     input_delay_s: NominalConstant = Field(description="by which the input acts later than recorded, within a sample")
 
 
-class TankEffectConfig(EffectConfig):
-    """An effect that acts at the tanks."""
-
+class _TankEffect(EffectConfig):
     SITE = SITE
 
 
@@ -137,6 +123,8 @@ class CascadedTanks(RecordPlant):
     """Everything that simulating two tanks takes."""
 
     SITE: ClassVar[str] = SITE
+    TERMS: ClassVar = TankTerms
+    WATCHED: ClassVar[tuple[str, str]] = ("level", "rate of level")
 
     kind: Literal["cascaded_tanks"]
     input: str
@@ -144,12 +132,7 @@ class CascadedTanks(RecordPlant):
     output_scale: Positive = Field(description="level in which effects tell theirs, unit of the reading")
     time_scale_s: Positive = Field(description="time in which a level follows, s")
     constants: TankConstants
-    effects: list[TankEffectConfig]
-
-    @model_validator(mode="after")
-    def _check_effects(self) -> Self:
-        collect(TankTerms, SITE, self.place())
-        return self
+    effects: list[_TankEffect]
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -179,9 +162,7 @@ class CascadedTanks(RecordPlant):
 
     def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
         """Return the plant with bounds of its timing, where they were left open; a fit begins at an input held."""
-        guessed = (0.5 * step_s, -step_s, step_s, 0.5 * step_s)
-        told = {**self.nominal, "input_delay_s": self.constants.input_delay_s.with_defaults(*guessed)}
-        return self.model_copy(update={"constants": TankConstants(**told)})
+        return self.fill_in({"input_delay_s": (0.5 * step_s, -step_s, step_s, 0.5 * step_s)})
 
     def simulate(
         self,
@@ -206,22 +187,22 @@ class CascadedTanks(RecordPlant):
             )
             return read(np.stack(list(filled), axis=1), terms.unread, *ends)
 
-        state = _rest(columns[:, 0], values) if begun is None else _read_state(begun, values)
+        if begun is None:  # they rest under the first voltage
+            down = values.lower_inflow * values.pump_gain * np.maximum(columns[:, 0], 0.0) / values.upper_outflow
+            state = np.stack([down, (down / values.lower_outflow) ** 2])
+        else:  # what the lower tank gains and loses ran into it
+            lower = np.maximum(begun.value - values.reading_offset, 0.0)
+            state = np.stack([np.maximum(begun.rate + values.lower_outflow * np.sqrt(lower), 0.0), lower])
         if begun is not None and self.output in signals:
             heads = signals[self.output][:HEAD]
             wide = np.full(state.shape, self.output_scale) / np.array([[self.time_scale_s], [1.0]])
-            state = begin(lambda at, of: run(at, of, len(heads)), state, wide, heads, begun.noise)
+            state = begin(run, state, wide, heads, begun.noise)
         return run(state, np.arange(len(columns)), columns.shape[1])
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
-        """Return the input, and the level as the textbook's tanks would have it."""
-        level = self.simulate_textbook(signals, step_s, constants)
-        rate = np.gradient(level, step_s, axis=0) * self.time_scale_s
-        return [
-            Watched(self.input, signals[self.input], False),
-            Watched("level", level, False),
-            Watched("rate of level", rate, True),
-        ]
+        """Return the input, and the level as the textbook's tanks would have it; see `RecordPlant.watch`."""
+        level, rate, pump = super().watch(signals, step_s, constants)
+        return [pump, level, rate]
 
 
 PLANT = CascadedTanks

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, NamedTuple, Self, cast
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numba import njit
@@ -25,7 +25,7 @@ from stages.science.plant.record_plant import (
     Placed,
     Positive,
     RecordPlant,
-    Watched,
+    Tries,
     begin,
     collect,
     list_limits,
@@ -96,9 +96,7 @@ class LagConstants(Declared):
     input_delay_s: NominalConstant = Field(description="by which the input acts later than recorded, within a sample")
 
 
-class LagEffectConfig(EffectConfig):
-    """An effect that acts at a lag."""
-
+class _LagEffect(EffectConfig):
     SITE = SITE
 
 
@@ -106,17 +104,18 @@ class FirstOrder(RecordPlant):
     """Everything that simulating a lag takes."""
 
     SITE: ClassVar[str] = SITE
+    TERMS: ClassVar = LagTerms
+    WATCHED: ClassVar[tuple[str, str]] = ("level", "rate of level")
 
     kind: Literal["first_order"]
     input: str
     output_scale: Positive | None = Field(description="change in which effects tell theirs, unit of the output")
     time_scale_s: Positive | None = Field(description="time of a radian of the usual motion, s")
     constants: LagConstants
-    effects: list[LagEffectConfig]
+    effects: list[_LagEffect]
 
     @model_validator(mode="after")
-    def _check_effects(self) -> Self:
-        collect(LagTerms, SITE, self.place())
+    def _check_time_constant(self) -> Self:
         low = self.constants.time_constant_s.low
         if low is not None and low <= 0.0:
             raise ValueError(f"time_constant_s: expected low above 0 s, got {low}")
@@ -127,14 +126,10 @@ class FirstOrder(RecordPlant):
         """The command, pump or pressure."""
         return (self.input,)
 
-    def list_starts(
-        self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]
-    ) -> list[dict[str, float]] | None:
-        """Return limits of the input that a twentieth, a fifth and half of the time lies beyond."""
-        if (effect.name, effect.form) != ("saturation", "lag_drive"):
-            return None
-        aims = [constants["gain"] * each[self.input] for each in signals]
-        return list_limits(effect, aims, cast(float, self.output_scale))
+    def list_starts(self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]) -> Tries:
+        """Return limits of the input; see `list_limits`."""
+        aims = (constants["gain"] * each[self.input] for each in signals)
+        return list_limits(effect, "lag_drive", aims, self.know("output_scale"))
 
     @property
     def memory_s(self) -> float:
@@ -166,8 +161,7 @@ class FirstOrder(RecordPlant):
             "time_constant_s": (lag, 0.01 * lag, 100.0 * lag, lag),
             "input_delay_s": (0.0, -step_s, step_s, 0.5 * step_s),
         }
-        told = {name: each.with_defaults(*guessed[name]) for name, each in self.nominal.items()}
-        return self.model_copy(update={"output_scale": scale, "time_scale_s": pace, "constants": LagConstants(**told)})
+        return self.fill_in(guessed, output_scale=scale, time_scale_s=pace)
 
     def simulate(
         self,
@@ -179,12 +173,11 @@ class FirstOrder(RecordPlant):
         begun: InitialState | None = None,
     ) -> Array:
         """Return the output, (T, R); see `RecordPlant.simulate`."""
-        if self.output_scale is None or self.time_scale_s is None:
-            raise ValueError("output_scale: it is the data's own, and there are no data yet")
-        scale, pace = self.output_scale, step_s / self.time_scale_s
+        scale, time_scale_s = self.know("output_scale"), self.know("time_scale_s")
+        pace = step_s / time_scale_s
         terms = collect(LagTerms, SITE, self.place(effects))
-        terms = terms._replace(delay=terms.delay + constants["input_delay_s"] / self.time_scale_s)
-        per_pace = self.time_scale_s / constants["time_constant_s"]
+        terms = terms._replace(delay=terms.delay + constants["input_delay_s"] / time_scale_s)
+        per_pace = time_scale_s / constants["time_constant_s"]
         quickest = max(pace / FINEST, pace * per_pace * (1.0 + abs(terms.asymmetry)))
         substeps = min(max(int(np.ceil(quickest)), 2), 100)
         aim = constants["gain"] * signals[self.input] / scale
@@ -204,20 +197,8 @@ class FirstOrder(RecordPlant):
             if self.output in signals:
                 heads = (signals[self.output][:HEAD] - constants["offset"]) / scale
                 error, noise = np.maximum(begun.value_error[None] / scale, 1e-6), begun.noise / scale
-                start = begin(lambda state, chosen: run(state, chosen, len(heads)), start, error, heads, noise)
-        found = run(start, np.arange(len(columns)), columns.shape[1])
-        output: Array = constants["offset"] + scale * found
-        return output
-
-    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
-        """Return the output as the textbook would have it, its rate, and the input."""
-        level = self.simulate_textbook(signals, step_s, constants)
-        rate = np.gradient(level, step_s, axis=0) * (self.time_scale_s or 1.0)
-        return [
-            Watched("level", level, False),
-            Watched("rate of level", rate, True),
-            Watched(self.input, signals[self.input], False),
-        ]
+                start = begin(run, start, error, heads, noise)
+        return constants["offset"] + scale * run(start, np.arange(len(columns)), columns.shape[1])
 
     def respond(self, features: Array, step_s: float) -> Array:
         """Return features both as they are and as the lag answers to them, (T, K, 2 F)."""

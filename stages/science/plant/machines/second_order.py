@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, Self, cast
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
-from stages.science.plant.motion_plant import MotionConstants, MotionPlant, Pull
+from stages.science.plant.motion_plant import Guess, MotionConstants, MotionPlant, Pull
 from stages.science.plant.record_plant import InitialState
 from stages.science.signals.trajectories import Array
 
@@ -37,6 +37,8 @@ class OscillatorConstants(MotionConstants):
 class Oscillator(MotionPlant):
     """Everything that simulating a driven oscillator takes."""
 
+    ELEMENT: ClassVar[str] = "oscillator"
+
     kind: Literal["second_order"]
     input: str
     constants: OscillatorConstants
@@ -46,20 +48,13 @@ class Oscillator(MotionPlant):
         """The drive."""
         return (self.input,)
 
-    @property
-    def element(self) -> str:
-        """What the machine is called in tables."""
-        return "oscillator"
-
     def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
         """Return what the drive brings, the spring, and the damper."""
         omega = 2.0 * np.pi * constants["natural_frequency_hz"]
         push = omega**2 * constants["static_gain"] * (signals[self.input] + constants["input_offset"])
         return Pull(push, omega**2, 2.0 * constants["damping_ratio"] * omega, constants["output_offset"])
 
-    def guess(
-        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState
-    ) -> dict[str, tuple[float, ...]]:
+    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState) -> Guess:
         """Return the constants of the linear model that agrees best with filtered records beside friction."""
         inputs, outputs = derivatives[self.input], derivatives[self.output]
         rows = [
@@ -67,10 +62,10 @@ class Oscillator(MotionPlant):
             for u, y, one in zip(inputs, outputs, derivatives[""], strict=True)
         ]
         push, damping, hold, _, _ = regress(rows, [y[:, 2] for y in outputs], skipped)
-        pace = cast(float, self.time_scale_s)
+        pace = self.know("time_scale_s")
         omega = float(np.sqrt(hold)) if hold > 0.0 else 1.0 / pace
         hertz, ratio = omega / (2.0 * np.pi), float(np.clip(0.5 * damping / omega, 0.005, 1.5))
-        largest, swing = max(float(np.abs(u[:, 0]).max()) for u in inputs), cast(float, self.output_scale)
+        largest, swing = max(float(np.abs(u[:, 0]).max()) for u in inputs), self.know("output_scale")
         middle = float(np.mean(np.concatenate([y[:, 0] for y in outputs])))
         gain = push / omega**2 if abs(push) > 0.0 else swing / max(largest, 1e-12)
         wide = 20.0 * abs(gain)

@@ -6,14 +6,14 @@ Friction is no textbook constant here: it is what such a model misses.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal, cast
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
-from stages.science.plant.motion_plant import MotionConstants, MotionPlant, Pull
+from stages.science.plant.motion_plant import Guess, MotionConstants, MotionPlant, Pull
 from stages.science.plant.record_plant import AT_REST, InitialState, Watched
 from stages.science.signals.trajectories import Array
 
@@ -37,7 +37,7 @@ class DriveConstants(MotionConstants):
 class ServoDrive(MotionPlant):
     """Everything that simulating a drive takes."""
 
-    SETTLES: ClassVar[bool] = False
+    drifts: ClassVar[bool] = True
     FILTER: ClassVar[float] = 0.03
 
     kind: Literal["servo_drive"]
@@ -54,9 +54,7 @@ class ServoDrive(MotionPlant):
         push = (signals[self.force] + constants["force_offset"]) / constants["mass"]
         return Pull(push, 0.0, 0.0, 0.0, (constants["start_shift"], constants["start_rate_shift"]))
 
-    def guess(
-        self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState
-    ) -> dict[str, tuple[float, ...]]:
+    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState) -> Guess:
         """Return the mass that filtered records show beside friction and springs, and no offset."""
         rows = [
             np.stack([f[:, 0], one[:, 0], -q[:, 1], -np.sign(q[:, 1]), -q[:, 0], -(q[:, 0] ** 3)], axis=1)
@@ -66,8 +64,8 @@ class ServoDrive(MotionPlant):
         largest = max(float(np.abs(f[:, 0]).max()) for f in derivatives[self.force])
         quickest = max(float(np.abs(q[skipped:, 2]).max(initial=0.0)) for q in derivatives[self.output])
         mass = 1.0 / per_mass if per_mass > 0.0 else largest / max(quickest, 1e-12)
-        place = START * cast(float, self.output_scale)
-        rate = max(place / cast(float, self.time_scale_s), AT_REST * float(begun.rate_error.max()))
+        place = START * self.know("output_scale")
+        rate = max(place / self.know("time_scale_s"), AT_REST * float(begun.rate_error.max()))
         place = max(place, float(begun.value_error.max()))
         return {
             "mass": (mass, 0.05 * mass, 20.0 * mass, mass),
@@ -80,29 +78,21 @@ class ServoDrive(MotionPlant):
         """Return the measured motion, smoothed, its velocity and the force: without friction a simulated one drifts."""
         from scipy.ndimage import gaussian_filter1d
 
-        width = max(SMOOTHED * cast(float, self.time_scale_s) / step_s, 1.0)
+        width = max(SMOOTHED * self.know("time_scale_s") / step_s, 1.0)
         return self.list_watched(gaussian_filter1d(signals[self.output], width, axis=0), signals, step_s)
 
 
 def _leave_out_rest(rows: Sequence[Array], outputs: Sequence[Array], skipped: int) -> tuple[list[Array], list[Array]]:
     """Return columns and accelerations of the samples in which the drive moves: at rest, friction takes up any force.
 
-    Parameters
-    ----------
-    rows : sequence of (N_r, C) ndarray
-        Columns of each record.
-    outputs : sequence of (N_r, 3) ndarray
-        Filtered place, velocity and acceleration.
-    skipped : int
-        Samples in which the filters settle.
+    Of each record, columns (N_r, C) and filtered place, velocity and acceleration (N_r, 3); filters settle first.
     """
     fastest = max(float(np.abs(q[skipped:, 1]).max(initial=0.0)) for q in outputs)
     moves = [(np.abs(q[:, 1]) > MOVING * fastest) & (np.arange(len(q)) >= skipped) for q in outputs]
     if sum(each.sum() for each in moves) < FEWEST_MOVING:
         moves = [np.arange(len(q)) >= min(skipped, len(q) // 2) for q in outputs]
-    return [each[k] for each, k in zip(rows, moves, strict=True)], [
-        q[k, 2] for q, k in zip(outputs, moves, strict=True)
-    ]
+    kept = list(zip(rows, outputs, moves, strict=True))
+    return [each[k] for each, _, k in kept], [q[k, 2] for _, q, k in kept]
 
 
 PLANT = ServoDrive

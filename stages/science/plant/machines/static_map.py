@@ -8,7 +8,7 @@ and effects; the answer flows out. What depends on the way or the speed is never
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, Self, cast
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -67,7 +67,7 @@ class StaticMap(ElementPlant):
     def guess(self, signals: Mapping[str, Array]) -> dict[str, tuple[float, float, float, float]]:
         """Return zero for each, and bounds by the measured ranges."""
         largest = {name: max(float(np.abs(values).max()), 1e-12) for name, values in signals.items()}
-        most = FURTHEST * max(cast(float, self.output_scale), largest[self.output])
+        most = FURTHEST * max(self.know("output_scale"), largest[self.output])
         guessed = {}
         for name, each in self.constants.items():
             bound = most / float(np.prod([largest[signal] for signal in each.of]))

@@ -1,0 +1,117 @@
+"""Schedules of pressures and postures, noise of a band, delays and scalings, each by a law of its own."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.science.signals.delay import find_delay
+from stages.science.signals.noise import band_noise
+from stages.science.signals.pressures import pressure_profiles
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
+from stages.science.signals.trajectories import connect_points, minimum_jerk, reach_postures
+
+TIMES = {"hold_s": (0.3, 1.0), "transition_s": (0.2, 0.6)}
+RATE_HZ = 100.0
+
+
+def test_profiles_fill_their_range(generator):
+    drawn = [
+        pressure_profiles(generator, [20, 50], [200, 600], 1000, 250.0, step_share=0.3, **TIMES) for _ in range(50)
+    ]
+    profiles = np.concatenate(drawn)
+    assert (profiles.min(axis=0) < [30, 75]).all()
+    assert (profiles.max(axis=0) > [190, 575]).all()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_share_of_steps_is_kept(generator, share):
+    profile = pressure_profiles(generator, 100, 700, 250 * 400, 250.0, step_share=share, **TIMES)[:, 0]
+    steps = (np.abs(np.diff(profile)) > 20.0).sum()
+    moving = np.abs(np.diff(profile)) > 0.0
+    changes = (np.diff(moving.astype(int)) == 1).sum() + moving[0]
+    assert steps / changes == pytest.approx(share, abs=0.08)
+
+
+def test_ramps_are_smooth(generator):
+    profile = pressure_profiles(generator, 0, 100, 2000, 250.0, step_share=0.0, **TIMES)
+    assert np.abs(np.diff(profile, axis=0)).max() * 250 <= 1.875 * 100 / 0.2 * 1.001
+
+
+def test_muscles_have_schedules_of_their_own(generator):
+    profiles = pressure_profiles(generator, [0, 0], [100, 100], 2000, 250.0, step_share=0.0, **TIMES)
+    still = np.diff(profiles, axis=0) == 0.0
+    assert (still[:, 0] != still[:, 1]).mean() > 0.1
+
+
+def test_minimum_jerk_is_the_polynomial_of_flash_and_hogan_held_at_its_ends():
+    share = np.linspace(-0.5, 1.5, 201)
+    inside = np.clip(share, 0.0, 1.0)
+    assert minimum_jerk(share) == pytest.approx(10 * inside**3 - 15 * inside**4 + 6 * inside**5, abs=1e-12)
+
+
+def test_points_are_passed_at_their_times():
+    points = np.array([[0.0], [2.0], [-1.0]])
+    way = connect_points(points, np.array([1.0, 3.0]), np.array([1.0, 0.0]), np.arange(0.0, 5.0, 0.5))
+    assert way[:, 0] == pytest.approx([0, 0, 0, 1, 2, 2, -1, -1, -1, -1])
+
+
+def test_reaches_move_no_faster_than_the_shortest_move_and_differ():
+    def draw(seed):
+        source = np.random.default_rng(seed)
+        return reach_postures(source, [0.1, -0.5], [1.0, 0.5], 1000, 250.0, (0.6, 1.4), (0.0, 0.5))
+
+    way = draw(1)
+    assert np.ptp(way, axis=0).min() > 0.1
+    assert np.abs(np.diff(way, axis=0)).max() * 250 <= 1.875 * 1.0 / 0.6
+    assert way.tobytes() != draw(2).tobytes()
+
+
+def test_variance_is_one_and_columns_are_independent(generator):
+    noise = np.stack([band_noise(generator, 1000, 2, 250.0, 6.0, 12.0) for _ in range(200)])
+    assert noise.std() == pytest.approx(1.0, abs=0.02)
+    assert np.corrcoef(noise[..., 0].ravel(), noise[..., 1].ravel())[0, 1] == pytest.approx(0.0, abs=0.03)
+
+
+def test_power_lies_in_the_band(generator):
+    noise = band_noise(generator, 5000, 1, 250.0, 8.0, 12.0)[:, 0]
+    power = np.abs(np.fft.rfft(noise * np.hanning(5000))) ** 2
+    frequencies = np.fft.rfftfreq(5000, 1 / 250)
+    inside = (frequencies > 7.8) & (frequencies < 12.2)
+    assert power[inside].sum() > 0.999 * power.sum()
+
+
+def test_an_empty_band_is_refused(generator):
+    with pytest.raises(ValueError, match="widen the band"):
+        band_noise(generator, 100, 1, 100.0, 60.0, 70.0)
+
+
+def wander(generator, time_s):
+    parts = [(generator.uniform(0.2, 1.5), generator.uniform(0.0, 6.3), generator.uniform(0.2, 1.0)) for _ in range(5)]
+    return sum(size * np.sin(2 * np.pi * hz * time_s + phase) for hz, phase, size in parts)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.01, 0.163, 0.3, 0.457])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_delay_is_found_to_a_fraction_of_a_sample_and_noise_moves_it_little(seed, delay_s):
+    time_s = np.arange(800) / RATE_HZ
+    shown, followed = (wander(np.random.default_rng(seed), at_s) for at_s in (time_s, time_s - delay_s))
+    assert find_delay(shown, 0.3 + 0.8 * followed, RATE_HZ, 1.0) == pytest.approx(delay_s, abs=0.003)
+    noisy = followed + 0.1 * followed.std() * np.random.default_rng(2).standard_normal(800)
+    assert find_delay(shown, noisy, RATE_HZ, 1.0) == pytest.approx(delay_s, abs=0.02)
+
+
+def test_what_does_not_follow_has_no_delay(generator):
+    time_s = np.arange(800) / RATE_HZ
+    shown = wander(generator, time_s)
+    assert np.isnan(find_delay(shown, np.full(800, 0.4), RATE_HZ, 1.0))
+    assert np.isnan(find_delay(shown, generator.standard_normal(800), RATE_HZ, 1.0))
+    assert np.isnan(find_delay(np.sin(time_s / 3), np.sin((time_s - 2.0) / 3), RATE_HZ, 1.0))
+
+
+def test_what_was_standardised_is_restored(generator):
+    samples = pd.DataFrame(100.0 * generator.standard_normal((20, 4)), columns=[*MODEL_INPUTS, MODEL_OUTPUT])
+    scaling = Scaling(np.array([90.0, 0.1, 0.0]), np.array([40.0, 0.05, 2.0]), 100.0, 300.0)
+    restored = scaling.restore_inputs(scaling.inputs_of(samples))
+    np.testing.assert_allclose(restored, samples[list(MODEL_INPUTS)], rtol=1e-12)
+    np.testing.assert_allclose(scaling.restore_force(scaling.output_of(samples)), samples[MODEL_OUTPUT], rtol=1e-12)
+    np.testing.assert_allclose(scaling.restore_inputs(np.ones((1, 3))), [[130.0, 0.15, 2.0]])
