@@ -23,7 +23,7 @@ def predict_exactly(x, y, theta, points):
 
         inverse = mpmath.inverse(mpmath.matrix((kernel(x, x) + noise * np.eye(len(x), dtype=int)).tolist()))
         k = kernel(points, x)
-        weights = k @ np.array(inverse.tolist(), dtype=object).reshape(len(x), -1)
+        weights = k @ np.array(inverse.tolist(), dtype=object)
         return (weights @ exact(y)).astype(float), (signal - (weights * k).sum(axis=1)).astype(float)
 
 
