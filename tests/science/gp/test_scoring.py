@@ -97,15 +97,12 @@ def test_arguments_that_make_no_sense_are_refused(change, told, models, bank):
         trajectory_utility(models, bank, **{"utility": "y_y", **change})
 
 
-def test_candidates_that_do_not_fit_are_refused(models, bank):
+def test_candidates_that_do_not_fit_or_are_not_finite_are_refused(models, bank):
     for each in (bank[:2], [*bank[:2], bank[2][:5]], [one[0] for one in bank]):
         with pytest.raises(ValueError, match=rf"candidates \(R, T, D\) for each of 3 models, got {len(each)}"):
             trajectory_utility(models, each, "y_y")
     with pytest.raises(ValueError, match=r"expected candidates \(R, T, D\) for each of 0 models"):
         trajectory_utility([], [], "y_y")
-
-
-def test_a_candidate_that_is_not_finite_is_refused(models, bank):
     bank[1][3, 20, 2] = np.nan
     for utility in ("y_y", "log_det"):
         with pytest.raises(ValueError, match="points: expected finite values"):
