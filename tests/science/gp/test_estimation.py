@@ -29,15 +29,10 @@ def test_the_search_is_never_worse_than_scipy_from_many_starts(count, mean, gene
     assert objective(found.theta) == pytest.approx(-found.log_posterior, abs=1e-7)
 
 
-@pytest.fixture
-def two_modes():
-    """A posterior that explains its data as a short signal or as noise."""
-    x = np.linspace(-2, 2, 9)[:, None]
+def test_the_higher_of_two_modes_is_found(generator):
+    """Data that a short signal explains, or noise."""
     y = np.array([0.5, -0.6, 0.55, -0.4, 0.62, -0.5, 0.45, -0.58, 0.5])
-    return LogPosterior(x, y, Hyperprior(np.array([0.5, -0.5, -1.5]), np.array([1.0, 1.0, 1.0])))
-
-
-def test_the_higher_of_two_modes_is_found(two_modes, generator):
+    two_modes = LogPosterior(np.linspace(-2, 2, 9)[:, None], y, Hyperprior(np.array([0.5, -0.5, -1.5]), np.ones(3)))
     short, noisy = climb(two_modes, np.array([-1.5, -0.7, -4.0])), climb(two_modes, np.array([1.5, -1.5, -0.7]))
     assert abs(short.value - noisy.value) > 0.1
     assert max(short.gradient_norm, noisy.gradient_norm) < 1e-6

@@ -29,12 +29,10 @@ def bank(generator):
 @pytest.mark.parametrize("utility", UTILITIES)
 def test_scores_are_those_of_a_loop(utility, models, bank):
     bank = [each[:3, :25] for each in bank]
-    points = np.array(
-        [
-            [[model.utility(sample[None], utility)[0] for sample in trajectory] for trajectory in inputs]
-            for model, inputs in zip(models, bank, strict=True)
-        ]
-    )
+    points = np.empty((3, 3, 25))
+    for muscle, trajectory, sample in np.ndindex(points.shape):
+        at = bank[muscle][trajectory, sample][None]
+        points[muscle, trajectory, sample] = models[muscle].utility(at, utility)[0]
     for reduce in ("sum", "max"):
         expected = getattr(np, reduce)(points, axis=2).sum(axis=0)
         np.testing.assert_allclose(trajectory_utility(models, bank, utility, reduce), expected, rtol=1e-10)

@@ -12,44 +12,20 @@ from tests.conftest import ROOT
 
 
 @pytest.mark.parametrize(
-    ("name", "unit", "factor"),
-    [
-        ("force_n", "lbf", constants.lbf),
-        ("force_n", "kgf", constants.kgf),
-        ("pressure_kpa", "psi", constants.psi / 1000.0),
-        ("pressure_kpa", "bar", constants.bar / 1000.0),
-        ("joint_angle_rad", "deg", constants.degree),
-        ("joint_velocity_rad_per_s", "rpm", constants.degree * 360.0 / 60.0),
-        ("contraction_velocity_per_s", "percent/s", 0.01),
-        ("time_s", "min", constants.minute),
-        ("position_m", "in", constants.inch),
-        ("speed_m_per_s", "mm/s", constants.milli),
-        ("drive_v", "mV", constants.milli),
-        ("contraction", "percent", 0.01),
-    ],
-)
-def test_factors_are_those_of_physics(name, unit, factor):
-    assert known_units(name)[unit] == pytest.approx(factor, rel=1e-12)
-    assert known_units(name)[own_unit(name)] == 1.0
-
-
-def test_the_comments_beside_the_keys_list_every_unit():
-    section = (ROOT / "conf/measurement/muscles.yaml").read_text().split("units:")[1].split("measurement:")[0]
-    lines = [line.partition(": null") for line in section.splitlines()[1:] if line.strip()]
-    assert lines
-    for name, _, told in lines:
-        assert set(told.strip(" #").removesuffix(" (all gauge)").split(", ")) == set(known_units(name.strip())), name
-
-
-def test_the_documentation_lists_every_unit():
-    text = (ROOT / "docs/measured.md").read_text()
-    for kind, units in KINDS.items():
-        assert ", ".join(units) in text, kind
-
-
-@pytest.mark.parametrize(
     ("name", "unit", "value", "expected"),
     [
+        ("force_n", "lbf", 1.0, constants.lbf),
+        ("force_n", "kgf", 1.0, constants.kgf),
+        ("pressure_kpa", "psi", 1.0, constants.psi / 1000.0),
+        ("pressure_kpa", "bar", 1.0, constants.bar / 1000.0),
+        ("joint_angle_rad", "deg", 1.0, constants.degree),
+        ("joint_velocity_rad_per_s", "rpm", 1.0, constants.degree * 360.0 / 60.0),
+        ("contraction_velocity_per_s", "percent/s", 1.0, 0.01),
+        ("time_s", "min", 1.0, constants.minute),
+        ("position_m", "in", 1.0, constants.inch),
+        ("speed_m_per_s", "mm/s", 1.0, constants.milli),
+        ("drive_v", "mV", 1.0, constants.milli),
+        ("contraction", "percent", 1.0, 0.01),
         ("water_k", "degC", 20.0, constants.convert_temperature(20.0, "C", "K")),
         ("water_k", "degF", 68.0, constants.convert_temperature(68.0, "F", "K")),
         ("water_degc", "K", 300.0, constants.convert_temperature(300.0, "K", "C")),
@@ -57,8 +33,20 @@ def test_the_documentation_lists_every_unit():
         ("water_degf", "degC", -40.0, -40.0),
     ],
 )
-def test_temperatures_keep_their_zeros(name, unit, value, expected):
+def test_conversions_are_those_of_physics(name, unit, value, expected):
     assert convert(pd.Series([value]), name, unit)[0] == pytest.approx(expected, rel=1e-12)
+    assert known_units(name)[own_unit(name)] == 1.0
+
+
+def test_the_comments_beside_the_keys_and_the_documentation_list_every_unit():
+    section = (ROOT / "conf/measurement/muscles.yaml").read_text().split("units:")[1].split("measurement:")[0]
+    lines = [line.partition(": null") for line in section.splitlines()[1:] if line.strip()]
+    assert lines
+    for name, _, told in lines:
+        assert set(told.strip(" #").removesuffix(" (all gauge)").split(", ")) == set(known_units(name.strip())), name
+    documented = (ROOT / "docs/measured.md").read_text()
+    for kind, units in KINDS.items():
+        assert ", ".join(units) in documented, kind
 
 
 def test_units_are_known_however_they_are_spelled():
