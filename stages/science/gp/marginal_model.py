@@ -27,10 +27,9 @@ MEMORY_MB = 64.0
 
 
 class ChunkPredictor(Protocol):
-    """Predicts chunks of points, with working memory of its own."""
+    """Predicts chunks of points, with working memory of its own; `floor` is the rounding error of V."""
 
     floor: float
-    """Rounding error of V."""
 
     def predict_mean(self, points: Array) -> Array:
         """Return the mean, (B,)."""
@@ -168,9 +167,8 @@ class MarginalModel(ABC):
         """Refuse (B, ...) values of points that are out of floating-point range."""
         row = find_bad_row(np.abs(values) <= largest)
         if row is not None:
-            raise FactorisationError(
-                f"what is predicted at row {row} of the points is out of range at theta = {self.theta.tolist()}"
-            )
+            told = f"row {row} of the points is out of range at theta = {self.theta.tolist()}"
+            raise FactorisationError(f"what is predicted at {told}")
 
     def _check(self, points: Array) -> Array:
         return check_points(points, self.hyperparameters.lengths.size)

@@ -48,30 +48,24 @@ def test_log_det_adds_up_over_muscles_and_takes_every_so_many_th_sample(stride, 
 
 
 @pytest.mark.parametrize("utility", ["y_y", "log_det"])
-def test_threads_change_no_bit_and_the_memory_bound_no_score(utility, models, generator):
+def test_the_memory_bound_changes_no_score_and_scoring_no_candidate(utility, models, generator):
     bank = [generator.standard_normal((10, 400, 3)) for _ in models]
     before = [each.copy() for each in bank]
     expected = trajectory_utility(models, bank, utility)
-    for threads in (2, 3, 8):
-        found = trajectory_utility(models, bank, utility, threads=threads)
-        assert found.tobytes() == expected.tobytes()
     for memory_mb in (0.1, 1000.0):
         np.testing.assert_allclose(trajectory_utility(models, bank, utility, memory_mb=memory_mb), expected, rtol=1e-12)
     np.testing.assert_array_equal(bank, before)
 
 
-@pytest.mark.parametrize(
-    ("memory_mb", "threads", "samples"),
-    [*((memory_mb, threads, 1000) for memory_mb in (0.5, 1.0, 2.0) for threads in (1, 2)), (4.0, 2, 8000)],
-)
-def test_working_memory_stays_within_its_bound_where_it_would_not(memory_mb, threads, samples, generator):
+@pytest.mark.parametrize("memory_mb", [0.5, 1.0, 2.0])
+def test_working_memory_stays_within_its_bound_where_it_would_not(memory_mb, generator):
     theta = np.array([0.0, 0, 0, 0, -2])
     models = [condition(*make_data(generator, 60), theta, make_prior()) for _ in range(2)]
-    bank = [generator.standard_normal((5, samples // 5, 3)) for _ in models]
+    bank = [generator.standard_normal((5, 200, 3)) for _ in models]
 
     def peak_mb(bound_mb):
         tracemalloc.start()
-        trajectory_utility(models, bank, "y_y", memory_mb=bound_mb, threads=threads)
+        trajectory_utility(models, bank, "y_y", memory_mb=bound_mb)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return peak / MB
@@ -87,7 +81,6 @@ def test_working_memory_stays_within_its_bound_where_it_would_not(memory_mb, thr
         ({"utility": "entropy"}, "utility: expected one of .*log_det, got 'entropy'"),
         ({"memory_mb": 0.0}, "memory_mb: expected more than 0, got 0.0"),
         ({"stride": 0}, "stride: expected at least 1, got 0"),
-        ({"threads": 0}, "threads: expected at least 1, got 0"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused(change, told, models, bank):
