@@ -50,10 +50,6 @@ class Laplace:
             raise ValueError(f"covariance: expected positive semi-definite, got smallest eigenvalue {variances[0]:.3g}")
         return axes * np.sqrt(np.maximum(variances, 0.0))
 
-    def spread(self, slopes: Array) -> Array:
-        """Return s' S s of (B, P) slopes, (B,)."""
-        return np.asarray(np.square(slopes @ self.root).sum(axis=1))
-
 
 def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
     """Return the Laplace approximation from the Hessian of the log posterior.
@@ -71,28 +67,22 @@ def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
     precision = -0.5 * (hessian + hessian.T)
     curvature, axes = np.linalg.eigh(precision)
     flat = curvature <= ROUNDING * float(np.abs(curvature).max())
-    if not flat.any():
-        return Laplace(_symmetrise(cho_solve(cho_factor(precision), np.eye(len(precision)))), float(curvature[0]), "")
-    smallest = float(curvature[0])
-    curvature = np.where(flat, prior.precision @ axes**2, curvature)
-    repair = f"indefinite Hessian: hyperprior's precision along {int(flat.sum())} of {flat.size} directions"
-    return Laplace(_symmetrise((axes / curvature) @ axes.T), smallest, repair)
+    smallest, repair = float(curvature[0]), ""
+    if flat.any():
+        covariance = (axes / np.where(flat, prior.precision @ axes**2, curvature)) @ axes.T
+        repair = f"indefinite Hessian: hyperprior's precision along {int(flat.sum())} of {flat.size} directions"
+    else:
+        covariance = cho_solve(cho_factor(precision), np.eye(len(precision)))
+    return Laplace(0.5 * (covariance + covariance.T), smallest, repair)
 
 
 def accept(covariance: Array, size: int) -> Laplace:
-    """Return a covariance that was given, as it is.
-
-    Parameters
-    ----------
-    covariance : (P, P) float array
-        S.
-    size : int
-        P.
+    """Return a (P, P) covariance that was given, as it is.
 
     Raises
     ------
     ValueError
-        When it has another shape, is not finite or not symmetric.
+        When it is not of size P, is not finite or not symmetric.
     """
     given = np.array(covariance, dtype=float)
     if given.shape != (size, size):
@@ -100,9 +90,4 @@ def accept(covariance: Array, size: int) -> Laplace:
     largest = float(np.abs(given).max())
     if not np.isfinite(largest) or np.abs(given - given.T).max() > TOLERANCE * largest:
         raise ValueError(f"covariance: expected a finite symmetric matrix, got {given.tolist()}")
-    return Laplace(_symmetrise(given), np.nan, "")
-
-
-def _symmetrise(matrix: Array) -> Array:
-    symmetric: Array = 0.5 * (matrix + matrix.T)
-    return symmetric
+    return Laplace(0.5 * (given + given.T), np.nan, "")

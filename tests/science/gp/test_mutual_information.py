@@ -155,13 +155,6 @@ def test_an_indefinite_covariance_scores_nothing(model):
             evaluate(np.zeros((2, 3)))
 
 
-def test_noise_free_values_tell_more_than_measurements(model, generator):
-    models = draw_models(model, 300, generator)
-    points = generator.uniform(-1.5, 1.5, (20, 3))
-    noisy, free = (point_information(models, points, noisy=each).mean(axis=0) for each in (True, False))
-    assert (free > noisy).mean() > 0.9
-
-
 def test_information_does_not_depend_on_the_size_of_blocks(model, generator, monkeypatch):
     models = draw_models(model, 40, generator)
     points = generator.uniform(-1.5, 1.5, (30, 3))
