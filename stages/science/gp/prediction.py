@@ -51,7 +51,7 @@ def limit_chunk(numbers_per_point: int, memory_mb: float) -> int:
 
 
 class Predictor:
-    """Predicts chunks of points, with working memory of its own: one for each thread.
+    """Predicts chunks of points, with working memory of its own.
 
     Parameters
     ----------

@@ -87,13 +87,8 @@ def equalise(
         made = {signal: _resample(rows[signal].to_numpy(dtype=float), ratio) for signal in signals}
         count = len(next(iter(made.values())))
         pieces.append(pd.DataFrame({"record": name, "time_s": np.arange(count) / lowest, **made}))
-        notes.append(
-            (
-                f"record {name}",
-                f"resampled from {rate:.6g} Hz to {lowest:.6g} Hz, the lowest rate of all records, behind a filter "
-                "against aliases",
-            )
-        )
+        told = f"resampled from {rate:.6g} Hz to {lowest:.6g} Hz, the lowest rate of all records"
+        notes.append((f"record {name}", f"{told}, behind a filter against aliases"))
     return pd.concat(pieces, ignore_index=True), lowest
 
 

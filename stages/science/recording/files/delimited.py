@@ -67,14 +67,12 @@ def find_dialect(path: Path) -> Dialect:
         raise ValueError("No columns to parse from file")
     separator, decimal = _choose([lines[k] for k in kept])
     rows = {k: _split(lines[k], separator) for k in kept}
-    header = rows[kept[0]]
-    comments = [_split(lines[k].lstrip().lstrip("#%/"), separator) for k in range(kept[0]) if k not in kept]
-    told, units, after = _name_columns(kept, rows, comments, decimal)
+    width = len(rows[kept[0]])
+    comments = {k: _split(lines[k].lstrip().lstrip("#%/"), separator) for k in range(len(lines)) if k not in kept}
+    told, units, after = _name_columns(kept, rows, [comments[k] for k in comments if k < kept[0]], decimal)
     first_line = kept[after] if after < len(kept) else len(lines)
-    width = len(header)
-    between = range(kept[0] + 1, first_line)
-    beside = [_split(lines[k].lstrip().lstrip("#%/"), separator) for k in between if k not in kept]
-    units = units or next((each for each in beside if len(each) == width and any(each)), [])
+    beside = (each for k, each in comments.items() if kept[0] < k < first_line and len(each) == width and any(each))
+    units = units or next(beside, [])
     remarks = []
     if separator != ",":
         remarks.append(f"columns separated by {SAID[separator]}")
