@@ -135,12 +135,11 @@ def check_loop(loop, findings):
             found = best_unknown(model.utility(pool, PICKED_BY[run["mode"]]), known)
             where = f"{run['mode']} seed {run['seed']} pick {step}: {found} against {expected}"
             findings.note("loop picks", float(found != expected), where)
-    ours, theirs = [], []
-    for run in (run for run in active if PICKED_BY[run["mode"]] == "y_y"):
-        learned = run_own_loop(run, pool, pool_y, prior, mean)
-        ours.append(float(np.sqrt(np.mean((learned.predict(test)[0] - test_f) ** 2))))
-        theirs.append(run["rmse_per_iter"][-1])
-    difference = np.array(ours) - np.array(theirs)
+    chosen = [run for run in active if PICKED_BY[run["mode"]] == "y_y"]
+    learned = [run_own_loop(run, pool, pool_y, prior, mean) for run in chosen]
+    ours = np.array([np.sqrt(np.mean((model.predict(test)[0] - test_f) ** 2)) for model in learned])
+    theirs = np.array([run["rmse_per_iter"][-1] for run in chosen])
+    difference = ours - theirs
     allowed = max(2 * float(difference.std(ddof=1)) / np.sqrt(difference.size), 0.002)
     where = f"y_y after {len(active[0]['chosen_index0'])} picks: {np.mean(ours):.4f} against {np.mean(theirs):.4f}"
     findings.note("loop rmse", max(0.0, float(difference.mean())), where, allowed)
@@ -170,10 +169,9 @@ def main(arguments=None):
         parser.error("give --cases FILE, --loop FILE or both")
     findings = Findings()
     for file, check in ((options.cases, check_cases), (options.loop, check_loop)):
-        if file is None:
-            continue
         try:
-            check(json.loads(file.read_text()), findings)
+            if file is not None:
+                check(json.loads(file.read_text()), findings)
         except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
             print(f"cannot check {file}: {type(error).__name__}: {error}", file=sys.stderr)
             return 2

@@ -138,11 +138,11 @@ class MarginalModel(ABC):
 
     def _terms(self, predictor: ChunkPredictor, chunk: Array) -> tuple[Array, PredictiveTerms]:
         moments = predictor.differentiate(chunk)
-        root = self.laplace.root.T
-        through_mean = np.square(root @ moments.mean_slope).sum(axis=0)
-        through_variance = np.square(root @ moments.variance_slope).sum(axis=0) / (3.0 * moments.variance)
+        by_mean, by_variance = (
+            np.square(self.laplace.root.T @ each).sum(axis=0) for each in (moments.mean_slope, moments.variance_slope)
+        )
         known = moments.variance <= predictor.floor
-        q = through_mean + np.where(known, 0.0, through_variance)
+        q = by_mean + np.where(known, 0.0, by_variance / (3.0 * moments.variance))
         return moments.mean, PredictiveTerms(moments.variance, q, self.noise_variance)
 
     def _gather(

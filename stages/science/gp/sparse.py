@@ -93,21 +93,13 @@ class SparsePosterior:
         self._work = np.empty((2, 0, len(self.outputs)))
 
     def value(self, pseudo: Array, theta: Array) -> float:
-        """Return the log density at (M, D) pseudo-inputs and theta (nats).
-
-        Raises
-        ------
-        ValueError
-            When a shape does not fit or a pseudo-input is not finite.
-        FactorisationError
-            When theta is out of range or the noise too low for a trustworthy result.
-        """
+        """Return the log density at (M, D) pseudo-inputs and theta (nats); raises like `condition`."""
         with np.errstate(all="ignore"):
             value = self.condition(pseudo, theta).log_likelihood
         return self._check_range(value if self.prior is None else value + self.prior.log_density(np.asarray(theta)))
 
     def derivatives(self, pseudo: Array, theta: Array) -> SparseSlopes:
-        """Return the log density with its gradient at (M, D) pseudo-inputs and theta; raises like `value`."""
+        """Return the log density with its gradient at (M, D) pseudo-inputs and theta; raises like `condition`."""
         with np.errstate(all="ignore"):
             found = self._differentiate(self.condition(pseudo, theta))
         value, slope = found.value, found.theta
@@ -118,7 +110,15 @@ class SparsePosterior:
         return SparseSlopes(value, found.pseudo, slope)
 
     def condition(self, pseudo: Array, theta: Array) -> Conditioned:
-        """Return all that the likelihood, its gradient and predictions share; raises like `value`."""
+        """Return all that the likelihood, its gradient and predictions share.
+
+        Raises
+        ------
+        ValueError
+            When a shape does not fit or a pseudo-input is not finite.
+        FactorisationError
+            When theta is out of range or the noise too low for a trustworthy result.
+        """
         read = read_theta(theta, self.inputs.shape[1], self.size)
         pseudo = check_points(pseudo, self.inputs.shape[1], "pseudo-inputs")
         if not len(pseudo):

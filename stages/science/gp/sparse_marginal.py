@@ -82,19 +82,19 @@ class SparseMarginalGP(MarginalModel):
     @cached_property
     def laplace(self) -> Laplace:
         """The Laplace approximation at theta, pseudo-inputs held, or the covariance that was given."""
-        return self._given or approximate(self._differentiate_gradient(), self.prior)
+        if self._given:
+            return self._given
+        steps = STEP * np.eye(self.theta.size)
+        above, below = (
+            np.array([self.posterior.derivatives(self.pseudo, self.theta + sign * each).theta for each in steps])
+            for sign in (1.0, -1.0)
+        )
+        return approximate((above - below) / (2.0 * STEP), self.prior)
 
     @property
     def repair(self) -> str:
         """What was repaired, for the record; empty when nothing was."""
         return "; ".join(each for each in (self.laplace.repair, self.sparse.repair) if each)
-
-    def _differentiate_gradient(self) -> Array:
-        rows = []
-        for step in STEP * np.eye(self.theta.size):
-            above, below = (self.posterior.derivatives(self.pseudo, self.theta + each).theta for each in (step, -step))
-            rows.append((above - below) / (2.0 * STEP))
-        return np.array(rows)
 
     @cached_property
     def slopes(self) -> Slopes:

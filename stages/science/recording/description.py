@@ -62,12 +62,8 @@ def describe(
     guess = _guess_columns(columns, header.units, header.single)
     lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in header.remarks)]
     lines += [f"  {name} = {value:g}, a single number" for name, value in header.single.items()]
-    lines += [
-        "",
-        *_describe_columns(columns, header.units, guess),
-        "",
-        *_describe_clock(columns, guess, largest_jitter),
-    ]
+    lines += ["", *_describe_columns(columns, header.units, guess)]
+    lines += ["", *_describe_clock(columns, guess, largest_jitter)]
     unknown = _describe_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
 

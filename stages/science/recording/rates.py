@@ -27,17 +27,7 @@ to 0.74 of that half, and a ten thousandth passes from the half on."""
 def find_rates(frame: pd.DataFrame, stated_hz: float | None) -> dict[str, float]:
     """Return samples per second of each record; those that agree within a hundredth have the same.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        With ``record`` and ``time_s``.
-    stated_hz : float or None
-        Rate of all records, if it is stated.
-
-    Raises
-    ------
-    RecordingError
-        As of `find_rate`.
+    The frame has ``record`` and ``time_s``; a rate that is stated is that of all. Raises as `find_rate`.
     """
     names = [str(name) for name in frame["record"].unique()]
     if stated_hz is not None or len(names) == 1:

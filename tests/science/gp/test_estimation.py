@@ -45,9 +45,8 @@ def test_the_search_is_determined_by_its_generator(generator):
     posterior = LogPosterior(*make_data(generator, 20), make_prior())
     first, second = (find_map(posterior, np.random.default_rng(5), 8) for _ in range(2))
     assert first.theta.tobytes() == second.theta.tobytes()
-    draws = np.random.default_rng(5)
+    draws, untouched = np.random.default_rng(5), np.random.default_rng(5)
     find_map(posterior, draws, 8)
-    untouched = np.random.default_rng(5)
     untouched.standard_normal((8, 5))
     assert draws.standard_normal() == untouched.standard_normal()
 

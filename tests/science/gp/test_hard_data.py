@@ -70,7 +70,7 @@ def test_variance_at_the_data_of_a_noiseless_law_is_held_at_rounding(generator):
     assert_sound(model, np.vstack([x, x + 1e-9, x + 1.0]))
 
 
-def test_a_constant_column_only_leaves_its_length_to_the_hyperprior(generator):
+def test_constant_outputs_are_a_right_answer_and_a_constant_column_leaves_its_length_to_the_hyperprior(generator):
     x, y = make_data(generator, 15)
     x[:, 1] = 0.3
     prior = make_prior()
@@ -78,10 +78,7 @@ def test_a_constant_column_only_leaves_its_length_to_the_hyperprior(generator):
     assert model.theta[1] == pytest.approx(prior.mean[1], abs=1e-6)
     assert model.laplace.covariance[1, 1] == pytest.approx(prior.variance[1], rel=1e-6)
     assert_sound(model, generator.uniform(-2, 2, (10, 3)))
-
-
-def test_constant_outputs_are_a_right_answer(generator):
-    x, _ = make_data(generator, 12)
+    x = generator.uniform(-1.5, 1.5, (12, 3))
     for y in (np.zeros(12), np.ones(12)):
         model = fit(x, y, make_prior(), generator=generator)
         assert_sound(model, x)
@@ -127,11 +124,10 @@ def test_far_from_the_data_the_hyperprior_of_f_is_left(generator):
 
 
 @pytest.mark.parametrize("entry", range(6))
-@pytest.mark.parametrize("value", [-1e200, -1e4, -400.0, -51.0, 51.0, 400.0, 1e4, 1e200, np.inf, np.nan])
+@pytest.mark.parametrize("value", [-1e4, -400.0, -51.0, 51.0, 400.0, 1e4, np.inf, np.nan])
 def test_a_theta_that_would_overflow_is_refused(entry, value, generator):
-    if entry == 5 and np.abs(value) <= 1e4:
-        return
     x, y = make_data(generator, 5)
+    value = value * 1e200 if entry == 5 else value
     theta = np.append(THETA, 0.0)
     theta[entry] = value
     posterior = LogPosterior(x, y, make_prior(mean="constant"), "constant")

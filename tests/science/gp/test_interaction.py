@@ -65,10 +65,8 @@ class Sparse:
     def learn(self, x, y, generator):
         """Learn from a trial, from all of its samples and by no draw."""
         self.x, self.y = np.vstack([self.x, x]), np.append(self.y, y)
-        self.fit = fit_sparse(
-            self.x, self.y, 6, self.prior, self.design.mean,
-            generator=np.random.default_rng(9), starts=0, warm_starts=[(self.fit.pseudo, self.fit.theta)], iterations=8,
-        )  # fmt: skip
+        data, warm = (self.x, self.y, 6, self.prior, self.design.mean), [(self.fit.pseudo, self.fit.theta)]
+        self.fit = fit_sparse(*data, generator=np.random.default_rng(9), starts=0, warm_starts=warm, iterations=8)
 
     @property
     def model(self):
@@ -172,8 +170,8 @@ def test_used_trajectories_are_excluded_unless_they_may_be_used_again(bank):
     free = begin(Exact, bank).ask(np.random.default_rng(0))
     barred = begin(Exact, bank, [free.trajectory, 0]).ask(np.random.default_rng(0))
     assert barred.scores[free.trajectory] == barred.scores[0] == -np.inf
-    left = [index for index in range(5) if index not in {free.trajectory, 0}]
-    assert barred.trajectory == max(left, key=lambda index: free.scores[index])
+    free.scores[[free.trajectory, 0]] = -np.inf
+    assert barred.trajectory == np.argmax(free.scores)
     again = begin(Exact, bank, range(5), reuse_trajectories=True).ask(np.random.default_rng(0))
     assert again.trajectory == free.trajectory
     assert np.isfinite(again.scores).all()
@@ -197,10 +195,9 @@ def test_random_choice_is_drawn_evenly_from_what_is_available_and_nothing_else_d
 def test_random_picks_are_distinct_and_follow_the_generators(bank, recordings):
     interaction = begin(Exact, bank, subsample_utility="random", points_per_trial=20)
     first, again, other = (interaction.tell(0, *recordings[0], generators(seed))[1] for seed in (1, 1, 2))
-    for muscle in range(MUSCLES):
-        assert len(set(first[muscle])) == 20
-        assert first[muscle].tolist() == again[muscle].tolist()
-        assert first[muscle].tolist() != other[muscle].tolist()
+    assert [len(set(each)) for each in first] == [20] * MUSCLES
+    for own, same, others in zip(first, again, other, strict=True):
+        assert own.tolist() == same.tolist() != others.tolist()
 
 
 def test_trajectories_and_muscles_that_are_not_there_are_refused(way, bank, recordings):

@@ -107,6 +107,8 @@ def test_log_det_is_mutual_information_of_correlated_measurements(model, path, a
 
 
 def test_estimates_by_draws_agree_with_the_textbook_estimate(model, points, estimates, path, along, generator):
+    with pytest.raises(ValueError, match="draws: expected at least 2, got 1"):
+        draw_models(model, 1, generator)
     models = draw_models(model, 600, generator)
     densities = point_information(models, points)
     assert densities.shape == (600, 3)
@@ -161,8 +163,3 @@ def test_information_does_not_depend_on_the_size_of_blocks(model, generator, mon
     whole = point_information(models, points)
     monkeypatch.setattr("stages.science.gp.mutual_information.LARGEST_BLOCK", 40 * 40 * 7)
     np.testing.assert_array_equal(point_information(models, points), whole)
-
-
-def test_refuses_a_single_draw(model, generator):
-    with pytest.raises(ValueError, match="draws: expected at least 2, got 1"):
-        draw_models(model, 1, generator)

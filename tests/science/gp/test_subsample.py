@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from stages.science.gp.marginal import condition, fit
+from stages.science.gp.marginal import MarginalGP, fit
+from stages.science.gp.posterior import LogPosterior
 from stages.science.gp.subsample import subsample
 from stages.science.gp.utilities import UTILITIES
 from tests.science.gp.data import make_data, make_prior
@@ -23,14 +24,9 @@ def test_picks_are_those_of_conditioning_from_scratch(utility, model, recording)
     x, y = recording
     picks = []
     for _ in range(5):
-        known = condition(
-            np.vstack([model.inputs, x[picks]]),
-            np.append(model.posterior.outputs, y[picks]),
-            model.theta,
-            model.posterior.prior,
-            model.posterior.mean,
-            model.laplace.covariance,
-        )
+        data = np.vstack([model.inputs, x[picks]]), np.append(model.posterior.outputs, y[picks])
+        posterior = LogPosterior(*data, model.posterior.prior, model.posterior.mean)
+        known = MarginalGP(posterior, model.theta, model.laplace.covariance)
         scores = known.utility(x, utility)
         best = max((index for index in range(len(x)) if index not in picks), key=lambda index: scores[index])
         picks.append(best)

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -51,13 +51,6 @@ class Topic:
     times: Nanoseconds
     table: pd.DataFrame
     stamped: bool
-
-    @property
-    def rate_hz(self) -> float:
-        """Messages per second, by the usual step; nan for one message."""
-        steps = np.diff(self.times)
-        usual = float(np.median(steps)) if len(steps) else 0.0
-        return 1e9 / usual if usual else np.nan
 
 
 @dataclass(frozen=True)
@@ -142,27 +135,25 @@ def _list_bag(path: Path) -> Iterator[Message]:
 
 
 def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
-    stores: dict[int, Any] = {}
-    with path.open("rb") as handle:
-        for schema, channel, message in sorted(_list_records(handle, left), key=lambda each: each[2].log_time):
-            if channel.message_encoding == "json":
-                yield channel.topic, message.log_time, json.loads(message.data)
-            elif channel.message_encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
-                yield channel.topic, message.log_time, _decode(schema, message.data, stores)
-            else:
-                told = f"its messages are in {channel.message_encoding or 'no known form'}, expected json or cdr"
-                left[channel.topic] = told
-
-
-def _list_records(handle: BinaryIO, left: dict[str, str]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield schemas, channels and messages of an MCAP file, as far as it was written."""
+    """Yield an MCAP file's messages in the order of their times, as far as it was written."""
     from mcap.exceptions import EndOfFile
     from mcap.reader import NonSeekingReader
 
-    try:
-        yield from NonSeekingReader(handle).iter_messages(log_time_order=False)
-    except EndOfFile:
-        left["what comes after the last whole chunk"] = "the file is cut off, as one of a recorder that was killed"
+    records, stores = [], dict[int, Any]()
+    with path.open("rb") as handle:
+        try:
+            for each in NonSeekingReader(handle).iter_messages(log_time_order=False):
+                records.append(each)
+        except EndOfFile:
+            left["what comes after the last whole chunk"] = "the file is cut off, as one of a recorder that was killed"
+    for schema, channel, message in sorted(records, key=lambda each: each[2].log_time):
+        if channel.message_encoding == "json":
+            yield channel.topic, message.log_time, json.loads(message.data)
+        elif channel.message_encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
+            yield channel.topic, message.log_time, _decode(schema, message.data, stores)
+        else:
+            told = f"its messages are in {channel.message_encoding or 'no known form'}, expected json or cdr"
+            left[channel.topic] = told
 
 
 def _decode(schema: Any, data: bytes, stores: dict[int, Any]) -> Any:
@@ -248,7 +239,8 @@ def _describe_times(topics: Mapping[str, Topic], why: str) -> Iterator[str]:
     if other:
         yield f"times from the log{f' of {other}' if stamped else ''}{why}"
     if len(topics) > 1:
-        told = ", ".join(f"{each} {topic.rate_hz:.4g} Hz" for each, topic in topics.items())
+        usual = {each: np.median(np.diff(topic.times)) if len(topic.times) > 1 else 0 for each, topic in topics.items()}
+        told = ", ".join(f"{each} {1e9 / step if step else np.nan:.4g} Hz" for each, step in usual.items())
         yield (
             f"{len(topics)} topics ({told}) on the clock of the one with most messages of those that are used, "
             "each with its newest value"
