@@ -26,14 +26,11 @@ class Laplace:
     ----------
     covariance : (P, P) float array
         S.
-    min_eigenvalue : float
-        Smallest eigenvalue of minus the Hessian, before any repair; NaN when S was given.
     repair : str
-        What was done when that was not positive; empty when nothing was.
+        What was done when minus the Hessian was not positive definite; empty when nothing was.
     """
 
     covariance: Array
-    min_eigenvalue: float
     repair: str
 
     @cached_property
@@ -67,13 +64,13 @@ def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
     precision = -0.5 * (hessian + hessian.T)
     curvature, axes = np.linalg.eigh(precision)
     flat = curvature <= ROUNDING * float(np.abs(curvature).max())
-    smallest, repair = float(curvature[0]), ""
+    repair = ""
     if flat.any():
         covariance = (axes / np.where(flat, prior.precision @ axes**2, curvature)) @ axes.T
         repair = f"indefinite Hessian: hyperprior's precision along {int(flat.sum())} of {flat.size} directions"
     else:
         covariance = cho_solve(cho_factor(precision), np.eye(len(precision)))
-    return Laplace(0.5 * (covariance + covariance.T), smallest, repair)
+    return Laplace(0.5 * (covariance + covariance.T), repair)
 
 
 def accept(covariance: Array, size: int) -> Laplace:
@@ -90,4 +87,4 @@ def accept(covariance: Array, size: int) -> Laplace:
     largest = float(np.abs(given).max())
     if not np.isfinite(largest) or np.abs(given - given.T).max() > TOLERANCE * largest:
         raise ValueError(f"covariance: expected a finite symmetric matrix, got {given.tolist()}")
-    return Laplace(0.5 * (given + given.T), np.nan, "")
+    return Laplace(0.5 * (given + given.T), "")

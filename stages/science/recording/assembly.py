@@ -52,9 +52,15 @@ def choose_muscles(
         raise RecordingError(
             f"column muscle: {described_in} has no muscle '{name}' of {name_rows(strange)}; it has {', '.join(near)}"
         )
-    missing = {name: _describe_missing(samples[samples["muscle"] == name]) for name in known}
-    notes.extend((name, f"left out: {reason}") for name, reason in missing.items() if reason)
-    used = [name for name in known if not missing[name]]
+    used = []
+    for name in known:
+        rows = samples[samples["muscle"] == name]
+        empty = [each for each in INDISPENSABLE if rows[each].isna().all()]
+        if empty:
+            lacks = "rows" if rows.empty else f"values in column {' and '.join(empty)}"
+            notes.append((name, f"left out: no {lacks}"))
+        else:
+            used.append(name)
     if not used:
         both = " and ".join(INDISPENSABLE)
         raise RecordingError(f"columns {both}: expected values of both for some muscle, got none")
@@ -161,10 +167,3 @@ def derive_velocity(
             if len(stretch) >= shortest:
                 velocity[stretch] = differentiate(values[stretch], rate_hz, window_s, order)
     return velocity
-
-
-def _describe_missing(rows: pd.DataFrame) -> str:
-    if rows.empty:
-        return "no rows"
-    empty = [name for name in INDISPENSABLE if rows[name].isna().all()]
-    return f"no values in column {' and '.join(empty)}" if empty else ""

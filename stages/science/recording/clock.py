@@ -14,9 +14,6 @@ import pandas as pd
 from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.recording.units import known_units
 
-LONGEST_GAP_SHARE = 1.0
-"""Samples without values, over those with values, beyond which a stream is two."""
-
 SAME_RATE = 0.01
 """Relative difference of two rates that are the same."""
 
@@ -101,7 +98,7 @@ def regularise(
             f"of {worst:.2g} in {name_rows(jittery)}; resample it, or raise measurement.largest_jitter"
         )
     sizes = frame.groupby(stream, sort=False)["time_s"].transform("size")
-    long = whole > LONGEST_GAP_SHARE * sizes + 1.0
+    long = whole > sizes + 1.0
     if long.any():
         raise RecordingError(
             f"column time_s: nothing for {whole[long].iloc[0]:.0f} samples before {name_rows(long)}, longer than what "

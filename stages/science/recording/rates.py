@@ -55,14 +55,10 @@ def equalise(
     ----------
     frame : DataFrame
         With ``record``, ``time_s`` from 0 in each and the signals; nan where nothing was measured.
-    rates_hz : mapping of str to float
-        Samples per second of each record.
-    signals : sequence of str
-        Columns to resample.
+    rates_hz, signals, notes
+        From `find_rates`; the columns to resample; receives what was resampled.
     largest_drift : float
         By which a record's last sample may be off, in samples, as its rate is taken for a simple multiple.
-    notes : list
-        Receives what was resampled.
     """
     lowest = min(rates_hz.values())
     if max(rates_hz.values()) == lowest:

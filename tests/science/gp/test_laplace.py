@@ -20,7 +20,6 @@ def test_a_positive_definite_hessian_is_left_alone(generator):
     axes, hessian = turn(generator, values)
     found = approximate(hessian, make_prior())
     assert found.repair == ""
-    assert found.min_eigenvalue == pytest.approx(1e-6, rel=1e-3)
     np.testing.assert_allclose(found.covariance @ -hessian, np.eye(5), atol=1e-5)
     assert (found.covariance == found.covariance.T).all()
     np.testing.assert_allclose(np.square(axes.T @ found.root).sum(axis=1), 1 / values, rtol=1e-3)
@@ -28,7 +27,6 @@ def test_a_positive_definite_hessian_is_left_alone(generator):
     hessian = model.posterior.derivatives(model.theta)[2]
     np.testing.assert_allclose(model.laplace.covariance, np.linalg.inv(-hessian), rtol=1e-9)
     assert model.repair == ""
-    assert model.laplace.min_eigenvalue == pytest.approx(np.linalg.eigvalsh(-hessian)[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("values", [(-3.0, 5.0, 7.0, 9.0), (0.0, 5.0, 7.0, 9.0), (-4.0, -3.0)])
@@ -37,7 +35,6 @@ def test_directions_without_a_peak_get_the_hyperpriors_precision(values, generat
     prior = Hyperprior(np.zeros(len(values)), np.array([0.1, 0.5, 2.0, 4.0])[: len(values)])
     found, flat = approximate(hessian, prior), sum(each <= 0 for each in values)
     assert found.repair == f"indefinite Hessian: hyperprior's precision along {flat} of {len(values)} directions"
-    assert found.min_eigenvalue == pytest.approx(values[0], abs=1e-12)
     for column, value in zip(axes.T, values, strict=True):
         expected = value if value > 0 else column @ np.diag(1 / prior.variance) @ column
         assert column @ found.covariance @ column == pytest.approx(1 / expected, rel=1e-9)

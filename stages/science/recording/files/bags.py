@@ -191,7 +191,8 @@ def _flatten(name: str, value: Any, left: dict[str, str]) -> Iterator[tuple[str,
     if _is_message(value):
         fields = _fields(value)
         named = fields.get("name")
-        named = named if isinstance(named, list | tuple) and _are_texts(named) else []
+        texts = isinstance(named, list | tuple) and all(isinstance(each, str) for each in named)
+        named = named if texts and len(set(named)) == len(named) else []
         arrays = [each for each, told in fields.items() if each != "name" and isinstance(told, ARRAYS)]
         beside = [each for each in arrays if named and len(fields[each]) == len(named)]
         for each, told in fields.items():
@@ -211,10 +212,6 @@ def _flatten(name: str, value: Any, left: dict[str, str]) -> Iterator[tuple[str,
             yield from _flatten(f"{name}[{k}]", each, left)
     else:
         left[name] = "neither numbers nor text"
-
-
-def _are_texts(values: Sequence[Any]) -> bool:
-    return len(values) > 0 and all(isinstance(each, str) for each in values) and len(set(values)) == len(values)
 
 
 def _list(values: Any) -> list[Any]:
