@@ -190,7 +190,7 @@ def _flatten(name: str, value: Any, left: dict[str, str]) -> Iterator[tuple[str,
     """Yield the numbers and texts in a value under their full names."""
     if _is_message(value):
         fields = _fields(value)
-        named = fields.get("name")
+        named: Any = fields.get("name")
         texts = isinstance(named, list | tuple) and all(isinstance(each, str) for each in named)
         named = named if texts and len(set(named)) == len(named) else []
         arrays = [each for each, told in fields.items() if each != "name" and isinstance(told, ARRAYS)]
