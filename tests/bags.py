@@ -30,24 +30,17 @@ def write_bag(folder, topics, storage="sqlite3"):
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    state, header, stamp = (
-        store.types[f"{each}"]
-        for each in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    )
+    names_of_types = ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    state, header, stamp = (store.types[each] for each in names_of_types)
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
     with Writer(folder, version=9, storage_plugin=plugin) as writer:
         for topic, (names, times, fields) in topics.items():
             connection = writer.add_connection(topic, state.__msgtype__, typestore=store)
             for k, time in enumerate(times):
                 at = START_NS + int(time)
-                arrays = {
-                    each: np.array(fields[each][k], dtype=float) if each in fields else np.array([])
-                    for each in ("position", "velocity", "effort")
-                }
-                message = state(
-                    header=header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id=""),
-                    name=list(names),
-                    **arrays,
-                )
+                own = {each: values[k] for each, values in fields.items()}
+                arrays = [np.array(own.get(each, []), dtype=float) for each in ("position", "velocity", "effort")]
+                own_header = header(stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id="")
+                message = state(own_header, list(names), *arrays)
                 writer.write(connection, at + 700_000, store.serialize_cdr(message, state.__msgtype__))
     return folder

@@ -3,21 +3,18 @@
 Prints one line per quantity with its largest error over all cases, and exits with 1 when one is over its tolerance.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
-from dataclasses import dataclass, field
+from collections import Counter
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from stages.science.gp.hyperprior import Hyperprior
-from stages.science.gp.marginal import MarginalGP, condition, fit
+from stages.science.gp.marginal import condition, fit
 from stages.science.gp.posterior import LogPosterior
 
 LOW_NOISE = 1e-3
@@ -38,33 +35,20 @@ UTILITIES = {"f_over_f": "f_f", "f_over_y_as_run": "f_y", "y_over_y": "y_y"}
 PICKED_BY = {"f_over_f": "f_f", "f_over_y": "f_y", "f_over_y_as_run": "f_y", "y_over_y": "y_y"}
 
 
-class Data(NamedTuple):
-    """What a model stands on."""
-
-    x: np.ndarray
-    y: np.ndarray
-    prior: Hyperprior
-    mean: str
-
-
-@dataclass
 class Findings:
     """Largest error of each quantity, as a share of its tolerance too, and where it was met."""
 
-    worst: dict[str, tuple[float, float, str]] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)
+    def __init__(self):
+        self.worst, self.counts = {}, Counter()
 
-    def note(self, quantity: str, error: float, where: str, tolerance: float | None = None) -> None:
-        """Take one more comparison."""
+    def note(self, quantity, error, where, tolerance=None):
         allowed = TOLERANCES[quantity] if tolerance is None else tolerance
-        share = error / allowed if allowed else (np.inf if error > 0 else 0.0)
-        if not np.isfinite(error):
-            share = np.inf
-        self.counts[quantity] = self.counts.get(quantity, 0) + 1
+        share = error / allowed if allowed and np.isfinite(error) else np.inf if error != 0 else 0.0
+        self.counts[quantity] += 1
         if quantity not in self.worst or share > self.worst[quantity][1]:
             self.worst[quantity] = (error, share, where)
 
-    def report(self) -> bool:
+    def report(self):
         """Print a line per quantity; return whether all are within tolerance."""
         for quantity, (error, share, where) in self.worst.items():
             verdict = "ok" if share <= 1 else "OVER"
@@ -73,61 +57,45 @@ class Findings:
         return all(share <= 1 for _, share, _ in self.worst.values())
 
 
-def relative(ours: Any, reference: Any) -> float:
-    """Largest absolute difference over max(1, largest absolute reference)."""
-    ours, reference = np.asarray(ours, dtype=float), np.asarray(reference, dtype=float)
+def relative(ours, reference):
+    """Return the largest absolute difference over max(1, largest absolute reference)."""
+    reference = np.asarray(reference, dtype=float)
     return float(np.max(np.abs(ours - reference)) / max(1.0, float(np.max(np.abs(reference)))))
 
 
-def element_wise(ours: Any, reference: Any) -> float:
-    """Largest relative difference of an element."""
-    ours, reference = np.asarray(ours, dtype=float), np.asarray(reference, dtype=float)
-    return float(np.max(np.abs(ours - reference) / np.abs(reference)))
+def element_wise(ours, reference):
+    """Return the largest relative difference of an element."""
+    return float(np.max(np.abs(ours / np.asarray(reference, dtype=float) - 1.0)))
 
 
-def check_cases(document: dict[str, Any], findings: Findings) -> None:
-    """Compare every case.
-
-    Raises
-    ------
-    ValueError
-        When there is none.
-    """
+def check_cases(document, findings):
+    """Compare every case."""
     if not document["cases"]:
         raise ValueError("expected at least one case, got none")
     for case in document["cases"]:
-        check_case(case, findings)
+        prior = Hyperprior(np.array(case["prior_mean"]), np.array(case["prior_variance"]))
+        x, candidates = (as_columns(case[name], case["d"]) for name in ("X", "candidates"))
+        data = x, np.array(case["y"], dtype=float).ravel(), prior, case["mean_function"]
+        for name in ("fixed", "fixed_far", "map", "map_polished"):
+            if name in case:
+                check_block(name, case[name], data, candidates, findings, f"case {case['id']} {name}")
+        best = min(case[name]["neg_log_posterior"] for name in ("map", "map_polished") if name in case)
+        ours = fit(*data, generator=np.random.default_rng(case["id"]), starts=20)
+        findings.note("map search", max(0.0, -ours.log_posterior - best), f"case {case['id']}")
 
 
-def check_case(case: dict[str, Any], findings: Findings) -> None:
-    """Compare one case's blocks."""
-    prior = Hyperprior(np.asarray(case["prior_mean"], dtype=float), np.asarray(case["prior_variance"], dtype=float))
-    y = np.asarray(case["y"], dtype=float).ravel()
-    data = Data(as_columns(case["X"], case["d"]), y, prior, case["mean_function"])
-    candidates = as_columns(case["candidates"], case["d"])
-    for name in ("fixed", "fixed_far", "map", "map_polished"):
-        if name in case:
-            check_block(name, case[name], data, candidates, findings, f"case {case['id']} {name}")
-    best = min(case[name]["neg_log_posterior"] for name in ("map", "map_polished") if name in case)
-    ours = fit(*data, generator=np.random.default_rng(case["id"]), starts=20)
-    findings.note("map search", max(0.0, -ours.log_posterior - best), f"case {case['id']}")
-
-
-def as_columns(values: Any, dimensions: int) -> np.ndarray:
-    """Return (N, D) inputs."""
+def as_columns(values, dimensions):
     return np.asarray(values, dtype=float).reshape(-1, dimensions)
 
 
-def check_block(name: str, block: dict[str, Any], data: Data, candidates: Any, findings: Findings, where: str) -> None:
-    """Compare one block, all at its theta."""
+def check_block(name, block, data, candidates, findings, where):
+    """Compare one block of a case, all at its theta."""
     theta = np.asarray(block["theta"], dtype=float)
-    loose = LOW_NOISE_TOLERANCE if np.exp(theta[data.x.shape[1] + 1]) < LOW_NOISE else None
-    posterior, (x, y, prior, mean) = LogPosterior(*data), data
-    for suffix, found in (
-        ("posterior", posterior.derivatives(theta)),
-        ("likelihood", posterior.likelihood_derivatives(theta)),
-    ):
-        value, gradient, hessian = found
+    x, y, prior, mean = data
+    loose = LOW_NOISE_TOLERANCE if np.exp(theta[x.shape[1] + 1]) < LOW_NOISE else None
+    posterior = LogPosterior(*data)
+    for suffix, derivatives in (("posterior", posterior.derivatives), ("likelihood", posterior.likelihood_derivatives)):
+        value, gradient, hessian = derivatives(theta)
         findings.note("log posterior", relative(-value, block[f"neg_log_{suffix}"]), f"{where} {suffix}")
         findings.note("gradient", relative(-gradient, block[f"grad_neg_log_{suffix}"]), f"{where} {suffix}", loose)
         findings.note("hessian", relative(-hessian, block[f"hess_neg_log_{suffix}"]), f"{where} {suffix}", loose)
@@ -136,11 +104,9 @@ def check_block(name: str, block: dict[str, Any], data: Data, candidates: Any, f
     variance = model.predict(candidates)[1]
     findings.note("variances", element_wise(variance, block["f_var"]), f"{where} f", loose)
     findings.note("variances", element_wise(variance + noise, block["y_var"]), f"{where} y", loose)
-    given = block.get("given_sigma")
     told = [("marginal variances", model, block)] if block["hess_pd"] else []
-    if given:
-        sigma = np.asarray(given["Sigma"], dtype=float)
-        held = condition(x, y, theta, prior, mean=mean, covariance=sigma)
+    if given := block.get("given_sigma"):
+        held = condition(x, y, theta, prior, mean=mean, covariance=np.asarray(given["Sigma"], dtype=float))
         told.append(("marginal variances given sigma", held, given))
     for quantity, conditioned, expected in told:
         marginal = conditioned.predict_marginal(candidates)[1]
@@ -153,7 +119,7 @@ def check_block(name: str, block: dict[str, Any], data: Data, candidates: Any, f
             findings.note("argmax", float(found_index != index), f"{where} {ours}: {found_index} against {index}")
 
 
-def check_loop(loop: dict[str, Any], findings: Findings) -> None:
+def check_loop(loop, findings):
     """Compare the reference's active loop: its picks given its MAPs, and the error of ours on our own."""
     dimensions = len(loop["pool_X"][0])
     pool, test = as_columns(loop["pool_X"], dimensions), as_columns(loop["test_X"], dimensions)
@@ -169,20 +135,18 @@ def check_loop(loop: dict[str, Any], findings: Findings) -> None:
             found = best_unknown(model.utility(pool, PICKED_BY[run["mode"]]), known)
             where = f"{run['mode']} seed {run['seed']} pick {step}: {found} against {expected}"
             findings.note("loop picks", float(found != expected), where)
-    ours, theirs = [], []
-    for run in (run for run in active if PICKED_BY[run["mode"]] == "y_y"):
-        learned = run_own_loop(run, Data(pool, pool_y, prior, mean))
-        ours.append(float(np.sqrt(np.mean((learned.predict(test)[0] - test_f) ** 2))))
-        theirs.append(run["rmse_per_iter"][-1])
-    difference = np.array(ours) - np.array(theirs)
+    chosen = [run for run in active if PICKED_BY[run["mode"]] == "y_y"]
+    learned = [run_own_loop(run, pool, pool_y, prior, mean) for run in chosen]
+    ours = np.array([np.sqrt(np.mean((model.predict(test)[0] - test_f) ** 2)) for model in learned])
+    theirs = np.array([run["rmse_per_iter"][-1] for run in chosen])
+    difference = ours - theirs
     allowed = max(2 * float(difference.std(ddof=1)) / np.sqrt(difference.size), 0.002)
     where = f"y_y after {len(active[0]['chosen_index0'])} picks: {np.mean(ours):.4f} against {np.mean(theirs):.4f}"
     findings.note("loop rmse", max(0.0, float(difference.mean())), where, allowed)
 
 
-def run_own_loop(run: dict[str, Any], pool: Data) -> MarginalGP:
+def run_own_loop(run, x, y, prior, mean):
     """Run y_y on our own MAPs from a run's initial points; return the final model."""
-    x, y, prior, mean = pool
     known, generator = list(run["initial_index0"]), np.random.default_rng(run["seed"])
     model = fit(x[known], y[known], prior, mean=mean, generator=generator)
     for _ in run["chosen_index0"]:
@@ -191,16 +155,13 @@ def run_own_loop(run: dict[str, Any], pool: Data) -> MarginalGP:
     return model
 
 
-def best_unknown(scores: np.ndarray, known: list[int]) -> int:
-    """Return the best index that is not known yet."""
-    scores = scores.copy()
-    scores[known] = -np.inf
-    return int(np.argmax(scores))
+def best_unknown(scores, known):
+    return int(np.argmax(np.where(np.isin(np.arange(len(scores)), known), -np.inf, scores)))
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments=None):
     """Run the command line; return the exit code."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=Path, metavar="FILE", help="cases of fixed and fitted hyperparameters")
     parser.add_argument("--loop", type=Path, metavar="FILE", help="whole active loops")
     options = parser.parse_args(arguments)
@@ -208,10 +169,9 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("give --cases FILE, --loop FILE or both")
     findings = Findings()
     for file, check in ((options.cases, check_cases), (options.loop, check_loop)):
-        if file is None:
-            continue
         try:
-            check(json.loads(file.read_text()), findings)
+            if file is not None:
+                check(json.loads(file.read_text()), findings)
         except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
             print(f"cannot check {file}: {type(error).__name__}: {error}", file=sys.stderr)
             return 2

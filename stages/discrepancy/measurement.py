@@ -32,7 +32,7 @@ from stages.science.plant.machine import list_signals
 from stages.science.recording.assembly import Notes, choose_muscles, complete, read_parts
 from stages.science.recording.blocks import WHOLE, arrange_records, list_blocks, split_records
 from stages.science.recording.clock import count_time, find_rate, regularise
-from stages.science.recording.column_map import ColumnMap, join_parts
+from stages.science.recording.column_map import ColumnMap, is_one_trial, join_parts
 from stages.science.recording.columns import RecordingError, check_rows, name_rows
 from stages.science.recording.datasets import find_starts, list_trials
 from stages.science.recording.description import describe, list_arguments, quote
@@ -48,7 +48,6 @@ from stages.science.recording.files.readers import (
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.science.recording.plausibility import check_readings
 from stages.science.recording.uneven import even_out
-from stages.science.recording.wide import is_one_trial
 
 SAMPLES, META = "samples.parquet", "meta.json"
 """Files of a measured folder."""

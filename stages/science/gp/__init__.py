@@ -10,5 +10,5 @@ For many data, `fit_sparse` returns a `SparseGP` of a few pseudo-inputs, which p
 scores alike too, and a `SparseInteraction` runs Algorithm 1 on all samples of every trial.
 
 Inside, data flow `kernel` -> `factor` -> `posterior` -> `estimation` -> `laplace` -> `marginal` -> `utilities`;
-`marginal` predicts through `prediction`, whose matrix products are those of `distance` and `triangle`.
+`marginal` predicts through `prediction`, whose matrix products are those of `distance`.
 """

@@ -10,26 +10,14 @@ weights E, both (M, B) over a block of data:
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from stages.science.gp.distance import keeps_digits
 from stages.science.gp.kernel import Array
 
 
-class Cross(Protocol):
-    """Covariance between M pseudo-inputs and N data, block by block."""
-
-    def covariance(self, block: slice, out: Array) -> Array:
-        """Return the (M, B) covariance with a block of the data."""
-
-    def slopes(self, block: slice, weights: Array) -> tuple[Array, Array, float]:
-        """Return the differences, (M, D), and squares, (D,), under (M, B) weights, and the weights' sum."""
-
-
-def choose_cross(pseudo: Array, columns: Array, signal_variance: float, noise_variance: float) -> Cross:
-    """Return the faster way that keeps the digits.
+class ExpandedCross:
+    """By matrix products.
 
     Parameters
     ----------
@@ -37,15 +25,9 @@ def choose_cross(pseudo: Array, columns: Array, signal_variance: float, noise_va
         Pseudo-inputs in units of the lengths.
     columns : (D, N) float array
         Data in units of the lengths, centred like the pseudo-inputs.
-    signal_variance, noise_variance : float
-        sf^2 and sn^2.
+    signal_variance : float
+        sf^2.
     """
-    kept = all(keeps_digits(each, signal_variance, noise_variance) for each in (pseudo, columns.T))
-    return (ExpandedCross if kept else DirectCross)(pseudo, columns, signal_variance)
-
-
-class ExpandedCross:
-    """By matrix products."""
 
     def __init__(self, pseudo: Array, columns: Array, signal_variance: float):
         d, n = columns.shape
@@ -57,12 +39,12 @@ class ExpandedCross:
         self._left = np.column_stack([pseudo, np.full(pseudo.shape, -0.5), constants])
 
     def covariance(self, block: slice, out: Array) -> Array:
-        """Return the covariance with a block."""
+        """Return the (M, B) covariance with a block of the data."""
         np.matmul(self._left, self._rows[:, block], out=out)
         return np.exp(out, out=out)
 
     def slopes(self, block: slice, weights: Array) -> tuple[Array, Array, float]:
-        """Return the weighted differences and squares, and the sum."""
+        """Return the differences, (M, D), and squares, (D,), under (M, B) weights, and the weights' sum."""
         d = self._pseudo.shape[1]
         moments = weights @ self._rows[:, block].T
         first, second, total = moments[:, :d], moments[:, d:-1], moments[:, -1:]
@@ -71,7 +53,7 @@ class ExpandedCross:
 
 
 class DirectCross:
-    """By differences."""
+    """By differences; takes and returns what `ExpandedCross` does."""
 
     def __init__(self, pseudo: Array, columns: Array, signal_variance: float):
         self._pseudo, self._columns = pseudo, columns
@@ -92,3 +74,12 @@ class DirectCross:
             differences[:, i] = np.einsum("mn,mn->m", weights, difference)
             squares[i] = np.einsum("mn,mn,mn->", weights, difference, difference)
         return differences, squares, float(weights.sum())
+
+
+Cross = ExpandedCross | DirectCross
+
+
+def choose_cross(pseudo: Array, columns: Array, signal_variance: float, noise_variance: float) -> Cross:
+    """Return the faster way that keeps the digits beside a noise of sn^2."""
+    kept = all(keeps_digits(each, signal_variance, noise_variance) for each in (pseudo, columns.T))
+    return (ExpandedCross if kept else DirectCross)(pseudo, columns, signal_variance)

@@ -1,7 +1,7 @@
 """All that predictions need of the distances between points and data, by two ways of equal results.
 
 `Expanded` multiplies matrices with the square (x - x*)^2 expanded, which is fast and loses digits where data lie many
-lengths apart or noise is low. `Direct` takes each difference. `choose_distances` says which one keeps the digits.
+lengths apart or noise is low; `keeps_digits` says whether it does. `Direct` takes each difference.
 Inputs are centred and in units of the kernel's lengths throughout; with k = k(X, x*), b = C^-1 k and a = C^-1 (y - m):
 
     k                                         covariance
@@ -11,48 +11,77 @@ Inputs are centred and in units of the kernel's lengths throughout; with k = k(X
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from stages.science.gp.factor import Factor
 from stages.science.gp.kernel import Array
-from stages.science.gp.triangle import Triangle
 
 LOST_DIGITS = 2e5
 """Largest squared radius x sf / sn for `Expanded`: rounding of V stays at about 1e-10 sf^2."""
 
 
-class Distances(Protocol):
-    """Distances from N data to points that come in chunks of at most a fixed size."""
-
-    def covariance(self, points: Array) -> Array:
-        """Return k, (N, B), of (D, B) points; the array is reused by the next call."""
-
-    def mean_slopes(self, points: Array, k: Array) -> tuple[Array, Array]:
-        """Return rows k, (1 + E, B), with a'k first, and the mean's slopes, (D, B); call after `covariance`."""
-
-    def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
-        """Return |L' (b o (x - x*))|^2, (D, B); call after `covariance`; b is overwritten; norms are k'b, (B,)."""
+SMALLEST_BLOCK = 32
+BLOCKS = 3
+"""More leave more zeros out, in products too thin to be quick."""
 
 
-def choose_distances(
-    scaled: Array,
-    signal_variance: float,
-    noise_variance: float,
-    factor: Factor,
-    rows: Array,
-    corrections: Array,
-    size: int,
-) -> Distances:
-    """Return the faster way that keeps the digits.
+class Triangle:
+    """Products of M triangular matrices with many columns, in blocks that leave most of the zeros out.
+
+    Parameters
+    ----------
+    matrices : (N, N) float arrays
+        All lower or all upper triangular.
+    lower : bool
+        Which.
+
+    Attributes
+    ----------
+    height : int
+        Rows of the tallest block, in which those of all matrices stand below each other.
+    """
+
+    def __init__(self, *matrices: Array, lower: bool):
+        n = len(matrices[0])
+        step = max(SMALLEST_BLOCK, -(-n // BLOCKS))
+        self._count, self._blocks = len(matrices), []
+        for start in range(0, n, step):
+            stop = min(start + step, n)
+            rows, columns = slice(start, stop), slice(0, stop) if lower else slice(start, n)
+            self._blocks.append((rows, columns, np.vstack([each[rows, columns] for each in matrices])))
+        self.height = max(len(block) for _, _, block in self._blocks)
+
+    def multiply(self, right: Array, out: Array) -> Array:
+        """Return the only matrix times (N, B) columns."""
+        for rows, columns, block in self._blocks:
+            np.matmul(block, right[columns], out=out[rows])
+        return out
+
+    def square(self, right: Array, spare: Array) -> Array:
+        """Return the squared norms of each matrix times each of (N, B) columns, (M, B); spare is (height, B)."""
+        total = np.zeros((self._count, right.shape[1]))
+        for _, columns, block in self._blocks:
+            product = np.matmul(block, right[columns], out=spare[: len(block)])
+            shaped = product.reshape(self._count, -1, right.shape[1])
+            total += np.einsum("mnb,mnb->mb", shaped, shaped)
+        return total
+
+
+def keeps_digits(scaled: Array, signal_variance: float, noise_variance: float) -> bool:
+    """Return whether expanding the square loses few digits."""
+    radius = float(np.einsum("nd,nd->n", scaled, scaled).max())
+    return radius * np.sqrt(signal_variance) <= LOST_DIGITS * np.sqrt(min(noise_variance, signal_variance))
+
+
+class Expanded:
+    """Distances from N data to points by matrix products, in chunks of at most `size`.
 
     Parameters
     ----------
     scaled : (N, D) float array
         Centred data in units of the lengths.
-    signal_variance, noise_variance : float
-        sf^2 and sn^2.
+    signal_variance : float
+        sf^2.
     factor : Factor
         Of the noisy covariance.
     rows : (1 + E, N) float array
@@ -62,23 +91,6 @@ def choose_distances(
     size : int
         Largest chunk.
     """
-    way = Expanded if keeps_digits(scaled, signal_variance, noise_variance + factor.jitter) else Direct
-    return way(scaled, signal_variance, factor, rows, corrections, size)
-
-
-def keeps_digits(scaled: Array, signal_variance: float, noise_variance: float) -> bool:
-    """Return whether expanding the square loses few digits."""
-    radius = float(np.einsum("nd,nd->n", scaled, scaled).max())
-    return radius * np.sqrt(signal_variance) <= LOST_DIGITS * np.sqrt(min(noise_variance, signal_variance))
-
-
-def count_numbers(rows: int, dimensions: int) -> int:
-    """Return how many numbers per point either way holds at most."""
-    return rows * (2 * dimensions + 2) + 8 * dimensions
-
-
-class Expanded:
-    """Distances by matrix products."""
 
     def __init__(
         self, scaled: Array, signal_variance: float, factor: Factor, rows: Array, corrections: Array, size: int
@@ -90,12 +102,12 @@ class Expanded:
         self._scaled = np.ascontiguousarray(scaled.T)
         weighted = rows[0] * self._scaled
         self._rows = np.vstack([rows, weighted, weighted * self._scaled - corrections])
-        self._stack = Triangle.stack([factor.lower.T * column for column in self._scaled], lower=False)
+        self._stack = Triangle(*(factor.lower.T * column for column in self._scaled), lower=False)
         self._covariance = np.empty((n, size))
         self._product = np.empty((self._stack.height, size))
 
     def covariance(self, points: Array) -> Array:
-        """Return k."""
+        """Return k, (N, B), of (D, B) points; the array is reused by the next call."""
         d, count = points.shape
         right, k = self._right[:, :count], self._covariance[:, :count]
         right[:d] = points
@@ -105,14 +117,14 @@ class Expanded:
         return np.exp(k, out=k)
 
     def mean_slopes(self, points: Array, k: Array) -> tuple[Array, Array]:
-        """Return rows k and the mean's slopes."""
+        """Return rows k, (1 + E, B), with a'k first, and the mean's slopes, (D, B); call after `covariance`."""
         d = len(points)
         linear = self._rows @ k
         first, second = linear[-2 * d : -d], linear[-d:]
         return linear[: -2 * d], points * (points * linear[0] - 2.0 * first) + second
 
     def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
-        """Return the spread of the variance."""
+        """Return |L' (b o (x - x*))|^2, (D, B); call after `covariance`; b is overwritten; norms are k'b, (B,)."""
         spread = self._stack.square(b, self._product[:, : b.shape[1]])
         np.multiply(b, k, out=b)
         spread += points * (points * norms - 2.0 * (self._scaled @ b))
@@ -120,7 +132,7 @@ class Expanded:
 
 
 class Direct:
-    """Distances by differences."""
+    """Distances by differences; takes and returns what `Expanded` does."""
 
     def __init__(
         self, scaled: Array, signal_variance: float, factor: Factor, rows: Array, corrections: Array, size: int
@@ -128,14 +140,14 @@ class Direct:
         n, d = scaled.shape
         self._scaled, self._rows, self._corrections = scaled, rows, corrections
         self._log_signal = np.log(signal_variance)
-        self._upper = Triangle.stack([factor.lower.T], lower=False)
+        self._upper = Triangle(factor.lower.T, lower=False)
         self._covariance = np.empty((n, size))
         self._differences = np.empty((d, n, size))
         self._spare = np.empty((n, size))
         self._product = np.empty((self._upper.height, size))
 
     def covariance(self, points: Array) -> Array:
-        """Return k."""
+        """Return k, (N, B)."""
         count = points.shape[1]
         k, spare = self._covariance[:, :count], self._spare[:, :count]
         k[:] = self._log_signal
@@ -147,7 +159,7 @@ class Direct:
         return np.exp(k, out=k)
 
     def mean_slopes(self, points: Array, k: Array) -> tuple[Array, Array]:
-        """Return rows k and the mean's slopes."""
+        """Return rows k, (1 + E, B), and the mean's slopes, (D, B)."""
         spare, slopes = self._spare[:, : k.shape[1]], -(self._corrections @ k)
         for i, difference in enumerate(self._differences[:, :, : k.shape[1]]):
             np.multiply(difference, k, out=spare)
@@ -156,7 +168,7 @@ class Direct:
         return self._rows @ k, slopes
 
     def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
-        """Return the spread of the variance."""
+        """Return the spread of the variance, (D, B)."""
         count = b.shape[1]
         spare, spread = self._spare[:, :count], np.empty_like(points)
         for i, difference in enumerate(self._differences[:, :, :count]):

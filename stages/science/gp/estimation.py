@@ -7,7 +7,7 @@ climb ends at one. A climb that is about to repeat an earlier one is not finishe
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,32 +20,14 @@ GRADIENT_TOLERANCE = 1e-9
 CURVATURE_TOLERANCE = 1e-6
 LARGEST_STEP = 4.0
 SMALLEST_STEP = 1e-14
+CLIMBS, ITERATIONS = 4, 200
 SAME = 0.1
 """Distance of a Newton step's end to a known maximum within which a climb counts as a repetition."""
 
 
 @dataclass(frozen=True)
-class Maximum:
-    """A local maximum.
-
-    Parameters
-    ----------
-    theta : (P,) float array
-        Where.
-    value : float
-        Log posterior there (nats).
-    gradient_norm : float
-        Largest entry of the gradient there.
-    """
-
-    theta: Array
-    value: float
-    gradient_norm: float
-
-
-@dataclass(frozen=True)
 class Place:
-    """Where a climb stands.
+    """Where a climb stands or ends.
 
     Parameters
     ----------
@@ -77,14 +59,14 @@ class Place:
         return cls(theta, value, gradient, *np.linalg.eigh(hessian))
 
     @property
-    def slope(self) -> float:
+    def gradient_norm(self) -> float:
         """Largest entry of the gradient."""
         return float(np.abs(self.gradient).max())
 
     @property
     def is_flat(self) -> bool:
         """Whether the gradient is zero to tolerance."""
-        return self.slope <= GRADIENT_TOLERANCE * max(1.0, abs(self.value))
+        return self.gradient_norm <= GRADIENT_TOLERANCE * max(1.0, abs(self.value))
 
     @property
     def is_peak_shaped(self) -> bool:
@@ -105,7 +87,7 @@ class Place:
     def is_below(self, other: Place) -> bool:
         """Return whether another place is higher, or as high to rounding and flatter."""
         gained = other.value - self.value
-        return gained > 0 or (gained > -1e-13 * max(1.0, abs(self.value)) and other.slope < self.slope)
+        return gained > 0 or (gained > -1e-13 * max(1.0, abs(self.value)) and other.gradient_norm < self.gradient_norm)
 
 
 def find_map(
@@ -113,8 +95,7 @@ def find_map(
     generator: np.random.Generator,
     starts: int,
     warm_starts: Sequence[Array] = (),
-    climbs: int = 4,
-) -> Maximum:
+) -> Place:
     """Return the highest local maximum found.
 
     Parameters
@@ -127,8 +108,6 @@ def find_map(
         Draws, beside the prior's mean and the warm starts.
     warm_starts : sequence of (P,) float arrays
         Always climbed.
-    climbs : int
-        How many starts are climbed in all: after the warm ones the highest of the others, but at least one of them.
 
     Raises
     ------
@@ -141,12 +120,10 @@ def find_map(
         if np.shape(theta) != posterior.prior.mean.shape:
             raise ValueError(f"warm start: expected {posterior.prior.mean.size} entries, got shape {np.shape(theta)}")
     fresh = [posterior.prior.mean, *posterior.prior.draw(starts, generator)]
-    values = [_value_or_minus_infinity(posterior, theta) for theta in fresh]
-    ranked = [
-        fresh[index] for index in np.argsort(-np.array(values), kind="stable")[: max(1, climbs - len(warm_starts))]
-    ]
-    found: list[Maximum] = []
-    for theta in [*warm_starts, *ranked]:
+    values = np.array([_value_or_minus_infinity(posterior, theta) for theta in fresh])
+    ranked = np.argsort(-values, kind="stable")[: max(1, CLIMBS - len(warm_starts))]
+    found: list[Place] = []
+    for theta in [*warm_starts, *(fresh[index] for index in ranked)]:
         maximum = climb(posterior, theta, known=[each.theta for each in found])
         if maximum is not None:
             found.append(maximum)
@@ -156,35 +133,19 @@ def find_map(
     return max(found, key=lambda each: each.value)
 
 
-def climb(posterior: LogPosterior, start: Array, iterations: int = 200, known: Iterable[Array] = ()) -> Maximum | None:
-    """Climb from one start to a local maximum.
-
-    Parameters
-    ----------
-    posterior : LogPosterior
-        To be maximised.
-    start : (P,) float array
-        Where to begin.
-    iterations : int
-        At most.
-    known : iterable of (P,) float arrays
-        Maxima that need not be found again.
-
-    Returns
-    -------
-    Maximum or None
-        None when the climb cannot begin, or is about to end at a known maximum.
-    """
+def climb(posterior: LogPosterior, start: Array, known: Sequence[Array] = ()) -> Place | None:
+    """Climb from one start to a local maximum; None when that cannot begin, or is about to end at a known maximum."""
     here = Place.at(posterior, np.array(start, dtype=float))
     if here is None:
         return None
     radius = 1.0
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         if here.is_flat and here.is_peak_shaped:
             break
         step = here.step()
         length = float(np.linalg.norm(step))
-        if length <= radius and here.is_peak_shaped and _is_near(here.theta + step, known):
+        to_known = [float(np.linalg.norm(here.theta + step - each)) for each in known]
+        if length <= radius and here.is_peak_shaped and min(to_known, default=np.inf) <= SAME:
             return None
         if length > radius:
             step *= radius / length
@@ -197,11 +158,7 @@ def climb(posterior: LogPosterior, start: Array, iterations: int = 200, known: I
             radius = 0.25 * min(radius, length)
             if radius < SMALLEST_STEP * max(1.0, float(np.abs(here.theta).max())):
                 break
-    return Maximum(here.theta, here.value, here.slope)
-
-
-def _is_near(theta: Array, known: Iterable[Array]) -> bool:
-    return any(float(np.linalg.norm(theta - each)) <= SAME for each in known)
+    return here
 
 
 def _value_or_minus_infinity(posterior: LogPosterior, theta: Array) -> float:

@@ -84,25 +84,18 @@ def factorise(covariance: Array, scaled: Array) -> Factor:
         shifted = covariance + jitter * np.eye(len(covariance)) if jitter else covariance
         lower, failed = lapack.dpotrf(shifted, lower=1, clean=1)
         if not failed and np.diag(lower).min() ** 2 > rounding:
-            repair = f"jitter {jitter:.1e} on the covariance's diagonal: {describe_closest(scaled)}" if jitter else ""
+            repair = f"jitter {jitter:.1e} on the covariance's diagonal: {_describe_closest(scaled)}" if jitter else ""
             return Factor(lower, jitter, repair)
     raise FactorisationError(
-        f"the covariance of {len(scaled)} points is not positive definite: {describe_closest(scaled)}; "
+        f"the covariance of {len(scaled)} points is not positive definite: {_describe_closest(scaled)}; "
         "remove one or raise the noise"
     )
 
 
-def closest_rows(scaled: Array) -> tuple[int, int, float]:
-    """Return the two rows that lie closest together, and their distance."""
-    if len(scaled) < 2:
-        return 0, 0, 0.0
-    first, second = np.triu_indices(len(scaled), 1)
-    distances = np.sqrt(((scaled[first] - scaled[second]) ** 2).sum(axis=1))
-    closest = int(np.argmin(distances))
-    return int(first[closest]), int(second[closest]), float(distances[closest])
-
-
-def describe_closest(scaled: Array) -> str:
-    """Return which two rows lie closest together, in words."""
-    first, second, distance = closest_rows(scaled)
-    return f"rows {first} and {second} are nearly the same (distance {distance:.3g})"
+def _describe_closest(scaled: Array) -> str:
+    rows, distance = (0, 0), 0.0
+    if len(scaled) > 1:
+        pairs = np.column_stack(np.triu_indices(len(scaled), 1))
+        distances = np.sqrt(((scaled[pairs[:, 0]] - scaled[pairs[:, 1]]) ** 2).sum(axis=1))
+        rows, distance = pairs[np.argmin(distances)], distances.min()
+    return f"rows {rows[0]} and {rows[1]} are nearly the same (distance {distance:.3g})"

@@ -36,9 +36,8 @@ class Hyperprior:
     def __post_init__(self) -> None:
         mean, variance = (np.asarray(each, dtype=float) for each in (self.mean, self.variance))
         if mean.ndim != 1 or mean.shape != variance.shape:
-            raise ValueError(
-                f"hyperprior: expected mean and variance of one length, got {mean.shape}, {variance.shape}"
-            )
+            told = f"{mean.shape}, {variance.shape}"
+            raise ValueError(f"hyperprior: expected mean and variance of one length, got {told}")
         in_range = (np.abs(mean) <= LARGEST_MEAN) & (variance >= SMALLEST_VARIANCE) & (variance <= LARGEST_VARIANCE)
         if not in_range.all():
             got = f"{mean.tolist()}, {variance.tolist()}"

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.science.gp.kernel import Array
-from stages.science.gp.knowledge import Knowledge, Policy, check_muscles
+from stages.science.gp.knowledge import Knowledge, Policy, check_muscles, check_trajectories
 from stages.science.gp.marginal import MarginalGP, condition, fit
 from stages.science.gp.subsample import Displace, check_count, subsample
 
@@ -55,10 +55,9 @@ class Interaction(Knowledge):
         self, inputs: tuple[Array, ...], outputs: tuple[Array, ...], generators: Sequence[np.random.Generator]
     ) -> Self:
         mean, starts = self.design.mean, self.design.starts
-        none: list[tuple[Array, ...]] = [()] * len(self.priors)
-        warm = [(theta,) for theta in self.thetas] or none
+        warm = [[theta] for theta in self.thetas] or [[] for _ in self.priors]
         thetas = tuple(
-            fit(x, y, prior, mean=mean, generator=each, starts=starts, warm_starts=last).theta
+            fit(x, y, prior, mean, generator=each, starts=starts, warm_starts=last).theta
             for x, y, prior, last, each in zip(inputs, outputs, self.priors, warm, generators, strict=True)
         )
         return replace(self, inputs=inputs, outputs=outputs, thetas=thetas)
@@ -109,9 +108,9 @@ class Interaction(Knowledge):
         ValueError
             When a muscle is missing, the trajectory is not in the bank, or the recording has too few samples.
         """
-        self._check(trajectory, inputs, outputs, generators)
         ways: Sequence[Displace | None] = [None] * len(self.priors) if displace is None else displace
-        check_muscles(len(self.priors), ways)
+        check_muscles(len(self.priors), inputs, outputs, generators, ways)
+        check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
         picks = tuple(
             self._pick(model, x, y, each, way)
             for model, x, y, each, way in zip(self.models, inputs, outputs, generators, ways, strict=True)
@@ -126,10 +125,7 @@ class Interaction(Knowledge):
         check_count(count, len(x))
         if utility != "random":
             return subsample(model, x, y, count, utility, displace)
-        picks = generator.choice(len(x), count, replace=False)
-        if displace is None:
-            return picks
         taken: list[int] = []
-        for row in picks:
-            taken.append(displace(int(row), taken))
+        for row in generator.choice(len(x), count, replace=False):
+            taken.append(int(row) if displace is None else displace(int(row), taken))
         return np.array(taken, dtype=np.intp)

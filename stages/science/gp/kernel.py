@@ -37,13 +37,9 @@ class Hyperparameters:
     @classmethod
     def read(cls, theta: Array, dimensions: int) -> Hyperparameters:
         """Read a vector of D + 2 or, with a constant mean, D + 3 entries."""
+        signal_variance, noise_variance = (float(np.exp(2 * each)) for each in theta[dimensions : dimensions + 2])
         mean = float(theta[dimensions + 2]) if theta.size > dimensions + 2 else 0.0
-        return cls(
-            np.exp(theta[:dimensions]),
-            float(np.exp(2 * theta[dimensions])),
-            float(np.exp(2 * theta[dimensions + 1])),
-            mean,
-        )
+        return cls(np.exp(theta[:dimensions]), signal_variance, noise_variance, mean)
 
 
 def count_hyperparameters(dimensions: int, mean: str) -> int:

@@ -119,16 +119,6 @@ class Knowledge(ABC):
     ) -> Self:
         """Return what is known of these data, the models sought from the last ones where there are any."""
 
-    def _check(
-        self,
-        trajectory: int,
-        inputs: Sequence[Array],
-        outputs: Sequence[Array],
-        generators: Sequence[np.random.Generator],
-    ) -> None:
-        check_muscles(len(self.priors), inputs, outputs, generators)
-        check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
-
     def _append(
         self,
         trajectory: int,
@@ -137,10 +127,11 @@ class Knowledge(ABC):
         generators: Sequence[np.random.Generator],
     ) -> Self:
         """Return what is known with a trial's samples appended."""
-        grown_inputs = tuple(np.concatenate(each) for each in zip(self.inputs, inputs, strict=True))
-        grown_outputs = tuple(np.concatenate(each) for each in zip(self.outputs, outputs, strict=True))
-        told = self._identify(grown_inputs, grown_outputs, generators)
-        return replace(told, used=self.used | {trajectory})
+        x, y = (
+            tuple(np.concatenate(each) for each in zip(known, new, strict=True))
+            for known, new in ((self.inputs, inputs), (self.outputs, outputs))
+        )
+        return replace(self._identify(x, y, generators), used=self.used | {trajectory})
 
     @property
     @abstractmethod
@@ -155,9 +146,8 @@ class Knowledge(ABC):
     @property
     def available(self) -> NDArray[np.intp]:
         """Trajectories that may be chosen."""
-        count = len(self.candidates[0])
         used = [] if self.design.reuse_trajectories else sorted(self.used)
-        return np.setdiff1d(np.arange(count), used)
+        return np.setdiff1d(np.arange(len(self.candidates[0])), used)
 
     def ask(self, generator: np.random.Generator, but: Collection[int] = ()) -> Choice:
         """Choose the next trajectory.
@@ -186,36 +176,23 @@ class Knowledge(ABC):
             self.models,
             self.candidates,
             self.design.utility,
-            reduce=self.design.reduce,
-            memory_mb=self.design.memory_mb,
-            stride=self.stride,
+            self.design.reduce,
+            self.design.memory_mb,
+            self.stride,
         )
-        excluded = np.setdiff1d(np.arange(len(scores)), available)
-        scores[excluded] = -np.inf
+        scores[~np.isin(np.arange(len(scores)), available)] = -np.inf
         return Choice(int(np.argmax(scores)), scores)
 
 
 def check_muscles(expected: int, *each: Sequence[object]) -> None:
-    """Refuse values that are not one for each muscle.
-
-    Raises
-    ------
-    ValueError
-        Saying how many there are.
-    """
+    """Refuse, by a `ValueError`, values that are not one for each muscle."""
     for values in each:
         if len(values) != expected:
             raise ValueError(f"expected {expected} muscles, got {len(values)}")
 
 
 def check_trajectories(name: str, trajectories: Sequence[int], candidates: Sequence[Array]) -> None:
-    """Refuse trajectories that are not in the bank.
-
-    Raises
-    ------
-    ValueError
-        Naming the first.
-    """
+    """Refuse, by a `ValueError` that names the first, trajectories that are not in the bank."""
     last = len(candidates[0]) - 1
     for each in trajectories:
         if not 0 <= each <= last:

@@ -26,14 +26,11 @@ class Laplace:
     ----------
     covariance : (P, P) float array
         S.
-    min_eigenvalue : float
-        Smallest eigenvalue of minus the Hessian, before any repair; NaN when S was given.
     repair : str
-        What was done when that was not positive; empty when nothing was.
+        What was done when minus the Hessian was not positive definite; empty when nothing was.
     """
 
     covariance: Array
-    min_eigenvalue: float
     repair: str
 
     @cached_property
@@ -49,10 +46,6 @@ class Laplace:
         if variances[0] < -TOLERANCE * np.abs(variances).max():
             raise ValueError(f"covariance: expected positive semi-definite, got smallest eigenvalue {variances[0]:.3g}")
         return axes * np.sqrt(np.maximum(variances, 0.0))
-
-    def spread(self, slopes: Array) -> Array:
-        """Return s' S s of (B, P) slopes, (B,)."""
-        return np.asarray(np.square(slopes @ self.root).sum(axis=1))
 
 
 def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
@@ -71,28 +64,22 @@ def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
     precision = -0.5 * (hessian + hessian.T)
     curvature, axes = np.linalg.eigh(precision)
     flat = curvature <= ROUNDING * float(np.abs(curvature).max())
-    if not flat.any():
-        return Laplace(_symmetrise(cho_solve(cho_factor(precision), np.eye(len(precision)))), float(curvature[0]), "")
-    smallest = float(curvature[0])
-    curvature = np.where(flat, prior.precision @ axes**2, curvature)
-    repair = f"indefinite Hessian: hyperprior's precision along {int(flat.sum())} of {flat.size} directions"
-    return Laplace(_symmetrise((axes / curvature) @ axes.T), smallest, repair)
+    repair = ""
+    if flat.any():
+        covariance = (axes / np.where(flat, prior.precision @ axes**2, curvature)) @ axes.T
+        repair = f"indefinite Hessian: hyperprior's precision along {int(flat.sum())} of {flat.size} directions"
+    else:
+        covariance = cho_solve(cho_factor(precision), np.eye(len(precision)))
+    return Laplace(0.5 * (covariance + covariance.T), repair)
 
 
 def accept(covariance: Array, size: int) -> Laplace:
-    """Return a covariance that was given, as it is.
-
-    Parameters
-    ----------
-    covariance : (P, P) float array
-        S.
-    size : int
-        P.
+    """Return a (P, P) covariance that was given, as it is.
 
     Raises
     ------
     ValueError
-        When it has another shape, is not finite or not symmetric.
+        When it is not of size P, is not finite or not symmetric.
     """
     given = np.array(covariance, dtype=float)
     if given.shape != (size, size):
@@ -100,9 +87,4 @@ def accept(covariance: Array, size: int) -> Laplace:
     largest = float(np.abs(given).max())
     if not np.isfinite(largest) or np.abs(given - given.T).max() > TOLERANCE * largest:
         raise ValueError(f"covariance: expected a finite symmetric matrix, got {given.tolist()}")
-    return Laplace(_symmetrise(given), np.nan, "")
-
-
-def _symmetrise(matrix: Array) -> Array:
-    symmetric: Array = 0.5 * (matrix + matrix.T)
-    return symmetric
+    return Laplace(0.5 * (given + given.T), "")

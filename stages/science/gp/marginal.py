@@ -18,7 +18,7 @@ from stages.science.gp.kernel import Array, covariance_among, squared_difference
 from stages.science.gp.laplace import Laplace, accept, approximate
 from stages.science.gp.marginal_model import MarginalModel
 from stages.science.gp.posterior import LogPosterior
-from stages.science.gp.prediction import Predictor, chunk_size
+from stages.science.gp.prediction import Predictor, limit_chunk
 
 LARGEST_SLOPE = 1e150
 """Its square is finite."""
@@ -113,8 +113,8 @@ class MarginalGP(MarginalModel):
         return 0.5 * float(np.log1p(np.linalg.svd(whitened, compute_uv=False) ** 2).sum())
 
     def _chunk_size(self, memory_mb: float) -> int:
-        rows, dimensions = self.inputs.shape
-        return chunk_size(rows, dimensions, memory_mb)
+        n, d = self.inputs.shape
+        return limit_chunk(n * (2 * d + 4) + 20 * d + 36, memory_mb)
 
     def _predictor(self, size: int) -> Predictor:
         return Predictor(self.posterior, self.theta, self._factor, self._weights, size)
@@ -128,26 +128,7 @@ def condition(
     mean: str = "zero",
     covariance: Array | None = None,
 ) -> MarginalGP:
-    """Return the model at a given theta, without a search.
-
-    Parameters
-    ----------
-    inputs, outputs : (N, D) and (N,) float arrays
-        Standardised.
-    theta : (P,) float array
-        Hyperparameters.
-    prior : Hyperprior
-        For the Laplace approximation.
-    mean : str
-        ``zero`` or ``constant``.
-    covariance : (P, P) float array, optional
-        S, instead of the Laplace approximation.
-
-    Raises
-    ------
-    ValueError
-        When a shape does not fit or a value is not finite.
-    """
+    """Return the model at a given theta, without a search; takes what `fit` and `MarginalGP` do."""
     return MarginalGP(LogPosterior(inputs, outputs, prior, mean), theta, covariance)
 
 

@@ -27,10 +27,9 @@ MEMORY_MB = 64.0
 
 
 class ChunkPredictor(Protocol):
-    """Predicts chunks of points, with working memory of its own."""
+    """Predicts chunks of points, with working memory of its own; `floor` is the rounding error of V."""
 
     floor: float
-    """Rounding error of V."""
 
     def predict_mean(self, points: Array) -> Array:
         """Return the mean, (B,)."""
@@ -139,11 +138,11 @@ class MarginalModel(ABC):
 
     def _terms(self, predictor: ChunkPredictor, chunk: Array) -> tuple[Array, PredictiveTerms]:
         moments = predictor.differentiate(chunk)
-        root = self.laplace.root.T
-        through_mean = np.square(root @ moments.mean_slope).sum(axis=0)
-        through_variance = np.square(root @ moments.variance_slope).sum(axis=0) / (3.0 * moments.variance)
+        by_mean, by_variance = (
+            np.square(self.laplace.root.T @ each).sum(axis=0) for each in (moments.mean_slope, moments.variance_slope)
+        )
         known = moments.variance <= predictor.floor
-        q = through_mean + np.where(known, 0.0, through_variance)
+        q = by_mean + np.where(known, 0.0, by_variance / (3.0 * moments.variance))
         return moments.mean, PredictiveTerms(moments.variance, q, self.noise_variance)
 
     def _gather(
@@ -168,9 +167,8 @@ class MarginalModel(ABC):
         """Refuse (B, ...) values of points that are out of floating-point range."""
         row = find_bad_row(np.abs(values) <= largest)
         if row is not None:
-            raise FactorisationError(
-                f"what is predicted at row {row} of the points is out of range at theta = {self.theta.tolist()}"
-            )
+            told = f"row {row} of the points is out of range at theta = {self.theta.tolist()}"
+            raise FactorisationError(f"what is predicted at {told}")
 
     def _check(self, points: Array) -> Array:
         return check_points(points, self.hyperparameters.lengths.size)

@@ -23,8 +23,6 @@ NODES = 6
 LARGEST_BLOCK = 200_000
 """Numbers that an intermediate array holds where it can be split, 1.6 MB: about a processor's cache."""
 
-SMALLEST_DRAWS = 2
-
 
 @dataclass(frozen=True)
 class Information:
@@ -57,41 +55,31 @@ def draw_models(model: MarginalGP, draws: int, generator: np.random.Generator) -
     FactorisationError
         When a draw is out of a range that keeps all that follows from it finite.
     """
-    if draws < SMALLEST_DRAWS:
-        raise ValueError(f"draws: expected at least {SMALLEST_DRAWS}, got {draws}")
+    if draws < 2:
+        raise ValueError(f"draws: expected at least 2, got {draws}")
     steps = generator.standard_normal((draws, model.theta.size)) @ model.laplace.root.T
     return [Draw.at(model.posterior, model.theta + step) for step in steps]
 
 
-def point_information(models: list[Draw], points: Array, noisy: bool = True) -> Array:
+def point_information(models: list[Draw], points: Array) -> Array:
     """Return the information densities of one measurement at each of (B, D) points, (S, B), in nats.
 
-    Parameters
-    ----------
-    models : list of Draw
-        At S draws of theta.
-    points : (B, D) float array
-        Standardised.
-    noisy : bool
-        Whether y is measured, or f itself.
-
-    Notes
-    -----
-    The output at one draw is normal, so that its density is integrated by Gauss and Hermite's rule instead of drawn.
+    The output at each of S draws is normal, so that its density is integrated by Gauss and Hermite's rule.
     """
     points = check_points(points, models[0].inputs.shape[1])
+    rounding = len(models[0].inputs) * float(np.finfo(float).eps)
     means, variances = np.empty((2, len(models), len(points)))
     for index, draw in enumerate(models):
         v = draw.whiten(points)
         means[index] = draw.predict(v)
         explained = np.einsum("nb,nb->b", v, v)
-        variances[index] = np.maximum(draw.read.signal_variance - explained, draw.floor)
-        variances[index] += draw.read.noise_variance if noisy else 0.0
+        variances[index] = np.maximum(draw.read.signal_variance - explained, rounding * draw.read.signal_variance)
+        variances[index] += draw.read.noise_variance
     means -= means.mean(axis=0)
     roots, weights = np.polynomial.hermite_e.hermegauss(NODES)
     weights = weights / weights.sum()
     densities = np.zeros_like(means)
-    for block in split(len(points), len(models) ** 2):
+    for block in _split(len(points), len(models) ** 2):
         mean, variance = means[:, block].T, variances[:, block].T
         # log p(y | theta_j) = c0_j + c1_j y + c2_j y^2
         constants = -0.5 * (mean**2 / variance + np.log(variance))
@@ -119,34 +107,24 @@ def path_information(models: list[Draw], paths: Array, noise: Array) -> Array:
     count, samples, dimensions = paths.shape
     check_points(paths.reshape(-1, dimensions), models[0].inputs.shape[1])
     densities = np.empty((len(models), count))
-    for block in split(count, len(models) * samples**2):
+    for block in _split(count, len(models) * samples**2):
         found = [each.predict_jointly(paths[block]) for each in models]
         means, roots = (np.array(each) for each in zip(*found, strict=True))
         inverses = np.linalg.inv(roots)
         for index in range(means.shape[1]):
-            told = compare_outputs(means[:, index], roots[:, index], inverses[:, index], noise)
+            told = _compare_outputs(means[:, index], roots[:, index], inverses[:, index], noise)
             densities[:, block.start + index] = told.mean(axis=0)
     return densities
 
 
-def compare_outputs(means: Array, roots: Array, inverses: Array, noise: Array) -> Array:
-    """Return log p(y | theta) - log p(y) of outputs along one path, (K, S).
-
-    Parameters
-    ----------
-    means : (S, T) float array
-        At each draw of theta.
-    roots, inverses : (S, T, T) float arrays
-        Lower factor of the outputs' covariance, and its inverse.
-    noise : (K, S, T) float array
-        Gives K outputs at each draw.
-    """
+def _compare_outputs(means: Array, roots: Array, inverses: Array, noise: Array) -> Array:
+    """Return log p(y | theta) - log p(y) of K outputs along one path at each draw, (K, S), all else as found there."""
     samples = means.shape[1]
     outputs = (means + np.einsum("sij,ksj->ksi", roots, noise)).reshape(-1, samples)
     halves = np.log(np.diagonal(inverses, axis1=1, axis2=2)).sum(axis=1)
     centres = inverses @ means[:, :, None]
     logs = np.empty((len(means), len(outputs)))
-    for block in split(len(means), outputs.size):
+    for block in _split(len(means), outputs.size):
         whitened = (inverses[block].reshape(-1, samples) @ outputs.T).reshape(-1, samples, len(outputs))
         whitened -= centres[block]
         logs[block] = halves[block, None] - 0.5 * np.einsum("sto,sto->so", whitened, whitened)
@@ -184,11 +162,6 @@ class Draw:
         factor = posterior.factor(theta)
         return cls(posterior.inputs, posterior.read(theta), factor, factor.whiten(posterior.residual(theta)))
 
-    @property
-    def floor(self) -> float:
-        """Rounding error of a variance."""
-        return len(self.inputs) * float(np.finfo(float).eps) * self.read.signal_variance
-
     def whiten(self, points: Array) -> Array:
         """Return v = L^-1 k of (B, D) points, (N, B)."""
         return self.factor.whiten(self.covariance(self.inputs, points))
@@ -222,8 +195,8 @@ class Draw:
         return np.asarray(self.read.signal_variance * np.exp(exponent, out=exponent))
 
 
-def split(count: int, numbers: int) -> Iterator[slice]:
-    """Yield blocks of `count` things, each of which takes so many numbers of working memory."""
+def _split(count: int, numbers: int) -> Iterator[slice]:
+    """Yield blocks of `count` things, each of which takes so many numbers."""
     size = max(1, LARGEST_BLOCK // max(1, numbers))
     for start in range(0, count, size):
         yield slice(start, min(start + size, count))

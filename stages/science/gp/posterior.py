@@ -35,9 +35,7 @@ class LogPosterior:
 
     Parameters
     ----------
-    inputs : (N, D) float array
-        Standardised.
-    outputs : (N,) float array
+    inputs, outputs : (N, D) and (N,) float arrays
         Standardised.
     prior : Hyperprior
         Of D + 2 hyperparameters, D + 3 with a constant mean.
@@ -59,15 +57,7 @@ class LogPosterior:
         self._work: Array | None = None
 
     def read(self, theta: Array) -> Hyperparameters:
-        """Return theta, read.
-
-        Raises
-        ------
-        ValueError
-            When theta has the wrong shape.
-        FactorisationError
-            When it is out of a range that keeps all that follows from it finite.
-        """
+        """Return theta, read; raises as `read_theta`."""
         return read_theta(theta, self.inputs.shape[1], self.prior.mean.size)
 
     def covariance(self, theta: Array) -> Array:
@@ -76,13 +66,7 @@ class LogPosterior:
             return covariance_among(self._squares, self.read(theta))
 
     def factor(self, theta: Array) -> Factor:
-        """Return the factor of K + sn^2 I.
-
-        Raises
-        ------
-        FactorisationError
-            When rows nearly coincide and neither noise nor jitter parts them.
-        """
+        """Return the factor of K + sn^2 I; a `FactorisationError` says which rows neither noise nor jitter parts."""
         return self._factorise(self.covariance(theta), self.read(theta))
 
     def residual(self, theta: Array) -> Array:
@@ -152,7 +136,10 @@ class LogPosterior:
         curvature = self._curve(read, np.outer(a, a) - precision, covariance, spare)
         hessian = 0.5 * (flat @ flat.T + curvature) - pulled @ pulled.T
         if self.mean == "constant":
-            gradient, hessian = _append_mean(gradient, hessian, inverse.sum(axis=1), pulled, z)
+            ones = inverse.sum(axis=1)
+            cross = -pulled @ ones
+            bottom = np.append(cross, -ones @ ones)
+            gradient, hessian = np.append(gradient, ones @ z), np.vstack([np.column_stack([hessian, cross]), bottom])
         return _log_likelihood(factor, z), gradient, hessian
 
     def _curve(self, read: Hyperparameters, g: Array, covariance: Array, spare: Array) -> Array:
@@ -175,12 +162,6 @@ class LogPosterior:
 def _log_likelihood(factor: Factor, z: Array) -> float:
     with np.errstate(over="ignore"):
         return float(-0.5 * (z @ z + factor.log_determinant + z.size * np.log(2 * np.pi)))
-
-
-def _append_mean(gradient: Array, hessian: Array, ones: Array, pulled: Array, z: Array) -> tuple[Array, Array]:
-    cross = -pulled @ ones
-    bottom = np.append(cross, -ones @ ones)
-    return np.append(gradient, ones @ z), np.vstack([np.column_stack([hessian, cross]), bottom])
 
 
 def read_theta(theta: Array, dimensions: int, size: int) -> Hyperparameters:
@@ -207,13 +188,7 @@ def read_theta(theta: Array, dimensions: int, size: int) -> Hyperparameters:
 
 
 def check_prior(prior: Hyperprior, dimensions: int, mean: str) -> None:
-    """Refuse a hyperprior that does not fit.
-
-    Raises
-    ------
-    ValueError
-        When it has another number of entries than the mean and D inputs need.
-    """
+    """Refuse, by a `ValueError`, a hyperprior of another size than the mean and D inputs need."""
     expected = count_hyperparameters(dimensions, mean)
     if prior.mean.size != expected:
         raise ValueError(
@@ -222,13 +197,7 @@ def check_prior(prior: Hyperprior, dimensions: int, mean: str) -> None:
 
 
 def check_points(points: Array, dimensions: int, name: str = "points") -> Array:
-    """Return (B, D) points as a float64 array.
-
-    Raises
-    ------
-    ValueError
-        When they have another shape or are not finite.
-    """
+    """Return (B, D) points as a float64 array; a `ValueError` tells another shape or what is not finite."""
     points = np.asarray(points, dtype=float)
     if points.ndim != 2 or points.shape[1] != dimensions:
         raise ValueError(f"{name}: expected shape (B, {dimensions}), got {points.shape}")
@@ -250,14 +219,13 @@ def check_data(inputs: Array, outputs: Array) -> tuple[Array, Array]:
     if x.ndim != 2 or y.shape != x.shape[:1] or not x.size:
         raise ValueError(f"expected inputs (N, D) and outputs (N,), got shapes {x.shape} and {y.shape}")
     for name, values in (("inputs", x), ("outputs", y)):
-        row = find_bad_row(np.isfinite(values))
-        if row is not None:
-            raise ValueError(f"expected finite {name}, got {values[row].tolist()} in row {row}")
-        row = find_bad_row(np.abs(values) <= LARGEST_VALUE)
-        if row is not None:
-            raise ValueError(
-                f"expected {name} within {LARGEST_VALUE:g}, got {values[row].tolist()} in row {row}; standardise them"
-            )
+        for good, expected, remedy in (
+            (np.isfinite(values), f"finite {name}", ""),
+            (np.abs(values) <= LARGEST_VALUE, f"{name} within {LARGEST_VALUE:g}", "; standardise them"),
+        ):
+            row = find_bad_row(good)
+            if row is not None:
+                raise ValueError(f"expected {expected}, got {values[row].tolist()} in row {row}{remedy}")
     return x, y
 
 

@@ -18,11 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.science.gp.distance import choose_distances, count_numbers
+from stages.science.gp.distance import Direct, Expanded, Triangle, keeps_digits
 from stages.science.gp.factor import Factor
 from stages.science.gp.kernel import Array
 from stages.science.gp.posterior import LogPosterior
-from stages.science.gp.triangle import Triangle
 
 LARGEST_CHUNK = 1024
 """Points at a time: working memory then stays in the processor's cache at the sizes of this method."""
@@ -46,27 +45,13 @@ class Moments:
     variance_slope: Array
 
 
-def chunk_size(rows: int, dimensions: int, memory_mb: float) -> int:
-    """Return how many points fit; it depends on the data and the memory alone.
-
-    Parameters
-    ----------
-    rows, dimensions : int
-        N and D of the data.
-    memory_mb : float
-        Bound on the working memory beyond the model's own matrices (MB); at least one point at a time.
-    """
-    per_point = 8 * (2 * rows + count_numbers(rows, dimensions) + 12 * (dimensions + 3))
-    return limit_chunk(per_point, memory_mb)
-
-
-def limit_chunk(bytes_per_point: int, memory_mb: float) -> int:
-    """Return how many points of so many bytes each are worked on at a time."""
-    return int(max(1, min(LARGEST_CHUNK, memory_mb * 2**20 // bytes_per_point)))
+def limit_chunk(numbers_per_point: int, memory_mb: float) -> int:
+    """Return how many points, each of which takes so many numbers of working memory, are worked on at a time."""
+    return int(max(1, min(LARGEST_CHUNK, memory_mb * 2**20 // (8 * numbers_per_point))))
 
 
 class Predictor:
-    """Predicts chunks of points, with working memory of its own: one for each thread.
+    """Predicts chunks of points, with working memory of its own.
 
     Parameters
     ----------
@@ -94,17 +79,12 @@ class Predictor:
         covariance = posterior.covariance(theta)
         rows = [weights, factor.solve(weights)] + [factor.solve(np.ones(n))] * (posterior.mean == "constant")
         corrections = [factor.solve(((column[:, None] - column) ** 2 * covariance) @ weights) for column in scaled.T]
-        self._distances = choose_distances(
-            scaled,
-            self.read.signal_variance,
-            self.read.noise_variance,
-            factor,
-            np.vstack(rows),
-            np.vstack(corrections),
-            size,
+        kept = keeps_digits(scaled, self.read.signal_variance, self._noise)
+        self._distances = (Expanded if kept else Direct)(
+            scaled, self.read.signal_variance, factor, np.vstack(rows), np.vstack(corrections), size
         )
-        self._whiten = Triangle.stack([factor.inverse], lower=True)
-        self._unwhiten = Triangle.stack([factor.inverse.T], lower=False)
+        self._whiten = Triangle(factor.inverse, lower=True)
+        self._unwhiten = Triangle(factor.inverse.T, lower=False)
         self._v, self._b = np.empty((2, n, size))
         self.floor = n * float(np.finfo(float).eps) * self.read.signal_variance
 
@@ -114,21 +94,18 @@ class Predictor:
 
     def predict(self, points: Array) -> tuple[Array, Array]:
         """Return mean and variance, (B,) each."""
-        k = self._distances.covariance(self._scale(points))
-        v = self._whiten.multiply(k, self._v[:, : len(points)])
+        v, k = self._whiten_covariance(self._scale(points))
         return self._weights @ k + self.read.mean, self._variance(np.einsum("nb,nb->b", v, v))
 
     def whiten(self, points: Array) -> Array:
         """Return v, (N, B); it is reused by the next call."""
-        k = self._distances.covariance(self._scale(points))
-        return self._whiten.multiply(k, self._v[:, : len(points)])
+        return self._whiten_covariance(self._scale(points))[0]
 
     def differentiate(self, points: Array) -> Moments:
         """Return mean and variance with their derivatives."""
         at = self._scale(points)
         d, count = at.shape
-        k = self._distances.covariance(at)
-        v = self._whiten.multiply(k, self._v[:, :count])
+        v, k = self._whiten_covariance(at)
         b = self._unwhiten.multiply(v, self._b[:, :count])
         explained = np.einsum("nb,nb->b", v, v)
         variance = self._variance(explained)
@@ -144,6 +121,10 @@ class Predictor:
         dv[d] = 2.0 * (variance - self._noise * squared)
         dv[d + 1] = 2.0 * self.read.noise_variance * squared
         return Moments(linear[0] + self.read.mean, variance, dm, dv)
+
+    def _whiten_covariance(self, at: Array) -> tuple[Array, Array]:
+        k = self._distances.covariance(at)
+        return self._whiten.multiply(k, self._v[:, : at.shape[1]]), k
 
     def _scale(self, points: Array) -> Array:
         return np.ascontiguousarray(((points - self._centre) / self.read.lengths).T)

@@ -68,9 +68,7 @@ class SparsePosterior:
 
     Parameters
     ----------
-    inputs : (N, D) float array
-        Standardised.
-    outputs : (N,) float array
+    inputs, outputs : (N, D) and (N,) float arrays
         Standardised.
     prior : Hyperprior, optional
         Of D + 2 hyperparameters, D + 3 with a constant mean.
@@ -95,7 +93,24 @@ class SparsePosterior:
         self._work = np.empty((2, 0, len(self.outputs)))
 
     def value(self, pseudo: Array, theta: Array) -> float:
-        """Return the log density at (M, D) pseudo-inputs and theta (nats).
+        """Return the log density at (M, D) pseudo-inputs and theta (nats); raises like `condition`."""
+        with np.errstate(all="ignore"):
+            value = self.condition(pseudo, theta).log_likelihood
+        return self._check_range(value if self.prior is None else value + self.prior.log_density(np.asarray(theta)))
+
+    def derivatives(self, pseudo: Array, theta: Array) -> SparseSlopes:
+        """Return the log density with its gradient at (M, D) pseudo-inputs and theta; raises like `condition`."""
+        with np.errstate(all="ignore"):
+            found = self._differentiate(self.condition(pseudo, theta))
+        value, slope = found.value, found.theta
+        if self.prior is not None:
+            theta = np.asarray(theta, dtype=float)
+            value, slope = value + self.prior.log_density(theta), slope + self.prior.gradient(theta)
+        self._check_range(value + float(np.abs(found.pseudo).sum() + np.abs(slope).sum()))
+        return SparseSlopes(value, found.pseudo, slope)
+
+    def condition(self, pseudo: Array, theta: Array) -> Conditioned:
+        """Return all that the likelihood, its gradient and predictions share.
 
         Raises
         ------
@@ -104,21 +119,6 @@ class SparsePosterior:
         FactorisationError
             When theta is out of range or the noise too low for a trustworthy result.
         """
-        with np.errstate(all="ignore"):
-            return self._check_range(self._add_prior(theta, self.condition(pseudo, theta).log_likelihood))
-
-    def derivatives(self, pseudo: Array, theta: Array) -> SparseSlopes:
-        """Return the log density with its gradient at (M, D) pseudo-inputs and theta; raises like `value`."""
-        with np.errstate(all="ignore"):
-            found = self._differentiate(self.condition(pseudo, theta))
-        value, slope = self._add_prior(theta, found.value), found.theta
-        if self.prior is not None:
-            slope = slope + self.prior.gradient(np.asarray(theta, dtype=float))
-        self._check_range(value + float(np.abs(found.pseudo).sum() + np.abs(slope).sum()))
-        return SparseSlopes(value, found.pseudo, slope)
-
-    def condition(self, pseudo: Array, theta: Array) -> Conditioned:
-        """Return all that the likelihood, its gradient and predictions share; raises like `value`."""
         read = read_theta(theta, self.inputs.shape[1], self.size)
         pseudo = check_points(pseudo, self.inputs.shape[1], "pseudo-inputs")
         if not len(pseudo):
@@ -129,7 +129,9 @@ class SparsePosterior:
         k, v = self._work
         scaled = (pseudo - self.centre) / read.lengths
         cross = choose_cross(scaled, self._columns / read.lengths[:, None], read.signal_variance, read.noise_variance)
-        factor = factor_pseudo(scaled, read)
+        among = covariance_among(squared_differences(scaled), replace_lengths(read))
+        among.flat[:: m + 1] += RELATIVE_JITTER * read.signal_variance
+        factor = factorise(among, scaled)
         residual = self.outputs - read.mean
         floor = m * np.finfo(float).eps * read.signal_variance
 
@@ -160,8 +162,7 @@ class SparsePosterior:
         beta = at.beta
         leading = np.column_stack([upper, upper @ beta])
         vgv, first, second, sums = np.zeros((m, m)), np.zeros((m, d)), np.zeros(d), np.zeros(3)
-        whole = min(n, BLOCK)
-        rows, spare = np.empty((m + 1, whole)), np.empty((m, whole))
+        rows, spare = np.empty((m + 1, min(n, BLOCK))), np.empty((m, min(n, BLOCK)))
         for block in blocks(n):
             own, lam = v[:, block], at.lam[block]
             s, a, product = rows[:m, : lam.size], rows[m, : lam.size], spare[:, : lam.size]
@@ -187,9 +188,6 @@ class SparsePosterior:
         log_signal = 2.0 * sums[0] - np.trace(vhv) + read.signal_variance * sums[1]
         theta = np.concatenate([second, [log_signal, read.noise_variance * sums[1]], sums[2:][: self.size - d - 2]])
         return SparseSlopes(at.log_likelihood, -first / read.lengths, theta)
-
-    def _add_prior(self, theta: Array, value: float) -> float:
-        return value if self.prior is None else value + self.prior.log_density(np.asarray(theta, dtype=float))
 
     def _check_range(self, value: float) -> float:
         if not np.isfinite(value):
@@ -253,10 +251,3 @@ def blocks(count: int) -> Iterator[slice]:
 def replace_lengths(read: Hyperparameters) -> Hyperparameters:
     """Return hyperparameters for inputs in units of the lengths."""
     return Hyperparameters(np.ones_like(read.lengths), read.signal_variance, read.noise_variance, read.mean)
-
-
-def factor_pseudo(scaled: Array, read: Hyperparameters) -> Factor:
-    """Return the factor of K_mm with its jitter, from (M, D) pseudo-inputs in units of the lengths."""
-    covariance = covariance_among(squared_differences(scaled), replace_lengths(read))
-    covariance.flat[:: len(covariance) + 1] += RELATIVE_JITTER * read.signal_variance
-    return factorise(covariance, scaled)

@@ -83,77 +83,50 @@ def fit_sparse(
     n = len(posterior.outputs)
     if not 1 <= pseudo_count <= n:
         raise ValueError(f"pseudo_count: expected between 1 and {n}, the number of data, got {pseudo_count}")
-    for name, number, least in (("starts", starts, 0), ("iterations", iterations, 0)):
-        if number < least:
-            raise ValueError(f"{name}: expected at least {least}, got {number}")
+    for name, number in (("starts", starts), ("iterations", iterations)):
+        if number < 0:
+            raise ValueError(f"{name}: expected at least 0, got {number}")
     if not starts and not warm_starts:
         raise ValueError("starts: expected at least 1 without warm starts, got 0")
-    given = [_check_start(posterior, pseudo_count, *each) for each in warm_starts]
-    drawn = [(draw_pseudo(posterior, pseudo_count, generator), draw_theta(posterior, generator)) for _ in range(starts)]
-    best, reasons = None, []
-    for start in given + drawn:
+    places = [_check_start(posterior, pseudo_count, *each) for each in warm_starts]
+    for _ in range(starts):
+        places.append((_draw_pseudo(posterior, pseudo_count, generator), _draw_theta(posterior, generator)))
+    found, reasons = [], []
+    for start in places:
         try:
-            found = climb_sparse(posterior, start, hold_pseudo, iterations)
+            found.append(_climb(posterior, start, hold_pseudo, iterations))
         except FactorisationError as error:
             reasons.append(error)
-            continue
-        if best is None or found[0] > best[0]:
-            best = found
-    if best is None:
+    if not found:
         raise FactorisationError(f"no start has a likelihood that can be evaluated: {reasons[0]}")
-    return SparseGP(posterior, *best[1])
+    return SparseGP(posterior, *max(found, key=lambda each: each[0])[1])
 
 
-def climb_sparse(posterior: SparsePosterior, start: Start, hold_pseudo: bool, iterations: int) -> tuple[float, Start]:
-    """Climb from one start; return the highest value met and where, never below the start.
-
-    Parameters
-    ----------
-    posterior : SparsePosterior
-        To be maximised.
-    start : pair of (M, D) and (P,) float arrays
-        Pseudo-inputs and theta.
-    hold_pseudo : bool
-        Whether pseudo-inputs stay.
-    iterations : int
-        At most.
-
-    Raises
-    ------
-    FactorisationError
-        When the likelihood cannot be evaluated at the start.
-    """
+def _climb(posterior: SparsePosterior, start: Start, hold_pseudo: bool, iterations: int) -> tuple[float, Start]:
+    """Climb from one start; return the highest value met and where, never below the start."""
     from scipy.optimize import Bounds, minimize  # a fifth of a second that most commands need not wait for
 
     shape, size = start[0].shape, 0 if hold_pseudo else start[0].size
     scale = np.abs(posterior.inputs - posterior.centre).max(axis=0)
     scale[scale == 0] = 1.0
 
-    def place(at: Array) -> Start:
-        pseudo = start[0] if hold_pseudo else at[:size].reshape(shape) * scale + posterior.centre
-        return pseudo, at[size:]
-
     best = posterior.value(*start), start
     worst = best[0] - 1e3 * (1.0 + abs(best[0]))
 
     def evaluate(at: Array) -> tuple[float, Array]:
         nonlocal best
-        here = place(at)
+        pseudo = start[0] if hold_pseudo else at[:size].reshape(shape) * scale + posterior.centre
         try:
-            found = posterior.derivatives(*here)
+            found = posterior.derivatives(pseudo, at[size:])
         except FactorisationError:
             return -worst, np.zeros_like(at)
         if found.value > best[0]:
-            best = found.value, (here[0].copy(), here[1].copy())
+            best = found.value, (pseudo.copy(), at[size:].copy())
         return -found.value, -np.append((found.pseudo * scale).ravel()[:size], found.theta)
 
     relative = ((start[0] - posterior.centre) / scale).ravel()[:size]
     lower, upper = _bounds(posterior, start[1])
-    box = np.full(size, 3.0)
-    bounds = Bounds(
-        np.append(np.minimum(-box, relative), lower),
-        np.append(np.maximum(box, relative), upper),
-    )
+    bounds = Bounds(np.append(np.minimum(-3.0, relative), lower), np.append(np.maximum(3.0, relative), upper))
     if iterations:
         minimize(
             evaluate,
@@ -166,7 +139,7 @@ def climb_sparse(posterior: SparsePosterior, start: Start, hold_pseudo: bool, it
     return best
 
 
-def draw_pseudo(posterior: SparsePosterior, count: int, generator: np.random.Generator) -> Array:
+def _draw_pseudo(posterior: SparsePosterior, count: int, generator: np.random.Generator) -> Array:
     """Return centres of clusters of the data, (count, D): Lloyd's rounds from rows drawn at random."""
     rows = posterior.inputs
     scale = rows.std(axis=0)
@@ -182,10 +155,10 @@ def draw_pseudo(posterior: SparsePosterior, count: int, generator: np.random.Gen
     return np.asarray(centres * scale + posterior.centre)
 
 
-def draw_theta(posterior: SparsePosterior, generator: np.random.Generator) -> Array:
+def _draw_theta(posterior: SparsePosterior, generator: np.random.Generator) -> Array:
     """Return hyperparameters of an exact GP fitted to rows drawn at random, (P,), or the hyperprior's mean."""
     rows = generator.permutation(len(posterior.outputs))[:SUBSET]
-    prior = posterior.prior or guess_prior(posterior)
+    prior = posterior.prior or _guess_prior(posterior)
     x, y = posterior.inputs[rows], posterior.outputs[rows]
     try:
         theta = fit(x, y, prior, posterior.mean, generator=generator, starts=2).theta
@@ -194,13 +167,12 @@ def draw_theta(posterior: SparsePosterior, generator: np.random.Generator) -> Ar
     return np.clip(theta, *_bounds(posterior, theta))
 
 
-def guess_prior(posterior: SparsePosterior) -> Hyperprior:
+def _guess_prior(posterior: SparsePosterior) -> Hyperprior:
     """Return a wide hyperprior around the data's own scales: to start with, not counted."""
-    spread = posterior.inputs.std(axis=0)
+    spread, height = posterior.inputs.std(axis=0), _height(posterior)
     spread[spread == 0] = 1.0
-    height = _height(posterior)
     means = np.concatenate([np.log(spread), np.log([height, 0.1 * height])])
-    variances = np.full(means.size, 1.0)
+    variances = np.ones(means.size)
     if posterior.mean == "constant":
         means, variances = np.append(means, posterior.outputs.mean()), np.append(variances, height**2)
     return Hyperprior(means, variances)

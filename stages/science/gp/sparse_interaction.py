@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from stages.science.gp.kernel import Array
-from stages.science.gp.knowledge import Knowledge, Policy
+from stages.science.gp.knowledge import Knowledge, Policy, check_muscles, check_trajectories
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_marginal import SparseMarginalGP, condition_sparse
 
@@ -62,6 +62,7 @@ class SparseInteraction(Knowledge):
         design = self.design
         first = not self.thetas
         warm = [[]] * len(self.priors) if first else [[each] for each in zip(self.pseudo, self.thetas, strict=True)]
+        starts, iterations = design.starts if first else 0, design.first_iterations if first else design.iterations
         found = [
             fit_sparse(
                 x,
@@ -70,9 +71,9 @@ class SparseInteraction(Knowledge):
                 prior,
                 design.mean,
                 generator=each,
-                starts=design.starts if first else 0,
+                starts=starts,
                 warm_starts=last,
-                iterations=design.first_iterations if first else design.iterations,
+                iterations=iterations,
             )
             for x, y, prior, last, each in zip(inputs, outputs, self.priors, warm, generators, strict=True)
         ]
@@ -82,12 +83,8 @@ class SparseInteraction(Knowledge):
     @cached_property
     def models(self) -> tuple[SparseMarginalGP, ...]:
         """The muscles' models at their recorded pseudo-inputs and MAP."""
-        return tuple(
-            condition_sparse(x, y, pseudo, theta, prior, self.design.mean)
-            for x, y, pseudo, theta, prior in zip(
-                self.inputs, self.outputs, self.pseudo, self.thetas, self.priors, strict=True
-            )
-        )
+        muscles = zip(self.inputs, self.outputs, self.pseudo, self.thetas, self.priors, strict=True)
+        return tuple(condition_sparse(*each, self.design.mean) for each in muscles)
 
     def tell(
         self,
@@ -98,19 +95,13 @@ class SparseInteraction(Knowledge):
     ) -> Self:
         """Append all samples of a trial and identify every model again, from its last pseudo-inputs and theta.
 
-        Parameters
-        ----------
-        trajectory : int
-            What was executed.
-        inputs, outputs : sequences over M muscles of (T, D) and (T,) float arrays
-            What was recorded, standardised.
-        generators : sequence of Generator
-            As in `Interaction.tell`; a climb from where a model was draws nothing.
+        Takes what `Interaction.tell` takes; a climb from where a model was draws nothing.
 
         Raises
         ------
         ValueError
             When a muscle is missing or the trajectory is not in the bank.
         """
-        self._check(trajectory, inputs, outputs, generators)
+        check_muscles(len(self.priors), inputs, outputs, generators)
+        check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
         return self._append(trajectory, inputs, outputs, generators)

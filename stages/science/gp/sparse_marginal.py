@@ -82,19 +82,19 @@ class SparseMarginalGP(MarginalModel):
     @cached_property
     def laplace(self) -> Laplace:
         """The Laplace approximation at theta, pseudo-inputs held, or the covariance that was given."""
-        return self._given or approximate(self._differentiate_gradient(), self.prior)
+        if self._given:
+            return self._given
+        steps = STEP * np.eye(self.theta.size)
+        above, below = (
+            np.array([self.posterior.derivatives(self.pseudo, self.theta + sign * each).theta for each in steps])
+            for sign in (1.0, -1.0)
+        )
+        return approximate((above - below) / (2.0 * STEP), self.prior)
 
     @property
     def repair(self) -> str:
         """What was repaired, for the record; empty when nothing was."""
         return "; ".join(each for each in (self.laplace.repair, self.sparse.repair) if each)
-
-    def _differentiate_gradient(self) -> Array:
-        rows = []
-        for step in STEP * np.eye(self.theta.size):
-            above, below = (self.posterior.derivatives(self.pseudo, self.theta + each).theta for each in (step, -step))
-            rows.append((above - below) / (2.0 * STEP))
-        return np.array(rows)
 
     @cached_property
     def slopes(self) -> Slopes:
@@ -106,7 +106,7 @@ class SparseMarginalGP(MarginalModel):
 
     def _chunk_size(self, memory_mb: float) -> int:
         m, d = self.pseudo.shape
-        return limit_chunk(8 * (m * (8 + d) + 12 * (d + 3)), memory_mb)
+        return limit_chunk(m * (8 + d) + 12 * (d + 3), memory_mb)
 
 
 @dataclass(frozen=True)
@@ -129,24 +129,7 @@ class Slopes:
 
 
 def find_slopes(posterior: SparsePosterior, pseudo: Array, theta: Array) -> Slopes:
-    """Return what the slopes of all points share, from one pass over the data for each length.
-
-    Parameters
-    ----------
-    posterior : SparsePosterior
-        Data.
-    pseudo : (M, D) float array
-        Pseudo-inputs.
-    theta : (P,) float array
-        Hyperparameters.
-
-    Raises
-    ------
-    ValueError
-        When a shape does not fit or a pseudo-input is not finite.
-    FactorisationError
-        When theta is out of range or the noise too low.
-    """
+    """Return what the slopes of all points share, from one pass over the data for each length."""
     with np.errstate(all="ignore"):
         at = posterior.condition(pseudo, theta)
     read, whiten, inner = at.read, at.factor.inverse, at.inner
@@ -186,15 +169,7 @@ def find_slopes(posterior: SparsePosterior, pseudo: Array, theta: Array) -> Slop
 
 
 class SparsePredictor:
-    """Predicts chunks of points, with working memory of its own: one for each thread.
-
-    Parameters
-    ----------
-    model : SparseMarginalGP
-        Whose predictions.
-    size : int
-        Largest chunk.
-    """
+    """Predicts a model's chunks of at most `size` points, with working memory of its own."""
 
     def __init__(self, model: SparseMarginalGP, size: int):
         self._model, self._read = model, model.hyperparameters
@@ -245,26 +220,5 @@ class SparsePredictor:
 def condition_sparse(
     inputs: Array, outputs: Array, pseudo: Array, theta: Array, prior: Hyperprior, mean: str = "zero"
 ) -> SparseMarginalGP:
-    """Return the model at given pseudo-inputs and theta, without a search.
-
-    Parameters
-    ----------
-    inputs, outputs : (N, D) and (N,) float arrays
-        Standardised.
-    pseudo : (M, D) float array
-        Pseudo-inputs.
-    theta : (P,) float array
-        Hyperparameters.
-    prior : Hyperprior
-        For the Laplace approximation.
-    mean : str
-        ``zero`` or ``constant``.
-
-    Raises
-    ------
-    ValueError
-        When a shape does not fit or a value is not finite.
-    FactorisationError
-        When theta is out of range or the noise too low.
-    """
+    """Return the model at given pseudo-inputs and theta, without a search; takes what `SparseMarginalGP` does."""
     return SparseMarginalGP(SparsePosterior(inputs, outputs, prior, mean), pseudo, theta)

@@ -90,7 +90,7 @@ class SparseGP:
 
 
 def predict_weighted(pseudo: Array, weights: Array, theta: Array, points: Array) -> Array:
-    """Return the predictive mean that a sparse GP's weights stand for, without its data.
+    """Return the predictive mean m + w' k_m(x*), (B,), that a sparse GP's weights stand for, without its data.
 
     Parameters
     ----------
@@ -101,17 +101,7 @@ def predict_weighted(pseudo: Array, weights: Array, theta: Array, points: Array)
     theta : (P,) float array
         Hyperparameters.
     points : (B, D) float array
-        Where to predict.
-
-    Returns
-    -------
-    (B,) float array
-        m + w' k_m(x*).
-
-    Raises
-    ------
-    ValueError
-        When the points have another shape or are not finite.
+        Where to predict; a `ValueError` tells another shape or what is not finite.
     """
     points, read = check_points(points, pseudo.shape[1]), Hyperparameters.read(theta, pseudo.shape[1])
     centre = pseudo.mean(axis=0)

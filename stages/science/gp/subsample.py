@@ -53,20 +53,12 @@ def subsample(
         scores = model.utility(inputs, utility)
         scores[picks] = -np.inf
         best = int(np.argmax(scores))
-        if displace is not None:
-            best = displace(best, picks)
-        picks.append(best)
-        model = model.grow(inputs[best : best + 1], outputs[best : best + 1])
+        picks.append(best if displace is None else displace(best, picks))
+        model = model.grow(inputs[picks[-1:]], outputs[picks[-1:]])
     return np.array(picks, dtype=np.intp)
 
 
 def check_count(count: int, samples: int) -> None:
-    """Refuse more picks than samples.
-
-    Raises
-    ------
-    ValueError
-        Saying how many there are.
-    """
+    """Refuse, by a `ValueError`, more picks than samples."""
     if not 0 <= count <= samples:
         raise ValueError(f"count: expected between 0 and {samples} picks, got {count}")

@@ -13,8 +13,6 @@ import numpy as np
 
 from stages.science.gp.kernel import Array
 
-TRAJECTORY_UTILITY = "log_det"
-
 
 @dataclass(frozen=True)
 class PredictiveTerms:
@@ -72,20 +70,7 @@ UTILITIES: Mapping[str, Callable[[PredictiveTerms], Array]] = {
 
 
 def find_utility(name: str, also: Sequence[str] = ()) -> Callable[[PredictiveTerms], Array]:
-    """Return a point utility.
-
-    Parameters
-    ----------
-    name : str
-        In `UTILITIES`.
-    also : sequence of str
-        Other names that the caller knows, for the message.
-
-    Raises
-    ------
-    ValueError
-        When there is none of that name.
-    """
+    """Return a point utility; a `ValueError` tells an unknown name all that there are, and those known besides."""
     if name not in UTILITIES:
         raise ValueError(f"utility: expected one of {', '.join([*UTILITIES, *also])}, got {name!r}")
     return UTILITIES[name]

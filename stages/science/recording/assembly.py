@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from stages.science.recording.columns import RecordingError, name_rows
-from stages.science.recording.completion import derive_contraction, derive_velocity
+from stages.science.signals.filtering import differentiate, window_length
+from stages.science.signals.trajectories import Array
 
 Notes = list[tuple[str, str]]
 """What a note is about, and the note."""
@@ -51,13 +52,18 @@ def choose_muscles(
         raise RecordingError(
             f"column muscle: {described_in} has no muscle '{name}' of {name_rows(strange)}; it has {', '.join(near)}"
         )
-    missing = {name: _describe_missing(samples[samples["muscle"] == name]) for name in known}
-    notes.extend((name, f"left out: {reason}") for name, reason in missing.items() if reason)
-    used = [name for name in known if not missing[name]]
+    used = []
+    for name in known:
+        rows = samples[samples["muscle"] == name]
+        empty = [each for each in INDISPENSABLE if rows[each].isna().all()]
+        if empty:
+            lacks = "rows" if rows.empty else f"values in column {' and '.join(empty)}"
+            notes.append((name, f"left out: no {lacks}"))
+        else:
+            used.append(name)
     if not used:
-        raise RecordingError(
-            f"columns {' and '.join(INDISPENSABLE)}: expected values of both for some muscle, got none"
-        )
+        both = " and ".join(INDISPENSABLE)
+        raise RecordingError(f"columns {both}: expected values of both for some muscle, got none")
     chosen = order_rows(samples[samples["muscle"].isin(used)], used)
     return chosen, muscles.set_index("muscle").loc[used].reset_index()
 
@@ -121,7 +127,10 @@ def complete(
                 "no column contraction and no joint_angle_rad, of which one is needed; say which with "
                 "columns.contraction=NAME or columns.joint_angle_rad=NAME"
             )
-        samples = samples.assign(contraction=derive_contraction(samples, muscles))
+        own = muscles.set_index("muscle").loc[samples["muscle"]]
+        per_rad = (own["sign"] * own["moment_arm_m"] / own["rest_length_m"]).to_numpy()
+        angle = samples["joint_angle_rad"].to_numpy()
+        samples = samples.assign(contraction=own["contraction_at_angle_0"].to_numpy() + per_rad * angle)
         notes.append(("contraction", "derived from joint_angle_rad by a constant moment arm"))
     if "contraction_velocity_per_s" not in samples:
         velocity = derive_velocity(samples, "contraction", ["trial", "muscle"], rate_hz, window_s, order)
@@ -132,8 +141,29 @@ def complete(
     return samples.assign(**{name: np.nan for name in readings if name not in samples})
 
 
-def _describe_missing(rows: pd.DataFrame) -> str:
-    if rows.empty:
-        return "no rows"
-    empty = [name for name in INDISPENSABLE if rows[name].isna().all()]
-    return f"no values in column {' and '.join(empty)}" if empty else ""
+def derive_velocity(
+    frame: pd.DataFrame, name: str, stream: list[str], rate_hz: float, window_s: float, order: int
+) -> Array:
+    """Return the filtered derivative of a column, per s, in each unbroken stretch of each stream.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        On a uniform clock, with the column.
+    name : str
+        The column to differentiate.
+    stream : list of str
+        Columns that tell streams apart.
+    rate_hz, window_s, order : float, float, int
+        As of `differentiate`; a stretch shorter than the window has no derivative.
+    """
+    values = frame[name].to_numpy(dtype=float)
+    velocity = np.full(len(values), np.nan)
+    shortest = window_length(rate_hz, window_s, order)
+    number = frame.groupby(stream, sort=False).ngroup().to_numpy()
+    for rows in np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1]):
+        for present in np.ma.flatnotmasked_contiguous(np.ma.masked_invalid(values[rows])):
+            stretch = rows[present]
+            if len(stretch) >= shortest:
+                velocity[stretch] = differentiate(values[stretch], rate_hz, window_s, order)
+    return velocity

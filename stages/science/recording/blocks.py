@@ -65,7 +65,9 @@ def arrange_records(
     largest_jitter: float,
     notes: Notes,
 ) -> tuple[pd.DataFrame, float]:
-    """Return records on one clock, cut into blocks: with ``record``, ``part``, ``trial``, ``time_s`` and the signals.
+    """Return records on one clock, cut into blocks, and samples per second.
+
+    A sample has a row with ``record``, ``part``, ``trial``, ``time_s`` and the signals.
 
     Parameters
     ----------
@@ -75,19 +77,10 @@ def arrange_records(
         Columns that were measured.
     blocks : int
         As of `number_blocks`.
-    stated_hz : float or None
-        Samples per second, if they are stated.
-    largest_jitter : float
-        As of `regularise`.
+    stated_hz, largest_jitter
+        As of `find_rates` and `regularise`.
     notes : list
         Receives what was resampled, and how many rows were missing.
-
-    Returns
-    -------
-    DataFrame
-        A row for each sample.
-    float
-        Samples per second.
 
     Raises
     ------
@@ -117,15 +110,7 @@ def arrange_records(
 
 
 def list_blocks(frame: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-    """Return a row for each block: trial, part, record, start in it (s), samples, and duration (s).
-
-    Parameters
-    ----------
-    frame : DataFrame
-        With ``trial`` from `number_blocks`, ``part``, ``record`` and ``time_s``.
-    rate_hz : float
-        Samples per second.
-    """
+    """Return a row for each ``trial`` of `number_blocks`: part, record, start in it (s), samples, and duration (s)."""
     blocks = frame.groupby("trial", sort=False)
     listed = blocks.agg(part=("part", "first"), record=("record", "first"), start_s=("time_s", "min")).reset_index()
     samples = blocks.size().to_numpy()

@@ -14,9 +14,6 @@ import pandas as pd
 from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.recording.units import known_units
 
-LONGEST_GAP_SHARE = 1.0
-"""Samples without values, over those with values, beyond which a stream is two."""
-
 SAME_RATE = 0.01
 """Relative difference of two rates that are the same."""
 
@@ -46,9 +43,8 @@ def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | Non
     if stated_hz is None:
         return float(f"{1.0 / step_s:.9g}")
     if abs(step_s * stated_hz - 1.0) > SAME_RATE:
-        units = [
-            unit for unit, factor in known_units("s").items() if abs(step_s * factor * stated_hz - 1.0) < SAME_RATE
-        ]
+        off = {unit: abs(step_s * factor * stated_hz - 1.0) for unit, factor in known_units("s").items()}
+        units = [unit for unit in off if off[unit] < SAME_RATE]
         remedy = f"; set units.time_s={units[0]}" if units else "; correct the one or the other"
         raise RecordingError(
             f"column time_s: expected steps of {1.0 / stated_hz:.6g} s ({stated_hz:g} Hz are stated), "
@@ -101,19 +97,15 @@ def regularise(
             f"column time_s: expected steps of {1.0 / rate_hz:.6g} s within {largest_jitter:g} of it, got a deviation "
             f"of {worst:.2g} in {name_rows(jittery)}; resample it, or raise measurement.largest_jitter"
         )
-    sample = whole.groupby([frame[name] for name in stream], sort=False).cumsum().astype(np.int64)
-    _check_gaps(sample, whole, frame, stream)
-    return _fill(frame.assign(sample=sample), group, member, rate_hz), starts
-
-
-def _check_gaps(sample: pd.Series, whole: pd.Series, frame: pd.DataFrame, stream: list[str]) -> None:
     sizes = frame.groupby(stream, sort=False)["time_s"].transform("size")
-    long = whole > LONGEST_GAP_SHARE * sizes + 1.0
+    long = whole > sizes + 1.0
     if long.any():
         raise RecordingError(
             f"column time_s: nothing for {whole[long].iloc[0]:.0f} samples before {name_rows(long)}, longer than what "
-            f"was recorded; tell what begins there apart by {stream[0]}"
+            f"was recorded; tell what begins there apart by {group}"
         )
+    sample = whole.groupby([frame[name] for name in stream], sort=False).cumsum().astype(np.int64)
+    return _fill(frame.assign(sample=sample), group, member, rate_hz), starts
 
 
 def _fill(frame: pd.DataFrame, group: str, member: Sequence[str], rate_hz: float) -> pd.DataFrame:

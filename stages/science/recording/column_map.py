@@ -2,20 +2,24 @@
 
 A file's columns flow in, and the rows read from them; which columns are wanted, where every column comes from, in
 words, and rows under this project's names and units flow out, or a `RecordingError`. Parts may stand side by side,
-identified by the endings of their columns' names: uEst, yEst, uVal, yVal become u, y and a part.
+identified by the endings of their columns' names: uEst, yEst, uVal, yVal become u, y and a part. Where each
+muscle or joint has a column, patterns such as ``force_{muscle}`` name them, and rows for each muscle and time flow out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import pandas as pd
 
 from stages.science.recording.columns import TIME, RecordingError, adopt
 from stages.science.recording.headings import check_headings
 from stages.science.recording.units import own_unit
-from stages.science.recording.wide import expand, is_one_trial, is_pattern, is_wide, lengthen, list_sources
+
+MUSCLE, JOINT = "{muscle}", "{joint}"
+Columns = Mapping[str, str | None]
 
 
 @dataclass(frozen=True)
@@ -37,8 +41,8 @@ class ColumnMap:
         With ``muscle`` and ``joint``, for which patterns stand.
     """
 
-    columns: Mapping[str, str | None]
-    units: Mapping[str, str | None]
+    columns: Columns
+    units: Columns
     texts: Sequence[str]
     needed: Sequence[str]
     endings: Sequence[str]
@@ -53,7 +57,7 @@ class ColumnMap:
     @property
     def wanted(self) -> list[str]:
         """The file's columns that may be read."""
-        return list_sources(self.sources.values(), self.muscles)
+        return _list_sources(self.sources.values(), self.muscles)
 
     def part_columns(self, names: Sequence[str]) -> dict[str, dict[str, str]]:
         """Return for each ending the file's columns and their names without it, as far as they are wanted.
@@ -103,18 +107,16 @@ class ColumnMap:
         RecordingError
             As of `columns.adopt` and `check_headings`, and where there are no rows.
         """
-        columns = {**self.columns, "part": "part"} if self.endings else self.columns
+        columns = {**self.columns, **({"part": "part"} if self.endings else {})}
         for muscle in self.muscles["muscle"] if is_wide(columns) else [""]:
-            own = {
-                name: expand(column, self.muscles)[muscle] if column is not None and is_pattern(column) else column
-                for name, column in columns.items()
-            }
+            patterns = {name: column for name, column in columns.items() if _is_pattern(column)}
+            own = columns | {name: _expand(column, self.muscles)[muscle] for name, column in patterns.items()}
             check_headings(own, self.units, stated_units, set(names))
         if frame.empty:
             raise RecordingError("expected samples, got no rows")
         known = [*dict.fromkeys([*names, *map(str, frame.columns)])]
         if is_wide(columns):
-            frame = lengthen(frame, columns, self.muscles)
+            frame = _lengthen(frame, columns, self.muscles)
         return adopt(frame, columns, self.units, self.texts, self.needed, known)
 
     def describe(self, names: Sequence[str]) -> list[str]:
@@ -134,15 +136,16 @@ class ColumnMap:
             lines.append(f"{'trial':<26} <- the whole file is one, number 0")
         if absent:
             lines.append(f"not there, not needed: {', '.join(absent)}")
-        taken = list_sources([self.sources[name] for name in wanted], self.muscles)
+        taken = _list_sources([self.sources[name] for name in wanted], self.muscles)
         taken += [f"{name}{end}" for name in taken for end in self.endings]
         unused = [name for name in names if name not in taken]
         return [*lines, f"left alone: {', '.join(unused)}"] if unused else lines
 
     def _describe_origin(self, name: str, given: Sequence[str]) -> str:
         source = self.sources[name]
-        absent = [each for each in list_sources([source], self.muscles) if each not in given]
-        if absent and (not is_pattern(source) or set(absent) == set(list_sources([source], self.muscles))):
+        stated = _list_sources([source], self.muscles)
+        absent = [each for each in stated if each not in given]
+        if absent and len(absent) == len(stated):
             return f"MISSING ({source}); say which with columns.{name}=NAME"
         source += f", without {', '.join(absent)}" if absent else ""
         unit, own = self.units.get(name), own_unit(name)
@@ -157,3 +160,47 @@ def join_parts(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
         last = len(frame) - int(present[::-1].argmax()) if present.any() else 0
         joined.append(frame.iloc[:last].assign(part=end.strip("_- .")))
     return pd.concat(joined, ignore_index=True)
+
+
+def is_wide(columns: Columns) -> bool:
+    """Return whether some column of a map is a pattern."""
+    return any(map(_is_pattern, columns.values()))
+
+
+def is_one_trial(columns: Columns, names: Collection[str]) -> bool:
+    """Return whether a file with these columns is one trial, as it is wide and nothing in it numbers trials."""
+    return is_wide(columns) and "trial" in columns and columns["trial"] is None and "trial" not in names
+
+
+def _is_pattern(column: str | None) -> TypeGuard[str]:
+    return column is not None and (MUSCLE in column or JOINT in column)
+
+
+def _expand(column: str, muscles: pd.DataFrame) -> dict[str, str]:
+    """Return for each muscle the column that a pattern stands for."""
+    pairs = zip(muscles["muscle"], muscles["joint"], strict=True)
+    return {muscle: column.replace(MUSCLE, muscle).replace(JOINT, joint) for muscle, joint in pairs}
+
+
+def _list_sources(columns: Iterable[str], muscles: pd.DataFrame) -> list[str]:
+    """Return columns, and in the place of each pattern all that it stands for."""
+    told = [list(_expand(each, muscles).values()) if _is_pattern(each) else [each] for each in columns]
+    return list(dict.fromkeys(name for each in told for name in each))
+
+
+def _lengthen(frame: pd.DataFrame, columns: Columns, muscles: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of every muscle behind each other, under the names that the map has, patterns among them.
+
+    The index counts the rows of the file; one that has no column of trials is one trial.
+    """
+    patterns = [each for each in columns.values() if _is_pattern(each)]
+    spent = set(_list_sources(patterns, muscles))
+    shared = frame[[name for name in frame if name not in spent]]
+    if is_one_trial(columns, list(map(str, frame))):
+        shared = shared.assign(trial=0)
+    long = []
+    for muscle in muscles["muscle"]:
+        own = {each: _expand(each, muscles)[muscle] for each in patterns}
+        told = {each: frame[source] for each, source in own.items() if source in frame}
+        long.append(shared.assign(**{columns.get("muscle") or "muscle": muscle}, **told))
+    return pd.concat(long)

@@ -95,34 +95,24 @@ def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
         Naming the rows that have no time, repeat another or go back in time.
     """
     *stream, time = key
+    anew = f", or tell what begins anew there apart: set columns.{stream[0]}=NAME" if stream else ""
     for name in key:
         empty = frame[name].isna()
         if empty.any():
             raise RecordingError(f"column {name}: expected a value in every row, got none in {name_rows(empty)}")
     repeated = frame.duplicated(list(key))
     if repeated.any():
-        told = _describe_first(frame, repeated, key)
-        raise RecordingError(
-            f"column {time}: {name_rows(repeated)} repeat an earlier one ({told}); remove them" + _begin_anew(stream)
-        )
-    steps = frame.groupby(stream, sort=False)[time].diff() if stream else frame[time].diff()
-    if (steps < 0.0).any():
-        back = steps < 0.0
+        told = f"repeat an earlier one ({_describe_first(frame, repeated, key)}); remove them{anew}"
+        raise RecordingError(f"column {time}: {name_rows(repeated)} {told}")
+    back = (frame.groupby(stream, sort=False)[time].diff() if stream else frame[time].diff()) < 0.0
+    if back.any():
         where = f" ({_describe_first(frame, back, stream)})" if stream else ""
-        raise RecordingError(
-            f"column {time}: time goes back in {name_rows(back)}{where}; sort the rows" + _begin_anew(stream)
-        )
+        raise RecordingError(f"column {time}: time goes back in {name_rows(back)}{where}; sort the rows{anew}")
 
 
 def _describe_first(frame: pd.DataFrame, wrong: pd.Series, names: Sequence[str]) -> str:
-    first = frame[wrong].iloc[0]
-    return ", ".join(
-        f"{name} {first[name] if isinstance(first[name], str) else f'{first[name]:.9g}'}" for name in names
-    )
-
-
-def _begin_anew(stream: Sequence[str]) -> str:
-    return f", or tell what begins anew there apart: set columns.{stream[0]}=NAME" if stream else ""
+    first = frame.loc[wrong, list(names)].iloc[0]
+    return ", ".join(f"{name} {each if isinstance(each, str) else f'{each:.9g}'}" for name, each in first.items())
 
 
 def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> pd.Series:
@@ -130,12 +120,14 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
         unit = choose_unit(name, units.get(name))
     except ValueError as error:
         raise RecordingError(str(error)) from None
-    if name == TIME and (passed := _read_dates(values)) is not None:
+    try:
+        passed = read_dates(values) if name == TIME else None
+    except ValueError as error:
+        raise RecordingError(f"column {values.name}: {error}") from None
+    if passed is not None:
         return passed
     numbers = values if values.dtype.kind in "fiu" else pd.to_numeric(values, errors="coerce")
-    wrong = numbers.isna() & values.notna()
-    if values.dtype.kind in "mM":
-        wrong = values.notna()
+    wrong = values.notna() & (numbers.isna() | (values.dtype.kind in "mM"))
     if wrong.any():
         first = values[wrong].iloc[0]
         expected = "numbers or dates, as 2026-06-05 10:00:00," if name == TIME else "numbers,"
@@ -145,13 +137,6 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
     if infinite.any():
         raise RecordingError(f"column {values.name}: expected finite numbers, got inf in {name_rows(infinite)}")
     return convert(numbers, name, unit)
-
-
-def _read_dates(values: pd.Series) -> pd.Series | None:
-    try:
-        return read_dates(values)
-    except ValueError as error:
-        raise RecordingError(f"column {values.name}: {error}") from None
 
 
 def _offer(name: str, known: Sequence[str]) -> str:

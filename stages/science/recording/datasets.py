@@ -50,9 +50,8 @@ def tabulate_session(samples: pd.DataFrame, meta: Mapping[str, Any], source: str
 def list_trials(samples: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
     """Return number, samples and duration of each trial of muscles."""
     count = samples.groupby("trial")["time_s"].nunique()
-    return pd.DataFrame(
-        {"trial": count.index, "record": "", "samples": count.to_numpy(), "duration_s": count.to_numpy() / rate_hz}
-    )
+    trials = pd.DataFrame({"trial": count.index, "record": "", "samples": count.to_numpy()})
+    return trials.assign(duration_s=count.to_numpy() / rate_hz)
 
 
 def find_starts(session: Session | None, starts: pd.Series) -> list[float]:

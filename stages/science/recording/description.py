@@ -21,6 +21,7 @@ from stages.science.recording.headings import read_heading
 from stages.science.recording.labels import list_labels, restarts, stays
 from stages.science.recording.uneven import FEWEST, count_rounded, is_uneven
 from stages.science.recording.units import own_unit
+from stages.science.signals.trajectories import Array
 
 TABLE = ("column", "values", "from", "to", "missing", "unit", "taken for")
 SIMPLEST = "second_order"
@@ -58,15 +59,16 @@ def describe(
     rows = sorted({len(values) for values in columns.values()})
     if not rows or rows[-1] == 0:
         raise RecordingError("; ".join(["expected columns with values, got none", *header.remarks]))
-    guess = guess_columns(columns, header.units, header.single)
+    guess = _guess_columns(columns, header.units, header.single)
     lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in header.remarks)]
     lines += [f"  {name} = {value:g}, a single number" for name, value in header.single.items()]
-    lines += ["", *describe_columns(columns, header.units, guess), "", *describe_clock(columns, guess, largest_jitter)]
-    unknown = describe_unknown(guess, machines)
+    lines += ["", *_describe_columns(columns, header.units, guess)]
+    lines += ["", *_describe_clock(columns, guess, largest_jitter)]
+    unknown = _describe_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
 
 
-def describe_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], guess: Guess) -> list[str]:
+def _describe_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], guess: Guess) -> list[str]:
     """Return a table, as lines: each column's kind of values, range, gaps, unit and what it would be taken for."""
     taken = {column: name for name, column in guess.columns.items()}
     rows = [TABLE]
@@ -76,18 +78,12 @@ def describe_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str],
         low, high = _describe_range(values)
         row = (name, _describe_type(values), low, high, str(int(values.isna().sum())), unit)
         rows.append((*row, taken.get(name) or taken.get(stem, "-")))
-    widths = [max(len(row[k]) for row in rows) for k in range(len(TABLE))]
-    right = (2, 3, 4)
-    return [
-        "  ".join(
-            each.rjust(width) if k in right else each.ljust(width)
-            for k, (each, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    sides = [f"{{:{'>' if k in (2, 3, 4) else '<'}{width}}}" for k, width in enumerate(widths)]
+    return ["  ".join(sides).format(*row).rstrip() for row in rows]
 
 
-def guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], single: Mapping[str, float]) -> Guess:
+def _guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], single: Mapping[str, float]) -> Guess:
     """Return the map that headings and values make plain."""
     numeric = {name: values.dropna().to_numpy(float) for name, values in columns.items() if _is_number(values)}
     constant = {name: float(each[0]) for name, each in numeric.items() if len(each) and (each == each[0]).all()}
@@ -117,7 +113,7 @@ def _separate_records(guess: Guess, columns: Mapping[str, pd.Series]) -> None:
         guess.left = [each for each in guess.left if each != labels[0]]
 
 
-def describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitter: float) -> list[str]:
+def _describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitter: float) -> list[str]:
     """Return lines on rate, evenness, records and parts; messages where a clock cannot be read."""
     if guess.endings:
         ends = {end: {columns[name].count() for name in columns if name.endswith(end)} for end in guess.endings}
@@ -139,22 +135,13 @@ def describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitte
 
 
 def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
-    """Return the arguments that give a map to the command line.
-
-    Parameters
-    ----------
-    guess : Guess
-        The map.
-    defaults : sequence of str
-        Names that the configuration has; others are added to it.
-    """
-    arguments = []
-    for section, entries in (("columns", guess.columns), ("units", guess.units)):
-        for name, value in entries.items():
-            if section == "columns" and name == value:
-                continue
-            plus = "" if name in defaults else "+"
-            arguments.append(f"{plus}{section}.{name}={quote(value)}")
+    """Return the arguments that give a map to the command line; names that no default has are added to it."""
+    own = {name: column for name, column in guess.columns.items() if name != column}
+    arguments = [
+        f"{'' if name in defaults else '+'}{section}.{name}={quote(value)}"
+        for section, entries in (("columns", own), ("units", guess.units))
+        for name, value in entries.items()
+    ]
     if guess.rate_hz is not None:
         arguments.append(f"measurement.rate_hz={guess.rate_hz:.9g}")
     if guess.endings:
@@ -175,13 +162,13 @@ def quote(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -> list[str]:
+def _describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Return what the headings leave open, each with what to type."""
     lines = []
-    if TIME not in guess.columns and guess.rate_hz is None:
-        lines.append("which column is time: columns.time_s=NAME; or, without one, its rate: measurement.rate_hz=...")
-    if TIME not in guess.columns and guess.rate_hz is not None:
-        lines.append(f"time: {guess.rate_hz:g} Hz is assumed, from the number that stands alone")
+    if TIME not in guess.columns:
+        unknown = "which column is time: columns.time_s=NAME; or, without one, its rate: measurement.rate_hz=..."
+        assumed = f"time: {guess.rate_hz or 0.0:g} Hz is assumed, from the number that stands alone"
+        lines.append(unknown if guess.rate_hz is None else assumed)
     if guess.muscles:
         missing = [name for name in ("trial", "muscle", "pressure_kpa", "force_n") if name not in guess.columns]
         return [*lines, *(f"which column is {name}: columns.{name}=NAME" for name in missing)]
@@ -196,8 +183,7 @@ def describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) ->
         lines.append(f"which columns are of muscles: columns.force_n={pattern} takes one of each, as muscles")
     for name in guess.assumed:
         lines.append(f"the unit of {guess.columns[name]}: {own_unit(name)} is assumed; end {name} in the right one")
-    roles = [("drives the machine", "input", guess.input), ("answers", "output", guess.output)]
-    for does, key, signal in roles:
+    for does, key, signal in (("drives the machine", "input", guess.input), ("answers", "output", guess.output)):
         if signal is None and guess.signals:
             lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}")
     others = [_describe_machine(guess, kind, keys) for kind, keys in machines.items() if kind != SIMPLEST]
@@ -215,11 +201,11 @@ def _describe_machine(guess: Guess, kind: str, keys: Mapping[str, int]) -> str:
     named = iter(rest if told else [])
     if not told and guess.input and sum(keys.values()) == 2:
         named = iter([guess.input])
-    arguments = []
+    arguments = [f"plant={kind}"]
     for key, count in keys.items():
         signals = [guess.output or "NAME"] if key == "output" else [next(named, "NAME") for _ in range(count)]
         arguments.append(f"plant.{key}={signals[0]}" if count == 1 else f"'plant.{key}=[{','.join(signals)}]'")
-    return " ".join([f"plant={kind}", *arguments])
+    return " ".join(arguments)
 
 
 def _is_number(values: pd.Series) -> bool:
@@ -227,13 +213,8 @@ def _is_number(values: pd.Series) -> bool:
 
 
 def _describe_type(values: pd.Series) -> str:
-    if not _is_number(values) and is_dates(values):
-        return "dates" if values.dtype.kind != "m" else "durations"
-    if values.dtype.kind == "b":
-        return "yes or no"
-    if not _is_number(values):
-        return "text"
-    return "whole numbers" if values.dtype.kind in "iu" else "numbers"
+    told = {"b": "yes or no", "i": "whole numbers", "u": "whole numbers", "f": "numbers", "m": "durations"}
+    return told.get(values.dtype.kind) or ("dates" if is_dates(values) else "text")
 
 
 def _describe_range(values: pd.Series) -> tuple[str, str]:
@@ -249,20 +230,20 @@ def _describe_range(values: pd.Series) -> tuple[str, str]:
 
 
 def _describe_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float, muscles: bool) -> str:
-    time = told[TIME]
-    steps = time.groupby([told[name] for name in stream], sort=False).diff() if stream else time.diff()
-    steps = steps.dropna()
+    told = told.assign(all="")
+    records = told.groupby(list(stream) or ["all"], sort=False)[TIME]
+    steps = records.diff().dropna()
     if steps.empty:
         return "one sample of each record"
     if (steps < 0.0).any():
         return "goes back; if records follow each other, tell them apart: columns.record=NAME"
     usual = float(steps.median())
-    rounded = None if muscles else _find_rounded(told, stream, largest_jitter)
+    rounded = None if muscles else _find_rounded([each.to_numpy(dtype=float) for _, each in records], largest_jitter)
     if rounded is not None:
         return f"steps rounded to {rounded[0]:g} s; the samples will be counted, at {rounded[1]:.6g} Hz"
     if usual <= 0.0:
         return "stands still"
-    own = told.groupby(list(stream), sort=False)[TIME].agg(lambda each: each.diff().median()) if stream else steps[:0]
+    own = records.agg(lambda each: each.diff().median()) if stream else steps[:0]
     rates = 1.0 / own[own > 0.0]
     if len(rates) and max(rates) > 1.01 * min(rates):
         return f"{min(rates):.6g} to {max(rates):.6g} Hz, by record; they are resampled to the lowest"
@@ -270,7 +251,7 @@ def _describe_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: f
     gaps = int((whole > 1.0).sum())
     uneven = (steps / usual - whole).abs() > largest_jitter * whole.clip(lower=1.0)
     beside = f", but for {gaps} gap{'s' * (gaps > 1)}" if gaps else ""
-    rate = f"{find_rate(told.assign(all=''), [*stream, 'all'], None):.6g}"
+    rate = f"{find_rate(told, [*stream, 'all'], None):.6g}"
     if not uneven.any():
         return f"even steps, {rate} Hz{beside}"
     return (
@@ -280,10 +261,9 @@ def _describe_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: f
     )
 
 
-def _find_rounded(told: pd.DataFrame, stream: Sequence[str], largest_jitter: float) -> tuple[float, float] | None:
+def _find_rounded(times: Sequence[Array], largest_jitter: float) -> tuple[float, float] | None:
     """Return the last digit (s) and the rate (Hz) of a rounded clock, if all records that are uneven have one."""
-    each = [rows[TIME].to_numpy(dtype=float) for _, rows in told.groupby(list(stream), sort=False)] if stream else []
-    times = [its for its in each or [told[TIME].to_numpy(dtype=float)] if len(its) >= FEWEST]
+    times = [its for its in times if len(its) >= FEWEST]
     found = [count_rounded(its) for its in times if np.isfinite(its).all() and is_uneven(its, largest_jitter)]
     rounded = [one for one in found if one is not None]
     return (rounded[0][0], rounded[0][2]) if rounded and len(rounded) == len(found) else None

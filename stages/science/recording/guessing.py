@@ -89,11 +89,11 @@ class Guess:
 def pair_parts(names: Sequence[str]) -> tuple[str, ...]:
     """Return the name of the part that is to be fitted and of that to be opened at the end; none where none tells."""
     known = {name.casefold(): name for name in names}
-    pairs = (pair for pair in ENDINGS if all(each in known for each in pair))
-    return tuple(known[each] for each in next(pairs, ()))
+    pair = next((pair for pair in ENDINGS if set(pair) <= set(known)), ())
+    return tuple(known[each] for each in pair)
 
 
-def find_endings(names: Sequence[str]) -> tuple[str, ...]:
+def _find_endings(names: Sequence[str]) -> tuple[str, ...]:
     """Return the ends of names that tell parts, as they are written; none where there are none."""
     for pair in ENDINGS:
         for form in (str.capitalize, str.lower, str.upper):
@@ -127,13 +127,11 @@ def guess_map(
     """
     guess = Guess()
     everything = [*numbers, *texts]
-    guess.endings = find_endings(numbers)
+    guess.endings = _find_endings(numbers)
     if guess.endings:
         first, second = guess.endings
-        parted = [each for each in numbers if each.endswith((first, second))]
-        numbers = [*(each for each in numbers if each not in parted)] + [
-            each.removesuffix(first) for each in parted if each.endswith(first)
-        ]
+        parts = [each.removesuffix(first) for each in numbers if each.endswith(first)]
+        numbers = [each for each in numbers if not each.endswith((first, second))] + parts
         units = {**units, **{each.removesuffix(first): told for each, told in units.items()}}
     plain = {each: _plain(_read(each, units).name) for each in [*numbers, *texts]}
     named = [each for each in everything if plain.get(each) in (*TIMES, *SECONDS)]

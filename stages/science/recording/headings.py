@@ -29,24 +29,7 @@ SIGNS = ("in", "/", ",", ";")
 """Separators after which a unit is unmistakable."""
 NAMES_BESIDES = ("k", "g", "w", "a", "in", "-")
 """Endings that are more often part of a name than a unit."""
-ONLY_IN_COMPOUNDS = (
-    "l",
-    "ml",
-    "h",
-    "J",
-    "kJ",
-    "mol",
-    "lb",
-    "ft",
-    "oz",
-    "ohm",
-    "rev",
-    "inc",
-    "counts",
-    "dB",
-    "m2",
-    "m3",
-)
+ONLY_IN_COMPOUNDS = re.compile("l|ml|h|J|kJ|mol|lb|ft|oz|ohm|rev|inc|counts|dB|m2|m3")
 """Pieces of compound units that cannot be converted."""
 CLOCK = re.compile(r"(.*[\W_])?(t|\w*time\w*|\w*zeit\w*|temps|elapsed|duration|delay)", re.IGNORECASE)
 """Names of quantities in units of time; after other names, a unit of time is part of a compound unit."""
@@ -98,15 +81,12 @@ def _is_compound(name: str, unit: str, gap: str) -> bool:
     before = re.split(r"[\s_./,;]+", name)
     kind = find_kind(unit)
     piece = before[-1] if len(before) > 1 else ""
-    if piece in ONLY_IN_COMPOUNDS or (piece and read_unit(piece) is not None and _is_written_so(piece, kind)):
+    own = read_unit(piece)
+    if ONLY_IN_COMPOUNDS.fullmatch(piece) or (piece == "n" and kind == "length"):  # a small n is one of force there
+        return True
+    if own is not None and piece in (own, own.replace(" ", ""), *OTHER_SPELLINGS):
         return True
     return kind == "time" and (gap == "/" or unit == "min") and not CLOCK.fullmatch(name)
-
-
-def _is_written_so(piece: str, kind: str) -> bool:
-    """Return whether a piece of a name is spelled as its unit is; a small n before a length is one of force too."""
-    unit = read_unit(piece) or ""
-    return piece in (unit, unit.replace(" ", ""), *OTHER_SPELLINGS) or (piece == "n" and kind == "length")
 
 
 def check_headings(
@@ -135,10 +115,9 @@ def check_headings(
         heading, own = read_heading(source, told.get(source, "")), own_unit(name)
         if heading.unit is None or heading.unit == own:
             continue
-        if heading.unit in known_units(name):
-            if known_units(name)[heading.unit] == 1.0 and ZEROS.get(heading.unit) == ZEROS.get(own):
-                continue
-        elif not heading.plain:
+        factor = known_units(name).get(heading.unit)
+        same = factor == 1.0 and ZEROS.get(heading.unit) == ZEROS.get(own)
+        if same or (factor is None and not heading.plain):
             continue
         key = f"{'' if name in units else '+'}units.{name}"
         try:

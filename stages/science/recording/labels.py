@@ -11,7 +11,6 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stages.science.recording.dates import is_dates, read_dates
 
@@ -35,14 +34,12 @@ def list_labels(columns: Mapping[str, pd.Series], time: str | None) -> list[str]
         The column of time, if there is one.
     """
     arrays = [name for name in columns if any(FIELD.fullmatch(each.removeprefix(name)) for each in columns)]
-    back = _find_restarts(columns[time]) if time is not None else np.array([], dtype=np.int64)
-    if len(back) == 0:
+    back = set() if time is None else _find_restarts(columns[time])
+    if time is None or not back:
         return arrays
-    return arrays + [
-        name
-        for name, values in columns.items()
-        if name != time and name not in arrays and len(values) == len(columns[str(time)]) and _labels(values, back)
-    ]
+    others = {name: values for name, values in columns.items() if name not in (time, *arrays)}
+    size = len(columns[time])
+    return arrays + [name for name, values in others.items() if len(values) == size and _labels(values, back)]
 
 
 def stays(values: pd.Series) -> bool:
@@ -52,25 +49,25 @@ def stays(values: pd.Series) -> bool:
 
 def restarts(columns: Mapping[str, pd.Series], time: str, part: str) -> bool:
     """Return whether time goes back elsewhere than where another part begins."""
-    return bool(set(_find_restarts(columns[time])) - set(_find_changes(columns[part])))
+    return bool(_find_restarts(columns[time]) - _find_changes(columns[part]))
 
 
-def _labels(values: pd.Series, back: NDArray[np.int64]) -> bool:
+def _labels(values: pd.Series, back: set[int]) -> bool:
     whole = values.dtype.kind in "iub" or (values.dtype.kind == "f" and bool((values % 1.0 == 0.0).all()))
     if not stays(values) or not (whole or (values.dtype.kind not in "fmM" and not is_dates(values))):
         return False
     changes = _find_changes(values)
-    return values.nunique() == len(changes) + 1 and set(back) <= set(changes)
+    return values.nunique() == len(changes) + 1 and back <= changes
 
 
-def _find_changes(values: pd.Series) -> NDArray[np.int64]:
-    return np.flatnonzero((values != values.shift()).to_numpy()[1:]) + 1
+def _find_changes(values: pd.Series) -> set[int]:
+    return set((np.flatnonzero((values != values.shift()).to_numpy()[1:]) + 1).tolist())
 
 
-def _find_restarts(time: pd.Series) -> NDArray[np.int64]:
+def _find_restarts(time: pd.Series) -> set[int]:
     """Return the rows in which time is less than in the one before."""
     try:
         passed = time if time.dtype.kind in "fiu" else read_dates(time)
     except ValueError:
         passed = None
-    return np.array([], dtype=np.int64) if passed is None else np.flatnonzero((passed.diff() < 0.0).to_numpy())
+    return set() if passed is None else set(np.flatnonzero((passed.diff() < 0.0).to_numpy()).tolist())

@@ -5,7 +5,7 @@ The mapping that meta.json holds, or the configured exoskeleton, flows in; rows 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any, Literal, Self
 
@@ -115,10 +115,11 @@ class Session(MetaSection):
 
     def describe(self) -> pd.DataFrame:
         """Return a row for each muscle, under `MUSCLE_COLUMNS`."""
-        return _tabulate(
+        rows = [
             {"muscle": name, **told.model_dump(), **{each: self.nominal.of(name, each) for each in NOMINAL}}
             for name, told in self.muscles.items()
-        )
+        ]
+        return pd.DataFrame(rows, columns=list(MUSCLE_COLUMNS))
 
 
 def read_session(meta: Any) -> Session:
@@ -147,11 +148,8 @@ def read_session(meta: Any) -> Session:
 def describe_muscles(exoskeleton: Exoskeleton) -> pd.DataFrame:
     """Return a row for each muscle of the configured exoskeleton, under `MUSCLE_COLUMNS`, without starting values."""
     unknown = dict.fromkeys(NOMINAL, np.nan)
-    return _tabulate(
+    rows = [
         {"muscle": each.name, **{name: getattr(each, name) for name in GEOMETRY}, **unknown}
         for each in exoskeleton.muscles
-    )
-
-
-def _tabulate(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
-    return pd.DataFrame([dict(row) for row in rows], columns=list(MUSCLE_COLUMNS))
+    ]
+    return pd.DataFrame(rows, columns=list(MUSCLE_COLUMNS))

@@ -27,32 +27,32 @@ FEW = 0.1
 def check_readings(
     samples: pd.DataFrame, names: Iterable[str], columns: Mapping[str, pa.Column], units: Mapping[str, str | None]
 ) -> None:
-    """Check columns against the ranges that a table declares, as `check_plausible`; names may be missing."""
-    for name in names:
-        if name in samples:
-            low, high = (check.statistics for check in columns[name].checks)
-            check_plausible(samples[name], name, low["min_value"], high["max_value"], units.get(name))
-
-
-def check_plausible(values: pd.Series, name: str, low: float, high: float, unit: str | None) -> None:
-    """Check a column against what any machine of this kind can show.
+    """Check columns, which may be missing, against what any machine of this kind can show.
 
     Parameters
     ----------
-    values : Series
-        In this project's unit; its index counts the rows of the file.
-    name : str
-        The column.
-    low, high : float
-        What bounds it.
-    unit : str or None
-        The unit that was stated. One that is stated is believed where the values are merely small.
+    samples : DataFrame
+        In this project's units; its index counts the rows of the file.
+    names : iterable of str
+        The columns.
+    columns : mapping of str to Column
+        Declare their ranges.
+    units : mapping of str to str or None
+        The units that were stated.
 
     Raises
     ------
     RecordingError
         Naming the rows, the bounds and the unit that would fit.
     """
+    for name in names:
+        if name in samples:
+            low, high = (check.statistics for check in columns[name].checks)
+            _check_plausible(samples[name], name, low["min_value"], high["max_value"], units.get(name))
+
+
+def _check_plausible(values: pd.Series, name: str, low: float, high: float, unit: str | None) -> None:
+    """Check a column against what bounds it; a unit that is stated is believed where the values are merely small."""
     outside = (values < low) | (values > high)
     if outside.any():
         largest = values[outside].iloc[0]

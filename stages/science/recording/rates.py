@@ -27,17 +27,7 @@ to 0.74 of that half, and a ten thousandth passes from the half on."""
 def find_rates(frame: pd.DataFrame, stated_hz: float | None) -> dict[str, float]:
     """Return samples per second of each record; those that agree within a hundredth have the same.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        With ``record`` and ``time_s``.
-    stated_hz : float or None
-        Rate of all records, if it is stated.
-
-    Raises
-    ------
-    RecordingError
-        As of `find_rate`.
+    The frame has ``record`` and ``time_s``; a rate that is stated is that of all. Raises as `find_rate`.
     """
     names = [str(name) for name in frame["record"].unique()]
     if stated_hz is not None or len(names) == 1:
@@ -65,14 +55,10 @@ def equalise(
     ----------
     frame : DataFrame
         With ``record``, ``time_s`` from 0 in each and the signals; nan where nothing was measured.
-    rates_hz : mapping of str to float
-        Samples per second of each record.
-    signals : sequence of str
-        Columns to resample.
+    rates_hz, signals, notes
+        From `find_rates`; the columns to resample; receives what was resampled.
     largest_drift : float
         By which a record's last sample may be off, in samples, as its rate is taken for a simple multiple.
-    notes : list
-        Receives what was resampled.
     """
     lowest = min(rates_hz.values())
     if max(rates_hz.values()) == lowest:
@@ -87,13 +73,8 @@ def equalise(
         made = {signal: _resample(rows[signal].to_numpy(dtype=float), ratio) for signal in signals}
         count = len(next(iter(made.values())))
         pieces.append(pd.DataFrame({"record": name, "time_s": np.arange(count) / lowest, **made}))
-        notes.append(
-            (
-                f"record {name}",
-                f"resampled from {rate:.6g} Hz to {lowest:.6g} Hz, the lowest rate of all records, behind a filter "
-                "against aliases",
-            )
-        )
+        told = f"resampled from {rate:.6g} Hz to {lowest:.6g} Hz, the lowest rate of all records"
+        notes.append((f"record {name}", f"{told}, behind a filter against aliases"))
     return pd.concat(pieces, ignore_index=True), lowest
 
 

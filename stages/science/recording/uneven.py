@@ -87,15 +87,7 @@ def _even_out_one(rows: pd.DataFrame, signals: Sequence[str], largest_jitter: fl
 
 
 def is_uneven(times_s: Array, largest_jitter: float) -> bool:
-    """Return whether steps deviate from whole periods by more than a share of them.
-
-    Parameters
-    ----------
-    times_s : (N,) ndarray
-        In their order.
-    largest_jitter : float
-        In periods.
-    """
+    """Return whether the steps of (N,) times deviate from whole periods by more than a share of a period."""
     steps = np.diff(times_s)
     usual = float(np.median(steps))
     if steps.min() <= 0.0:
@@ -109,10 +101,7 @@ def is_uneven(times_s: Array, largest_jitter: float) -> bool:
 def count_rounded(times_s: Array) -> tuple[float, Array, float] | None:
     """Return the last digit of a rounded clock (s), the even times that it rounds, and its rate (Hz); None for others.
 
-    Parameters
-    ----------
-    times_s : (N,) ndarray
-        In their order; rows may be missing.
+    The (N,) times are in their order; rows may be missing.
     """
     digit = _find_digit(times_s)
     if digit is None or not np.ptp(times_s):

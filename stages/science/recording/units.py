@@ -50,28 +50,22 @@ KINDS: dict[str, dict[str, float]] = {
 ZEROS = {"degC": 273.15, "degF": 459.67 * 5.0 / 9.0}
 """Zero point of a unit, in the first unit of its kind; 0 for units that are not listed."""
 
-OTHER_SPELLINGS = {
-    "%": "percent",
-    "-": "ratio",
-    "sec": "s",
-    "secs": "s",
-    "second": "s",
-    "seconds": "s",
-    "msec": "ms",
-    "usec": "us",
-    "minutes": "min",
-    "inch": "in",
-    "degree": "deg",
-    "degrees": "deg",
-    "°": "deg",
-    "°/s": "deg/s",
-    "°C": "degC",
-    "°F": "degF",
-    "rev/min": "rpm",
-    "1/min": "rpm",
-    "volt": "V",
-    "volts": "V",
+_SPELLINGS = {
+    "percent": "%",
+    "ratio": "-",
+    "s": "sec secs second seconds",
+    "ms": "msec",
+    "us": "usec",
+    "min": "minutes",
+    "in": "inch",
+    "deg": "degree degrees °",
+    "deg/s": "°/s",
+    "degC": "°C",
+    "degF": "°F",
+    "rpm": "rev/min 1/min",
+    "V": "volt volts",
 }
+OTHER_SPELLINGS = {spelled: unit for unit, told in _SPELLINGS.items() for spelled in told.split()}
 
 
 def _spell(unit: str) -> str:
@@ -113,12 +107,6 @@ def convert(values: pd.Series, name: str, unit: str) -> pd.Series:
     return scaled + shift if shift else scaled
 
 
-def spell_per(name: str) -> str:
-    """Return the name with ``per`` before its last word, if it ends in a unit then: flow_m3_per_s of flow_m3_s."""
-    spelled = re.sub(r"_([^_]+)$", r"_per_\1", name)
-    return spelled if "_per_" in _spell(own_unit(spelled)) and "_per_" not in name else name
-
-
 def read_unit(text: str) -> str | None:
     """Return the unit that a text spells, in any usual spelling; None where it is no unit."""
     spelled = re.sub(r"\s+", " ", text.strip().replace("µ", "u").replace("μ", "u").replace("·", " ").replace("*", " "))
@@ -156,8 +144,9 @@ def choose_unit(name: str, unit: str | None) -> str:
     if meant in known:
         return str(meant)
     told = f"units.{name}: no unit '{unit}'"
-    spelled = spell_per(name)
-    if meant is not None and spelled != name and meant in known_units(spelled):
+    spelled = re.sub(r"_([^_]+)$", r"_per_\1", name)  # flow_m3_per_s of flow_m3_s
+    ends_in_it = "_per_" in _spell(own_unit(spelled)) and "_per_" not in name
+    if meant is not None and ends_in_it and meant in known_units(spelled):
         raise ValueError(f"{told} for a name that ends in {own_unit(name)}; name the signal {spelled}, with per for /")
     if meant is not None and _state(name) == WITHOUT_END:
         stated = next(iter(KINDS[find_kind(meant)]))

@@ -19,16 +19,14 @@ from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from pipeline.inputs import InputPath
 from stages.science.plant.declaration import Declared, nearest
-from stages.science.recording.assembly import complete
+from stages.science.recording.assembly import complete, derive_velocity
 from stages.science.recording.clock import count_time
-from stages.science.recording.column_map import ColumnMap
+from stages.science.recording.column_map import ColumnMap, is_wide
 from stages.science.recording.columns import RecordingError, check_rows
-from stages.science.recording.completion import derive_velocity
 from stages.science.recording.files.bags import is_bag
 from stages.science.recording.files.readers import TABLE_SUFFIXES, FileError, read_header, read_samples
 from stages.science.recording.muscles import describe_muscles
 from stages.science.recording.plausibility import check_readings
-from stages.science.recording.wide import is_wide
 from stages.science.rig.configured import ConfiguredRig
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, Watch
 from stages.science.rig.placement import READINGS, keep, resample

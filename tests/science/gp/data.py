@@ -4,6 +4,7 @@ import numpy as np
 
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.sparse import RELATIVE_JITTER
+from stages.science.gp.utilities import UTILITIES
 
 
 def make_data(generator, count, dimensions=3, noise=0.1):
@@ -27,6 +28,30 @@ def differences(function, at, step):
         shift[index] = step
         rows.append((np.asarray(function(at + shift)) - np.asarray(function(at - shift))) / (2 * step))
     return np.array(rows)
+
+
+def assert_sound(model, points, ask=lambda evaluate, *given: evaluate(*given)):
+    """Check all that a model tells of points against what must hold for every model; an answer may be None."""
+    count, signal = len(points), model.hyperparameters.signal_variance
+    plain, marginal = ask(model.predict, points), ask(model.predict_marginal, points)
+    if plain is not None:
+        assert plain[0].shape == plain[1].shape == (count,)
+        assert np.isfinite(plain[0]).all()
+        assert (plain[1] > 0).all()
+        assert (plain[1] <= signal * (1 + 1e-14)).all()
+    if marginal is not None:
+        assert np.isfinite(marginal).all()
+        assert (marginal[1] >= 4 / 3 * plain[1] * (1 - 1e-14)).all()
+    for name in UTILITIES:
+        scores = ask(model.utility, points, name)
+        if scores is not None:
+            assert scores.shape == (count,)
+            assert np.isfinite(scores).all()
+            assert name not in ("y_y", "y_y_theta") or (scores >= 0).all()
+    joint = ask(model.joint_information, points)
+    if joint is not None:
+        assert np.isfinite(joint)
+        assert joint >= -1e-12
 
 
 def kernel(left, right, theta):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stages.science.gp.interaction import Design, Interaction
-from stages.science.gp.marginal import condition, fit
+from stages.science.gp.marginal import fit
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_interaction import SparseDesign, SparseInteraction
@@ -65,10 +65,8 @@ class Sparse:
     def learn(self, x, y, generator):
         """Learn from a trial, from all of its samples and by no draw."""
         self.x, self.y = np.vstack([self.x, x]), np.append(self.y, y)
-        self.fit = fit_sparse(
-            self.x, self.y, 6, self.prior, self.design.mean,
-            generator=np.random.default_rng(9), starts=0, warm_starts=[(self.fit.pseudo, self.fit.theta)], iterations=8,
-        )  # fmt: skip
+        data, warm = (self.x, self.y, 6, self.prior, self.design.mean), [(self.fit.pseudo, self.fit.theta)]
+        self.fit = fit_sparse(*data, generator=np.random.default_rng(9), starts=0, warm_starts=warm, iterations=8)
 
     @property
     def model(self):
@@ -145,8 +143,12 @@ def test_ask_and_tell_are_the_algorithm_by_hand(way, changes, bank, recordings):
     assert len(set(executed)) == 3
 
 
-def test_the_same_is_told_by_a_state_rebuilt_from_its_record(way, bank, recordings):
-    told, _ = tell(begin(way, bank), 1, *recordings[0], generators(1))
+def test_telling_leaves_a_state_alone_and_one_rebuilt_from_its_record_tells_the_same(way, bank, recordings):
+    before = begin(way, bank)
+    told, _ = tell(before, 1, *recordings[0], generators(1))
+    assert [len(each) for each in before.inputs] == [way.count] * 2
+    assert [len(each) for each in told.inputs] == [way.count + (2 if way is Exact else 30)] * 2
+    assert (before.used, told.used) == (frozenset(), {1})
     rebuilt = replace(told, **{name: tuple(each.copy() for each in getattr(told, name)) for name in way.recorded})
     ask = np.random.default_rng(2)
     assert rebuilt.ask(ask).scores.tobytes() == told.ask(ask).scores.tobytes()
@@ -154,14 +156,6 @@ def test_the_same_is_told_by_a_state_rebuilt_from_its_record(way, bank, recordin
     for name in way.recorded:
         assert [x.tobytes() for x in getattr(first[0], name)] == [x.tobytes() for x in getattr(second[0], name)]
     np.testing.assert_equal(first[1], second[1])
-
-
-def test_telling_leaves_what_was_known_before_alone(way, bank, recordings):
-    before = begin(way, bank)
-    after, _ = tell(before, 0, *recordings[0], generators(1))
-    assert [len(each) for each in before.inputs] == [way.count] * 2
-    assert [len(each) for each in after.inputs] == [way.count + (2 if way is Exact else 30)] * 2
-    assert (before.used, after.used) == (frozenset(), {0})
 
 
 def test_telling_never_ends_below_the_sparse_models_that_it_began_with(bank, recordings):
@@ -172,20 +166,12 @@ def test_telling_never_ends_below_the_sparse_models_that_it_began_with(bank, rec
         assert after.models[m].log_posterior > held.log_posterior
 
 
-def test_models_stand_on_data_and_recorded_theta(bank):
-    interaction = begin(Exact, bank)
-    data = measure(np.random.default_rng(5), 8)
-    for x, y, theta, model in zip(*data, interaction.thetas, interaction.models, strict=True):
-        expected = condition(x, y, theta, make_prior()).predict(bank[0][0])
-        np.testing.assert_array_equal(model.predict(bank[0][0]), expected)
-
-
 def test_used_trajectories_are_excluded_unless_they_may_be_used_again(bank):
     free = begin(Exact, bank).ask(np.random.default_rng(0))
     barred = begin(Exact, bank, [free.trajectory, 0]).ask(np.random.default_rng(0))
     assert barred.scores[free.trajectory] == barred.scores[0] == -np.inf
-    left = [index for index in range(5) if index not in {free.trajectory, 0}]
-    assert barred.trajectory == max(left, key=lambda index: free.scores[index])
+    free.scores[[free.trajectory, 0]] = -np.inf
+    assert barred.trajectory == np.argmax(free.scores)
     again = begin(Exact, bank, range(5), reuse_trajectories=True).ask(np.random.default_rng(0))
     assert again.trajectory == free.trajectory
     assert np.isfinite(again.scores).all()
@@ -209,10 +195,9 @@ def test_random_choice_is_drawn_evenly_from_what_is_available_and_nothing_else_d
 def test_random_picks_are_distinct_and_follow_the_generators(bank, recordings):
     interaction = begin(Exact, bank, subsample_utility="random", points_per_trial=20)
     first, again, other = (interaction.tell(0, *recordings[0], generators(seed))[1] for seed in (1, 1, 2))
-    for muscle in range(MUSCLES):
-        assert len(set(first[muscle])) == 20
-        assert first[muscle].tolist() == again[muscle].tolist()
-        assert first[muscle].tolist() != other[muscle].tolist()
+    assert [len(set(each)) for each in first] == [20] * MUSCLES
+    for own, same, others in zip(first, again, other, strict=True):
+        assert own.tolist() == same.tolist() != others.tolist()
 
 
 def test_trajectories_and_muscles_that_are_not_there_are_refused(way, bank, recordings):
@@ -228,13 +213,11 @@ def test_trajectories_and_muscles_that_are_not_there_are_refused(way, bank, reco
         begin(way, bank[:1])
 
 
-def test_a_recording_with_too_few_samples_is_refused(bank, recordings):
-    inputs, outputs = recordings[0]
-    for by in ("y_y", "random"):
-        with pytest.raises(ValueError, match="count: expected between 0 and 1 picks, got 2"):
-            begin(Exact, bank, subsample_utility=by).tell(
-                0, [x[:1] for x in inputs], [y[:1] for y in outputs], generators(1)
-            )
+@pytest.mark.parametrize("by", ["y_y", "random"])
+def test_a_recording_with_too_few_samples_is_refused(by, bank, recordings):
+    short = [[each[:1] for each in values] for values in recordings[0]]
+    with pytest.raises(ValueError, match="count: expected between 0 and 1 picks, got 2"):
+        begin(Exact, bank, subsample_utility=by).tell(0, *short, generators(1))
 
 
 def test_a_sparse_design_that_makes_no_sense_is_refused(bank):

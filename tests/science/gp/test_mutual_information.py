@@ -49,6 +49,11 @@ def along(model, path):
     return estimate_information(model, path, np.random.default_rng(20260704))
 
 
+def hold(model, covariance):
+    """Return the model with a given covariance of its hyperparameters."""
+    return condition(model.inputs, model.posterior.outputs, THETA, make_prior(), covariance=covariance)
+
+
 def kernel(thetas, left, right):
     """Return the covariance at each of (S, 5) draws."""
     scaled = (left[:, None] - right[None]) / np.exp(thetas[:, None, None, :3])
@@ -102,6 +107,8 @@ def test_log_det_is_mutual_information_of_correlated_measurements(model, path, a
 
 
 def test_estimates_by_draws_agree_with_the_textbook_estimate(model, points, estimates, path, along, generator):
+    with pytest.raises(ValueError, match="draws: expected at least 2, got 1"):
+        draw_models(model, 1, generator)
     models = draw_models(model, 600, generator)
     densities = point_information(models, points)
     assert densities.shape == (600, 3)
@@ -122,17 +129,32 @@ def test_information_of_one_point_is_the_same_alone_and_as_a_path(model, generat
     assert path.value == pytest.approx(alone.value, abs=3 * path.standard_error)
 
 
-def test_known_hyperparameters_leave_nothing_to_tell(model, generator):
-    known = condition(model.inputs, model.posterior.outputs, THETA, make_prior(), covariance=np.full((5, 5), 0.0))
-    points = generator.uniform(-1.5, 1.5, (4, 3))
-    np.testing.assert_allclose(point_information(draw_models(known, 50, generator), points), 0.0, atol=1e-12)
+def test_log_det_of_one_point_is_its_information_through_the_mean(model, generator):
+    for point in generator.uniform(-1.5, 1.5, (5, 1, 3)):
+        dm = model.sensitivities(point)[0][0]
+        variance = model.predict(point)[1][0] + model.noise_variance
+        told = 0.5 * np.log1p(dm @ model.laplace.covariance @ dm / variance)
+        assert model.joint_information(point) == pytest.approx(told, rel=1e-9)
+        once, twice = told, model.joint_information(np.vstack([point, point]))
+        assert once < twice < 2 * once
 
 
-def test_noise_free_values_tell_more_than_measurements(model, generator):
-    models = draw_models(model, 300, generator)
-    points = generator.uniform(-1.5, 1.5, (20, 3))
-    noisy, free = (point_information(models, points, noisy=each).mean(axis=0) for each in (True, False))
-    assert (free > noisy).mean() > 0.9
+def test_a_singular_covariance_tells_what_its_directions_tell(model, path, generator):
+    known = hold(model, np.zeros((5, 5)))
+    assert known.joint_information(path) == 0.0
+    assert (known.utility(path, "y_y_theta") == 0.0).all()
+    np.testing.assert_allclose(point_information(draw_models(known, 50, generator), path), 0.0, atol=1e-12)
+    line = np.outer(np.arange(5.0), np.arange(5.0)) * 1e-3
+    rank_one, nearly = (hold(model, line + each * np.eye(5)).joint_information(path) for each in (0.0, 1e-12))
+    assert rank_one == pytest.approx(nearly, rel=1e-6)
+    assert rank_one > 0.01
+
+
+def test_an_indefinite_covariance_scores_nothing(model):
+    held = hold(model, np.diag([0.1, 0.1, -0.1, 0.1, 0.1]))
+    for evaluate in (held.joint_information, lambda points: held.utility(points, "y_y")):
+        with pytest.raises(ValueError, match=r"expected positive semi-definite, got smallest eigenvalue -0\.1"):
+            evaluate(np.zeros((2, 3)))
 
 
 def test_information_does_not_depend_on_the_size_of_blocks(model, generator, monkeypatch):
@@ -141,8 +163,3 @@ def test_information_does_not_depend_on_the_size_of_blocks(model, generator, mon
     whole = point_information(models, points)
     monkeypatch.setattr("stages.science.gp.mutual_information.LARGEST_BLOCK", 40 * 40 * 7)
     np.testing.assert_array_equal(point_information(models, points), whole)
-
-
-def test_refuses_a_single_draw(model, generator):
-    with pytest.raises(ValueError, match="draws: expected at least 2, got 1"):
-        draw_models(model, 1, generator)

@@ -8,45 +8,27 @@ from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.posterior import LogPosterior
 from tests.science.gp.data import Textbook, differences, make_data, make_prior
 
-MEANS = ("zero", "constant")
 
-
-@pytest.fixture(params=MEANS)
-def posterior(request, generator):
-    return LogPosterior(*make_data(generator, 12), make_prior(mean=request.param), request.param)
-
-
-def thetas(posterior, generator, count=4):
-    return posterior.prior.draw(count, generator)
-
-
-def test_gradient_is_the_slope_of_the_value(posterior, generator):
-    for theta in thetas(posterior, generator):
-        _, gradient, _ = posterior.derivatives(theta)
+@pytest.mark.parametrize("mean", ["zero", "constant"])
+def test_value_is_a_sum_of_densities_and_derivatives_are_its_slopes(mean, generator):
+    posterior = LogPosterior(*make_data(generator, 12), make_prior(mean=mean), mean)
+    for theta in posterior.prior.draw(4, generator):
+        likelihood = Textbook(posterior.inputs, posterior.outputs, theta).log_likelihood
+        prior = norm(posterior.prior.mean, np.sqrt(posterior.prior.variance)).logpdf(theta).sum()
+        assert posterior.log_likelihood(theta) == pytest.approx(likelihood, abs=1e-9)
+        assert posterior.value(theta) == pytest.approx(likelihood + prior, abs=1e-9)
+        value, gradient, hessian = posterior.derivatives(theta)
+        assert value == pytest.approx(likelihood + prior, abs=1e-9)
         np.testing.assert_allclose(gradient, differences(posterior.value, theta, 1e-5), rtol=1e-7, atol=1e-6)
-
-
-def test_hessian_is_the_slope_of_the_gradient(posterior, generator):
-    for theta in thetas(posterior, generator):
-        _, _, hessian = posterior.derivatives(theta)
         slope = differences(lambda at: posterior.derivatives(at)[1], theta, 1e-5)
         np.testing.assert_allclose(hessian, slope, rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(hessian, hessian.T, rtol=1e-12, atol=1e-12)
 
 
-def test_value_is_density_of_data_plus_density_of_hyperparameters(posterior, generator):
-    for theta in thetas(posterior, generator):
-        likelihood = Textbook(posterior.inputs, posterior.outputs, theta).log_likelihood
-        prior = norm(posterior.prior.mean, np.sqrt(posterior.prior.variance)).logpdf(theta).sum()
-        assert posterior.log_likelihood(theta) == pytest.approx(likelihood, abs=1e-9)
-        assert posterior.value(theta) == pytest.approx(likelihood + prior, abs=1e-9)
-        assert posterior.derivatives(theta)[0] == pytest.approx(likelihood + prior, abs=1e-9)
-
-
 def test_log_marginal_likelihood_and_gradient_are_those_of_scikit_learn(generator):
     x, y = make_data(generator, 25)
     posterior = LogPosterior(x, y, make_prior())
-    for theta in thetas(posterior, generator):
+    for theta in posterior.prior.draw(4, generator):
         kernel = ConstantKernel(np.exp(2 * theta[3])) * RBF(np.exp(theta[:3])) + WhiteKernel(np.exp(2 * theta[4]))
         theirs = GaussianProcessRegressor(kernel, optimizer=None, alpha=0.0).fit(x, y)
         value, slope = theirs.log_marginal_likelihood(kernel.theta, eval_gradient=True)
@@ -70,39 +52,25 @@ def test_log_marginal_likelihood_and_gradient_are_those_of_scikit_learn(generato
 def test_data_that_make_no_sense_are_refused(inputs, outputs, told):
     with pytest.raises(ValueError, match=told):
         LogPosterior(inputs, outputs, make_prior())
-
-
-@pytest.mark.parametrize(
-    ("mean", "told"),
-    [
-        ("constant", "hyperprior: expected 6 entries for 3 inputs and a constant mean, got 5"),
-        ("linear", "mean: expected one of zero, constant, got 'linear'"),
-    ],
-)
-def test_a_mean_that_does_not_fit_is_refused(mean, told):
-    with pytest.raises(ValueError, match=told):
-        LogPosterior(np.zeros((2, 3)), np.zeros(2), make_prior(), mean)
+    for mean, wrong in (("constant", "hyperprior: expected 6 entries"), ("linear", "mean: expected one of zero, ")):
+        with pytest.raises(ValueError, match=wrong):
+            LogPosterior(np.zeros((2, 3)), np.zeros(2), make_prior(), mean)
 
 
 @pytest.mark.parametrize(
     ("mean", "variance", "told"),
     [
-        ([0.0, 0.0], [1.0], r"expected mean and variance of one length, got \(2,\), \(1,\)"),
-        ([[0.0]], [[1.0]], "expected mean and variance of one length"),
-        ([0.0, np.nan], [1.0, 1.0], "expected finite means and positive variances"),
-        ([0.0], [0.0], "expected finite means and positive variances"),
-        ([0.0], [-1.0], "expected finite means and positive variances"),
-        ([0.0], [np.inf], "expected finite means and positive variances"),
-        ([0.0], [5e-324], "expected finite means and positive variances"),
-        ([0.0], [np.nan], "expected finite means and positive variances"),
-        ([np.inf], [1.0], "expected finite means and positive variances"),
-        ([0.0], [1e-300], r"expected .*between 1e-100 and 1e\+100"),
-        ([0.0], [1e300], r"expected .*between 1e-100 and 1e\+100"),
-        ([1e51], [1.0], r"expected .*within 1e\+50"),
+        ([0.0, 0.0], [1.0], r"mean and variance of one length, got \(2,\), \(1,\)"),
+        ([[0.0]], [[1.0]], "mean and variance of one length"),
+        *(([each], [1.0], r"finite means .* means within 1e\+50") for each in (np.nan, np.inf, -np.inf, 1e51)),
+        *(
+            ([0.0], [each], r"finite .* positive variances, .* variances between 1e-100 and 1e\+100")
+            for each in (0.0, -1.0, np.inf, np.nan, 5e-324, 1e-300, 1e300)
+        ),
     ],
 )
 def test_a_hyperprior_that_makes_no_sense_is_refused(mean, variance, told):
-    with pytest.raises(ValueError, match=f"hyperprior: {told}") as caught:
+    with pytest.raises(ValueError, match=f"hyperprior: expected {told}") as caught:
         Hyperprior(np.array(mean), np.array(variance))
     assert str(caught.value).isprintable()
 

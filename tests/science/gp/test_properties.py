@@ -1,12 +1,11 @@
 """Inputs of every unpleasant kind: each gives a right answer or one line that names what is wrong, in bounded time."""
 
 import time
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.distance import cdist
 
 from stages.science.gp.estimation import find_map
 from stages.science.gp.factor import FactorisationError
@@ -16,12 +15,12 @@ from stages.science.gp.marginal import condition
 from stages.science.gp.posterior import LARGEST_LOG, LogPosterior
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.utilities import UTILITIES
+from tests.science.gp.data import Textbook, assert_sound
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=100)
 LONGEST_S = 20.0
 """Of one example: a search that does not end is a fault, a slow machine is not."""
 
-INFORMATION = ("y_y", "y_y_theta")
 SCALES = st.sampled_from([0, 0, 0, 0, -150, -60, -45, -20, -8, 3, 8, 20, 45, 50, 60, 150])
 LOGS = st.one_of(
     st.floats(-2, 2), st.sampled_from([-1e3, -51.0, -50.0, -35.0, -18.0, -9.0, 9.0, 18.0, 35.0, 50.0, 51.0, 1e3])
@@ -29,8 +28,7 @@ LOGS = st.one_of(
 VARIANCES = st.one_of(st.floats(0.1, 2), st.sampled_from([1e-100, 1e-12, 1e-4, 1e4, 1e12, 1e100]))
 
 
-@dataclass
-class Problem:
+class Problem(NamedTuple):
     """What a model is made of, and where it is asked."""
 
     x: np.ndarray
@@ -40,15 +38,11 @@ class Problem:
     mean: str
     points: np.ndarray
 
-    def condition(self, **changes):
-        made = vars(self) | changes
-        return condition(made["x"], made["y"], made["theta"], made["prior"], made["mean"])
+    def condition(self):
+        return condition(*self[:5])
 
 
-def row_kinds():
-    return st.sampled_from(
-        ["plain", "twice", "nearly twice", "whole numbers", "outlier", "one column constant", "all alike"]
-    )
+KINDS = ("plain", "twice", "nearly twice", "whole numbers", "outlier", "one column constant", "all alike")
 
 
 @st.composite
@@ -57,11 +51,10 @@ def problems(draw, most=10):
     source = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     d, n = draw(st.integers(1, 4)), draw(st.sampled_from([1, 2, 3, most // 2, most]))
     x = source.uniform(-1.5, 1.5, (n, d))
-    kind = draw(row_kinds())
-    if kind == "twice":
-        x[n // 2 :] = x[: n - n // 2]
-    elif kind == "nearly twice":
-        x[n // 2 :] = x[: n - n // 2] * (1 + draw(st.sampled_from([1e-16, 1e-12, 1e-9, 1e-6])))
+    kind = draw(st.sampled_from(KINDS))
+    if kind in ("twice", "nearly twice"):
+        apart = draw(st.sampled_from([1e-16, 1e-12, 1e-9, 1e-6])) if kind == "nearly twice" else 0.0
+        x[n // 2 :] = x[: n - n // 2] * (1 + apart)
     elif kind == "whole numbers":
         x = source.integers(-3, 4, (n, d))
     elif kind == "outlier":
@@ -118,48 +111,19 @@ def draw_points(draw, source, x):
     return np.vstack([made[kind] for kind in kinds])
 
 
-def answer(ask):
+def answer(ask, *given):
     """Return an answer, or None for an error that says in one line what is wrong; anything else passes through."""
-    began = time.perf_counter()
-    told = ""
+    began, found, told = time.perf_counter(), None, ""
     try:
-        found = ask()
+        found = ask(*given)
     except (ValueError, FactorisationError) as error:
         if type(error) not in (ValueError, FactorisationError):
             raise
-        found, told = None, str(error)
+        told = str(error)
     assert time.perf_counter() - began < LONGEST_S
     assert told.isprintable()
     assert len(told) < 400
     return found
-
-
-def assert_sound(model, points):
-    """Check what a model tells of points against what must hold for every model."""
-    count = len(points)
-    signal = model.hyperparameters.signal_variance
-    plain = answer(lambda: model.predict(points))
-    if plain is not None:
-        mean, variance = plain
-        assert mean.shape == variance.shape == (count,)
-        assert np.isfinite(mean).all()
-        assert (variance >= 0).all()
-        assert (variance <= signal * (1 + 1e-14)).all()
-    marginal = answer(lambda: model.predict_marginal(points))
-    if marginal is not None:
-        assert plain is not None
-        assert np.isfinite(marginal).all()
-        assert (marginal[1] >= 4 / 3 * variance * (1 - 1e-14) - 1e-15 * len(model.inputs) * signal).all()
-    for name in UTILITIES:
-        scores = answer(lambda name=name: model.utility(points, name))
-        if scores is not None:
-            assert scores.shape == (count,)
-            assert np.isfinite(scores).all()
-            assert name not in INFORMATION or (scores >= 0).all()
-    joint = answer(lambda: model.joint_information(points))
-    if joint is not None:
-        assert np.isfinite(joint)
-        assert joint >= -1e-12
 
 
 @COMMON
@@ -167,43 +131,35 @@ def assert_sound(model, points):
 def test_a_conditioned_model_is_sound_or_refused(problem):
     model = answer(problem.condition)
     if model is not None:
-        assert_sound(model, problem.points)
+        assert_sound(model, problem.points, answer)
 
 
-@dataclass
-class Direct:
-    """A Gaussian process in five lines of textbook, and what rounding does to it."""
+def predict_directly(problem, jitter):
+    """Return mean and variance by the textbook, and what rounding does to either.
 
-    mean: np.ndarray
-    variance: np.ndarray
-    mean_rounding: np.ndarray
-    variance_rounding: np.ndarray
-
-    @classmethod
-    def of(cls, problem, jitter=0.0):
-        """Return it, or None where the covariance's condition leaves too few digits."""
-        x, points = np.asarray(problem.x, dtype=float), problem.points
-        n, d = x.shape
-        lengths, signal, noise = np.exp(problem.theta[:d]), *np.exp(2 * problem.theta[d : d + 2])
-        constant = problem.theta[d + 2] if problem.mean == "constant" else 0.0
-        with np.errstate(all="ignore"):
-            c = signal * np.exp(-0.5 * cdist(x / lengths, x / lengths, "sqeuclidean")) + (noise + jitter) * np.eye(n)
-            k = signal * np.exp(-0.5 * cdist(x / lengths, points / lengths, "sqeuclidean"))
-            condition_number = np.linalg.cond(c) if np.isfinite(c).all() else np.inf
-            radius = np.abs(np.ptp(x / lengths, axis=0)).max() + np.abs(x / lengths).max()
-            # relative errors: of the solution by the condition, of the kernel by the rounding of its exponent's parts
-            lost = 10 * n * np.finfo(float).eps * condition_number * (1 + radius**2 + np.abs(np.log(signal)))
-        if not lost < 1e-6:
-            return None
-        residual = problem.y - constant
-        a, b = np.linalg.solve(c, residual), np.linalg.solve(c, k)
-        norms = np.linalg.norm(k, axis=0)
-        return cls(
-            k.T @ a + constant,
-            signal - (k * b).sum(axis=0),
-            lost * (norms * np.linalg.norm(a) + np.abs(constant)) + 1e-300,
-            lost * (norms * np.linalg.norm(b, axis=0) + signal),
-        )
+    None where the covariance's condition leaves too few digits.
+    """
+    x, d = np.asarray(problem.x, dtype=float), problem.x.shape[1]
+    with np.errstate(all="ignore"):
+        textbook = Textbook(x, problem.y, problem.theta)
+        textbook.covariance += jitter * np.eye(len(x))
+        c, scaled = textbook.covariance, x / np.exp(problem.theta[:d])
+        condition_number = np.linalg.cond(c) if np.isfinite(c).all() else np.inf
+        radius = np.abs(np.ptp(scaled, axis=0)).max() + np.abs(scaled).max()
+        # relative errors: of the solution by the condition, of the kernel by the rounding of its exponent's parts
+        lost = 10 * len(x) * np.finfo(float).eps * condition_number * (1 + radius**2 + np.abs(2 * problem.theta[d]))
+    if not lost < 1e-6:
+        return None
+    with np.errstate(all="ignore"):
+        k = textbook.cross(problem.points).T
+    a, b = np.linalg.solve(c, textbook.residual), np.linalg.solve(c, k)
+    norms = np.linalg.norm(k, axis=0)
+    return (
+        k.T @ a + textbook.mean,
+        textbook.signal - (k * b).sum(axis=0),
+        lost * (norms * np.linalg.norm(a) + np.abs(textbook.mean)) + 1e-300,
+        lost * (norms * np.linalg.norm(b, axis=0) + textbook.signal),
+    )
 
 
 @COMMON
@@ -214,62 +170,57 @@ def test_predictions_are_the_textbook_s_whatever_the_order_of_rows(problem, seed
         found = model.predict(problem.points)
     except ValueError:
         return
-    direct = Direct.of(problem, model.jitter)
+    direct = predict_directly(problem, model.jitter)
     if direct is None:
         return
     order = np.random.default_rng(seed).permutation(len(problem.x))
-    turned = problem.condition(x=problem.x[order], y=problem.y[order]).predict(problem.points)
-    for mean, variance in (found, turned):
-        assert (np.abs(mean - direct.mean) <= direct.mean_rounding).all()
-        assert (np.abs(variance - direct.variance) <= direct.variance_rounding).all()
+    turned = problem._replace(x=problem.x[order], y=problem.y[order]).condition().predict(problem.points)
+    for told in (found, turned):
+        for ours, expected, rounding in zip(told, direct[:2], direct[2:], strict=True):
+            assert (np.abs(ours - expected) <= rounding).all()
     np.testing.assert_array_equal(model.predict_mean(problem.points).shape, found[0].shape)
 
 
 @settings(COMMON, max_examples=50)
-@given(problems(), st.integers(1, 3), st.integers(0, 4), st.sampled_from([1, 2, 5]))
-def test_trajectories_are_sums_of_their_points_or_refused(problem, trajectories, samples, threads):
+@given(problems(), st.integers(1, 3), st.integers(0, 4))
+def test_trajectories_are_sums_of_their_points_or_refused(problem, trajectories, samples):
     model = answer(problem.condition)
     if model is None:
         return
-    d = model.inputs.shape[1]
-    bank = (
-        np.resize(problem.points, (trajectories, samples, d)) if problem.points.size else np.ones((trajectories, 0, d))
-    )
+    bank = np.ones((trajectories, 0, model.inputs.shape[1]))
+    if problem.points.size:
+        bank = np.resize(problem.points, (trajectories, samples, model.inputs.shape[1]))
+    exact = predict_directly(problem, model.jitter) is not None
+
     for name in (*UTILITIES, "log_det"):
         for reduce in ("sum", "max"):
-            score = lambda threads, name=name, reduce=reduce: trajectory_utility(  # noqa: E731
-                [model, model], [bank, bank], name, reduce, memory_mb=0.01, stride=2, threads=threads
-            )
-            scores = answer(lambda score=score: score(1))
+            scores = answer(trajectory_utility, [model] * 2, [bank] * 2, name, reduce, 0.01, 2)
             if scores is None:
                 continue
             assert scores.shape == (trajectories,)
             assert np.isfinite(scores).all()
-            assert scores.tobytes() == score(threads).tobytes()
             if name == "log_det":
                 expected = [2 * model.joint_information(each[::2]) for each in bank]
             else:
-                points = [model.utility(each, name) for each in bank]
-                expected = [2 * getattr(each, reduce)() for each in points]
+                expected = [2 * getattr(model.utility(each, name), reduce)() for each in bank]
             unit = model.hyperparameters.signal_variance if name == "variance" else 1.0
-            if Direct.of(problem, model.jitter) is not None:  # else a chunk's size shows in more than the last digits
+            if exact:  # else a chunk's size shows in more than the last digits
                 np.testing.assert_allclose(scores, expected, rtol=1e-5, atol=1e-9 * unit)
 
 
 @settings(COMMON, max_examples=40)
 @given(problems(most=8), st.integers(0, 4), st.integers(0, 2))
 def test_the_map_is_above_every_start_and_says_its_slope(problem, starts, warm):
-    posterior = LogPosterior(problem.x, problem.y, problem.prior, problem.mean) if fits(problem) else None
+    posterior = answer(LogPosterior, problem.x, problem.y, problem.prior, problem.mean)
     if posterior is None:
         return
     warm_starts = [problem.theta + 0.3 * each for each in range(warm)]
-    found = answer(lambda: find_map(posterior, np.random.default_rng(2), starts, warm_starts))
+    found = answer(find_map, posterior, np.random.default_rng(2), starts, warm_starts)
     if found is None:
         return
     for start in [*warm_starts, problem.prior.mean]:
-        value = answer(lambda start=start: posterior.derivatives(start)[0])
-        if value is not None:
-            assert found.value >= value - 1e-12 * max(1.0, abs(value))
+        at = answer(posterior.derivatives, start)
+        assert at is None or found.value >= at[0] - 1e-12 * max(1.0, abs(at[0]))
     value, gradient, _ = posterior.derivatives(found.theta)
     assert value == found.value
     assert np.abs(gradient).max() == found.gradient_norm
@@ -277,10 +228,6 @@ def test_the_map_is_above_every_start_and_says_its_slope(problem, starts, warm):
     inside = np.abs(found.theta[: problem.x.shape[1] + 2]).max() < LARGEST_LOG - 1
     if moderate and inside:
         assert found.gradient_norm <= 1e-6 * max(1.0, abs(value))
-
-
-def fits(problem):
-    return answer(lambda: LogPosterior(problem.x, problem.y, problem.prior, problem.mean)) is not None
 
 
 @settings(COMMON, max_examples=40)
@@ -293,22 +240,17 @@ def test_an_interaction_goes_on_or_says_why_not(first, second, utility, points_p
     d = [np.shape(each.x)[1] for each in problem]
     sources = [np.random.default_rng(3), np.random.default_rng(4)]
     candidates = [source.uniform(-2, 2, (3, 4, size)) for source, size in zip(sources, d, strict=True)]
-
-    def begin():
-        return Interaction.begin(
-            design, candidates, [first.prior, second.prior], [first.x, second.x], [first.y, second.y], [1], sources
-        )
-
-    interaction = answer(begin)
+    data = [first.prior, second.prior], [first.x, second.x], [first.y, second.y]
+    interaction = answer(Interaction.begin, design, candidates, *data, [1], sources)
     if interaction is None:
         return
-    choice = answer(lambda: interaction.ask(sources[0]))
+    choice = answer(interaction.ask, sources[0])
     if choice is not None:
         assert choice.trajectory in (0, 2)
         assert choice.scores is None or np.isfinite(choice.scores[[0, 2]]).all()
     recorded = [np.vstack([each.x, each.points]) for each in problem]
     outputs = [np.resize(each.y, len(x)) for each, x in zip(problem, recorded, strict=True)]
-    told = answer(lambda: interaction.tell(0, recorded, outputs, sources))
+    told = answer(interaction.tell, 0, recorded, outputs, sources)
     if told is None:
         return
     after, picks = told
@@ -316,4 +258,4 @@ def test_an_interaction_goes_on_or_says_why_not(first, second, utility, points_p
         assert len(set(rows.tolist())) == points_per_trial
         np.testing.assert_array_equal(new, np.vstack([old, x[rows]]))
     assert np.isfinite(np.concatenate(after.thetas)).all()
-    answer(lambda: after.ask(sources[0]))
+    answer(after.ask, sources[0])

@@ -16,20 +16,14 @@ def reference(name):
 
 
 @pytest.fixture
-def case():
-    """A small case of the reference."""
-    return json.loads(reference("cases.json").read_text())["cases"][2]
-
-
-@pytest.fixture
 def check(tmp_path, capsys):
-    """Check one case; return the exit code and what was printed."""
+    """Check a file of cases or loops, or of anything; return the exit code, what was printed and its path."""
 
-    def run(case):
-        file = tmp_path / "cases.json"
-        file.write_text(json.dumps({"cases": [case]}))
-        code = main(["--cases", str(file)])
-        return code, capsys.readouterr()
+    def run(what, text):
+        file = tmp_path / "told.json"
+        if text is not None:
+            file.write_text(text)
+        return main([what, str(file)]), capsys.readouterr(), file
 
     return run
 
@@ -62,24 +56,24 @@ ALTERED = {
 
 
 @pytest.mark.parametrize("quantity", ALTERED)
-def test_an_altered_or_missing_number_is_found_and_nothing_else(quantity, case, check):
+def test_an_altered_or_missing_number_is_found_and_nothing_else(quantity, check):
+    case = json.loads(reference("cases.json").read_text())["cases"][2]
     ALTERED[quantity](case)
-    code, printed = check(case)
+    code, printed, _ = check("--cases", json.dumps({"cases": [case]}))
     over = [line for line in printed.out.splitlines() if " OVER " in line]
     assert code == bool(quantity) == bool(over)
     assert not quantity or any(line.startswith(f"{quantity.split(' beside')[0]}  ") for line in over)
 
 
-def test_an_altered_pick_is_found(tmp_path, capsys):
+def test_an_altered_pick_is_found(check):
     loop = json.loads(reference("loop.json").read_text())
     loop["runs"] = [run for run in loop["runs"] if run["mode"] == "y_over_y"][:2]
     for run in loop["runs"]:
         run["chosen_index0"], run["rmse_per_iter"] = run["chosen_index0"][:6], run["rmse_per_iter"][:7]
     loop["runs"][0]["chosen_index0"][4] += 1
-    file = tmp_path / "loop.json"
-    file.write_text(json.dumps(loop))
-    assert main(["--loop", str(file)]) == 1
-    assert "loop picks" in next(line for line in capsys.readouterr().out.splitlines() if " OVER " in line)
+    code, printed, _ = check("--loop", json.dumps(loop))
+    assert code == 1
+    assert "loop picks" in next(line for line in printed.out.splitlines() if " OVER " in line)
 
 
 @pytest.mark.parametrize(
@@ -93,12 +87,9 @@ def test_an_altered_pick_is_found(tmp_path, capsys):
     ],
 )
 @pytest.mark.parametrize("what", ["--cases", "--loop"])
-def test_a_malformed_file_is_refused_in_one_line(what, text, told, tmp_path, capsys):
-    file = tmp_path / "told.json"
-    if text is not None:
-        file.write_text(text)
-    assert main([what, str(file)]) == 2
-    printed = capsys.readouterr()
+def test_a_malformed_file_is_refused_in_one_line(what, text, told, check):
+    code, printed, file = check(what, text)
+    assert code == 2
     assert printed.out == ""
     assert printed.err.count("\n") == 1
     assert printed.err.startswith(f"cannot check {file}: ")

@@ -29,12 +29,10 @@ def bank(generator):
 @pytest.mark.parametrize("utility", UTILITIES)
 def test_scores_are_those_of_a_loop(utility, models, bank):
     bank = [each[:3, :25] for each in bank]
-    points = np.array(
-        [
-            [[model.utility(sample[None], utility)[0] for sample in trajectory] for trajectory in inputs]
-            for model, inputs in zip(models, bank, strict=True)
-        ]
-    )
+    points = np.empty((3, 3, 25))
+    for muscle, trajectory, sample in np.ndindex(points.shape):
+        at = bank[muscle][trajectory, sample][None]
+        points[muscle, trajectory, sample] = models[muscle].utility(at, utility)[0]
     for reduce in ("sum", "max"):
         expected = getattr(np, reduce)(points, axis=2).sum(axis=0)
         np.testing.assert_allclose(trajectory_utility(models, bank, utility, reduce), expected, rtol=1e-10)
@@ -50,30 +48,24 @@ def test_log_det_adds_up_over_muscles_and_takes_every_so_many_th_sample(stride, 
 
 
 @pytest.mark.parametrize("utility", ["y_y", "log_det"])
-def test_threads_change_no_bit_and_the_memory_bound_no_score(utility, models, generator):
+def test_the_memory_bound_changes_no_score_and_scoring_no_candidate(utility, models, generator):
     bank = [generator.standard_normal((10, 400, 3)) for _ in models]
     before = [each.copy() for each in bank]
     expected = trajectory_utility(models, bank, utility)
-    for threads in (2, 3, 8):
-        found = trajectory_utility(models, bank, utility, threads=threads)
-        assert found.tobytes() == expected.tobytes()
     for memory_mb in (0.1, 1000.0):
         np.testing.assert_allclose(trajectory_utility(models, bank, utility, memory_mb=memory_mb), expected, rtol=1e-12)
     np.testing.assert_array_equal(bank, before)
 
 
-@pytest.mark.parametrize(
-    ("memory_mb", "threads", "samples"),
-    [*((memory_mb, threads, 1000) for memory_mb in (0.5, 1.0, 2.0) for threads in (1, 2)), (4.0, 2, 8000)],
-)
-def test_working_memory_stays_within_its_bound_where_it_would_not(memory_mb, threads, samples, generator):
+@pytest.mark.parametrize("memory_mb", [0.5, 1.0, 2.0])
+def test_working_memory_stays_within_its_bound_where_it_would_not(memory_mb, generator):
     theta = np.array([0.0, 0, 0, 0, -2])
     models = [condition(*make_data(generator, 60), theta, make_prior()) for _ in range(2)]
-    bank = [generator.standard_normal((5, samples // 5, 3)) for _ in models]
+    bank = [generator.standard_normal((5, 200, 3)) for _ in models]
 
     def peak_mb(bound_mb):
         tracemalloc.start()
-        trajectory_utility(models, bank, "y_y", memory_mb=bound_mb, threads=threads)
+        trajectory_utility(models, bank, "y_y", memory_mb=bound_mb)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return peak / MB
@@ -89,7 +81,6 @@ def test_working_memory_stays_within_its_bound_where_it_would_not(memory_mb, thr
         ({"utility": "entropy"}, "utility: expected one of .*log_det, got 'entropy'"),
         ({"memory_mb": 0.0}, "memory_mb: expected more than 0, got 0.0"),
         ({"stride": 0}, "stride: expected at least 1, got 0"),
-        ({"threads": 0}, "threads: expected at least 1, got 0"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused(change, told, models, bank):
@@ -97,15 +88,12 @@ def test_arguments_that_make_no_sense_are_refused(change, told, models, bank):
         trajectory_utility(models, bank, **{"utility": "y_y", **change})
 
 
-def test_candidates_that_do_not_fit_are_refused(models, bank):
+def test_candidates_that_do_not_fit_or_are_not_finite_are_refused(models, bank):
     for each in (bank[:2], [*bank[:2], bank[2][:5]], [one[0] for one in bank]):
         with pytest.raises(ValueError, match=rf"candidates \(R, T, D\) for each of 3 models, got {len(each)}"):
             trajectory_utility(models, each, "y_y")
     with pytest.raises(ValueError, match=r"expected candidates \(R, T, D\) for each of 0 models"):
         trajectory_utility([], [], "y_y")
-
-
-def test_a_candidate_that_is_not_finite_is_refused(models, bank):
     bank[1][3, 20, 2] = np.nan
     for utility in ("y_y", "log_det"):
         with pytest.raises(ValueError, match="points: expected finite values"):

@@ -1,5 +1,3 @@
-import re
-
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
@@ -29,19 +27,6 @@ def draw(generator, mean, count=40, pseudo_count=6):
     x, y = make_data(generator, count)
     pseudo = generator.uniform(-2.0, 2.0, (pseudo_count, 3))
     return x, y, pseudo, make_prior(mean=mean).draw(1, generator)[0]
-
-
-@pytest.mark.parametrize("mean", MEANS)
-def test_likelihood_and_predictions_are_those_of_the_whole_covariance(mean, generator):
-    points = np.vstack([generator.uniform(-2, 2, (20, 3)), [[40.0, -30.0, 60.0]]])
-    for _ in range(5):
-        x, y, pseudo, theta = draw(generator, mean)
-        dense, sparse = Dense(x, y, pseudo, theta), SparseGP(SparsePosterior(x, y, None, mean), pseudo, theta)
-        assert sparse.log_likelihood == pytest.approx(dense.log_likelihood, abs=1e-8)
-        means, variances = dense.predict(points)
-        np.testing.assert_allclose(sparse.predict_mean(points), means, atol=1e-8)
-        np.testing.assert_allclose(sparse.predict(points)[1], variances, atol=1e-8)
-        np.testing.assert_allclose(sparse.predict_outputs(points)[1], variances + np.exp(2 * theta[4]), atol=1e-8)
 
 
 def test_blocks_add_up_to_the_whole(generator, monkeypatch):
@@ -108,16 +93,10 @@ def test_a_climb_with_one_more_pseudo_input_never_ends_below_its_start(seed, wit
         held = fit_sparse(x, y, 5, prior, generator=generator, starts=0, warm_starts=[start], hold_pseudo=True)
         np.testing.assert_array_equal(held.pseudo, start[0])
         assert held.log_posterior >= posterior.value(*start)
+        still = fit_sparse(x, y, 5, prior, generator=generator, starts=0, warm_starts=[start], iterations=0)
+        np.testing.assert_array_equal(still.pseudo, start[0])
+        np.testing.assert_array_equal(still.theta, start[1])
         assert more.log_posterior >= held.log_posterior - 1e-6
-
-
-@pytest.mark.parametrize("with_prior", [True, False])
-def test_no_iterations_return_the_start(with_prior, generator):
-    x, y, pseudo, theta = draw(generator, "zero")
-    prior = make_prior() if with_prior else None
-    found = fit_sparse(x, y, 6, prior, generator=generator, starts=0, warm_starts=[(pseudo, theta)], iterations=0)
-    np.testing.assert_array_equal(found.pseudo, pseudo)
-    np.testing.assert_array_equal(found.theta, theta)
 
 
 @pytest.mark.parametrize("mean", MEANS)
@@ -144,17 +123,16 @@ def test_a_fit_beats_the_exact_gp_of_as_many_rows(seed, with_prior):
     assert errors[0] < 0.25 * errors[1]
     assert errors[0] < 0.04
     mean, variance = sparse.predict_outputs(x)
+    np.testing.assert_allclose(variance, sparse.predict(x)[1] + np.exp(2 * sparse.theta[4]), rtol=1e-12)
     assert 0.8 < np.mean((y - mean) ** 2 / variance) < 1.2
 
 
 def test_the_same_generator_gives_the_same_bytes():
     x, y = make_data(np.random.default_rng(0), 200)
-
-    def result():
-        found = fit_sparse(x, y, 5, make_prior(), generator=np.random.default_rng(7), starts=2, iterations=30)
-        return [each.tobytes() for each in (found.pseudo, found.theta, *found.predict(x))]
-
-    assert result() == result()
+    draws = [np.random.default_rng(7) for _ in range(2)]
+    first, second = (fit_sparse(x, y, 5, make_prior(), generator=each, starts=2, iterations=30) for each in draws)
+    for name in ("pseudo", "theta", "beta", "whiten", "inner"):
+        assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
 
 
 def test_duplicate_pseudo_inputs_count_once(generator):
@@ -218,13 +196,6 @@ def test_noise_that_is_too_low_is_named(generator, monkeypatch):
         fit_sparse(x, y, 2, None, generator=generator, starts=0, warm_starts=[(pseudo, theta)])
 
 
-def test_hyperparameters_out_of_range_are_named(generator):
-    x, y, pseudo, theta = draw(generator, "zero")
-    theta[0] = 400.0
-    with pytest.raises(FactorisationError, match="theta: expected logarithms between -50 and 50"):
-        SparsePosterior(x, y).value(pseudo, theta)
-
-
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
@@ -247,18 +218,19 @@ def test_what_makes_no_sense_is_refused_in_one_line(changes, told, generator):
     arguments = {"inputs": x, "outputs": y, "pseudo_count": 4, "prior": make_prior()} | changes
     with pytest.raises(ValueError, match=told) as caught:
         fit_sparse(**arguments, generator=generator)
-    assert not re.search(r"\n", str(caught.value))
+    assert "\n" not in str(caught.value)
 
 
 def test_pseudo_inputs_and_points_that_make_no_sense_are_refused(generator):
     x, y, pseudo, theta = draw(generator, "zero")
     posterior = SparsePosterior(x, y)
-    with pytest.raises(ValueError, match=r"pseudo-inputs: expected shape \(B, 3\), got \(6, 2\)"):
-        posterior.value(pseudo[:, :2], theta)
-    with pytest.raises(ValueError, match="pseudo-inputs: expected at least 1, got none"):
-        posterior.value(pseudo[:0], theta)
-    with pytest.raises(ValueError, match=r"pseudo-inputs: expected finite values.* in row 2"):
-        posterior.value(np.where(np.arange(6)[:, None] == 2, np.nan, pseudo), theta)
+    for wrong, told in (
+        (pseudo[:, :2], r"expected shape \(B, 3\), got \(6, 2\)"),
+        (pseudo[:0], "expected at least 1, got none"),
+        (np.where(np.arange(6)[:, None] == 2, np.nan, pseudo), r"expected finite values.* in row 2"),
+    ):
+        with pytest.raises(ValueError, match=f"pseudo-inputs: {told}"):
+            posterior.value(wrong, theta)
     model = SparseGP(posterior, pseudo, theta)
     with pytest.raises(ValueError, match=r"points: expected finite values.* in row 0"):
         model.predict(np.full((1, 3), np.inf))

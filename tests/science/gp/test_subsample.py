@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from stages.science.gp.marginal import condition, fit
+from stages.science.gp.marginal import MarginalGP, fit
+from stages.science.gp.posterior import LogPosterior
 from stages.science.gp.subsample import subsample
 from stages.science.gp.utilities import UTILITIES
 from tests.science.gp.data import make_data, make_prior
@@ -23,44 +24,30 @@ def test_picks_are_those_of_conditioning_from_scratch(utility, model, recording)
     x, y = recording
     picks = []
     for _ in range(5):
-        known = condition(
-            np.vstack([model.inputs, x[picks]]),
-            np.append(model.posterior.outputs, y[picks]),
-            model.theta,
-            model.posterior.prior,
-            model.posterior.mean,
-            model.laplace.covariance,
-        )
+        data = np.vstack([model.inputs, x[picks]]), np.append(model.posterior.outputs, y[picks])
+        posterior = LogPosterior(*data, model.posterior.prior, model.posterior.mean)
+        known = MarginalGP(posterior, model.theta, model.laplace.covariance)
         scores = known.utility(x, utility)
         best = max((index for index in range(len(x)) if index not in picks), key=lambda index: scores[index])
         picks.append(best)
     assert subsample(model, x, y, 5, utility).tolist() == picks
 
 
-def test_picks_repel_each_other(model, recording):
+def test_picks_repel_each_other_and_only_their_outputs_are_read(model, recording):
     x, y = recording
     together = subsample(model, x, y, 5, "y_y")
     alone = np.argsort(-model.utility(x, "y_y"), kind="stable")[:5]
     assert together[0] == alone[0]
     assert set(together) != set(alone)
-
-
-def test_no_sample_is_picked_twice(model, recording):
-    x, y = recording
-    picks = subsample(model, x[:12], y[:12], 12, "variance")
-    assert sorted(picks) == list(range(12))
-
-
-def test_only_picked_outputs_are_read(model, recording):
-    x, y = recording
-    picks = subsample(model, x, y, 4, "y_y")
     hidden = np.full_like(y, np.nan)
-    hidden[picks] = y[picks]
-    assert (subsample(model, x, hidden, 4, "y_y") == picks).all()
+    hidden[together] = y[together]
+    assert (subsample(model, x, hidden, 5, "y_y") == together).all()
 
 
-def test_picking_nothing_leaves_nothing(model, recording):
-    picks = subsample(model, *recording, 0, "y_y")
+def test_no_sample_is_picked_twice_and_none_where_none_is_wanted(model, recording):
+    x, y = recording
+    assert sorted(subsample(model, x[:12], y[:12], 12, "variance")) == list(range(12))
+    picks = subsample(model, x, y, 0, "y_y")
     assert picks.shape == (0,)
     assert picks.dtype == np.intp
 

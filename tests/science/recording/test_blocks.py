@@ -11,13 +11,10 @@ def frame(parts):
     return pd.DataFrame({"part": list(parts), "time_s": np.arange(len(parts)) * 0.5})
 
 
-def test_each_run_of_a_part_is_a_record():
+def test_each_run_of_a_part_is_a_record_and_a_column_of_records_is_believed():
     found = split_records(frame("aabbbaac"))
     assert list(found["record"]) == ["a", "a", "b", "b", "b", "a_2", "a_2", "c"]
     assert list(found["part"]) == list("aabbbaac")
-
-
-def test_a_column_of_records_is_believed():
     found = split_records(pd.DataFrame({"record": ["x", "x", "y"], "time_s": [0.0, 1.0, 0.0]}))
     assert list(found["record"]) == ["x", "x", "y"]
     assert found["part"].eq("given").all()

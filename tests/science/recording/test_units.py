@@ -12,54 +12,20 @@ from tests.conftest import ROOT
 
 
 @pytest.mark.parametrize(
-    ("name", "unit", "factor"),
-    [
-        ("force_n", "lbf", constants.lbf),
-        ("force_n", "kgf", constants.kgf),
-        ("pressure_kpa", "psi", constants.psi / 1000.0),
-        ("pressure_kpa", "bar", constants.bar / 1000.0),
-        ("joint_angle_rad", "deg", constants.degree),
-        ("joint_velocity_rad_per_s", "rpm", constants.degree * 360.0 / 60.0),
-        ("contraction_velocity_per_s", "percent/s", 0.01),
-        ("time_s", "min", constants.minute),
-        ("position_m", "in", constants.inch),
-        ("speed_m_per_s", "mm/s", constants.milli),
-        ("drive_v", "mV", constants.milli),
-        ("contraction", "percent", 0.01),
-    ],
-)
-def test_factors_are_those_of_physics(name, unit, factor):
-    assert known_units(name)[unit] == pytest.approx(factor, rel=1e-12)
-
-
-@pytest.mark.parametrize("name", ["force_n", "pressure_command_kpa", "x_m", "turn_rad_per_s", "gain", "rate_per_s"])
-def test_a_columns_own_unit_has_factor_one(name):
-    assert known_units(name)[own_unit(name)] == 1.0
-
-
-def test_the_comments_beside_the_keys_list_every_unit():
-    for line in (
-        (ROOT / "conf/measurement/muscles.yaml")
-        .read_text()
-        .split("units:")[1]
-        .split("measurement:")[0]
-        .splitlines()[1:]
-    ):
-        if line.strip():
-            name, _, told = line.partition(": null")
-            units = told.strip(" #").removesuffix(" (all gauge)").split(", ")
-            assert set(units) == set(known_units(name.strip())), name
-
-
-def test_the_documentation_lists_every_unit():
-    text = (ROOT / "docs/measured.md").read_text()
-    for kind, units in KINDS.items():
-        assert ", ".join(units) in text, kind
-
-
-@pytest.mark.parametrize(
     ("name", "unit", "value", "expected"),
     [
+        ("force_n", "lbf", 1.0, constants.lbf),
+        ("force_n", "kgf", 1.0, constants.kgf),
+        ("pressure_kpa", "psi", 1.0, constants.psi / 1000.0),
+        ("pressure_kpa", "bar", 1.0, constants.bar / 1000.0),
+        ("joint_angle_rad", "deg", 1.0, constants.degree),
+        ("joint_velocity_rad_per_s", "rpm", 1.0, constants.degree * 360.0 / 60.0),
+        ("contraction_velocity_per_s", "percent/s", 1.0, 0.01),
+        ("time_s", "min", 1.0, constants.minute),
+        ("position_m", "in", 1.0, constants.inch),
+        ("speed_m_per_s", "mm/s", 1.0, constants.milli),
+        ("drive_v", "mV", 1.0, constants.milli),
+        ("contraction", "percent", 1.0, 0.01),
         ("water_k", "degC", 20.0, constants.convert_temperature(20.0, "C", "K")),
         ("water_k", "degF", 68.0, constants.convert_temperature(68.0, "F", "K")),
         ("water_degc", "K", 300.0, constants.convert_temperature(300.0, "K", "C")),
@@ -67,31 +33,27 @@ def test_the_documentation_lists_every_unit():
         ("water_degf", "degC", -40.0, -40.0),
     ],
 )
-def test_temperatures_keep_their_zeros(name, unit, value, expected):
+def test_conversions_are_those_of_physics(name, unit, value, expected):
     assert convert(pd.Series([value]), name, unit)[0] == pytest.approx(expected, rel=1e-12)
+    assert known_units(name)[own_unit(name)] == 1.0
 
 
-@pytest.mark.parametrize(
-    ("text", "unit"),
-    [
-        ("kN", "kN"),
-        ("KN", "kN"),
-        ("°C", "degC"),
-        ("µm", "um"),
-        ("μs", "us"),
-        ("N·m", "N m"),
-        ("N*m", "N m"),
-        ("m/s^2", "m/s2"),
-        ("m/s²", "m/s2"),
-        ("%", "percent"),
-        ("1/min", "rpm"),
-        ("x", None),
-        ("", None),
-        ("furlong", None),
-    ],
-)
-def test_units_are_known_however_they_are_spelled(text, unit):
-    assert read_unit(text) == unit
+def test_the_comments_beside_the_keys_and_the_documentation_list_every_unit():
+    section = (ROOT / "conf/measurement/muscles.yaml").read_text().split("units:")[1].split("measurement:")[0]
+    lines = [line.partition(": null") for line in section.splitlines()[1:] if line.strip()]
+    assert lines
+    for name, _, told in lines:
+        assert set(told.strip(" #").removesuffix(" (all gauge)").split(", ")) == set(known_units(name.strip())), name
+    documented = (ROOT / "docs/measured.md").read_text()
+    for kind, units in KINDS.items():
+        assert ", ".join(units) in documented, kind
+
+
+def test_units_are_known_however_they_are_spelled():
+    spelled = {"kN": "kN KN", "degC": "°C", "um": "µm", "us": "μs", "N m": "N·m N*m", "m/s2": "m/s^2 m/s²"}
+    for unit, texts in (spelled | {"percent": "%", "rpm": "1/min", None: "x furlong"}).items():
+        assert [read_unit(each) for each in texts.split()] == [unit] * len(texts.split())
+    assert read_unit("") is None
 
 
 @pytest.mark.parametrize(
@@ -107,8 +69,6 @@ def test_units_are_known_however_they_are_spelled(text, unit):
         ("w_rad_s", "w", "rad/s"),
         ("a_m_s2", "a", "m/s2"),
         ("v_m_per_s", "v", "m/s"),
-        ("valve_in", "valve_in", None),
-        ("gain_k", "gain_k", None),
         ("Q_l/min", "Q", "l/min"),
         ("Q_l_min", "Q", "l/min"),
         ("Q l/min", "Q", "l/min"),
@@ -135,39 +95,23 @@ def test_units_are_known_however_they_are_spelled(text, unit):
         ("t_min", "t", "min"),
         ("t_sec", "t", "s"),
         ("x_1/mm", "x_1", "mm"),
-        ("u", "u", None),
-        ("m", "m", None),
-        ("k_N/mm", "k_N/mm", None),
-        ("k N/mm", "k N/mm", None),
-        ("k [N/mm]", "k [N/mm]", None),
-        ("c_kN/m", "c_kN/m", None),
-        ("c_kN_m", "c_kN_m", None),
-        ("k_n_mm", "k_n_mm", None),
-        ("k_Nm/rad", "k_Nm/rad", None),
-        ("K/(N/mm)", "K/(N/mm)", None),
-        ("ramp_K/min", "ramp_K/min", None),
-        ("Q_gal/min", "Q_gal/min", None),
-        ("Q_nl_min", "Q_nl_min", None),
-        ("power_J/s", "power_J/s", None),
-        ("m_kg/s", "m_kg/s", None),
-        ("frames/s", "frames/s", None),
-        ("Level -", "Level -", None),
-        ("p_min", "p_min", None),
-        ("note (old)", "note (old)", None),
     ],
 )
 def test_headings_state_their_units(heading, name, unit):
     assert read_heading(heading)[:2] == (name, unit)
 
 
+def test_other_headings_are_names():
+    compound = "k_N/mm, k N/mm, k [N/mm], c_kN/m, c_kN_m, k_n_mm, k_Nm/rad, K/(N/mm), ramp_K/min, Q_gal/min, Q_nl_min"
+    names = "u, m, valve_in, gain_k, power_J/s, m_kg/s, frames/s, Level -, p_min, note (old)"
+    for heading in f"{compound}, {names}".split(", "):
+        assert read_heading(heading)[:2] == (heading, None)
+
+
 @pytest.mark.parametrize(
     ("name", "unit", "told"),
     [
-        (
-            "flow_m3_s",
-            "l/min",
-            "no unit 'l/min' for a name that ends in s; name the signal flow_m3_per_s, with",
-        ),
+        ("flow_m3_s", "l/min", "no unit 'l/min' for a name that ends in s; name the signal flow_m3_per_s, with"),
         ("v_m_s", "mm/s", "no unit 'mm/s' for a name that ends in s; name the signal v_m_per_s, with per for /"),
         ("flow_l_min", "m3/h", "no unit 'm3/h' for a name that ends in min; name the signal flow_l_per_min, with per"),
         ("delay_s", "l/min", "no unit 'l/min'; choose from: s, us, ms, min"),

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,7 +25,7 @@ SUFFIX, METADATA = ".mcap", "metadata.yaml"
 TIME = "time_s"
 MOST_ENTRIES = 64
 """Entries of an array beyond which it is no set of signals."""
-SAME_CLOCK_S = 1.0
+SAME_CLOCK_NS = 1e9
 """Usual difference of a message's stamp from when it was logged, beyond which the two are different clocks."""
 
 ARRAYS = (list, tuple, np.ndarray)
@@ -51,13 +52,6 @@ class Topic:
     table: pd.DataFrame
     stamped: bool
 
-    @property
-    def rate_hz(self) -> float:
-        """Messages per second, by the usual step; nan for one message."""
-        steps = np.diff(self.times)
-        usual = float(np.median(steps)) if len(steps) else 0.0
-        return 1e9 / usual if usual else np.nan
-
 
 @dataclass(frozen=True)
 class Bag:
@@ -81,15 +75,15 @@ class Bag:
 
     def join(self, names: Collection[str] | None = None) -> pd.DataFrame:
         """Return the columns of these names, or all, on the clock of the one of their topics with most messages."""
-        wanted = {
-            each: [str(name) for name in topic.table if names is None or name in names]
-            for each, topic in self.topics.items()
-        }
-        used = [each for each, columns in wanted.items() if columns] or list(self.topics)
-        clock = max((self.topics[each].times for each in used), key=len)
+        wanted = [
+            (topic, [str(name) for name in topic.table if names is None or name in names])
+            for topic in self.topics.values()
+        ]
+        used = [each for each in wanted if each[1]] or wanted
+        clock = max((topic.times for topic, _ in used), key=len)
         columns = {TIME: pd.Series((clock - clock.min()) / 1e9)} if names is None or TIME in names else {}
-        for each in used:
-            columns |= _hold(self.topics[each], wanted[each], clock)
+        for topic, own in used:
+            columns |= _hold(topic, own, clock)
         return pd.DataFrame(columns, index=range(len(clock)))
 
 
@@ -114,26 +108,20 @@ def read_bag(path: Path) -> Bag:
 def _read(path: Path, state: object) -> Bag:
     left: dict[str, str] = {}
     messages = _list_mcap(path, left) if path.is_file() else _list_bag(path)
-    logged: dict[str, list[int]] = {}
-    stamps: dict[str, list[int]] = {}
-    rows: dict[str, list[dict[str, Any]]] = {}
+    found: dict[str, list[tuple[int, int, dict[str, Any]]]] = defaultdict(list)
     for topic, time, message in messages:
-        logged.setdefault(topic, []).append(time)
-        stamps.setdefault(topic, []).append(_read_stamp(message))
-        rows.setdefault(topic, []).append(dict(_flatten(topic, message, left)))
-    tables = {topic: pd.DataFrame(told) for topic, told in sorted(rows.items())}
+        found[topic].append((time, _read_stamp(message), dict(_flatten(topic, message, left))))
+    tables = {topic: pd.DataFrame([row for *_, row in told]) for topic, told in sorted(found.items())}
     tables = {topic: table for topic, table in tables.items() if not table.empty}
     if not tables:
         raise ValueError("; ".join(["expected messages with numbers, got none", *_describe_left(left)]))
-    stamped = {topic: all(stamps[topic]) for topic in tables}
-    offset = [topic for topic in tables if stamped[topic] and not _agree(stamps[topic], logged[topic])]
+    times = {topic: np.array([told[:2] for told in found[topic]], dtype=np.int64) for topic in tables}
+    stamped, why = {topic: bool(times[topic][:, 1].all()) for topic in tables}, ""
+    offset = [topic for topic in tables if stamped[topic] and np.median(np.abs(np.diff(times[topic]))) >= SAME_CLOCK_NS]
     if offset and not all(stamped.values()):
         stamped = dict.fromkeys(tables, False)
         why = f"; header.stamp of {offset[0]} is of another clock, and not every topic has one"
-    else:
-        why = ""
-    times = {topic: np.array((stamps if stamped[topic] else logged)[topic], dtype=np.int64) for topic in tables}
-    topics = {topic: Topic(times[topic], table, stamped[topic]) for topic, table in tables.items()}
+    topics = {topic: Topic(times[topic][:, int(stamped[topic])], tables[topic], stamped[topic]) for topic in tables}
     return Bag(topics, (*_describe_times(topics, why), *_describe_left(left)))
 
 
@@ -147,27 +135,25 @@ def _list_bag(path: Path) -> Iterator[Message]:
 
 
 def _list_mcap(path: Path, left: dict[str, str]) -> Iterator[Message]:
-    stores: dict[int, Any] = {}
-    with path.open("rb") as handle:
-        for schema, channel, message in sorted(_list_records(handle, left), key=lambda each: each[2].log_time):
-            if channel.message_encoding == "json":
-                yield channel.topic, message.log_time, json.loads(message.data)
-            elif channel.message_encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
-                yield channel.topic, message.log_time, _decode(schema, message.data, stores)
-            else:
-                told = f"its messages are in {channel.message_encoding or 'no known form'}, expected json or cdr"
-                left[channel.topic] = told
-
-
-def _list_records(handle: BinaryIO, left: dict[str, str]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield schemas, channels and messages of an MCAP file, as far as it was written."""
+    """Yield an MCAP file's messages in the order of their times, as far as it was written."""
     from mcap.exceptions import EndOfFile
     from mcap.reader import NonSeekingReader
 
-    try:
-        yield from NonSeekingReader(handle).iter_messages(log_time_order=False)
-    except EndOfFile:
-        left["what comes after the last whole chunk"] = "the file is cut off, as one of a recorder that was killed"
+    records, stores = [], dict[int, Any]()
+    with path.open("rb") as handle:
+        try:
+            for each in NonSeekingReader(handle).iter_messages(log_time_order=False):
+                records.append(each)
+        except EndOfFile:
+            left["what comes after the last whole chunk"] = "the file is cut off, as one of a recorder that was killed"
+    for schema, channel, message in sorted(records, key=lambda each: each[2].log_time):
+        if channel.message_encoding == "json":
+            yield channel.topic, message.log_time, json.loads(message.data)
+        elif channel.message_encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
+            yield channel.topic, message.log_time, _decode(schema, message.data, stores)
+        else:
+            told = f"its messages are in {channel.message_encoding or 'no known form'}, expected json or cdr"
+            left[channel.topic] = told
 
 
 def _decode(schema: Any, data: bytes, stores: dict[int, Any]) -> Any:
@@ -204,18 +190,16 @@ def _flatten(name: str, value: Any, left: dict[str, str]) -> Iterator[tuple[str,
     """Yield the numbers and texts in a value under their full names."""
     if _is_message(value):
         fields = _fields(value)
-        named = fields.get("name")
-        named = named if isinstance(named, list | tuple) and _are_texts(named) else []
-        beside = {
-            each
-            for each, told in fields.items()
-            if named and each != "name" and isinstance(told, ARRAYS) and len(told) == len(named)
-        }
+        named: Any = fields.get("name")
+        texts = isinstance(named, list | tuple) and all(isinstance(each, str) for each in named)
+        named = named if texts and len(set(named)) == len(named) else []
+        arrays = [each for each, told in fields.items() if each != "name" and isinstance(told, ARRAYS)]
+        beside = [each for each in arrays if named and len(fields[each]) == len(named)]
         for each, told in fields.items():
             if each == "header" or (each == "name" and beside):
                 continue
             if each in beside:
-                yield from ((f"{name}.{each}[{its}]", one) for its, one in zip(named, _native(told), strict=True))
+                yield from ((f"{name}.{each}[{its}]", one) for its, one in zip(named, _list(told), strict=True))
             else:
                 yield from _flatten(f"{name}.{each}", told, left)
     elif isinstance(value, bool | int | float | str) or value is None:
@@ -224,22 +208,14 @@ def _flatten(name: str, value: Any, left: dict[str, str]) -> Iterator[tuple[str,
         if len(value) > MOST_ENTRIES:
             left[name] = f"{len(value)} entries"
             return
-        for k, each in enumerate(_native(value)):
+        for k, each in enumerate(_list(value)):
             yield from _flatten(f"{name}[{k}]", each, left)
     else:
         left[name] = "neither numbers nor text"
 
 
-def _are_texts(values: Sequence[Any]) -> bool:
-    return len(values) > 0 and all(isinstance(each, str) for each in values) and len(set(values)) == len(values)
-
-
-def _native(values: Any) -> list[Any]:
+def _list(values: Any) -> list[Any]:
     return values.tolist() if isinstance(values, np.ndarray) else list(values)
-
-
-def _agree(stamps: Sequence[int], logged: Sequence[int]) -> bool:
-    return float(np.median(np.abs(np.array(stamps) - np.array(logged)))) < SAME_CLOCK_S * 1e9
 
 
 def _hold(topic: Topic, names: Sequence[str], clock: Nanoseconds) -> dict[str, pd.Series]:
@@ -253,14 +229,15 @@ def _hold(topic: Topic, names: Sequence[str], clock: Nanoseconds) -> dict[str, p
 
 
 def _describe_times(topics: Mapping[str, Topic], why: str) -> Iterator[str]:
-    stamped = ", ".join(sorted(each for each, topic in topics.items() if topic.stamped))
+    stamped = ", ".join(each for each, topic in topics.items() if topic.stamped)
     other = ", ".join(each for each, topic in topics.items() if not topic.stamped)
     if stamped:
         yield f"times from header.stamp{f' of {stamped}' if other else ''}"
     if other:
         yield f"times from the log{f' of {other}' if stamped else ''}{why}"
     if len(topics) > 1:
-        told = ", ".join(f"{each} {topic.rate_hz:.4g} Hz" for each, topic in topics.items())
+        usual = {each: np.median(np.diff(topic.times)) if len(topic.times) > 1 else 0 for each, topic in topics.items()}
+        told = ", ".join(f"{each} {1e9 / step if step else np.nan:.4g} Hz" for each, step in usual.items())
         yield (
             f"{len(topics)} topics ({told}) on the clock of the one with most messages of those that are used, "
             "each with its newest value"

@@ -9,6 +9,7 @@ import codecs
 import csv
 import re
 import warnings
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,28 +68,23 @@ def find_dialect(path: Path) -> Dialect:
         raise ValueError("No columns to parse from file")
     separator, decimal = _choose([lines[k] for k in kept])
     rows = {k: _split(lines[k], separator) for k in kept}
-    header = rows[kept[0]]
-    comments = [_split(lines[k].lstrip().lstrip("#%/"), separator) for k in range(kept[0]) if k not in kept]
-    told, units, after = _name_columns(kept, rows, comments, decimal)
+    width = len(rows[kept[0]])
+    comments = {k: _split(lines[k].lstrip().lstrip("#%/"), separator) for k in range(len(lines)) if k not in kept}
+    told, units, after = _name_columns(kept, rows, [comments[k] for k in comments if k < kept[0]], decimal)
     first_line = kept[after] if after < len(kept) else len(lines)
-    width = len(header)
-    between = range(kept[0] + 1, first_line)
-    beside = [_split(lines[k].lstrip().lstrip("#%/"), separator) for k in between if k not in kept]
-    units = units or next((each for each in beside if len(each) == width and any(each)), [])
-    remarks = []
-    if separator != ",":
-        remarks.append(f"columns separated by {SAID[separator]}")
-    if decimal == ",":
-        remarks.append("decimal commas")
-    if any(units):
-        remarks.append(f"a row of units: {', '.join(units)}")
-    if not told:
-        remarks.append("no names of columns, which are counted: column_1, column_2, ...")
-    if encoding == "cp1252":
-        remarks.append("characters of Windows (cp1252)")
+    beside = (each for k, each in comments.items() if kept[0] < k < first_line and len(each) == width and any(each))
+    units = units or next(beside, [])
+    remarks = {
+        f"columns separated by {SAID[separator]}": separator != ",",
+        "decimal commas": decimal == ",",
+        f"a row of units: {', '.join(units)}": any(units),
+        "no names of columns, which are counted: column_1, column_2, ...": not told,
+        "characters of Windows (cp1252)": encoding == "cp1252",
+    }
+    said = tuple(each for each, holds in remarks.items() if holds)
     names = _each_once(told or [f"column_{k + 1}" for k in range(width)])
     bare = tuple(each.strip("[]()") for each in units) if any(units) else ()
-    return Dialect(encoding, separator, decimal, first_line, tuple(names), bare, tuple(remarks))
+    return Dialect(encoding, separator, decimal, first_line, tuple(names), bare, said)
 
 
 def read_delimited(path: Path, dialect: Dialect, names: Collection[str] | None) -> pd.DataFrame:
@@ -137,11 +133,10 @@ def _read_sample(path: Path) -> tuple[str, str, bool]:
     for encoding in encodings:
         try:
             text = codecs.getincrementaldecoder(encoding)().decode(raw, final=whole)
+            break
         except UnicodeDecodeError:
             if encoding == encodings[-1]:
                 raise
-            continue
-        break
     if "\0" in text:
         raise ValueError("it holds no text")
     return text, encoding, whole
@@ -180,18 +175,13 @@ def _choose(lines: Sequence[str]) -> tuple[str, str]:
     if found[best][0] == 0.0:
         best = max(SEPARATORS[:3], key=lambda each: len(_split(lines[-1], each))), "."
     if found[best][2] < 0.5:
-        _refuse_widths(lines, best[0])
+        width, *others = (len(_split(line, best[0])) for line in lines)
+        other = next(each for each in others if each != width)
+        remedy = "put # before the lines above the names of the columns"
+        if best[0] == "," and other > width:
+            remedy = f"if its numbers have decimal commas, write it with semicolons between the columns; else {remedy}"
+        raise ValueError(f"its first line has {width} fields and those below have {other}; {remedy}")
     return best
-
-
-def _refuse_widths(lines: Sequence[str], separator: str) -> None:
-    rows = [_split(line, separator) for line in lines]
-    width = len(rows[0])
-    other = next(len(row) for row in rows[1:] if len(row) != width)
-    remedy = "put # before the lines above the names of the columns"
-    if separator == "," and other > width:
-        remedy = "if its numbers have decimal commas, write it with semicolons between the columns; else " + remedy
-    raise ValueError(f"its first line has {width} fields and those below have {other}; {remedy}")
 
 
 def _name_columns(
@@ -219,10 +209,9 @@ def _are_bracketed(fields: Sequence[str]) -> bool:
 
 def _each_once(names: Sequence[str]) -> list[str]:
     """Return names with a number behind what comes again; those of columns without a name stay empty."""
-    seen: dict[str, int] = {}
+    seen: Counter[str] = Counter()
     found = []
     for name in names:
-        count = seen.get(name, 0)
-        seen[name] = count + 1
-        found.append(f"{name}.{count}" if count and name else name)
+        found.append(f"{name}.{seen[name]}" if seen[name] and name else name)
+        seen[name] += 1
     return found

@@ -93,7 +93,7 @@ def _sort(name: str, value: Any, found: Variables) -> None:
 
 def _refuse(array: Vector) -> str:
     """Return why an array holds no columns; empty where it does."""
-    kind, shape = array.dtype.kind, " x ".join(map(str, array.shape))
+    kind = array.dtype.kind
     if kind == "V":
         return OBJECT
     if kind == "O":
@@ -104,7 +104,7 @@ def _refuse(array: Vector) -> str:
     if array.size == 0:
         return "empty"
     if array.ndim > 2 or (array.ndim == 2 and min(array.shape) > MOST_COLUMNS):
-        return f"{shape} numbers; write one vector for each signal"
+        return f"{' x '.join(map(str, array.shape))} numbers; write one vector for each signal"
     return "" if kind in "fiubU" else "neither numbers nor text"
 
 

@@ -125,7 +125,7 @@ def read_columns(path: Path) -> dict[str, pd.Series]:
 
 def _align(path: Path, found: Variables, names: Collection[str] | None) -> pd.DataFrame:
     lengths = {name: len(values) for name, values in found.vectors.items() if names is None or name in names}
-    if len(set(lengths.values())) > 1 and names is None:
+    if names is None and lengths:
         usual = max(lengths.values(), key=list(lengths.values()).count)
         lengths = {name: length for name, length in lengths.items() if length == usual}
     firsts: dict[int, str] = {}

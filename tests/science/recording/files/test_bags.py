@@ -9,7 +9,7 @@ import pytest
 from pipeline.columns import main
 from pipeline.errors import InputError
 from stages.science.recording.files.readers import FileError, read_header, read_samples
-from tests.bags import START_NS, write_bag, write_mcap
+from tests.bags import write_bag, write_mcap
 from tests.measured_data import GEOMETRY, make_samples, read_measured
 
 TIMES = np.arange(100) * 4_000_000
@@ -32,13 +32,10 @@ def test_a_bag_is_a_table_on_the_clock_of_most_messages(tmp_path, storage):
     held = frame["/joint.position[SFE]"]
     assert np.isnan(held[0])
     np.testing.assert_array_equal(held[1:5], [0.0, 0.0, 0.1, 0.1])
+    of_one = read_samples(bag, ["time_s", "/joint.position[SFE]"])  # which have its clock
+    np.testing.assert_array_equal(of_one["time_s"], np.arange(50) / 125.0)
     if storage == "mcap":
         pd.testing.assert_frame_equal(read_samples(next(bag.glob("*.mcap"))), frame)
-
-
-def test_columns_of_one_topic_have_its_clock(tmp_path):
-    frame = read_samples(write_bag(tmp_path / "bag", STATES), ["time_s", "/joint.position[SFE]"])
-    np.testing.assert_array_equal(frame["time_s"], np.arange(50) / 125.0)
 
 
 def test_messages_in_json_are_flattened(tmp_path):
@@ -48,62 +45,42 @@ def test_messages_in_json_are_flattened(tmp_path):
     header = read_header(path)
     assert list(header.remarks) == ["times from the log", "/camera.image is left alone: 999 entries"]
     (row, *_) = read_samples(path).to_dict("records")
-    assert row == {
-        "time_s": 0.0,
-        "/arm.position[a]": 1,
-        "/arm.position[b]": 2,
-        "/arm.limits[0]": 1,
-        "/arm.limits[1]": 2,
-        "/arm.limits[2]": 3,
-        "/arm.on": True,
-        "/arm.mode": "hold",
-        "/arm.deep.x": 3.5,
-    }
+    numbers = {"position[a]": 1, "position[b]": 2, "limits[0]": 1, "limits[1]": 2, "limits[2]": 3}
+    told = numbers | {"on": True, "mode": "hold", "deep.x": 3.5}
+    assert row == {"time_s": 0.0} | {f"/arm.{name}": value for name, value in told.items()}
 
 
 def stamped(seconds, value):
     return {"header": {"stamp": {"sec": int(seconds), "nanosec": round(seconds % 1 * 1e9)}}, "data": value}
 
 
-def test_stamps_of_another_clock_do_not_meet_the_logs(tmp_path):
+def test_stamps_of_another_clock_do_not_meet_the_logs_and_zeros_are_none(tmp_path):
     boot = {"/a": [(k * 10**7, stamped(5 + k / 50, k)) for k in range(5)]}
     assert read_header(write_mcap(tmp_path / "a.mcap", boot)).remarks == ("times from header.stamp",)
     np.testing.assert_allclose(read_samples(tmp_path / "a.mcap")["time_s"], np.arange(5) / 50)
     both = boot | {"/b": [(k * 10**7, {"data": k}) for k in range(4)]}
-    header = read_header(write_mcap(tmp_path / "b.mcap", both))
-    assert (
-        header.remarks[0] == "times from the log; header.stamp of /a is of another clock, and not every topic has one"
-    )
+    (why, *_) = read_header(write_mcap(tmp_path / "b.mcap", both)).remarks
+    assert why == "times from the log; header.stamp of /a is of another clock, and not every topic has one"
     np.testing.assert_allclose(read_samples(tmp_path / "b.mcap")["time_s"], np.arange(5) / 100)
+    zero = write_mcap(tmp_path / "c.mcap", {"/a": [(k * 10**8, stamped(0, k)) for k in range(3)]})
+    assert read_header(zero).remarks == ("times from the log",)
+    assert read_samples(zero)["time_s"].tolist() == [0.0, 0.1, 0.2]
 
 
-def test_zero_stamps_are_none(tmp_path):
-    path = write_mcap(tmp_path / "x.mcap", {"/a": [(k * 10**8, stamped(0, k)) for k in range(3)]})
-    assert read_header(path).remarks == ("times from the log",)
-    assert read_samples(path)["time_s"].tolist() == [0.0, 0.1, 0.2]
-    assert START_NS > 0
-
-
-@pytest.mark.parametrize(
-    ("content", "told"),
-    [
-        (b"no bag at all", "x.mcap: cannot be read as MCAP ("),
-        (
-            None,
-            "(expected messages with numbers, got none; /p is left alone: 999 entries)",
-        ),
-    ],
-)
-def test_a_broken_file_is_one_line(tmp_path, content, told):
-    path = tmp_path / "x.mcap"
-    if content is None:
-        write_mcap(path, {"/p": [(0, list(range(999)))]})
-    else:
-        path.write_bytes(content)
-    with pytest.raises(FileError) as refused:
-        read_header(path)
-    assert told in str(refused.value)
-    assert "\n" not in str(refused.value)
+def test_a_broken_file_is_one_line(tmp_path):
+    broken, blank = tmp_path / "x.mcap", write_mcap(tmp_path / "y.mcap", {"/p": [(0, list(range(999)))]})
+    broken.write_bytes(b"no bag at all")
+    bag = write_bag(tmp_path / "bag", STATES)
+    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}")
+    for path, told in (
+        (broken, "x.mcap: cannot be read as MCAP ("),
+        (blank, "(expected messages with numbers, got none; /p is left alone: 999 entries)"),
+        (bag, "bag: cannot be read as a ROS 2 bag"),
+    ):
+        with pytest.raises(FileError) as refused:
+            read_header(path)
+        assert told in str(refused.value)
+        assert "\n" not in str(refused.value)
 
 
 def test_of_a_file_that_is_cut_off_what_was_written_is_read(tmp_path):
@@ -116,38 +93,26 @@ def test_of_a_file_that_is_cut_off_what_was_written_is_read(tmp_path):
     assert 50 < len(found) < 450
     assert found["/a.data"].tolist() == list(range(len(found)))
     np.testing.assert_allclose(found["time_s"], np.arange(len(found)) / 100)
-
-
-def test_a_bag_that_ends_before_its_first_message_is_one_line(tmp_path):
-    path = write_mcap(tmp_path / "x.mcap", {"/a": [(k, {"data": k}) for k in range(50)]})
-    path.write_bytes(path.read_bytes()[:300])
+    path.write_bytes(whole[:300])
     with pytest.raises(FileError, match=r"got none; what comes after .* the file is cut off"):
         read_samples(path)
-    bag = write_bag(tmp_path / "bag", STATES)
-    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}")
-    with pytest.raises(FileError, match="bag: cannot be read as a ROS 2 bag"):
-        read_samples(bag)
 
 
 @pytest.mark.parametrize(("name", "library"), [("x.mcap", "mcap"), ("bag", "rosbags")])
 def test_a_missing_library_is_told_with_what_to_type(tmp_path, monkeypatch, name, library):
-    path = tmp_path / name
-    if library == "mcap":
-        write_mcap(path, {"/a": [(0, {"data": 1})]})
-    else:
-        write_bag(path, STATES)
+    write_mcap(tmp_path / "x.mcap", {"/a": [(0, {"data": 1})]})
+    write_bag(tmp_path / "bag", STATES)
     for module in [each for each in sys.modules if each.split(".")[0] == library] + [library]:
         monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(FileError, match=rf'expected the library {library}, .*; type: pip install "pamid\[bags\]"$'):
-        read_header(path)
+        read_header(tmp_path / name)
 
 
 def test_what_a_bag_holds_is_told(tmp_path, capsys):
     assert main([str(write_bag(tmp_path / "bag", STATES))]) == 0
     shown = capsys.readouterr().out
-    assert "bag: 4 columns, 100 rows" in shown
-    assert "times from header.stamp" in shown
-    assert "/joint.position[SFE]" in shown
+    for told in ("bag: 4 columns, 100 rows", "times from header.stamp", "/joint.position[SFE]"):
+        assert told in shown
 
 
 def wide(samples):
@@ -163,12 +128,16 @@ PATTERNS = ["pressure_kpa", "pressure_command_kpa", "force_n"]
 MAP = [*(f'columns.{name}="{name} of {{muscle}}"' for name in PATTERNS), 'columns.joint_angle_rad="angle {joint}"']
 
 
+def read_wide(folder, frame, *overrides, suffix=".csv"):
+    path = folder / f"wide{suffix}"
+    frame.to_csv(path, index=False) if suffix == ".csv" else frame.to_parquet(path)
+    return read_measured(folder, path, *MAP, *overrides)
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_a_column_for_each_muscle_is_read_by_a_pattern(tmp_path, suffix):
-    samples, path = make_samples(), tmp_path / f"wide{suffix}"
-    frame = wide(samples)
-    frame.to_csv(path, index=False) if suffix == ".csv" else frame.to_parquet(path)
-    tables = read_measured(tmp_path, path, *MAP)
+    samples = make_samples()
+    tables = read_wide(tmp_path, wide(samples), suffix=suffix)
     expected = samples.sort_values(["trial", "muscle", "time_s"]).reset_index(drop=True)
     for name in ("trial", "muscle", *PATTERNS, "joint_angle_rad"):
         np.testing.assert_array_equal(tables["measured"][name], expected[name], err_msg=name)
@@ -177,54 +146,32 @@ def test_a_column_for_each_muscle_is_read_by_a_pattern(tmp_path, suffix):
 
 
 def test_a_wide_file_without_trials_is_one(tmp_path):
-    frame = wide(make_samples(trials=1)).drop(columns="trial")
-    frame.to_csv(tmp_path / "one.csv", index=False)
-    tables = read_measured(tmp_path, tmp_path / "one.csv", *MAP)
+    tables = read_wide(tmp_path, wide(make_samples(trials=1)).drop(columns="trial"))
     assert tables["measured_trials"]["trial"].tolist() == [0]
     assert ("trial", "the whole file is one, number 0") in tables["measured_notes"].itertuples(index=False, name=None)
 
 
-def test_a_pattern_that_stands_for_nothing_is_refused(tmp_path):
-    wide(make_samples()).to_csv(tmp_path / "x.csv", index=False)
-    with pytest.raises(InputError, match=r"no column 'F of \{muscle\}', which columns.force_n names; "):
-        read_measured(tmp_path, tmp_path / "x.csv", *MAP, 'columns.force_n="F of {muscle}"')
-
-
-def test_rows_of_a_wide_file_are_counted_once(tmp_path):
+def test_patterns_that_stand_for_nothing_and_repeated_rows_are_refused_and_missing_rows_noted(tmp_path):
     frame = wide(make_samples())
-    pd.concat([frame, frame.iloc[[7]]]).to_csv(tmp_path / "x.csv", index=False)
+    with pytest.raises(InputError, match=r"no column 'F of \{muscle\}', which columns.force_n names; "):
+        read_wide(tmp_path, frame, 'columns.force_n="F of {muscle}"')
     with pytest.raises(InputError, match=r"column time_s: row 300 repeat an earlier one \(trial 0, muscle pam1, "):
-        read_measured(tmp_path, tmp_path / "x.csv", *MAP)
-
-
-def test_missing_rows_are_noted(tmp_path):
-    frame = wide(make_samples()).drop(index=[20, 21])
-    frame.to_csv(tmp_path / "x.csv", index=False)
-    notes = read_measured(tmp_path, tmp_path / "x.csv", *MAP)["measured_notes"].set_index("about")["note"]
+        read_wide(tmp_path, pd.concat([frame, frame.iloc[[7]]]))
+    notes = read_wide(tmp_path, frame.drop(index=[20, 21]))["measured_notes"].set_index("about")["note"]
     assert notes["trial 0"] == "4 of its rows were missing: samples without values"
 
 
 def test_muscles_are_read_from_a_bag(tmp_path):
     samples = make_samples(trials=1).sort_values(["muscle", "time_s"])
     own = dict(list(samples.groupby("muscle")))
-    first = own["pam1"]
-
-    def beside(column):
-        return np.column_stack([own[name][column] for name in GEOMETRY])
-
-    fields = {"position": "pressure_kpa", "velocity": "pressure_command_kpa", "effort": "force_n"}
-    muscles = {field: beside(column) for field, column in fields.items()}
-    topics = {
-        "/muscles": (list(GEOMETRY), TIMES, muscles),
-        "/joints": (["SFE"], TIMES, {"position": first[["joint_angle_rad"]].to_numpy()}),
-    }
-    path = write_bag(tmp_path / "session", topics)
+    fields = dict(zip(("position", "velocity", "effort"), PATTERNS, strict=True))
+    muscles = {field: np.column_stack([own[name][column] for name in GEOMETRY]) for field, column in fields.items()}
+    angle = own["pam1"][["joint_angle_rad"]].to_numpy()
+    topics = {"/muscles": (list(GEOMETRY), TIMES, muscles), "/joints": (["SFE"], TIMES, {"position": angle})}
     tables = read_measured(
         tmp_path,
-        path,
-        'columns.pressure_kpa="/muscles.position[{muscle}]"',
-        'columns.pressure_command_kpa="/muscles.velocity[{muscle}]"',
-        'columns.force_n="/muscles.effort[{muscle}]"',
+        write_bag(tmp_path / "session", topics),
+        *(f'columns.{column}="/muscles.{field}[{{muscle}}]"' for field, column in fields.items()),
         'columns.joint_angle_rad="/joints.position[{joint}]"',
     )
     for name in (*PATTERNS, "joint_angle_rad"):

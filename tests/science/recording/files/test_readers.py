@@ -7,12 +7,13 @@ from scipy.io import savemat
 
 from stages.science.recording.files.readers import FileError, UnequalColumns, read_columns, read_header, read_samples
 
+HDF5 = b"\x89HDF\r\n\x1a\n"
 TIMES, FORCES = [0.0, 0.5, 1.0], [1.5, -2.25, 1000.0]
 
 
-def refusal(path, names=None):
+def refusal(path):
     with pytest.raises(FileError) as refused:
-        read_samples(path, names)
+        read_samples(path)
     assert "\n" not in str(refused.value)
     assert str(path) in str(refused.value)
     return str(refused.value)
@@ -68,7 +69,7 @@ def test_a_column_of_text_and_missing_values_stay(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("content", "told"),
     [
         ("t,F\n0,5,1,2\n0,6,1,3\n", "its first line has 2 fields and those below have 4; if its numbers have decimal"),
         ("Report of today\nt,F\n0,1\n1,2\n2,3\n", "put # before the lines above the names of the columns"),
@@ -77,17 +78,17 @@ def test_a_column_of_text_and_missing_values_stay(tmp_path):
         ("t\0,F\n0,1\n", "it holds no text"),
         ("a,b\n1,2\n1,2,3\n", "Expected 2 fields in line 3, saw 3"),
         (b"\xff\xfe\x00", "run.csv: cannot be read as CSV ("),
+        (b"no", "x.parquet: cannot be read as PARQUET ("),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + HDF5, "cannot be read as MAT (version 7.3, expected 7"),
+        (HDF5 + b"\0" * 600, "expected 7 or older; load it in MATLAB and type: save('new.mat', '-v7')"),
+        (b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM\x0f\0\0\0\xff\0\0\0abc", "cannot be read as MAT ("),
+        *((each, "cannot be read as MAT (") for each in (b"no such thing", b"")),
     ],
 )
-def test_text_that_is_no_table_is_refused_with_the_remedy(tmp_path, text, told):
-    path = tmp_path / "run.csv"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+def test_what_cannot_be_read_is_refused_with_the_remedy(tmp_path, content, told):
+    path = tmp_path / ("x.parquet" if "PARQUET" in told else "x.mat" if "MAT" in told else "run.csv")
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
     assert told in refusal(path)
-
-
-def test_what_is_no_parquet_file_is_refused(tmp_path):
-    (tmp_path / "x.parquet").write_bytes(b"no")
-    assert "x.parquet: cannot be read as PARQUET (" in refusal(tmp_path / "x.parquet")
 
 
 def test_an_index_of_a_parquet_file_that_has_a_name_is_a_column(tmp_path):
@@ -111,17 +112,13 @@ def test_vectors_of_a_mat_file_are_columns_and_single_numbers_are_told(tmp_path)
     assert frame["data.F"].tolist() == FORCES
     assert frame["M_2"].tolist() == [1, 3, 5]
     assert len(read_samples(path)) == 3
-
-
-def test_a_wide_matrix_holds_its_signals_in_rows(tmp_path):
-    savemat(tmp_path / "x.mat", {"M": np.arange(20).reshape(2, 10)})
-    assert read_samples(tmp_path / "x.mat")["M_2"].tolist() == list(range(10, 20))
+    savemat(path, {"M": np.arange(20).reshape(2, 10)})  # wide: its signals are its rows
+    assert read_samples(path)["M_2"].tolist() == list(range(10, 20))
 
 
 def test_an_array_of_structs_is_an_array_of_records(tmp_path):
     runs = np.zeros(2, dtype=[("t", "O"), ("y", "O"), ("mass", "O")])
-    runs[0] = (np.arange(3.0), np.arange(3.0) + 10.0, 1.0)
-    runs[1] = (np.arange(5.0), np.arange(5.0) + 20.0, 2.0)
+    runs[:] = [(np.arange(size), np.arange(size) + start, 1.0) for size, start in ((3.0, 10.0), (5.0, 20.0))]
     savemat(tmp_path / "x.mat", {"run": runs})
     frame = read_samples(tmp_path / "x.mat")
     assert frame["run"].tolist() == ["1"] * 3 + ["2"] * 5
@@ -149,22 +146,3 @@ def test_what_is_no_vector_is_left_alone_and_said(tmp_path):
     assert "z is left alone: complex numbers" in told
     assert "cube is left alone: 2 x 3 x 4 numbers; write one vector for each signal" in told
     assert list(read_samples(path)) == ["u"]
-
-
-@pytest.mark.parametrize(
-    ("content", "told"),
-    [
-        (
-            b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n",
-            "version 7.3, expected 7 or older; load it in MATLAB and type: save('new.mat', '-v7')",
-        ),
-        (b"\x89HDF\r\n\x1a\n" + b"\0" * 600, "version 7.3, expected"),
-        (b"no such thing", "cannot be read as MAT ("),
-        (b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"\x0f\0\0\0\xff\0\0\0abc", "cannot be read as MAT ("),
-        (b"", "cannot be read as MAT ("),
-    ],
-)
-def test_a_mat_file_that_cannot_be_read_is_refused_with_the_remedy(tmp_path, content, told):
-    path = tmp_path / "x.mat"
-    path.write_bytes(content)
-    assert told in refusal(path)
