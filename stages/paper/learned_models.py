@@ -33,7 +33,7 @@ from stages.science.muscle_models.recorded_models import RecordedModels
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
 from stages.science.statistics.concentration import Choices, judge_concentration
-from stages.science.statistics.coverage import cover_blocks
+from stages.science.statistics.intervals import cover_blocks
 from stages.science.statistics.paired import adjust_holm, compare_pairs
 from stages.science.statistics.verdicts import LEVEL, judge_differences
 
@@ -265,16 +265,11 @@ def count_choices(trials: pd.DataFrame, trajectories: list[int]) -> pd.DataFrame
     for arm, its in trials.groupby("arm", sort=False):
         experiments = its.groupby(["participant", "experiment"]).ngroups
         distinct = its.drop_duplicates(["participant", "experiment", "trajectory"])
-        counted = pd.DataFrame(
-            {
-                "arm": str(arm),
-                "trajectory": list(trajectories),
-                "times": its["trajectory"].value_counts().reindex(trajectories, fill_value=0).to_numpy(),
-                "share": distinct["trajectory"].value_counts().reindex(trajectories, fill_value=0).to_numpy()
-                / experiments,
-                "experiments": experiments,
-            }
+        times, in_experiments = (
+            each["trajectory"].value_counts().reindex(trajectories, fill_value=0).to_numpy() for each in (its, distinct)
         )
+        counted = pd.DataFrame({"arm": str(arm), "trajectory": list(trajectories), "times": times})
+        counted = counted.assign(share=in_experiments / experiments, experiments=experiments)
         counted["rank"] = counted["times"].rank(method="min", ascending=False).astype(int)
         frames.append(counted.sort_values(["rank", "trajectory"]))
     return pd.concat(frames, ignore_index=True)
@@ -298,22 +293,11 @@ def judge_choices(
             at = np.searchsorted(known, chosen["trajectory"].to_numpy())
             experiments.append(Choices(at, np.flatnonzero(free), again))
         told = judge_concentration(experiments, known.size, draws, ctx.generator("choices", str(arm)))
-        rows.append(
-            {
-                "arm": str(arm),
-                "n": told.n,
-                "trials": len(its),
-                "dispersion": told.dispersion,
-                "expected": told.expected,
-                "low": told.low,
-                "high": told.high,
-                "effect": told.effect_size,
-                "p": told.p_value,
-            }
-        )
+        rows.append({"arm": str(arm), "trials": len(its), **vars(told)})
     frame = pd.DataFrame(rows)
     adjusted = adjust_holm(frame["p"].to_numpy())
-    return frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, "concentrated", "as at random"))
+    verdict = np.where(adjusted < LEVEL, "concentrated", "as at random")
+    return frame.assign(p_holm=adjusted, verdict=verdict)[list(CHOICE_CONCENTRATION.columns)]
 
 
 def show_references(cfg: Config, often: pd.DataFrame, references: pd.DataFrame, ctx: Context) -> None:
@@ -346,18 +330,9 @@ def select(frame: pd.DataFrame, where: Mapping[str, Any]) -> pd.DataFrame:
 def draw_up_forces(
     recorded: Mapping[str, RecordedModels], models: pd.DataFrame, points: pd.DataFrame, bank: pd.DataFrame, grid: int
 ) -> pd.DataFrame:
-    """Return the rows of `force_surfaces`.
+    """Return the rows of `force_surfaces`, from the models and points of one experiment and arm after the last trial.
 
-    Parameters
-    ----------
-    recorded : mapping of str to RecordedModels
-        By muscle.
-    models, points : DataFrame
-        Of one experiment and arm; the last trial counts.
-    bank : DataFrame
-        Gives the range of each input and the samples that states are near to.
-    grid : int
-        Values of each input.
+    The bank gives the range of each input, of which there are `grid` values, and the samples that states are near to.
     """
     last = models[models["trial"] == models["trial"].max()]
     frames = []
@@ -412,17 +387,7 @@ def show_forces(cfg: Config, forces: pd.DataFrame, last: Mapping[str, Any], poin
 
 @dataclass(frozen=True, eq=False)
 class MeasuredForces:
-    """Measured forces of one muscle.
-
-    Parameters
-    ----------
-    inputs : (N, D) float array
-        Standardised.
-    force_n : (N,) float array
-        Measured, N.
-    trajectory : (N,) int array
-        Movement that each is of.
-    """
+    """Standardised inputs (N, D) of one muscle, the measured forces (N,), N, and the movement that each is of, (N,)."""
 
     inputs: Array
     force_n: Array
@@ -498,21 +463,13 @@ def cover_forces(gp: MarginalGP, job: Job) -> Iterator[tuple[Any, ...]]:
         for name, halves_n in half_widths_n.items():
             half_n = halves_n[its]
             told = cover_blocks(test.force_n, mean_n[its] - half_n, mean_n[its] + half_n, test.trajectory)
-            shares = (told.n, told.blocks, told.share, told.low, told.high)
-            yield (tested_on, job.muscle, name, *shares, float(half_n.mean()))
+            yield (tested_on, job.muscle, name, *vars(told).values(), float(half_n.mean()))
 
 
 def predict_intervals(gp: MarginalGP, scaling: Scaling, inputs: Array) -> tuple[Array, dict[str, Array]]:
     """Return the predicted forces (N,), N, and the half widths of the 95 % intervals of measured ones, by model.
 
-    Parameters
-    ----------
-    gp : MarginalGP
-        In standard units.
-    scaling : Scaling
-        From and to them.
-    inputs : (N, D) float array
-        Standardised.
+    Inputs, (N, D), are standardised.
     """
     mean, plain = gp.predict(inputs)
     _, marginal = gp.predict_marginal(inputs)
@@ -551,22 +508,14 @@ def tabulate_reliability(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.D
 
 
 def compare_models(family: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
-    """Return the rows of one arm and test set, whose p-values are adjusted together.
-
-    Parameters
-    ----------
-    family : DataFrame
-        A row for each muscle, trial and experiment.
-    muscles : sequence of str
-        In the order of the rows.
-    """
+    """Return the rows of one arm and test set, whose p-values are adjusted together, from one for each experiment."""
     groups: dict[Any, pd.DataFrame] = dict(list(family.groupby(["muscle", "trial"])))
     found = []
     for muscle, trial in sorted(groups, key=lambda each: (muscles.index(each[0]), each[1])):
         its = groups[(muscle, trial)]
         told = compare_pairs(its[f"{MARGINAL}_gap"].to_numpy(), its[f"{PLAIN}_gap"].to_numpy())
-        row = {"muscle": muscle, "trial": trial, "wider": its["wider"].mean(), **told.tabulate(MARGINAL, PLAIN)}
-        row |= {"marginal_gap": told.mean_first, "plain_gap": told.mean_second}
+        row = {"muscle": muscle, "trial": trial, "wider": its["wider"].mean(), **vars(told)}
+        row |= {"marginal_gap": told.first_mean, "plain_gap": told.second_mean}
         for name in (PLAIN, MARGINAL):
             row |= dict(
                 zip((f"{name}_share", f"{name}_low", f"{name}_high"), average(its[f"{name}_share"]), strict=True)

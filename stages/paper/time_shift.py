@@ -194,14 +194,9 @@ class Experiments:
         initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
         rows: list[tuple[Any, ...]] = []
         for amplitude_s in (NO_SHIFT, *self.section.amplitudes_s):
+            design, first = loop.design(muscles.mean), [int(each) for each in initial]
             known = self.replay.run(
-                loop.design(muscles.mean),
-                muscles.priors,
-                [int(each) for each in initial],
-                loop.initial_points,
-                loop.trials,
-                generator,
-                amplitude_s,
+                design, muscles.priors, first, loop.initial_points, loop.trials, generator, amplitude_s
             )
             for trial, interaction in enumerate(known):
                 for test in self.tests:
@@ -226,9 +221,8 @@ def compare_shifts(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
     table = average_muscles(curve).pivot_table(
         index="experiment", columns=["tested_on", "amplitude_s", "trial"], values="error_rate"
     )
-    rows: list[dict[str, Any]] = []
-    amplitudes = [each for each in curve["amplitude_s"].unique() if each != NO_SHIFT]
-    for amplitude_s in amplitudes:
+    rows = []
+    for amplitude_s in (each for each in curve["amplitude_s"].unique() if each != NO_SHIFT):
         for tested_on in curve["tested_on"].unique():
             without, shifted = table[tested_on][NO_SHIFT], table[tested_on][amplitude_s]
             before = float(without[0].mean())
@@ -236,9 +230,9 @@ def compare_shifts(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
                 "final": [each.iloc[:, -1].to_numpy() for each in (shifted, without)],
                 "curve": [each.drop(columns=0).to_numpy().mean(axis=1) for each in (shifted, without)],
             }
-            for measure, pair in pairs.items():
+            for measure, (ours, theirs) in pairs.items():
                 where = {"amplitude_s": amplitude_s, "tested_on": tested_on, "measure": measure, "before": before}
-                compared = compare_pairs(pair[0], pair[1]).tabulate("with", "without")
-                rows.append(where | compared | judge_paired_equivalence(pair[0], pair[1], margin).tabulate())
+                compared = compare_pairs(ours, theirs).tabulate("with", "without")
+                rows.append(where | compared | vars(judge_paired_equivalence(ours, theirs, margin)))
     frame = judge_with_equivalence(pd.DataFrame(rows), "p_t", "better", "worse", ending=" with shift")
     return frame[list(SHIFT_COMPARISON.columns)]

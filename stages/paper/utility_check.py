@@ -144,22 +144,11 @@ class Check:
         for target, densities in told.items():
             information = densities.mean(axis=0)
             best = Information.of(densities[:, int(np.argmax(information))])
-            reliability = rely(densities)
+            yardstick = rely(densities), best.value, best.standard_error
             for name in CHOICES:
-                agreement = (0.0, forgo_at_random(information)) if name == RANDOM else agree(scores[name], information)
-                rows.append(
-                    (
-                        job.participant,
-                        job.experiment,
-                        job.trial,
-                        target,
-                        name,
-                        *agreement,
-                        reliability,
-                        best.value,
-                        best.standard_error,
-                    )
-                )
+                random = 0.0, forgo(information.mean(), information)
+                agreement = random if name == RANDOM else agree(scores[name], information)
+                rows.append((job.participant, job.experiment, job.trial, target, name, *agreement, *yardstick))
         return rows
 
     def estimate(self, job: Job, models: Sequence[MarginalGP], paths: Sequence[Array]) -> tuple[Array, Array]:
@@ -190,9 +179,8 @@ def utility_check(
     """Check every utility against Monte Carlo mutual information."""
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     design = models["arm"].iloc[0]
-    jobs = list(
-        gather(muscles, models[models["arm"] == design], points[points["arm"] == design], cfg.utility_check.experiments)
-    )
+    models, points = models[models["arm"] == design], points[points["arm"] == design]
+    jobs = list(gather(muscles, models, points, cfg.utility_check.experiments))
     check = Check(cfg.utility_check, ctx, muscles)
     rows: list[tuple[Any, ...]] = []
     with ctx.progress("models", len(jobs)) as advance:
@@ -200,13 +188,12 @@ def utility_check(
             rows += found
             advance(f"{job.participant} experiment {job.experiment} trial {job.trial}")
     agreement = pd.DataFrame(rows, columns=list(UTILITY_AGREEMENT.columns))
-    summary = summarise(agreement)
     caption = (
         "Share of the most telling trajectory's information that the choice of each utility forgoes, by Monte Carlo "
         "mutual information with the hyperparameters: each experiment (dots) and their mean with its 95 % interval."
     )
     ctx.figure("utility_agreement", draw_agreement(agreement, CHOICES, TARGETS), caption)
-    return agreement, summary
+    return agreement, summarise(agreement)
 
 
 def gather(muscles: MuscleSet, models: pd.DataFrame, points: pd.DataFrame, experiments: int) -> Iterator[Job]:
@@ -221,10 +208,15 @@ def gather(muscles: MuscleSet, models: pd.DataFrame, points: pd.DataFrame, exper
         yield Job(participant, experiment, trial, thetas, known[known["trial"] <= trial])
 
 
+def forgo(chosen: float, information: Array) -> float:
+    """Return the share of the best trajectory's information, of (R,), that one forgoes who has chosen so much."""
+    best = information.max()
+    return float(np.clip(1.0 - chosen / best, 0.0, 1.0)) if best > 0 else 0.0
+
+
 def agree(scores: Array, information: Array) -> tuple[float, float]:
     """Return rank correlation and regret of scores; NaN and the regret of the first where all scores are equal."""
-    chosen, best = information[int(np.argmax(scores))], information.max()
-    regret = float(np.clip(1.0 - chosen / best, 0.0, 1.0)) if best > 0 else 0.0
+    regret = forgo(information[int(np.argmax(scores))], information)
     if np.ptp(scores) == 0 or np.ptp(information) == 0:
         return np.nan, regret
     return float(spearmanr(scores, information).statistic), regret
@@ -243,12 +235,6 @@ def rely(densities: Array) -> float:
     return r if r < 0 else 2 * r / (1 + r)
 
 
-def forgo_at_random(information: Array) -> float:
-    """Return the regret that a random choice is expected to have."""
-    best = information.max()
-    return float(np.clip(1.0 - information.mean() / best, 0.0, 1.0)) if best > 0 else 0.0
-
-
 def summarise(agreement: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of `utility_summary`."""
     keys = ["target", "utility", "participant", "experiment"]
@@ -261,18 +247,9 @@ def summarise(agreement: pd.DataFrame) -> pd.DataFrame:
         for name in CHOICES:
             ranks, regret = of[name]["spearman"].to_numpy(), of[name]["regret"].to_numpy()
             spread, told = compare_pairs(ranks, np.zeros_like(ranks)), compare_pairs(regret, design)
-            row = {
-                "target": target,
-                "utility": name,
-                "n": regret.size,
-                "spearman": spread.mean_first,
-                "spearman_low": spread.low,
-                "spearman_high": spread.high,
-                "reliability": of[name]["reliability"].mean(),
-                "regret": told.mean_first,
-                **told.tabulate("regret", "design"),
-            }
-            rows.append(row)
+            row = {"spearman": spread.first_mean, "spearman_low": spread.low, "spearman_high": spread.high}
+            row |= {"reliability": of[name]["reliability"].mean(), "regret": told.first_mean}
+            rows.append({"target": target, "utility": name, **vars(told), **row})
         frame = judge_differences(pd.DataFrame(rows), "p_t", "forgoes less than y_y", "forgoes more than y_y")
         frame.loc[frame["utility"] == DESIGN, "verdict"] = "the design"
         frames.append(frame[list(UTILITY_SUMMARY.columns)])

@@ -14,7 +14,6 @@ from stages.science.gp.sparse_marginal import condition_sparse
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import thin
 from stages.science.signals.measures import error_rate
-from stages.science.statistics.verdicts import judge
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 from tests.studies import read_stages, run_stage
 
@@ -304,7 +303,3 @@ def test_curves_are_means_and_sds_of_the_muscles_average(generator):
     values = values_of(pick(curve[curve["tested_on"] == "bank"], "sparse", "y_y"))
     assert told.loc[("sparse y_y", 2, "bank"), "error_rate_mean"] == pytest.approx(values.mean())
     assert told.loc[("sparse y_y", 2, "bank"), "error_rate_sd"] == pytest.approx(values.std(ddof=1))
-
-
-def test_a_missing_p_value_decides_nothing():
-    assert judge(np.nan, np.nan, "first better", "", "equivalent") == "undecided"
