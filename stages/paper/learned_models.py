@@ -234,12 +234,19 @@ def learned_models(
     movements = [int(each) for each in references["trajectory"].unique()]
     often = count_choices(trials, movements)
     concentration = judge_choices(trials, initial_trials, movements, section.draws, ctx)
-    show_references(cfg, often[often["arm"] == design], references, ctx)
+    shown, machine = often[often["arm"] == design].head(section.shown), cfg.exoskeleton
+    groups = {joint: [each.name for each in machine.muscles if each.joint == joint] for joint in machine.joint_names}
+    caption = (
+        f"The {len(shown)} trajectories that {design} chose most often, of {len(movements)}: each joint's "
+        "reference and the pressure commands of its muscles. Above each: in how many of the experiments it was chosen."
+    )
+    ctx.figure("frequent_references", draw_frequent_references(shown, references, groups), caption)
 
-    surfaces = section.surfaces
-    last = find_last(models, design)
-    forces = draw_up_forces(recorded, select(models, last), select(points, last), bank, surfaces.grid)
-    show_forces(cfg, forces, last, points, ctx)
+    first = models[models["arm"] == design].iloc[0]
+    own = ["arm", "participant", "experiment"]
+    its_models, known = (each[(each[own] == first[own]).all(axis=1)] for each in (models, points))
+    forces = draw_up_forces(recorded, its_models, known, bank, section.surfaces.grid)
+    show_forces(section.surfaces, forces, its_models.sort_values("trial").iloc[-1], known, ctx)
 
     tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
     jobs = list(gather(recorded, tests, models, points, section.reliability))
@@ -300,33 +307,6 @@ def judge_choices(
     return frame.assign(p_holm=adjusted, verdict=verdict)[list(CHOICE_CONCENTRATION.columns)]
 
 
-def show_references(cfg: Config, often: pd.DataFrame, references: pd.DataFrame, ctx: Context) -> None:
-    """Draw the most often chosen trajectories of the design (paper, Fig. 10)."""
-    machine = cfg.exoskeleton
-    groups = {joint: [each.name for each in machine.muscles if each.joint == joint] for joint in machine.joint_names}
-    shown = often.head(cfg.learned_models.shown)
-    caption = (
-        f"The {len(shown)} trajectories that {often['arm'].iloc[0]} chose most often, of {len(often)}: each joint's "
-        "reference and the pressure commands of its muscles. Above each: in how many of the experiments it was chosen."
-    )
-    ctx.figure("frequent_references", draw_frequent_references(shown, references, groups), caption)
-
-
-def find_last(models: pd.DataFrame, design: str) -> dict[str, Any]:
-    """Return which is the first experiment of the design, and its last trial."""
-    first = models[models["arm"] == design].iloc[0]
-    where = {"arm": design, "participant": str(first["participant"]), "experiment": int(first["experiment"])}
-    return {**where, "trial": int(select(models, where)["trial"].max())}
-
-
-def select(frame: pd.DataFrame, where: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the rows of an experiment and arm, up to the trial if one is given."""
-    rows = np.ones(len(frame), dtype=bool)
-    for name, value in where.items():
-        rows &= (frame[name] <= value if name == "trial" else frame[name] == value).to_numpy()
-    return frame[rows]
-
-
 def draw_up_forces(
     recorded: Mapping[str, RecordedModels], models: pd.DataFrame, points: pd.DataFrame, bank: pd.DataFrame, grid: int
 ) -> pd.DataFrame:
@@ -368,11 +348,10 @@ def lay_grid(samples: pd.DataFrame, varied: Sequence[str], grid: int, scaling: S
     return states[list(MODEL_INPUTS)]
 
 
-def show_forces(cfg: Config, forces: pd.DataFrame, last: Mapping[str, Any], points: pd.DataFrame, ctx: Context) -> None:
-    """Draw the learned force of one muscle (paper, Fig. 11)."""
-    muscle, near = cfg.learned_models.surfaces.muscle, cfg.learned_models.surfaces.near
-    its = forces[forces["muscle"] == muscle]
-    known = select(points, last)
+def show_forces(cfg: Surfaces, forces: pd.DataFrame, last: pd.Series[Any], points: pd.DataFrame, ctx: Context) -> None:
+    """Draw the learned force of one muscle (paper, Fig. 11), with the points of its model."""
+    muscle, near = cfg.muscle, cfg.near
+    its, known = forces[forces["muscle"] == muscle], points[points["muscle"] == muscle]
     held = its.loc[its["section"] == "pressure_velocity", CONTRACTION].iloc[0]
     caption = (
         f"Force of {muscle} by {last['arm']}'s model after trial {last['trial']} ({last['participant']}, experiment "
@@ -381,8 +360,7 @@ def show_forces(cfg: Config, forces: pd.DataFrame, last: Mapping[str, Any], poin
         f"that is held, and those beyond the bank's range are left out. Hatched: farther than {near:g} SDs of the bank "
         "from any of its samples."
     )
-    figure = draw_force_surfaces(its, known[known["muscle"] == muscle], SECTIONS, near)
-    ctx.figure("force_surfaces", figure, caption)
+    ctx.figure("force_surfaces", draw_force_surfaces(its, known, SECTIONS, near), caption)
 
 
 @dataclass(frozen=True, eq=False)
