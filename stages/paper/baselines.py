@@ -137,16 +137,16 @@ def baselines(
     jobs = []
     for name in muscles:
         its_tests = {test: frame.loc[frame["muscle"] == name, columns] for test, frame in tests.items()}
-        known = MuscleData(name, RecordedModels.read(hyperprior, scaling, name), its_tests, count)
+        known = name, RecordedModels.read(hyperprior, scaling, name), its_tests, count
         for frame in (passive.assign(participant=NOBODY), interactive):  # the protocol's first, as they take longest
             samples = frame.loc[frame["muscle"] == name, ["participant", "experiment", "trial", *columns]]
             for key, rows_of_one in samples.groupby(["participant", "experiment"], sort=False):
-                jobs.append(Job(cfg.baselines, ctx, known, str(key[0]), int(str(key[1])), rows_of_one))
+                jobs.append(Job(cfg.baselines, ctx, *known, str(key[0]), int(str(key[1])), rows_of_one))
     rows: list[tuple[Any, ...]] = []
     with ctx.progress("models", len(jobs)) as advance:
         for job, found in zip(jobs, ctx.spread(Job.run, jobs), strict=True):
             rows += found
-            advance(f"{job.participant} experiment {job.experiment} {job.muscle.name}")
+            advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
     order = {name: position for position, name in enumerate(DESCRIBED)}
     curve = pd.DataFrame(rows, columns=list(BASELINE_CURVE.columns)).sort_values(
         list(BASELINE_CURVE.key),
@@ -157,28 +157,6 @@ def baselines(
     return curve, compare_baselines(ours, curve, muscles)
 
 
-@dataclass(frozen=True, eq=False)
-class MuscleData:
-    """What is known of one muscle beside the samples that its models learn from.
-
-    Parameters
-    ----------
-    name : str
-        Of the muscle.
-    recorded : RecordedModels
-        Table 1, the mean of its GPs, centres and scales.
-    tests : mapping of str to DataFrame
-        Samples of each test set.
-    points : int
-        Of the design's model in the end.
-    """
-
-    name: str
-    recorded: RecordedModels
-    tests: Mapping[str, pd.DataFrame]
-    points: int
-
-
 def count_points(points: pd.DataFrame, design: str) -> int:
     """Return how many points a muscle's model of the design stands on in the end."""
     its = points[points["arm"] == design]
@@ -187,11 +165,17 @@ def count_points(points: pd.DataFrame, design: str) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """All models of one muscle from one experiment, or from a sequence of the protocol (of ``nobody``)."""
+    """All models of one muscle from one experiment, or from a sequence of the protocol (of ``nobody``).
+
+    Its GPs stand on as many `points` as the design's model in the end.
+    """
 
     cfg: Baselines
     ctx: Context
-    muscle: MuscleData
+    muscle: str
+    recorded: RecordedModels
+    tests: Mapping[str, pd.DataFrame]
+    points: int
     participant: str
     experiment: int
     samples: pd.DataFrame
@@ -220,10 +204,10 @@ class Job:
         -----
         Snelson and Ghahramani, Sparse Gaussian processes using pseudo-inputs, NIPS 18 (2006).
         """
-        known, trials = self.muscle.recorded, int(self.samples["trial"].nunique())
+        known, trials = self.recorded, int(self.samples["trial"].nunique())
         data = known.scaling.inputs_of(self.samples), known.scaling.output_of(self.samples)
-        count = min(self.muscle.points, len(self.samples))
-        generator = self.ctx.generator(SPARSE, self.experiment, self.muscle.name)
+        count = min(self.points, len(self.samples))
+        generator = self.ctx.generator(SPARSE, self.experiment, self.muscle)
         search = partial(fit_sparse, *data, count, None, known.mean, generator=generator)
         first = search(starts=self.cfg.sparse_starts, iterations=self.cfg.sparse_trial_iterations * trials)
         again = [(first.pseudo, first.theta)]
@@ -231,25 +215,25 @@ class Job:
 
     def fit_subset(self) -> MarginalGP:
         """Fit an exact GP under the design's hyperprior to samples drawn at random."""
-        known, count = self.muscle.recorded, len(self.samples)
-        generator = self.ctx.generator(SUBSET, self.experiment, self.muscle.name)
-        drawn = generator.choice(count, min(self.muscle.points, count), replace=False)
+        known, count = self.recorded, len(self.samples)
+        generator = self.ctx.generator(SUBSET, self.experiment, self.muscle)
+        drawn = generator.choice(count, min(self.points, count), replace=False)
         samples = self.samples.iloc[np.sort(drawn)]
         inputs, output = known.scaling.inputs_of(samples), known.scaling.output_of(samples)
         return fit(inputs, output, known.prior, known.mean, generator=generator, starts=self.cfg.starts)
 
     def predict_with(self, model: MarginalGP | SparseGP) -> Predictor:
         """Return the forces that a GP predicts."""
-        scaling = self.muscle.recorded.scaling
+        scaling = self.recorded.scaling
         return lambda test: scaling.restore_force(model.predict_mean(scaling.inputs_of(test)))
 
     def measure(self, baseline: str, trial: int, predict: Predictor) -> list[tuple[Any, ...]]:
         """Return the rows of a model's errors on every test set."""
         rows = []
-        for tested_on, test in self.muscle.tests.items():
+        for tested_on, test in self.tests.items():
             force = test[MODEL_OUTPUT].to_numpy()
             rate = error_rate(predict(test), force)
-            where = (baseline, self.participant, self.experiment, trial, tested_on, self.muscle.name)
+            where = (baseline, self.participant, self.experiment, trial, tested_on, self.muscle)
             rows.append((*where, rate * float(force.max()), rate))
         return rows
 

@@ -10,7 +10,6 @@ Beside each test of a difference stands one of equivalence for a stated margin, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, ClassVar, Self
 
@@ -186,10 +185,9 @@ def hyperprior_sensitivity(
     tests = [ForceTest.read("bank", bank, muscles)]
     if unseen_bank is not None:
         tests.append(ForceTest.read("unseen_bank", unseen_bank, muscles))
-    experiments = Experiments(section, ctx, Replay.read(muscles, bank), tests)
-    parts = []
+    run, parts = partial(land, section, ctx, Replay.read(muscles, bank), tests), []
     with ctx.progress("experiments", section.experiments) as advance:
-        for part in ctx.spread(experiments.run, range(1, section.experiments + 1)):
+        for part in ctx.spread(run, range(1, section.experiments + 1)):
             parts.append(part)
             advance(f"experiment {len(parts)}")
     rank = {each: position for position, each in enumerate(section.settings)}
@@ -212,27 +210,18 @@ def hyperprior_sensitivity(
     return priors, errors, compare_settings(errors_and_average, section.margin)
 
 
-@dataclass(frozen=True)
-class Experiments:
-    """What every replayed experiment is given."""
+def land(
+    section: HyperpriorSensitivity, ctx: Context, replay: Replay, tests: Sequence[ForceTest], experiment: int
+) -> dict[str, pd.DataFrame]:
+    """Replay one experiment of every setting, or read what an earlier process landed."""
 
-    section: HyperpriorSensitivity
-    ctx: Context
-    replay: Replay
-    tests: Sequence[ForceTest]
-
-    def run(self, experiment: int) -> dict[str, pd.DataFrame]:
-        """Return one experiment of every setting, read if an earlier process landed it."""
-        return self.ctx.record.part((f"{experiment:04d}",), partial(self.make, experiment))
-
-    def make(self, experiment: int) -> dict[str, pd.DataFrame]:
-        """Replay one experiment of every setting."""
-        muscles, loop = self.replay.muscles, self.section.loop
+    def make() -> dict[str, pd.DataFrame]:
+        muscles, loop = replay.muscles, section.loop
         set_out, errors = [], []
-        for kind, setting in self.section.settings:
+        for kind, setting in section.settings:
             where = kind, setting, experiment
             group = (MEAN, f"{setting:g}") if kind == MEAN else (TABLE_1,)
-            generator = partial(self.ctx.generator, *group, experiment)
+            generator = partial(ctx.generator, *group, experiment)
             priors = [
                 change_prior(prior, kind, setting, generator("means", name))
                 for name, prior in zip(muscles.names, muscles.priors, strict=True)
@@ -242,8 +231,8 @@ class Experiments:
                 set_out += [(*where, name, *each) for each in values]
             initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
             design, first = loop.design(muscles.mean), [int(each) for each in initial]
-            known = list(self.replay.run(design, priors, first, loop.initial_points, loop.trials, generator))
-            for test in self.tests:
+            known = list(replay.run(design, priors, first, loop.initial_points, loop.trials, generator))
+            for test in tests:
                 before, after = (test.error_rates(each.models) for each in (known[0], known[-1]))
                 errors += [(*where, test.name, *each) for each in zip(muscles.names, before, after, strict=True)]
         return {
@@ -251,6 +240,8 @@ class Experiments:
             SENSITIVITY_ERRORS.name: pd.DataFrame(errors, columns=list(SENSITIVITY_ERRORS.columns)),
             SENSITIVITY_COMPARISON.name: pd.DataFrame(columns=list(SENSITIVITY_COMPARISON.columns)),
         }
+
+    return ctx.record.part((f"{experiment:04d}",), make)
 
 
 def change_prior(prior: Hyperprior, kind: str, setting: float, generator: np.random.Generator) -> Hyperprior:

@@ -14,7 +14,6 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt, model_validator
 from scipy.spatial import KDTree
 from scipy.special import ndtri, stdtrit
@@ -31,7 +30,7 @@ from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES
 from stages.science.muscle_models.recorded_models import RecordedModels
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
 from stages.science.statistics.concentration import Choices, judge_concentration
 from stages.science.statistics.intervals import cover_blocks
 from stages.science.statistics.paired import adjust_holm, compare_pairs
@@ -364,21 +363,6 @@ def show_forces(cfg: Surfaces, forces: pd.DataFrame, last: pd.Series[Any], point
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredForces:
-    """Standardised inputs (N, D) of one muscle, the measured forces (N,), N, and the movement that each is of, (N,)."""
-
-    inputs: Array
-    force_n: Array
-    trajectory: NDArray[np.int64]
-
-    @classmethod
-    def read(cls, recordings: pd.DataFrame, scaling: Scaling, every: int) -> MeasuredForces:
-        """Thin the recordings of one muscle."""
-        kept = recordings[recordings.groupby("trajectory").cumcount() % every == 0]
-        return cls(scaling.inputs_of(kept), kept[MODEL_OUTPUT].to_numpy(), kept["trajectory"].to_numpy())
-
-
-@dataclass(frozen=True, eq=False)
 class Job:
     """The models of one muscle in one experiment, of all arms, and what they are tested on."""
 
@@ -386,7 +370,7 @@ class Job:
     experiment: int
     muscle: str
     recorded: RecordedModels
-    tests: Mapping[str, MeasuredForces]
+    tests: Mapping[str, pd.DataFrame]
     models: pd.DataFrame
     points: pd.DataFrame
 
@@ -403,9 +387,9 @@ def gather(
     chosen = models[(models["experiment"] <= section.experiments) & models["trial"].isin([0, last // 2, last])]
     who = ["participant", "experiment"]
     for muscle, its in recorded.items():
+        measured = {name: frame[frame["muscle"] == muscle] for name, frame in tests.items()}
         its_tests = {
-            name: MeasuredForces.read(frame[frame["muscle"] == muscle], its.scaling, section.every)
-            for name, frame in tests.items()
+            name: rows[rows.groupby("trajectory").cumcount() % section.every == 0] for name, rows in measured.items()
         }
         its_points: dict[Any, pd.DataFrame] = dict(list(points[points["muscle"] == muscle].groupby(who, sort=False)))
         for key, its_models in chosen[chosen["muscle"] == muscle].groupby(who, sort=False):
@@ -430,32 +414,19 @@ def measure_coverage(job: Job) -> list[tuple[Any, ...]]:
 
 
 def cover_forces(gp: MarginalGP, job: Job) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of `coverage` of one model, from the test set on."""
-    mean_n, half_widths_n = predict_intervals(
-        gp, job.recorded.scaling, np.concatenate([test.inputs for test in job.tests.values()])
-    )
+    """Yield the rows of `coverage` of one model, from the test set on: half widths are those of measured forces."""
+    scaling = job.recorded.scaling
+    inputs = np.concatenate([scaling.inputs_of(test) for test in job.tests.values()])
+    mean, plain = gp.predict(inputs)
+    mean_n, variances = scaling.restore_force(mean), {PLAIN: plain, MARGINAL: gp.predict_marginal(inputs)[1]}
     start = 0
     for tested_on, test in job.tests.items():
-        its = slice(start, start + len(test.force_n))
+        its, force_n = slice(start, start + len(test)), test[MODEL_OUTPUT].to_numpy()
         start = its.stop
-        for name, halves_n in half_widths_n.items():
-            half_n = halves_n[its]
-            told = cover_blocks(test.force_n, mean_n[its] - half_n, mean_n[its] + half_n, test.trajectory)
+        for name, variance in variances.items():
+            half_n = QUANTILE * scaling.force_scale_n * np.sqrt(variance[its] + gp.noise_variance)
+            told = cover_blocks(force_n, mean_n[its] - half_n, mean_n[its] + half_n, test["trajectory"])
             yield (tested_on, job.muscle, name, *vars(told).values(), float(half_n.mean()))
-
-
-def predict_intervals(gp: MarginalGP, scaling: Scaling, inputs: Array) -> tuple[Array, dict[str, Array]]:
-    """Return the predicted forces (N,), N, and the half widths of the 95 % intervals of measured ones, by model.
-
-    Inputs, (N, D), are standardised.
-    """
-    mean, plain = gp.predict(inputs)
-    _, marginal = gp.predict_marginal(inputs)
-    half_widths_n = {
-        name: QUANTILE * scaling.force_scale_n * np.sqrt(variance + gp.noise_variance)
-        for name, variance in ((PLAIN, plain), (MARGINAL, marginal))
-    }
-    return scaling.restore_force(mean), half_widths_n
 
 
 def tabulate_reliability(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:

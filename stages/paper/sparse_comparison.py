@@ -143,8 +143,9 @@ def sparse_comparison(
         f"standard deviation over at least {fewest} experiments. Both begin with the same initial "
         "trials, of which the exact ones keep few samples."
     )
-    figure = draw_learning_curves(summarise(labelled), lines, panels, "line", "model and choice")
-    ctx.figure("sparse_curve", figure, caption)
+    told = summarise_error_rates(average_muscles(labelled), ["line", "trial", "tested_on"])
+    told["muscle"] = "average of the muscles, " + told["tested_on"]
+    ctx.figure("sparse_curve", draw_learning_curves(told, lines, panels, "line", "model and choice"), caption)
     return curve, compare_ways(curve, cfg.sparse_comparison.margin)
 
 
@@ -190,12 +191,6 @@ def join_exact(measured: pd.DataFrame, learning_curve: pd.DataFrame) -> pd.DataF
 def label_lines(curve: pd.DataFrame) -> pd.DataFrame:
     """Return the curve with model and arm in one column."""
     return curve.assign(line=curve["model"] + " " + curve["arm"])
-
-
-def summarise(labelled: pd.DataFrame) -> pd.DataFrame:
-    """Return mean and SD over experiments of the average over muscles, one panel for each test set."""
-    told = summarise_error_rates(average_muscles(labelled), ["line", "trial", "tested_on"])
-    return told.assign(muscle="average of the muscles, " + told["tested_on"])
 
 
 def pair_lines(curve: pd.DataFrame) -> list[tuple[str, str, str]]:

@@ -382,9 +382,8 @@ class Experiment:
         frames = []
         for name, scaling, model in zip(self.muscles.names, self.muscles.scalings, known.models, strict=True):
             frame = pd.DataFrame(scaling.restore_inputs(model.pseudo), columns=list(MODEL_INPUTS))
-            frame.insert(0, "muscle", name)
-            frame.insert(1, "pseudo_input", np.arange(len(frame)))
-            frames.append(frame.assign(weight=model.sparse.weights))
+            numbered = frame.assign(muscle=name, pseudo_input=np.arange(len(frame)), weight=model.sparse.weights)
+            frames.append(numbered[["muscle", "pseudo_input", *MODEL_INPUTS, "weight"]])
         return pd.concat(frames, ignore_index=True)
 
     def measure_costs(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, dict[str, float]]:

@@ -9,7 +9,6 @@ shift share initial trials, searches and the random numbers behind d, and no rig
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, ClassVar, Self
 
@@ -156,11 +155,10 @@ def time_shift(
     tests = [ForceTest.read("bank", bank, muscles)]
     if unseen_bank is not None:
         tests.append(ForceTest.read("unseen_bank", unseen_bank, muscles))
-    experiments = Experiments(section, ctx, Replay.read(muscles, bank), tests)
-    frames = []
+    run, frames = partial(land, section, ctx, Replay.read(muscles, bank), tests), []
     with ctx.progress("experiments", section.experiments) as advance:
-        for frame in ctx.spread(experiments.run, range(1, section.experiments + 1)):
-            frames.append(frame)
+        for part in ctx.spread(run, range(1, section.experiments + 1)):
+            frames.append(part[SHIFT_CURVE.name])
             advance(f"experiment {len(frames)}")
     curve = pd.concat(frames, ignore_index=True).sort_values(
         ["amplitude_s", "experiment", "trial"], kind="stable", ignore_index=True
@@ -173,33 +171,21 @@ def time_shift(
     return curve, compare_shifts(curve, section.margin)
 
 
-@dataclass(frozen=True)
-class Experiments:
-    """What every replayed experiment is given."""
+def land(
+    section: TimeShift, ctx: Context, replay: Replay, tests: Sequence[ForceTest], experiment: int
+) -> dict[str, pd.DataFrame]:
+    """Replay one experiment without shift and with each, or read what an earlier process landed."""
 
-    section: TimeShift
-    ctx: Context
-    replay: Replay
-    tests: Sequence[ForceTest]
-
-    def run(self, experiment: int) -> pd.DataFrame:
-        """Return one experiment's rows of `shift_curve`, read if an earlier process landed them."""
-        part = self.ctx.record.part((f"{experiment:04d}",), partial(self.make, experiment))
-        return part[SHIFT_CURVE.name]
-
-    def make(self, experiment: int) -> dict[str, pd.DataFrame]:
-        """Replay one experiment without shift and with each."""
-        generator = partial(self.ctx.generator, "experiment", experiment)
-        muscles, loop = self.replay.muscles, self.section.loop
+    def make() -> dict[str, pd.DataFrame]:
+        generator = partial(ctx.generator, "experiment", experiment)
+        muscles, loop = replay.muscles, section.loop
         initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
         rows: list[tuple[Any, ...]] = []
-        for amplitude_s in (NO_SHIFT, *self.section.amplitudes_s):
+        for amplitude_s in (NO_SHIFT, *section.amplitudes_s):
             design, first = loop.design(muscles.mean), [int(each) for each in initial]
-            known = self.replay.run(
-                design, muscles.priors, first, loop.initial_points, loop.trials, generator, amplitude_s
-            )
+            known = replay.run(design, muscles.priors, first, loop.initial_points, loop.trials, generator, amplitude_s)
             for trial, interaction in enumerate(known):
-                for test in self.tests:
+                for test in tests:
                     rates = test.error_rates(interaction.models)
                     rows += [
                         (amplitude_s, experiment, trial, test.name, name, rate * largest, rate)
@@ -209,6 +195,8 @@ class Experiments:
             SHIFT_CURVE.name: pd.DataFrame(rows, columns=list(SHIFT_CURVE.columns)),
             SHIFT_COMPARISON.name: pd.DataFrame(columns=list(SHIFT_COMPARISON.columns)),
         }
+
+    return ctx.record.part((f"{experiment:04d}",), make)
 
 
 def summarise(curve: pd.DataFrame) -> pd.DataFrame:

@@ -7,8 +7,9 @@ Laplace approximation: of a trajectory's samples one by one, added up, and of al
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.utility_agreement import draw_agreement
-from stages.science.gp.marginal import MarginalGP, condition
+from stages.science.gp.marginal import condition
 from stages.science.gp.mutual_information import Information, draw_models, path_information, point_information
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.utilities import UTILITIES
@@ -122,50 +123,6 @@ class Job:
     points: pd.DataFrame
 
 
-@dataclass(frozen=True, eq=False)
-class Check:
-    """How utilities are checked, the same for all jobs."""
-
-    cfg: UtilityCheck
-    ctx: Context
-    muscles: MuscleSet
-
-    def run(self, job: Job) -> list[tuple[Any, ...]]:
-        """Return the rows of `utility_agreement` of one set of models."""
-        inputs, outputs = self.muscles.standardise(job.points)
-        models = [
-            condition(x, y, theta, prior, mean=self.muscles.mean)
-            for x, y, theta, prior in zip(inputs, outputs, job.thetas, self.muscles.priors, strict=True)
-        ]
-        paths = [each[:, :: self.cfg.every] for each in self.muscles.candidates]
-        told = dict(zip(TARGETS, self.estimate(job, models, paths), strict=True))
-        scores = {name: trajectory_utility(models, paths, name, stride=1) for name in CHOICES if name != RANDOM}
-        rows = []
-        for target, densities in told.items():
-            information = densities.mean(axis=0)
-            best = Information.of(densities[:, int(np.argmax(information))])
-            yardstick = rely(densities), best.value, best.standard_error
-            for name in CHOICES:
-                random = 0.0, forgo(information.mean(), information)
-                agreement = random if name == RANDOM else agree(scores[name], information)
-                rows.append((job.participant, job.experiment, job.trial, target, name, *agreement, *yardstick))
-        return rows
-
-    def estimate(self, job: Job, models: Sequence[MarginalGP], paths: Sequence[Array]) -> tuple[Array, Array]:
-        """Return each trajectory's information densities, (S, R), over all muscles: one by one, and together."""
-        trajectories, samples, dimensions = paths[0].shape
-        alone = np.zeros((self.cfg.draws, trajectories))
-        together = np.zeros((self.cfg.draws, trajectories))
-        for name, model, its in zip(self.muscles.names, models, paths, strict=True):
-            generator = self.ctx.generator(job.participant, job.experiment, job.trial, name)
-            drawn = draw_models(model, self.cfg.draws, generator)
-            densities = point_information(drawn, its.reshape(-1, dimensions))
-            alone += densities.reshape(self.cfg.draws, trajectories, samples).sum(axis=2)
-            noise = generator.standard_normal((self.cfg.outputs, self.cfg.draws, samples))
-            together += path_information(drawn, its, noise)
-        return alone, together
-
-
 @stage(UTILITY_AGREEMENT, UTILITY_SUMMARY, stream="utility_check")
 def utility_check(
     cfg: Config,
@@ -181,10 +138,10 @@ def utility_check(
     design = models["arm"].iloc[0]
     models, points = models[models["arm"] == design], points[points["arm"] == design]
     jobs = list(gather(muscles, models, points, cfg.utility_check.experiments))
-    check = Check(cfg.utility_check, ctx, muscles)
+    check = partial(check_models, cfg.utility_check, ctx, muscles)
     rows: list[tuple[Any, ...]] = []
     with ctx.progress("models", len(jobs)) as advance:
-        for job, found in zip(jobs, ctx.spread(check.run, jobs), strict=True):
+        for job, found in zip(jobs, ctx.spread(check, jobs), strict=True):
             rows += found
             advance(f"{job.participant} experiment {job.experiment} trial {job.trial}")
     agreement = pd.DataFrame(rows, columns=list(UTILITY_AGREEMENT.columns))
@@ -206,6 +163,35 @@ def gather(muscles: MuscleSet, models: pd.DataFrame, points: pd.DataFrame, exper
         thetas = [its.loc[its["muscle"] == name, "value"].to_numpy() for name in muscles.names]
         known = points[(points["participant"] == participant) & (points["experiment"] == experiment)]
         yield Job(participant, experiment, trial, thetas, known[known["trial"] <= trial])
+
+
+def check_models(cfg: UtilityCheck, ctx: Context, muscles: MuscleSet, job: Job) -> list[tuple[Any, ...]]:
+    """Return the rows of `utility_agreement` of one set of models."""
+    inputs, outputs = muscles.standardise(job.points)
+    data = zip(inputs, outputs, job.thetas, muscles.priors, strict=True)
+    models = [condition(x, y, theta, prior, mean=muscles.mean) for x, y, theta, prior in data]
+    paths = [each[:, :: cfg.every] for each in muscles.candidates]
+    trajectories, samples, dimensions = paths[0].shape
+    # each trajectory's information densities, (S, R), over all muscles: one by one, and together
+    alone, together = np.zeros((2, cfg.draws, trajectories))
+    for name, model, its in zip(muscles.names, models, paths, strict=True):
+        generator = ctx.generator(job.participant, job.experiment, job.trial, name)
+        drawn = draw_models(model, cfg.draws, generator)
+        densities = point_information(drawn, its.reshape(-1, dimensions))
+        alone += densities.reshape(cfg.draws, trajectories, samples).sum(axis=2)
+        noise = generator.standard_normal((cfg.outputs, cfg.draws, samples))
+        together += path_information(drawn, its, noise)
+    scores = {name: trajectory_utility(models, paths, name, stride=1) for name in CHOICES if name != RANDOM}
+    rows = []
+    for target, densities in zip(TARGETS, (alone, together), strict=True):
+        information = densities.mean(axis=0)
+        best = Information.of(densities[:, int(np.argmax(information))])
+        yardstick = rely(densities), best.value, best.standard_error
+        for name in CHOICES:
+            random = 0.0, forgo(information.mean(), information)
+            agreement = random if name == RANDOM else agree(scores[name], information)
+            rows.append((job.participant, job.experiment, job.trial, target, name, *agreement, *yardstick))
+    return rows
 
 
 def forgo(chosen: float, information: Array) -> float:

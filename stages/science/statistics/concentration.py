@@ -5,7 +5,7 @@ What each experiment chose flows in; one `Concentration` flows out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,7 +114,13 @@ def judge_concentration(
     expected = np.sum([each.expect(options) for each in experiments], axis=0)
     found = np.bincount(np.concatenate([each.chosen for each in experiments]), minlength=options)
     dispersion = float(_disperse(found, expected))
-    at_random = np.concatenate(list(_disperse_at_random(experiments, expected, draws, generator)))
+    blocks, block = [], max(1, LARGEST_BLOCK // options)
+    for start in range(0, draws, block):
+        counts = np.zeros((min(block, draws - start), options), dtype=np.int64)
+        for each in experiments:
+            counts += each.draw(len(counts), options, generator)
+        blocks.append(_disperse(counts, expected))
+    at_random = np.concatenate(blocks)
     mean = float(at_random.mean())
     low, high = np.quantile(at_random, [0.025, 0.975])
     as_far = int((at_random >= dispersion * (1 - ROUNDING)).sum())
@@ -129,15 +135,3 @@ def _disperse(counts: NDArray[np.integer], expected: Array) -> Array:
     possible = expected > 0
     difference = counts[..., possible] - expected[possible]
     return np.asarray((difference**2 / expected[possible]).sum(axis=-1))
-
-
-def _disperse_at_random(
-    experiments: Sequence[Choices], expected: Array, draws: int, generator: np.random.Generator
-) -> Iterator[Array]:
-    block = max(1, LARGEST_BLOCK // expected.size)
-    for start in range(0, draws, block):
-        size = min(block, draws - start)
-        counts = np.zeros((size, expected.size), dtype=np.int64)
-        for each in experiments:
-            counts += each.draw(size, expected.size, generator)
-        yield _disperse(counts, expected)

@@ -113,19 +113,6 @@ def _legendre() -> tuple[Array, Array]:
     return (nodes + 1) / 2, weights / 2
 
 
-def _chi_rule(degrees: int, upper: Array) -> tuple[Array, Array]:
-    """Return (B, N) nodes and probabilities of chi up to each of (B,) values."""
-    from scipy import special
-
-    low = np.sqrt(2 * special.gammaincinv(degrees / 2, NEGLIGIBLE))
-    high = np.sqrt(2 * special.gammainccinv(degrees / 2, NEGLIGIBLE))
-    nodes, weights = _legendre()
-    width = np.clip(upper, low, high)[:, None] - low
-    chi = low + width * nodes
-    log_density = (degrees - 1) * np.log(chi) - chi**2 / 2 - (degrees / 2 - 1) * np.log(2)
-    return chi, width * weights * np.exp(log_density - special.gammaln(degrees / 2))
-
-
 def _enclose(margin: float, error: float, slope: Array, weight: Array, degrees: int) -> float:
     """Return how often a difference of true standard error `error` lies within the margin by its half-width.
 
@@ -134,7 +121,13 @@ def _enclose(margin: float, error: float, slope: Array, weight: Array, degrees: 
     from scipy import special
 
     margin = min(margin, LARGEST_RATIO)
-    chi, probability = _chi_rule(degrees, margin / slope)
+    low = np.sqrt(2 * special.gammaincinv(degrees / 2, NEGLIGIBLE))
+    high = np.sqrt(2 * special.gammainccinv(degrees / 2, NEGLIGIBLE))
+    nodes, weights = _legendre()
+    width = np.clip(margin / slope, low, high)[:, None] - low
+    chi = low + width * nodes
+    log_density = (degrees - 1) * np.log(chi) - chi**2 / 2 - (degrees / 2 - 1) * np.log(2)
+    probability = width * weights * np.exp(log_density - special.gammaln(degrees / 2))
     half = slope[:, None] * chi
     below, above = special.ndtr(np.stack([half - margin, margin - half]) / error)
     inside = np.maximum(above - below, 0.0)

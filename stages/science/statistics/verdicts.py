@@ -23,21 +23,10 @@ def judge_differences(family: pd.DataFrame, p: str, negative: str, positive: str
 def judge_with_equivalence(
     family: pd.DataFrame, p: str, negative: str, positive: str, ending: str = "", equivalent: str = "equivalent"
 ) -> pd.DataFrame:
-    """Return the rows with a verdict on difference and equivalence.
+    """Return the rows, with columns difference, p_tost and `p`, with a verdict on difference and equivalence.
 
-    Parameters
-    ----------
-    family : DataFrame
-        Columns difference, p_tost and the one that `p` names.
-    p : str
-        Column of the p-values of the tests of difference, which are adjusted by Holm.
-    negative, positive : str
-        What a significant difference of either sign is called; ``within the margin`` follows where the test of
-        equivalence is significant too.
-    ending : str
-        Follows where it is not.
-    equivalent : str
-        What equivalence without a significant difference is called.
+    A significant difference of either sign is called `negative` or `positive`; ``within the margin`` follows where the
+    test of equivalence is significant too, else `ending`. Without such a difference, equivalence has a word as well.
     """
     family = family.assign(p_holm=adjust_holm(family[p].to_numpy(dtype=float)))
     different, same = family["p_holm"] < LEVEL, family["p_tost"] < LEVEL
