@@ -347,18 +347,8 @@ class Experiment:
 
     def design(self, arm: str) -> SparseDesign:
         """Return the arm's way of choosing."""
-        section = self.cfg.sparse_loop
-        return SparseDesign(
-            utility=arm,
-            reduce=section.reduce,
-            reuse_trajectories=section.reuse_trajectories,
-            mean=self.muscles.mean,
-            memory_mb=section.memory_mb,
-            pseudo_inputs=section.pseudo_inputs,
-            starts=section.starts,
-            first_iterations=section.first_iterations,
-            iterations=section.iterations,
-        )
+        own = {"reduce", "reuse_trajectories", "memory_mb", "pseudo_inputs", "starts", "first_iterations", "iterations"}
+        return SparseDesign(utility=arm, mean=self.muscles.mean, **self.cfg.sparse_loop.model_dump(include=own))
 
     def starts(self, trial: int) -> list[np.random.Generator]:
         """Return a generator for each muscle's search; arms share them."""
