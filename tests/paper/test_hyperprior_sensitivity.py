@@ -86,13 +86,6 @@ def test_each_muscle_and_setting_has_its_own_verdict(generator):
         assert told["pam1"] == told["pam3"] == "insensitive"
 
 
-def test_pairs_see_what_groups_do_not(generator):
-    costs = {**everywhere("mean", 1.0, 0.004), **everywhere("variance", 0.1, 0.004)}
-    told = compared(make_errors(generator, costs, sd=0.001, shared_sd=0.02))
-    assert (told.loc["variance", "verdict"].str.startswith("sensitive")).all()
-    assert (told.loc["mean", "verdict"] == "undecided").all()
-
-
 def pick(errors, kind, setting, muscle):
     its = errors.query("kind == @kind and setting == @setting and muscle == @muscle")
     return its.sort_values("experiment")["after"].to_numpy()

@@ -64,8 +64,3 @@ def test_holm_is_the_step_down_rule_and_keeps_nan(p_values):
     assert (adjusted[known] >= p_values[known]).all()
     order = np.random.default_rng(0).permutation(p_values.size)
     np.testing.assert_array_equal(adjust_holm(p_values[order]), adjusted[order])
-
-
-@pytest.mark.parametrize("p_values", [[], [np.nan], [0.2], [1.0, 1.0]])
-def test_nothing_to_adjust(p_values):
-    np.testing.assert_array_equal(adjust_holm(np.array(p_values)), p_values)

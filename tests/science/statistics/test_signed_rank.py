@@ -21,7 +21,7 @@ def test_hand_made_numbers():
     assert told.p_wilcoxon == pytest.approx(6 / 64)
 
 
-@pytest.mark.parametrize("n", [6, 9, 12])
+@pytest.mark.parametrize("n", [6, 9, 12, 40])
 def test_the_interval_is_the_test_inverted(generator, n):
     """A typical difference is within where SciPy's exact test does not reject it, at the level that n allows."""
     first = generator.normal(0.4, 1.0, n)
@@ -39,23 +39,6 @@ def test_counted_and_normal_rank_sums_meet(monkeypatch):
     near = _trim.__wrapped__(MOST_EXACT)
     assert abs(exact[0] - near[0]) <= 1
     assert exact[1] == pytest.approx(near[1], abs=2e-5)  # one rank sum more has 7e-5
-
-
-@pytest.mark.parametrize(("n", "count", "asked"), [(8, 20_000, 100), (300, 200, 200)])
-def test_the_interval_holds_the_typical_difference_as_often_as_it_says(n, count, asked, generator):
-    """Its ends are averages of any two differences, of a rank that draws of one number share."""
-    draws = generator.laplace(2.0, 1.0, (count, n))
-    told = [compare_ranks(each, np.zeros(n)) for each in draws[:asked]]
-    found = np.array([(each.low, each.high, each.hodges_lehmann) for each in told])
-    if asked < count:
-        averages = np.sort((draws[:, :, None] + draws[:, None])[:, *np.triu_indices(n)] / 2, axis=1)
-        rank = np.searchsorted(averages[0], told[0].low)
-        every = np.column_stack([averages[:, [rank, -1 - rank]], np.median(averages, axis=1)])
-        np.testing.assert_array_equal(found, every[:asked])
-        found = every
-    held = np.mean((found[:, 0] <= 2.0) & (found[:, 1] >= 2.0))
-    assert held == pytest.approx(told[0].confidence, abs=4 * np.sqrt(0.05 * 0.95 / count))
-    assert found[:, 2].mean() == pytest.approx(2.0, abs=0.02)
 
 
 def test_five_pairs_bound_nothing():
