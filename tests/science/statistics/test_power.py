@@ -6,11 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from stages.science.statistics.power import (
-    find_smallest_n,
-    power_of_equivalence,
-    power_of_paired_equivalence,
-)
+from stages.science.statistics.power import find_smallest_n, power_of_equivalence, power_of_paired_equivalence
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=60)
 DRAWS = 40_000
