@@ -25,7 +25,7 @@ from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.chosen_trials import draw_chosen_trials
-from stages.science.gp.interaction import Design, Interaction
+from stages.science.gp.interaction import Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.force_test import ForceTest
@@ -145,26 +145,19 @@ class Thinning(View):
     initial_trials: int
 
 
-class MovementsEnough(View):
-    """The bank holds a movement for every trial."""
+class TrialsFit(View):
+    """The bank holds a movement for every trial, trials the samples that models take, and memory all recordings."""
 
     bank: Movements
     subsampling: Thinning
     active_loop: ActiveLoop
+    exoskeleton: Exoskeleton
+    participants: dict[str, Any]
 
     @model_validator(mode="after")
     def _find_movements(self) -> Self:
         check_budget(self.active_loop, self.bank.trajectories, self.subsampling.initial_trials)
         return self
-
-
-class SamplesEnough(View):
-    """Trials hold the samples that models take, and all arms' recordings fit in memory."""
-
-    subsampling: Thinning
-    active_loop: ActiveLoop
-    exoskeleton: Exoskeleton
-    participants: dict[str, Any]
 
     @model_validator(mode="after")
     def _take_samples(self) -> Self:
@@ -210,7 +203,7 @@ class SamplesEnough(View):
 class Config(Section):
     """What this stage reads."""
 
-    checks: ClassVar = (MovementsEnough, SamplesEnough)
+    checks: ClassVar = (TrialsFit,)
 
     active_loop: ActiveLoop
     rig: Target
@@ -257,25 +250,23 @@ def active_loop(
         f"References and pressure commands chosen for {first.participant}, experiment {first.experiment}, "
         f"by {arms[0]}, in the order of the trials."
     )
-    ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, group_muscles(rig)), caption)
+    pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
+    groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}
+    ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, groups), caption)
     return tables
 
 
 def check_budget(section: ActiveLoop, movements: int, initial: int) -> None:
-    """Refuse a bank without movements to choose from, and more trials than there are.
-
-    Raises
-    ------
-    ConfigError
-        Saying how many there are.
-    """
-    if not section.reuse_trajectories and movements <= initial:
+    """Refuse a bank without movements to choose from, and more trials than there are."""
+    if section.reuse_trajectories:
+        return
+    if movements <= initial:
         raise ConfigError(
             f"bank.trajectories: expected more than the {initial} initial trials (subsampling.initial_trials), so that "
             f"one is left to choose, got {movements}; raise it by active_loop.trials or set "
             "active_loop.reuse_trajectories=true"
         )
-    if not section.reuse_trajectories and section.trials > movements - initial:
+    if section.trials > movements - initial:
         raise ConfigError(
             f"active_loop.trials: expected at most {movements - initial} ({movements} movements of the bank less "
             f"{initial} initial trials), got {section.trials}; "
@@ -289,6 +280,11 @@ def choose_arms(section: ActiveLoop, real: bool) -> list[str]:
     if controls is None:
         controls = [] if real else ["variance", "random"]
     return [section.utility, *(each for each in controls if each != section.utility)]
+
+
+Part = dict[str, pd.DataFrame]
+Parts = Sequence[Part]
+"""What trials left on disk, by table."""
 
 
 @dataclass(frozen=True)
@@ -308,7 +304,7 @@ class Loop:
 
     def run(self) -> list[str]:
         """Run all trials, each from what the earlier ones left on disk; return the keys of their parts."""
-        landed: list[dict[str, pd.DataFrame]] = []
+        landed: list[Part] = []
         declined: list[pd.DataFrame] = []
         keys: list[str] = []
         with self.ctx.device as rig:
@@ -316,26 +312,19 @@ class Loop:
                 landed.append(self.land(trial, landed, declined, keys, rig))
         return keys
 
-    def land(
-        self,
-        trial: int,
-        landed: Sequence[dict[str, pd.DataFrame]],
-        declined: list[pd.DataFrame],
-        keys: list[str],
-        rig: Rig,
-    ) -> dict[str, pd.DataFrame]:
+    def land(self, trial: int, landed: Parts, declined: list[pd.DataFrame], keys: list[str], rig: Rig) -> Part:
         """Return the part of a trial once the operator, if there is one, keeps it; note those that were declined."""
-        record = self.ctx.record
+        record, note = self.ctx.record, nothing
         for attempt in count(1):
-            aside, told = self.key(trial, attempt), None
+            aside = self.key(trial, attempt)
             if not record.holds(aside):
                 try:
                     part = record.part(self.key(trial), partial(self.run_trial, trial, attempt, landed, declined, rig))
                     keys.append(record.name(self.key(trial)))
                     return part
                 except TrialDeclined as error:
-                    told = error
-            noted = record.part(aside, partial(self.note_declined, trial, attempt, told))
+                    note = partial(self.note_declined, trial, attempt, error)
+            noted = record.part(aside, note)
             keys.append(record.name(aside))
             declined.append(noted[DECISIONS.name])
         raise AssertionError("attempts are counted without end")
@@ -345,20 +334,11 @@ class Loop:
         aside = () if declined is None else (f"declined{declined}",)
         return self.participant, self.experiment, self.arm, f"{trial:02d}", *aside
 
-    def run_trial(
-        self,
-        trial: int,
-        attempt: int,
-        landed: Sequence[dict[str, pd.DataFrame]],
-        declined: Sequence[pd.DataFrame],
-        rig: Rig,
-    ) -> dict[str, pd.DataFrame]:
+    def run_trial(self, trial: int, attempt: int, landed: Parts, declined: Sequence[pd.DataFrame], rig: Rig) -> Part:
         """Choose a trajectory, execute it, learn from it."""
         models, points = [], []
-        if landed:
-            interaction = self.continue_from(landed)
-        else:
-            interaction = self.begin()
+        interaction = self.resume(landed)
+        if not landed:
             points.append(self.label(self.start, 0))
             models.append(self.label(describe_models(interaction.models, self.muscles), 0))
         generator = self.ctx.generator("random", self.participant, self.experiment, trial)
@@ -386,14 +366,11 @@ class Loop:
             DECISIONS.name: decisions,
         }
 
-    def note_declined(self, trial: int, attempt: int, declined: TrialDeclined | None) -> dict[str, pd.DataFrame]:
+    def note_declined(self, trial: int, attempt: int, declined: TrialDeclined) -> Part:
         """Return the part of a trial that the operator declined: the decision, and nothing to learn from."""
-        assert declined is not None
         assert declined.trial.proposal is not None
-        trajectory = declined.trial.proposal.trajectory
-        told = declined.decision, declined.note, declined.stopped
-        decision = self.describe_decision(trial, attempt, trajectory, *told)
-        return {**nothing(), DECISIONS.name: decision}
+        told = declined.trial.proposal.trajectory, declined.decision, declined.note, declined.stopped
+        return {**nothing(), DECISIONS.name: self.describe_decision(trial, attempt, *told)}
 
     def describe_decision(
         self, trial: int, attempt: int, trajectory: int | float | None, decision: str, note: str, stopped: str
@@ -402,39 +379,26 @@ class Loop:
         row = {"attempt": attempt, "trajectory": trajectory, "decision": decision, "note": note, "stopped": stopped}
         return self.label(pd.DataFrame([row]), trial)
 
-    def begin(self) -> Interaction:
-        """Identify the models from the initial points."""
-        inputs, outputs = self.muscles.standardise(self.start)
-        return Interaction.begin(
-            self.design(),
-            self.muscles.candidates,
-            self.muscles.priors,
-            inputs,
-            outputs,
-            self.muscles.indices(self.initial),
-            self.starts(0),
-        )
-
-    def continue_from(self, landed: Sequence[dict[str, pd.DataFrame]]) -> Interaction:
-        """Rebuild the state from what the trials so far left on disk, and from nothing else."""
-        inputs, outputs = self.muscles.standardise(pd.concat([part["points"] for part in landed], ignore_index=True))
+    def resume(self, landed: Parts) -> Interaction:
+        """Return the state by what the trials so far left on disk, or by the initial points, and by nothing else."""
+        muscles, design = self.muscles, self.cfg.active_loop.design(self.muscles.mean, self.arm)
+        points = pd.concat([part["points"] for part in landed], ignore_index=True) if landed else self.start
+        inputs, outputs = muscles.standardise(points)
+        used = muscles.indices([*self.initial, *(int(part["trials"]["trajectory"].iloc[0]) for part in landed)])
+        if not landed:
+            known = muscles.candidates, muscles.priors, inputs, outputs
+            return Interaction.begin(design, *known, used, self.starts(0))
         models = landed[-1]["models"]
         latest = models[models["trial"] == models["trial"].max()]
-        thetas = [latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in self.muscles.names]
-        used = [*self.initial, *(int(part["trials"]["trajectory"].iloc[0]) for part in landed)]
         return Interaction(
-            self.design(),
-            tuple(self.muscles.candidates),
-            tuple(self.muscles.priors),
+            design,
+            tuple(muscles.candidates),
+            tuple(muscles.priors),
             tuple(inputs),
             tuple(outputs),
-            tuple(thetas),
-            frozenset(self.muscles.indices(used)),
+            tuple(latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in muscles.names),
+            frozenset(used),
         )
-
-    def design(self) -> Design:
-        """Return the arm's way of choosing."""
-        return self.cfg.active_loop.design(self.muscles.mean, self.arm)
 
     def starts(self, trial: int) -> list[np.random.Generator]:
         """Return a generator for each muscle's MAP search; arms share them."""
@@ -443,42 +407,27 @@ class Loop:
         ]
 
     def execute(
-        self,
-        choice: Choice,
-        described: dict[str, int | float],
-        trial: int,
-        landed: Sequence[dict[str, pd.DataFrame]],
-        left: int,
-        rig: Rig,
+        self, choice: Choice, described: dict[str, int | float], trial: int, landed: Parts, left: int, rig: Rig
     ) -> pd.DataFrame:
         """Execute the chosen trajectory; arms share the person's and the sensors' noise at equal trial number."""
         label = f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}"
         generator = self.ctx.generator("rig", self.participant, self.experiment, trial)
-        trajectory = self.muscles.trajectories[choice.trajectory]
+        section, trajectories = self.cfg.active_loop, self.muscles.trajectories
+        trajectory, needed = trajectories[choice.trajectory], section.trials - trial + 1
+        scores = {} if choice.scores is None else dict(zip(trajectories, choice.scores, strict=True))
         proposal = Proposal(
             position=trial,
-            total=self.cfg.active_loop.trials,
+            total=section.trials,
             reason=explain(described, self.arm),
             trajectory=trajectory,
-            utilities=self.rank(choice),
+            utilities={each: float(score) for each, score in scores.items() if np.isfinite(score)},
             errors=tuple(float(part[TRIALS.name]["surprise"].iloc[0]) for part in landed),
             can_skip=left > 1,
-            can_reject=left > self.needed(trial),
+            can_reject=left > (1 if section.reuse_trajectories else needed),
         )
         watch = self.ctx.record.watch(self.key(trial))
         number = self.first + trial - 1
         return track(self.references, trajectory, rig, self.participant, label, generator, watch, number, proposal)
-
-    def needed(self, trial: int) -> int:
-        """Return how many movements the trials from this one on take."""
-        section = self.cfg.active_loop
-        return 1 if section.reuse_trajectories else section.trials - trial + 1
-
-    def rank(self, choice: Choice) -> dict[int, float]:
-        """Return the utility of each movement of the bank that could be chosen; none where it was drawn."""
-        scores = () if choice.scores is None else choice.scores
-        pairs = zip(self.muscles.trajectories, scores, strict=choice.scores is not None)
-        return {trajectory: float(score) for trajectory, score in pairs if np.isfinite(score)}
 
     def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""
@@ -486,7 +435,7 @@ class Loop:
         return frame.assign(**where, trial=trial)[[*WHERE, *(name for name in frame if name not in WHERE)]]
 
 
-def nothing() -> dict[str, pd.DataFrame]:
+def nothing() -> Part:
     """Return a part without rows."""
     return {table.name: pd.DataFrame(columns=list(table.columns)) for table in active_loop.writes}
 
@@ -509,9 +458,3 @@ def explain(described: dict[str, int | float], arm: str) -> str:
     if np.isnan(described["runner_up"]):
         return f"{told}; no other is left"
     return f"{told}, the next best's {described['runner_up']:.4g}"
-
-
-def group_muscles(rig: Rig) -> dict[str, list[str]]:
-    """Return the muscles of each joint."""
-    pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
-    return {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}

@@ -7,7 +7,7 @@ This stage only reads: it chooses and measures nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Annotated, Any
@@ -147,7 +147,17 @@ def comparison(
     """Draw the learning curves of every arm and test the design against each control."""
     muscles, arms = list(hyperprior["muscle"].unique()), list(models["arm"].unique())
     tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
-    jobs = list(gather(muscles, tests, hyperprior, scaling, models, points))
+    jobs, who = [], ["participant", "experiment"]
+    for muscle in muscles:
+        recorded = RecordedModels.read(hyperprior, scaling, muscle)
+        its_tests = {}
+        for name, frame in tests.items():
+            its = frame[frame["muscle"] == muscle]
+            its_tests[name] = (recorded.scaling.inputs_of(its), its["force_n"].to_numpy())
+        its_points: dict[Any, pd.DataFrame] = dict(list(points[points["muscle"] == muscle].groupby(who, sort=False)))
+        for key, its_models in models[models["muscle"] == muscle].groupby(who, sort=False):
+            job = Job(str(key[0]), int(str(key[1])), muscle, recorded, its_tests, its_models, its_points[key])
+            jobs.append(job)
     rows: list[tuple[Any, ...]] = []
     with ctx.progress("experiments", len(jobs)) as advance:
         for job, found in zip(jobs, ctx.spread(measure_errors, jobs), strict=True):
@@ -189,29 +199,6 @@ class Job:
     points: pd.DataFrame
 
 
-def gather(
-    muscles: Sequence[str],
-    tests: Mapping[str, pd.DataFrame],
-    hyperprior: pd.DataFrame,
-    scaling: pd.DataFrame,
-    models: pd.DataFrame,
-    points: pd.DataFrame,
-) -> Iterator[Job]:
-    """Yield the job of every muscle and experiment."""
-    for muscle in muscles:
-        recorded = RecordedModels.read(hyperprior, scaling, muscle)
-        its_tests = {}
-        for name, frame in tests.items():
-            its = frame[frame["muscle"] == muscle]
-            its_tests[name] = (recorded.scaling.inputs_of(its), its["force_n"].to_numpy())
-        who = ["participant", "experiment"]
-        its_points: dict[Any, pd.DataFrame] = dict(list(points[points["muscle"] == muscle].groupby(who, sort=False)))
-        for key, its_models in models[models["muscle"] == muscle].groupby(who, sort=False):
-            participant, experiment = str(key[0]), int(str(key[1]))
-            found = its_points[(participant, experiment)]
-            yield Job(participant, experiment, muscle, recorded, its_tests, its_models, found)
-
-
 def measure_errors(job: Job) -> list[tuple[Any, ...]]:
     """Return the rows of `learning_curve` of one muscle in one experiment."""
     rows = []
@@ -249,28 +236,15 @@ def describe_final_errors(
     keys = ["tested_on", "muscle", "arm"]
     before = summary[summary["trial"] == 0].set_index(keys)
     after = summary[summary["trial"] == summary["trial"].max()].set_index(keys)
-    found = pd.DataFrame(
-        {
-            "before": before["error_rate_mean"],
-            "after": after["error_rate_mean"],
-            "after_sd": after["error_rate_sd"],
-            "experiments": after["experiments"],
-        }
-    )
+    found = after.rename(columns={"error_rate_mean": "after", "error_rate_sd": "after_sd"})
+    found = found.assign(before=before["error_rate_mean"])[["before", "after", "after_sd", "experiments"]]
     return found.loc[list(product(tests, [*muscles, ALL_MUSCLES], arms))].reset_index()
 
 
 def pair_arms(curve: pd.DataFrame, arms: Sequence[str], sizes: Sequence[int | None]) -> pd.DataFrame:
-    """Return the rows of `paired_comparison`: the first arm against each other one.
+    """Return the rows of `paired_comparison`: the first arm, the design, against each other one.
 
-    Parameters
-    ----------
-    curve : DataFrame
-        Of the experiments that every arm has.
-    arms : sequence of str
-        The design first.
-    sizes : sequence of int or None
-        How many experiments of each participant count, each size a family of tests; None for all.
+    Each size is a family of tests: so many experiments of each participant count, or all where it is None.
     """
     ranks = curve.groupby("participant")["experiment"].rank(method="dense")
     taken = [ranks <= (ranks.max() if size is None else size) for size in sizes]

@@ -7,6 +7,7 @@ the recordings come from.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from functools import partial
 from typing import Any
 
@@ -83,7 +84,7 @@ def hardware(
     rig.check_bank(references, "trajectory")
     passive = split_turns(protocol_commands, rig.real or ctx.interactive)
     with rig, ctx.progress("trials", len(initial_trials) + len(passive)) as advance:
-        for number, row in enumerate(rows_of(initial_trials)):
+        for number, row in enumerate(initial_trials.to_dict("records")):
             key = (row["participant"], row["experiment"], row["position"])
             make = partial(execute_tracked, row, number, len(initial_trials), references, rig, ctx)
             until_kept(partial(ctx.record.part, key, make))
@@ -96,20 +97,13 @@ def hardware(
             advance(f"protocol experiment {turn[0]}")
     tables = ctx.record.collect()
     pace = measure_pace(tables[HARDWARE_RECORDINGS.name], ["participant", "experiment", "position"])
-    executed_by = {
-        "rig": type(rig).__name__,
-        "real": rig.real,
-        "sampling_rate_hz": float(rig.sampling_rate_hz),
-        "period_p50_s": pace.p50_s,
-        "period_p99_s": pace.p99_s,
-        "overruns": pace.overruns,
-        "samples": pace.samples,
-    }
-    return {**tables, EXECUTED_BY.name: pd.DataFrame([executed_by])}
+    rate_hz = float(rig.sampling_rate_hz)
+    executed_by = (type(rig).__name__, rig.real, rate_hz, pace.p50_s, pace.p99_s, pace.overruns, pace.samples)
+    return {**tables, EXECUTED_BY.name: pd.DataFrame([executed_by], columns=list(EXECUTED_BY.columns))}
 
 
 def execute_tracked(
-    row: dict[str, Any], number: int, total: int, references: pd.DataFrame, rig: Rig, ctx: Context
+    row: dict[Hashable, Any], number: int, total: int, references: pd.DataFrame, rig: Rig, ctx: Context
 ) -> dict[str, pd.DataFrame]:
     """Execute one initial trial."""
     key = (row["participant"], row["experiment"], row["position"])
@@ -118,7 +112,8 @@ def execute_tracked(
     proposal = Proposal(number + 1, total, "an initial trial, drawn at random", int(row["trajectory"]))
     trial = tracked_trial(samples, rig, row["participant"], label, number, proposal)
     recording = rig.execute(trial, ctx.generator(*key), ctx.record.watch(key))
-    return make_part(HARDWARE_RECORDINGS, pd.DataFrame(tidy(recording, rig)).assign(**row))
+    where = {str(name): value for name, value in row.items()}
+    return make_part(HARDWARE_RECORDINGS, pd.DataFrame(tidy(recording, rig)).assign(**where))
 
 
 def split_turns(commands: pd.DataFrame | None, singly: bool) -> dict[tuple[int, ...], pd.DataFrame]:
@@ -152,8 +147,3 @@ def make_part(table: Table, frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the part of a trial: its rows for the table they belong to, none for the others."""
     empty = {each.name: pd.DataFrame(columns=list(each.columns)) for each in hardware.writes}
     return {**empty, table.name: frame[list(table.columns)]}
-
-
-def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return a frame's rows as plain mappings."""
-    return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]

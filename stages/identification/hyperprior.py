@@ -6,7 +6,7 @@ comes from the data sheet.
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import pandas as pd
 from pydantic import Field, model_validator
@@ -22,14 +22,8 @@ from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 UNITS = dict(zip((*MODEL_INPUTS, MODEL_OUTPUT), ("kPa", "1", "1/s", "N"), strict=True))
 
 CONSTANT_MEAN = "constant_mean"
-HYPERPARAMETERS = {
-    "log_length_pressure": "log of standard units",
-    "log_length_contraction": "log of standard units",
-    "log_length_velocity": "log of standard units",
-    "log_signal_sd": "log of standard units",
-    "log_noise_sd": "log of standard units",
-    CONSTANT_MEAN: "standard units",
-}
+LOGS = ("log_length_pressure", "log_length_contraction", "log_length_velocity", "log_signal_sd", "log_noise_sd")
+HYPERPARAMETERS = {**dict.fromkeys(LOGS, "log of standard units"), CONSTANT_MEAN: "standard units"}
 
 HYPERPRIOR = Table(
     "hyperprior",
@@ -108,12 +102,10 @@ class Config(Section):
                 )
         for muscle in muscles:
             rows = {**section.rows, **section.muscles.get(muscle.name, {})}
-            unknown = [name for name in rows if name not in HYPERPARAMETERS]
-            missing = [name for name in HYPERPARAMETERS if name not in rows and name != CONSTANT_MEAN]
-            if unknown:
-                raise ValueError(
-                    f"hyperprior: no hyperparameter '{unknown[0]}'; {suggest(unknown[0], HYPERPARAMETERS)}"
-                )
+            for name in rows:
+                if name not in HYPERPARAMETERS:
+                    raise ValueError(f"hyperprior: no hyperparameter '{name}'; {suggest(name, HYPERPARAMETERS)}")
+            missing = [name for name in LOGS if name not in rows]
             if missing:
                 raise ValueError(f"hyperprior.rows lacks {', '.join(missing)}")
             if muscle.type not in section.data_sheet:
@@ -121,11 +113,12 @@ class Config(Section):
                 raise ValueError(f"hyperprior.data_sheet has no type '{muscle.type}' of {muscle.name}; {hint}")
             joint = self.exoskeleton.joints[self.exoskeleton.joint_names.index(muscle.joint)]
             longest = min(muscle.contractions_over(joint))
-            if section.data_sheet[muscle.type].max_contraction <= longest:
+            most = section.data_sheet[muscle.type].max_contraction
+            if most <= longest:
                 raise ValueError(
                     f"hyperprior.data_sheet.{muscle.type}.max_contraction: expected more than {longest:.3g}, the least "
-                    f"contraction of {muscle.name} over its joint's range, so that it pulls somewhere, "
-                    f"got {section.data_sheet[muscle.type].max_contraction}; raise it"
+                    f"contraction of {muscle.name} over its joint's range, so that it pulls somewhere, got {most}; "
+                    "raise it"
                 )
         return self
 
@@ -143,15 +136,11 @@ def hyperprior(cfg: Config, candidates: pd.DataFrame, ctx: Context) -> tuple[pd.
         ]
         sheet = cfg.hyperprior.data_sheet[muscle.type]
         scalings += scale_muscle(muscle, sheet, candidates[candidates["muscle"] == muscle.name])
-    return (
-        pd.DataFrame(priors, columns=list(HYPERPRIOR.columns)),
-        pd.DataFrame(scalings, columns=list(SCALING.columns)),
-    )
+    table_1 = pd.DataFrame(priors, columns=list(HYPERPRIOR.columns))
+    return table_1, pd.DataFrame(scalings, columns=list(SCALING.columns))
 
 
-def scale_muscle(
-    muscle: Muscle, sheet: DataSheet, candidates: pd.DataFrame
-) -> list[tuple[str, str, float, float, str, str]]:
+def scale_muscle(muscle: Muscle, sheet: DataSheet, candidates: pd.DataFrame) -> list[tuple[Any, ...]]:
     """Return the rows of `scaling`: inputs by the bank's mean and SD, force by the data sheet over the bank's range.
 
     The data sheet's force is taken as proportional to pressure and falling linearly to zero at the largest contraction.

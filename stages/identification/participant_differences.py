@@ -92,18 +92,9 @@ def participant_differences(cfg: Config, learning_curve: pd.DataFrame, ctx: Cont
 def compare_participants(
     curve: pd.DataFrame, people: list[str], muscles: list[str], margin: float, sizes: Sequence[int | None]
 ) -> pd.DataFrame:
-    """Return the rows of `participant_comparison`.
+    """Return the rows of `participant_comparison`, from a curve with the average over muscles.
 
-    Parameters
-    ----------
-    curve : DataFrame
-        With the average over muscles.
-    people, muscles : list of str
-        To be compared, in this order.
-    margin : float
-        Largest difference of error rates that does not matter.
-    sizes : sequence of int or None
-        How many experiments of each participant count, each size a family of tests; None for all.
+    Each size is a family of tests: so many experiments of each participant count, or all where it is None.
     """
     last = curve[curve["trial"] == curve["trial"].max()]
     rank = last.groupby("participant")["experiment"].rank(method="dense")
@@ -126,16 +117,8 @@ def compare_family(last: pd.DataFrame, people: list[str], muscles: list[str], ma
     for first, second in combinations(people, 2):
         for muscle in muscles:
             pair = values[(first, muscle)], values[(second, muscle)]
-            told = compare_groups(*pair)
-            means = {"first_mean": told.mean_first, "second_mean": told.mean_second}
-            row = {
-                "first": first,
-                "second": second,
-                "muscle": muscle,
-                "n_first": told.n_first,
-                "n_second": told.n_second,
-            }
-            rows.append(row | means | told.tabulate() | judge_equivalence(*pair, margin).tabulate())
+            compared = vars(compare_groups(*pair)) | vars(judge_equivalence(*pair, margin))
+            rows.append({"first": first, "second": second, "muscle": muscle, **compared})
     if not rows:
         return pd.DataFrame(columns=list(PARTICIPANT_COMPARISON.columns))
     return judge_with_equivalence(pd.DataFrame(rows), "p_welch", "different", "different")

@@ -15,32 +15,29 @@ from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.muscle_models.loop_settings import Movements
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.participant import Participant
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS
 from stages.science.signals.scaling import MODEL_INPUTS
 
-REPLAYED = ("pressure_command_kpa", "joint_angle_rad")
-
 TRAJECTORY = column(int, "movement of the bank", low=0)
 
-CANDIDATES = Table(
-    "candidates",
-    "A sample of a bank movement as the models' input, without force",
-    {
-        "trajectory": TRAJECTORY,
-        **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", "muscle", *MODEL_INPUTS)},
-    },
-    key=("trajectory", "muscle", "time_s"),
-)
-REFERENCES = Table(
-    "references",
-    "A sample of what a trial displays to the person (joint angle) and plays on the robot (pressure command)",
-    {
-        "trajectory": TRAJECTORY,
-        **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", "muscle", *REPLAYED)},
-    },
-    key=("trajectory", "muscle", "time_s"),
+CANDIDATES, REFERENCES = (
+    Table(
+        name,
+        title,
+        {"trajectory": TRAJECTORY, **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", "muscle", *quantities)}},
+        key=("trajectory", "muscle", "time_s"),
+    )
+    for name, title, quantities in (
+        ("candidates", "A sample of a bank movement as the models' input, without force", MODEL_INPUTS),
+        (
+            "references",
+            "A sample of what a trial displays to the person (joint angle) and plays on the robot (pressure command)",
+            ("pressure_command_kpa", "joint_angle_rad"),
+        ),
+    )
 )
 INITIAL_TRIALS = Table(
     "initial_trials",
@@ -63,30 +60,18 @@ class Subsampling(Section):
     initial_trials: PositiveInt
 
 
-class Movements(View):
-    """How many movements the bank will hold."""
-
-    trajectories: int
-
-
-class InitialTrialsInBank(View):
-    """The bank holds the initial trials."""
+class TrialsFit(View):
+    """The bank holds the initial trials, thinning leaves a movement, and the recordings fit in memory."""
 
     bank: Movements
     subsampling: Subsampling
+    participants: dict[str, Participant]
+    exoskeleton: Exoskeleton
 
     @model_validator(mode="after")
     def _find_initial_trials(self) -> Self:
         check_initial_trials(self.subsampling.initial_trials, self.bank.trajectories)
         return self
-
-
-class SamplesEnough(View):
-    """Thinning leaves a movement of a trajectory, and the initial trials' recordings fit in memory."""
-
-    subsampling: Subsampling
-    participants: dict[str, Participant]
-    exoskeleton: Exoskeleton
 
     @model_validator(mode="after")
     def _keep_two_samples(self) -> Self:
@@ -115,7 +100,7 @@ class SamplesEnough(View):
 class Config(Section):
     """What this stage reads."""
 
-    checks: ClassVar = (InitialTrialsInBank, SamplesEnough)
+    checks: ClassVar = (TrialsFit,)
 
     subsampling: Subsampling
     participants: dict[str, Participant] = Field(min_length=1)
@@ -127,31 +112,18 @@ def subsampling(cfg: Config, bank: pd.DataFrame, ctx: Context) -> tuple[pd.DataF
     """Thin the bank to candidates without force and draw each experiment's initial trials."""
     rank = bank.groupby(["trajectory", "muscle"], sort=False).cumcount()
     candidates = bank.loc[rank % cfg.subsampling.every == 0, list(CANDIDATES.columns)]
-    references = bank[list(REFERENCES.columns)]
-    return candidates, references, draw_initial_trials(cfg, [int(each) for each in bank["trajectory"].unique()], ctx)
-
-
-def draw_initial_trials(cfg: Config, trajectories: list[int], ctx: Context) -> pd.DataFrame:
-    """Draw distinct trajectories for each participant and experiment."""
-    count = cfg.subsampling.initial_trials
+    trajectories, count = [int(each) for each in bank["trajectory"].unique()], cfg.subsampling.initial_trials
     check_initial_trials(count, len(trajectories))
     rows = []
     for participant in cfg.participants:
         for experiment in range(1, cfg.subsampling.experiments + 1):
-            generator = ctx.generator(participant, experiment)
-            drawn = generator.choice(trajectories, size=count, replace=False)
+            drawn = ctx.generator(participant, experiment).choice(trajectories, size=count, replace=False)
             rows += [(participant, experiment, position, int(each)) for position, each in enumerate(drawn, start=1)]
-    return pd.DataFrame(rows, columns=list(INITIAL_TRIALS.columns))
+    return candidates, bank[list(REFERENCES.columns)], pd.DataFrame(rows, columns=list(INITIAL_TRIALS.columns))
 
 
 def check_initial_trials(count: int, movements: int) -> None:
-    """Refuse more initial trials than the bank has movements.
-
-    Raises
-    ------
-    ConfigError
-        Saying how many there are.
-    """
+    """Refuse more initial trials than the bank has movements."""
     if count > movements:
         raise ConfigError(
             f"subsampling.initial_trials: expected at most the bank's {movements} movements, got {count}; "

@@ -75,20 +75,16 @@ def tracking_delay(
     designed = active_recordings.merge(trials[[*where, "trajectory"]], on=where)
     columns = [*where, "trajectory", "time_s", "muscle", "joint_angle_rad", "reference_shown_s"]
     recordings = pd.concat([initial[columns], designed[columns]], ignore_index=True)
-    pairs = find_muscles(cfg.exoskeleton).items()
-    rows = [row for joint, muscle in pairs for row in measure(cfg, recordings, references, joint, muscle)]
+    # of each joint, a muscle whose rows tell its angle
+    muscles = {muscle.joint: muscle.name for muscle in reversed(cfg.exoskeleton.muscles)}
+    rows = [row for joint, muscle in muscles.items() for row in measure(cfg, recordings, references, joint, muscle)]
     frame = pd.DataFrame(rows, columns=list(TRACKING_DELAYS.columns))
     return frame.sort_values(where, kind="stable", ignore_index=True)
 
 
-def find_muscles(exoskeleton: Exoskeleton) -> dict[str, str]:
-    """Return by joint a muscle whose rows tell the joint's angle."""
-    return {muscle.joint: muscle.name for muscle in reversed(exoskeleton.muscles)}
-
-
 def measure(
     cfg: Config, recordings: pd.DataFrame, references: pd.DataFrame, joint: str, muscle: str
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[tuple[Any, ...]]:
     """Yield a joint's row for each trial."""
     shown = references[references["muscle"] == muscle].groupby("trajectory")["joint_angle_rad"]
     reference = {int(str(trajectory)): its.to_numpy() for trajectory, its in shown}
@@ -102,10 +98,4 @@ def measure(
         delay_s = find_delay(due[:count], followed, rate_hz, longest_s)
         late_s = (its["reference_shown_s"] - its["time_s"]).dropna()
         display_s = float(np.median(late_s)) if len(late_s) else float("nan")
-        yield {
-            **dict(zip(where, trial, strict=False)),
-            "joint": joint,
-            "delay_s": delay_s,
-            "display_delay_s": display_s,
-            "person_delay_s": delay_s - display_s,
-        }
+        yield (*trial, joint, delay_s, display_s, delay_s - display_s)

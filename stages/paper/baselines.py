@@ -11,7 +11,7 @@ linear_interactive  the linear law on all samples of the design's own trials: wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
@@ -133,13 +133,20 @@ def baselines(
     passive = protocol_recordings[protocol_recordings["experiment"] <= cfg.baselines.experiments]
     interactive = active_recordings[active_recordings["arm"] == design]
     muscles = list(hyperprior["muscle"].unique())
-    knowledge = [gather(each, hyperprior, scaling, tests, count_points(points, design)) for each in muscles]
-    jobs = [Job(cfg.baselines, ctx, *each) for known in knowledge for each in split(known, passive, interactive)]
+    count, columns = count_points(points, design), [*MODEL_INPUTS, MODEL_OUTPUT]
+    jobs = []
+    for name in muscles:
+        its_tests = {test: frame.loc[frame["muscle"] == name, columns] for test, frame in tests.items()}
+        known = name, RecordedModels.read(hyperprior, scaling, name), its_tests, count
+        for frame in (passive.assign(participant=NOBODY), interactive):  # the protocol's first, as they take longest
+            samples = frame.loc[frame["muscle"] == name, ["participant", "experiment", "trial", *columns]]
+            for key, rows_of_one in samples.groupby(["participant", "experiment"], sort=False):
+                jobs.append(Job(cfg.baselines, ctx, *known, str(key[0]), int(str(key[1])), rows_of_one))
     rows: list[tuple[Any, ...]] = []
     with ctx.progress("models", len(jobs)) as advance:
         for job, found in zip(jobs, ctx.spread(Job.run, jobs), strict=True):
             rows += found
-            advance(f"{job.participant} experiment {job.experiment} {job.muscle.name}")
+            advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
     order = {name: position for position, name in enumerate(DESCRIBED)}
     curve = pd.DataFrame(rows, columns=list(BASELINE_CURVE.columns)).sort_values(
         list(BASELINE_CURVE.key),
@@ -150,81 +157,25 @@ def baselines(
     return curve, compare_baselines(ours, curve, muscles)
 
 
-@dataclass(frozen=True, eq=False)
-class MuscleData:
-    """What is known of one muscle beside the samples that its models learn from.
-
-    Parameters
-    ----------
-    name : str
-        Of the muscle.
-    recorded : RecordedModels
-        Table 1, the mean of its GPs, centres and scales.
-    tests : mapping of str to DataFrame
-        Samples of each test set.
-    points : int
-        Of the design's model in the end.
-    """
-
-    name: str
-    recorded: RecordedModels
-    tests: Mapping[str, pd.DataFrame]
-    points: int
-
-
-def gather(
-    muscle: str, hyperprior: pd.DataFrame, scaling: pd.DataFrame, tests: Mapping[str, pd.DataFrame], points: int
-) -> MuscleData:
-    """Return what is known of a muscle."""
-    columns = [*MODEL_INPUTS, MODEL_OUTPUT]
-    its_tests = {name: frame.loc[frame["muscle"] == muscle, columns] for name, frame in tests.items()}
-    return MuscleData(muscle, RecordedModels.read(hyperprior, scaling, muscle), its_tests, points)
-
-
 def count_points(points: pd.DataFrame, design: str) -> int:
     """Return how many points a muscle's model of the design stands on in the end."""
     its = points[points["arm"] == design]
     return int(its.groupby(["participant", "experiment", "muscle"]).size().max())
 
 
-def split(
-    known: MuscleData, passive: pd.DataFrame, interactive: pd.DataFrame
-) -> Iterator[tuple[MuscleData, str, int, pd.DataFrame]]:
-    """Yield muscle, participant, experiment and samples of each sequence of the protocol and experiment of the design.
-
-    Those of the protocol come first, as they take longest.
-    """
-    for frame in (passive.assign(participant=NOBODY), interactive):
-        samples = frame.loc[
-            frame["muscle"] == known.name, ["participant", "experiment", "trial", *MODEL_INPUTS, MODEL_OUTPUT]
-        ]
-        for key, rows in samples.groupby(["participant", "experiment"], sort=False):
-            yield known, str(key[0]), int(str(key[1])), rows
-
-
 @dataclass(frozen=True, eq=False)
 class Job:
-    """All models of one muscle from one experiment, and their errors.
+    """All models of one muscle from one experiment, or from a sequence of the protocol (of ``nobody``).
 
-    Parameters
-    ----------
-    cfg : Baselines
-        Searches and thresholds.
-    ctx : Context
-        For its generators.
-    muscle : MuscleData
-        What is known of it.
-    participant : str
-        ``nobody`` for a sequence of the protocol.
-    experiment : int
-        Sequence of the protocol, or experiment of the participant.
-    samples : DataFrame
-        What was recorded of the muscle, with its trial.
+    Its GPs stand on as many `points` as the design's model in the end.
     """
 
     cfg: Baselines
     ctx: Context
-    muscle: MuscleData
+    muscle: str
+    recorded: RecordedModels
+    tests: Mapping[str, pd.DataFrame]
+    points: int
     participant: str
     experiment: int
     samples: pd.DataFrame
@@ -238,55 +189,51 @@ class Job:
         rows = []
         for each in np.unique(trial):
             rows += self.measure(LINEAR, int(each), self.fit_linear(self.samples[trial <= each]))
-        rows += self.measure(SPARSE, last, self.fit_sparse())
-        rows += self.measure(SUBSET, last, self.fit_subset())
+        rows += self.measure(SPARSE, last, self.predict_with(self.fit_sparse()))
+        rows += self.measure(SUBSET, last, self.predict_with(self.fit_subset()))
         return rows
 
     def fit_linear(self, samples: pd.DataFrame) -> Predictor:
         """Fit the linear law to samples of the muscle that is not slack, by least squares."""
-        model = fit_law(samples, self.cfg.slack_share)
-        return lambda test: predict_law(model, test)
+        return partial(predict_law, fit_law(samples, self.cfg.slack_share))
 
-    def fit_sparse(self) -> Predictor:
+    def fit_sparse(self) -> SparseGP:
         """Fit a sparse GP to all samples; pseudo-inputs and hyperparameters maximise the likelihood alone.
 
         Notes
         -----
         Snelson and Ghahramani, Sparse Gaussian processes using pseudo-inputs, NIPS 18 (2006).
         """
-        known, trials = self.muscle, int(self.samples["trial"].nunique())
-        count = min(known.points, len(self.samples))
-        data = known.recorded.scaling.inputs_of(self.samples), known.recorded.scaling.output_of(self.samples)
-        generator = self.ctx.generator(SPARSE, self.experiment, known.name)
-        search = partial(fit_sparse, *data, count, None, known.recorded.mean, generator=generator)
+        known, trials = self.recorded, int(self.samples["trial"].nunique())
+        data = known.scaling.inputs_of(self.samples), known.scaling.output_of(self.samples)
+        count = min(self.points, len(self.samples))
+        generator = self.ctx.generator(SPARSE, self.experiment, self.muscle)
+        search = partial(fit_sparse, *data, count, None, known.mean, generator=generator)
         first = search(starts=self.cfg.sparse_starts, iterations=self.cfg.sparse_trial_iterations * trials)
         again = [(first.pseudo, first.theta)]
-        best = search(starts=0, warm_starts=again, iterations=self.cfg.sparse_best_iterations * trials)
-        return self.predict_with(best)
+        return search(starts=0, warm_starts=again, iterations=self.cfg.sparse_best_iterations * trials)
 
-    def fit_subset(self) -> Predictor:
+    def fit_subset(self) -> MarginalGP:
         """Fit an exact GP under the design's hyperprior to samples drawn at random."""
-        known = self.muscle
-        generator = self.ctx.generator(SUBSET, self.experiment, known.name)
-        drawn = generator.choice(len(self.samples), min(known.points, len(self.samples)), replace=False)
+        known, count = self.recorded, len(self.samples)
+        generator = self.ctx.generator(SUBSET, self.experiment, self.muscle)
+        drawn = generator.choice(count, min(self.points, count), replace=False)
         samples = self.samples.iloc[np.sort(drawn)]
-        inputs, output = known.recorded.scaling.inputs_of(samples), known.recorded.scaling.output_of(samples)
-        return self.predict_with(
-            fit(inputs, output, known.recorded.prior, known.recorded.mean, generator=generator, starts=self.cfg.starts)
-        )
+        inputs, output = known.scaling.inputs_of(samples), known.scaling.output_of(samples)
+        return fit(inputs, output, known.prior, known.mean, generator=generator, starts=self.cfg.starts)
 
     def predict_with(self, model: MarginalGP | SparseGP) -> Predictor:
         """Return the forces that a GP predicts."""
-        scaling = self.muscle.recorded.scaling
+        scaling = self.recorded.scaling
         return lambda test: scaling.restore_force(model.predict_mean(scaling.inputs_of(test)))
 
     def measure(self, baseline: str, trial: int, predict: Predictor) -> list[tuple[Any, ...]]:
         """Return the rows of a model's errors on every test set."""
         rows = []
-        for tested_on, test in self.muscle.tests.items():
+        for tested_on, test in self.tests.items():
             force = test[MODEL_OUTPUT].to_numpy()
             rate = error_rate(predict(test), force)
-            where = (baseline, self.participant, self.experiment, trial, tested_on, self.muscle.name)
+            where = (baseline, self.participant, self.experiment, trial, tested_on, self.muscle)
             rows.append((*where, rate * float(force.max()), rate))
         return rows
 
@@ -296,14 +243,9 @@ Predictor = Callable[[pd.DataFrame], Array]
 
 
 def fit_law(samples: pd.DataFrame, slack_share: float) -> LinearMuscleModel:
-    """Fit the linear law to samples of a muscle.
+    """Fit the linear law to the samples of a muscle whose force is at least this share of the largest one.
 
-    Parameters
-    ----------
-    samples : DataFrame
-        With columns `MODEL_INPUTS` and force_n.
-    slack_share : float
-        Samples whose force is below this share of the largest one are left out, as the law is that of a taut muscle.
+    The law is that of a taut muscle.
     """
     force = samples[MODEL_OUTPUT].to_numpy()
     taut = samples[force >= slack_share * force.max()]
@@ -319,21 +261,18 @@ def predict_law(model: LinearMuscleModel, samples: pd.DataFrame) -> Array:
 
 
 def compare_baselines(design: pd.DataFrame, curve: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
-    """Return the rows of `baseline_comparison`.
+    """Return the rows of `baseline_comparison`, of each test set the muscles' average first.
 
     Parameters
     ----------
-    design : DataFrame
-        Rows of `learning_curve` of the design.
-    curve : DataFrame
-        Rows of `baseline_curve`.
+    design, curve : DataFrame
+        Rows of `learning_curve` of the design, and of `baseline_curve`.
     muscles : sequence of str
-        To be compared one by one, after their average.
+        To be compared one by one.
     """
-    tests = design["tested_on"].unique()
     frames = [
         compare_family(design[design["tested_on"] == each], curve[curve["tested_on"] == each], muscles, str(each))
-        for each in tests
+        for each in design["tested_on"].unique()
     ]
     return pd.concat(frames, ignore_index=True)
 
@@ -354,15 +293,7 @@ def compare_family(design: pd.DataFrame, curve: pd.DataFrame, muscles: Sequence[
 
 
 def summarise_experiments(curve: pd.DataFrame, last: int | None) -> pd.DataFrame:
-    """Return error rates by experiment (rows) and muscle (columns).
-
-    Parameters
-    ----------
-    curve : DataFrame
-        Of one method and test set, with the average over muscles.
-    last : int or None
-        Averaged over trials 1 to this one; None for the error rate after the last trial.
-    """
+    """Return error rates by experiment and muscle: averaged over trials 1 to `last`, or after the last one if None."""
     trial = curve["trial"]
     its = curve[trial == trial.max()] if last is None else curve[(trial >= 1) & (trial <= last)]
     return its.groupby(["participant", "experiment", "muscle"])["error_rate"].mean().unstack("muscle")
@@ -370,37 +301,23 @@ def summarise_experiments(curve: pd.DataFrame, last: int | None) -> pd.DataFrame
 
 def compare(design: pd.Series[float], baseline: pd.Series[float], paired: bool) -> dict[str, Any]:
     """Return the statistics of one comparison: of the experiments that both have, or of two groups."""
-    told: Any
     if paired:
         both = pd.concat([design, baseline], axis=1, join="inner").to_numpy()
-        told = compare_pairs(both[:, 0], both[:, 1])
-        counts, test, p = (told.n, told.n), "paired t", told.t_p_value
+        pairs = compare_pairs(both[:, 0], both[:, 1])
+        row = {**vars(pairs), "n_design": pairs.n, "n_baseline": pairs.n, "effect": pairs.d_z, "p": pairs.p_t}
     else:
         told = compare_groups(np.asarray(design, dtype=float), np.asarray(baseline, dtype=float))
-        counts, test, p = (told.n_first, told.n_second), "Welch", told.p_value
-    return {
-        "n_design": counts[0],
-        "n_baseline": counts[1],
-        "design_mean": told.mean_first,
-        "baseline_mean": told.mean_second,
-        "difference": told.difference,
-        "low": told.low,
-        "high": told.high,
-        "test": test,
-        "effect": told.effect_size,
-        "p": p,
-    }
+        row = {**vars(told), "n_design": told.n_first, "n_baseline": told.n_second}
+        row |= {"effect": told.hedges_g, "p": told.p_welch}
+    means = {"design_mean": row["first_mean"], "baseline_mean": row["second_mean"]}
+    return {**row, **means, "test": "paired t" if paired else "Welch"}
 
 
 def draw(ctx: Context, design: pd.DataFrame, curve: pd.DataFrame, arm: str, muscles: Sequence[str]) -> None:
     """Draw learning curves of the design and the linear law (paper, Fig. 6) and all errors in the end (Fig. 7)."""
     ours, linear = f"the design ({arm})", DESCRIBED[LINEAR]
-    lines = pd.concat(
-        [
-            add_average(design).assign(line=ours),
-            add_average(curve).assign(line=lambda frame: frame["baseline"].map(DESCRIBED)),
-        ]
-    )
+    theirs = add_average(curve)
+    lines = pd.concat([add_average(design).assign(line=ours), theirs.assign(line=theirs["baseline"].map(DESCRIBED))])
     told = summarise_error_rates(lines, ["line", "trial", "tested_on", "muscle"])
     panels, tests = [ALL_MUSCLES, *muscles], list(design["tested_on"].unique())
     counts = [len(each.groupby(["participant", "experiment"])) for each in (design, curve[curve["baseline"] == LINEAR])]

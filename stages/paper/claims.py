@@ -12,9 +12,8 @@ whether the opposite was found, or nothing. What was not tested, for want of exp
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -106,16 +105,12 @@ class Evidence:
     p_equivalent: float = np.nan
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What follows: the p-value that decided, the verdict, and the finding in words."""
+NOTHING = Evidence("none", 0, *[np.nan] * 5)
 
-    p: float
-    verdict: str
-    finding: str
+Verdict = tuple[float, str, str]
+"""The p-value that decided, the verdict, and the finding in words."""
 
-
-TOO_FEW = Verdict(np.nan, UNTESTED, "too few experiments for a test")
+TOO_FEW: Verdict = (np.nan, UNTESTED, "too few experiments for a test")
 
 
 def judge_better(evidence: Evidence) -> Verdict:
@@ -124,10 +119,8 @@ def judge_better(evidence: Evidence) -> Verdict:
     if np.isnan(p):
         return TOO_FEW
     if not p < LEVEL:
-        return Verdict(p, FAILS, "not shown: no difference was found, which is not the same as none")
-    if evidence.estimate < 0:
-        return Verdict(p, HOLDS, "shown")
-    return Verdict(p, FAILS, "the opposite was found")
+        return p, FAILS, "not shown: no difference was found, which is not the same as none"
+    return (p, HOLDS, "shown") if evidence.estimate < 0 else (p, FAILS, "the opposite was found")
 
 
 def judge_same(evidence: Evidence) -> Verdict:
@@ -136,21 +129,21 @@ def judge_same(evidence: Evidence) -> Verdict:
     if np.isnan(p):
         return TOO_FEW
     if p < LEVEL:
-        return Verdict(p, HOLDS, "it matters, but by less than the margin" if different else "equivalent to the margin")
+        return p, HOLDS, "it matters, but by less than the margin" if different else "equivalent to the margin"
     if different:
-        return Verdict(p, FAILS, "it matters" if evidence.estimate > 0 else "it matters, and improves")
-    return Verdict(p, FAILS, "undecided: neither a difference nor equivalence was found")
+        return p, FAILS, "it matters" if evidence.estimate > 0 else "it matters, and improves"
+    return p, FAILS, "undecided: neither a difference nor equivalence was found"
 
 
 def judge_all_same(evidence: Evidence, differing: Sequence[str]) -> Verdict:
     """Judge a claim that something matters to none of several muscles, of which some were shown to differ."""
-    told = judge_same(evidence)
-    if told.verdict == HOLDS:
+    p, verdict, finding = judge_same(evidence)
+    if verdict == HOLDS:
         more = f"; within it, it matters to {', '.join(differing)}" if differing else ""
-        return Verdict(told.p, HOLDS, f"equivalent to the margin for every muscle{more}")
-    if told.verdict == FAILS and differing:
-        return Verdict(told.p, FAILS, f"it matters to {', '.join(differing)}, and is not equivalent for every muscle")
-    return told
+        return p, HOLDS, f"equivalent to the margin for every muscle{more}"
+    if verdict == FAILS and differing:
+        return p, FAILS, f"it matters to {', '.join(differing)}, and is not equivalent for every muscle"
+    return p, verdict, finding
 
 
 def judge_concentrated(evidence: Evidence) -> Verdict:
@@ -159,23 +152,8 @@ def judge_concentrated(evidence: Evidence) -> Verdict:
     if np.isnan(p):
         return TOO_FEW
     if p < LEVEL:
-        return Verdict(p, HOLDS, "chosen more alike than at random")
-    return Verdict(p, FAILS, "not shown: choices as spread as at random")
-
-
-Judge = Callable[[Evidence], Verdict]
-"""A rule: evidence to verdict."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """One row to be: a claim, how and on what it was tested, what was found, and the rule that judges it."""
-
-    claim: str
-    setting: str
-    tested_on: str
-    evidence: Evidence
-    judge: Judge
+        return p, HOLDS, "chosen more alike than at random"
+    return p, FAILS, "not shown: choices as spread as at random"
 
 
 @stage(CLAIMS)
@@ -193,7 +171,7 @@ def claims(
     sparse_comparison: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """Judge every claim that the workflow's comparisons bear on."""
-    sources: list[tuple[Callable[[pd.DataFrame], Iterator[Case]], pd.DataFrame | None]] = [
+    sources = [
         (weigh_fall, learning_curve),
         (weigh_baselines, baseline_comparison),
         (weigh_participants, participant_comparison),
@@ -203,123 +181,82 @@ def claims(
         (weigh_concentration, choice_concentration),
         (weigh_sparse_model, sparse_comparison),
     ]
-    rows = [describe(each) for weigh, frame in sources if frame is not None for each in weigh(frame)]
+    rows = [row for weigh, frame in sources if frame is not None for row in weigh(frame)]
     if executed_by is not None:
         rows.append(describe_reality(bool(executed_by["real"].all()), rows))
-        rows += [
-            mark_untested(claim, UNTESTED, ABSENT) for claim in PAPER if claim not in {row["claim"] for row in rows}
-        ]
+        untested = [claim for claim in PAPER if claim not in {row["claim"] for row in rows}]
+        rows += [describe(claim, "", "", NOTHING, (np.nan, UNTESTED, ABSENT)) for claim in untested]
     return pd.DataFrame(rows, columns=list(CLAIMS.columns))
 
 
-def describe(case: Case) -> dict[str, Any]:
+def describe(claim: str, setting: str, tested_on: str, found: Evidence, told: Verdict) -> dict[str, Any]:
     """Return the row of `claims`."""
-    found, told = case.evidence, case.judge(case.evidence)
-    return {
-        "claim": case.claim,
-        "paper": PAPER[case.claim],
-        "setting": case.setting,
-        "tested_on": case.tested_on,
-        "statistic": found.statistic,
-        "n": found.n,
-        "estimate": found.estimate,
-        "low": found.low,
-        "high": found.high,
-        "effect": found.effect,
-        "p": told.p,
-        "verdict": told.verdict,
-        "finding": told.finding,
-    }
+    where = {"claim": claim, "paper": PAPER[claim], "setting": setting, "tested_on": tested_on}
+    return where | vars(found) | dict(zip(("p", "verdict", "finding"), told, strict=True))
 
 
 def describe_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the row of the claim about a real robot: that of `error_falls` if a real rig executed the trials."""
-    row = next((each for each in rows if each["claim"] == "error_falls"), None)
-    if real and row is not None:
-        return {**row, "claim": "works_on_real_robot", "paper": PAPER["works_on_real_robot"]}
-    if real:
-        return mark_untested("works_on_real_robot", UNTESTED, ABSENT)
-    return mark_untested("works_on_real_robot", UNTESTABLE, "all trials were simulated")
+    claim = "works_on_real_robot"
+    for row in rows:
+        if real and row["claim"] == "error_falls":
+            return {**row, "claim": claim, "paper": PAPER[claim]}
+    why = (UNTESTED, ABSENT) if real else (UNTESTABLE, "all trials were simulated")
+    return describe(claim, "", "", NOTHING, (np.nan, *why))
 
 
-def mark_untested(claim: str, verdict: str, finding: str) -> dict[str, Any]:
-    """Return the row of a claim about which nothing was measured."""
-    return {
-        **dict.fromkeys(("estimate", "low", "high", "effect", "p"), np.nan),
-        "claim": claim,
-        "paper": PAPER[claim],
-        "setting": "",
-        "tested_on": "",
-        "verdict": verdict,
-        "finding": finding,
-        "n": 0,
-        "statistic": "none",
-    }
+def read(row: Any, statistic: str, n: int, effect: str) -> Evidence:
+    """Return what a comparison's row says."""
+    names = ("difference", "low", "high", effect, "p_holm", "p_tost")
+    return Evidence(statistic, int(n), *(float(row.get(name, np.nan)) for name in names))
 
 
-def weigh_fall(curve: pd.DataFrame) -> Iterator[Case]:
+def weigh_fall(curve: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Compare the design's error after the last trial with that of its initial data, paired over experiments."""
     design = curve[curve["arm"] == curve["arm"].iloc[0]]
     for tested_on, its in design.groupby("tested_on", sort=False):
         means = its.groupby(["participant", "experiment", "trial"])["error_rate"].mean().unstack("trial")
         told = compare_pairs(means[means.columns.max()].to_numpy(), means[0].to_numpy())
-        evidence = Evidence(
-            "paired t, d_z", told.n, told.difference, told.low, told.high, told.effect_size, told.t_p_value
-        )
-        yield Case("error_falls", "", str(tested_on), evidence, judge_better)
+        evidence = Evidence("paired t, d_z", told.n, told.difference, told.low, told.high, told.d_z, told.p_t)
+        yield describe("error_falls", "", str(tested_on), evidence, judge_better(evidence))
 
 
-def weigh_participants(compared: pd.DataFrame) -> Iterator[Case]:
+def weigh_participants(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Take the comparison of every two participants, over all muscles and their largest number of experiments."""
     average = compared[compared["muscle"] == ALL_MUSCLES]
     for _, its in average.groupby(["first", "second", "tested_on"], sort=False):
         row = its.sort_values("n_first").to_dict("records")[-1]
-        n = int(min(row["n_first"], row["n_second"]))
-        evidence = Evidence(
-            f"Welch, TOST to {row['margin']:g}, Hedges g", n, *numbers(row, "hedges_g", "p_holm", "p_tost")
-        )
-        yield Case("participants_alike", f"{row['first']}, {row['second']}", row["tested_on"], evidence, judge_same)
+        n = min(row["n_first"], row["n_second"])
+        found = read(row, f"Welch, TOST to {row['margin']:g}, Hedges g", n, "hedges_g")
+        people = f"{row['first']}, {row['second']}"
+        yield describe("participants_alike", people, row["tested_on"], found, judge_same(found))
 
 
-def weigh_time_shift(compared: pd.DataFrame) -> Iterator[Case]:
+def weigh_time_shift(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Take each amplitude's comparison: equivalence after the last trial, and the curve without shift against with."""
     for row in compared.to_dict("records"):
-        setting = f"up to {plain(row['amplitude_s'])} s"
+        where = f"up to {plain(row['amplitude_s'])} s", row["tested_on"]
         if row["measure"] == "final":
-            evidence = Evidence(
-                f"paired t, TOST to {row['margin']:g}, d_z", row["n"], *numbers(row, "d_z", "p_holm", "p_tost")
-            )
-            yield Case("robust_to_shift", setting, row["tested_on"], evidence, judge_same)
+            found = read(row, f"paired t, TOST to {row['margin']:g}, d_z", row["n"], "d_z")
+            yield describe("robust_to_shift", *where, found, judge_same(found))
         else:
             # the table tells the shift less none; the claim is about none
-            found = Evidence("paired t of the curve, d_z", row["n"], *numbers(row, "d_z", "p_holm"))
-            yield Case("best_without_shift", setting, row["tested_on"], swap(found), judge_better)
+            turned = {"difference": -row["difference"], "low": -row["high"], "high": -row["low"], "d_z": -row["d_z"]}
+            found = read(row | turned, "paired t of the curve, d_z", row["n"], "d_z")
+            yield describe("best_without_shift", *where, found, judge_better(found))
 
 
-def weigh_choices_against_random(compared: pd.DataFrame) -> Iterator[Case]:
+def weigh_choices_against_random(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Take the design's comparison with the control that chooses at random, over the largest number of experiments."""
     its = compared[compared["control"] == "random"]
     for _, rows in its.groupby(["tested_on", "measure"], sort=False):
         row = rows.sort_values("n").to_dict("records")[-1]
-        evidence = Evidence("paired t, d_z", int(row["n"]), *numbers(row, "d_z", "p_holm"))
+        found = read(row, "paired t, d_z", row["n"], "d_z")
         setting = "after the last trial" if row["measure"] == "final" else "over the curve"
-        yield Case("beats_random_choice", setting, row["tested_on"], evidence, judge_better)
+        yield describe("beats_random_choice", setting, row["tested_on"], found, judge_better(found))
 
 
-def numbers(row: Any, effect: str, p_different: str, p_equivalent: str | None = None) -> tuple[float, ...]:
-    """Return difference, interval, effect size and p-values of a comparison's row, in the order of `Evidence`."""
-    names = ["difference", "low", "high", effect, p_different, *([p_equivalent] if p_equivalent else [])]
-    return tuple(float(row[name]) for name in names)
-
-
-def swap(evidence: Evidence) -> Evidence:
-    """Return the same evidence for the second less the first."""
-    return replace(
-        evidence, estimate=-evidence.estimate, low=-evidence.high, high=-evidence.low, effect=-evidence.effect
-    )
-
-
-def weigh_baselines(compared: pd.DataFrame) -> Iterator[Case]:
+def weigh_baselines(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Take the design's comparisons with the two baselines of the paper, over all muscles."""
     about = {
         ("linear", "curve"): "beats_linear_all_along",
@@ -329,39 +266,23 @@ def weigh_baselines(compared: pd.DataFrame) -> Iterator[Case]:
     for row in compared[compared["muscle"] == ALL_MUSCLES].to_dict("records"):
         claim = about.get((row["baseline"], row["measure"]))
         if claim:
-            n = min(row["n_design"], row["n_baseline"])
-            evidence = Evidence("Welch, Hedges g", n, *numbers(row, "effect", "p_holm"))
-            yield Case(claim, "", row["tested_on"], evidence, judge_better)
+            found = read(row, "Welch, Hedges g", min(row["n_design"], row["n_baseline"]), "effect")
+            yield describe(claim, "", row["tested_on"], found, judge_better(found))
 
 
-def weigh_hyperpriors(compared: pd.DataFrame) -> Iterator[Case]:
+def weigh_hyperpriors(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Take each setting's comparison with Table 1, of the muscle that is least surely equivalent."""
-    names = {
-        "mean": ("robust_to_prior_means", "means with SD {}", "Welch, Welch's TOST", "hedges_g", "difference"),
-        "variance": (
-            "robust_to_prior_spread",
-            "variances x {}",
-            "Wilcoxon, paired t TOST",
-            "rank_biserial",
-            "hodges_lehmann",
-        ),
-    }
-    for _, rows in compared.groupby(["kind", "setting", "tested_on"], sort=False):
-        claim, described, test, effect, estimate = names[str(rows["kind"].iloc[0])]
+    means = "robust_to_prior_means", "means with SD {}", "Welch, Welch's TOST", "hedges_g", "difference"
+    spread = "robust_to_prior_spread", "variances x {}", "Wilcoxon, paired t TOST", "rank_biserial", "hodges_lehmann"
+    for (kind, *_), rows in compared.groupby(["kind", "setting", "tested_on"], sort=False):
+        claim, described, test, effect, estimate = means if kind == "mean" else spread
         its = rows[rows["muscle"] != ALL_MUSCLES].sort_values("p_tost", na_position="last")
         row = its.to_dict("records")[-1]
-        evidence = Evidence(
-            f"{test} to {row['margin']:g}, {effect}: of {row['muscle']}, least surely equivalent",
-            int(row["n"]),
-            float(row[estimate]),
-            float(row["low"]),
-            float(row["high"]),
-            float(row[effect]),
-            float(its["p_holm"].min()),
-            float(row["p_tost"]),
-        )
-        judge = partial(judge_all_same, differing=sorted(its.loc[its["p_holm"] < LEVEL, "muscle"]))
-        yield Case(claim, described.format(plain(row["setting"])), row["tested_on"], evidence, judge)
+        least = {"difference": row[estimate], "p_holm": its["p_holm"].min()}
+        statistic = f"{test} to {row['margin']:g}, {effect}: of {row['muscle']}, least surely equivalent"
+        found = read(row | least, statistic, row["n"], effect)
+        told = judge_all_same(found, sorted(its.loc[its["p_holm"] < LEVEL, "muscle"]))
+        yield describe(claim, described.format(plain(row["setting"])), row["tested_on"], found, told)
 
 
 def plain(value: float) -> str:
@@ -369,24 +290,17 @@ def plain(value: float) -> str:
     return repr(float(value)).removesuffix(".0")
 
 
-def weigh_concentration(concentration: pd.DataFrame) -> Iterator[Case]:
+def weigh_concentration(concentration: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Take the design's test, the first of the arms."""
-    row = concentration.to_dict("records")[0]
-    evidence = Evidence(
-        "Monte Carlo test of dispersion, over its mean at random",
-        row["n"],
-        np.nan,
-        np.nan,
-        np.nan,
-        float(row["effect"]),
-        float(row["p_holm"]),
-    )
-    yield Case("choices_agree", "", "", evidence, judge_concentrated)
+    row = {**concentration.to_dict("records")[0], "low": np.nan, "high": np.nan}
+    found = read(row, "Monte Carlo test of dispersion, over its mean at random", row["n"], "effect")
+    yield describe("choices_agree", "", "", found, judge_concentrated(found))
 
 
-def weigh_sparse_model(compared: pd.DataFrame) -> Iterator[Case]:
+def weigh_sparse_model(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Take the comparison of a sparse model that keeps all samples with an exact one of few, after the last trial."""
     its = compared[(compared["question"] == "keeping all samples") & (compared["measure"] == "final")]
     for row in its.drop_duplicates("tested_on").to_dict("records"):  # the design's comparison stands first
-        evidence = Evidence("paired t, d_z", row["n"], *numbers(row, "d_z", "p_holm"))
-        yield Case("sparse_model_gains", f"{row['first']} - {row['second']}", row["tested_on"], evidence, judge_better)
+        found = read(row, "paired t, d_z", row["n"], "d_z")
+        lines = f"{row['first']} - {row['second']}"
+        yield describe("sparse_model_gains", lines, row["tested_on"], found, judge_better(found))

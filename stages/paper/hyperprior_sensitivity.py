@@ -10,7 +10,6 @@ Beside each test of a difference stands one of equivalence for a stated margin, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, ClassVar, Self
 
@@ -143,11 +142,8 @@ class HyperpriorSensitivity(Section):
     @property
     def settings(self) -> list[tuple[str, float]]:
         """Kind and value of every setting, Table 1's first."""
-        return [
-            (TABLE_1, 1.0),
-            *((MEAN, each) for each in self.mean_shifts),
-            *((VARIANCE, each) for each in self.variance_factors),
-        ]
+        means, variances = [(MEAN, each) for each in self.mean_shifts], self.variance_factors
+        return [(TABLE_1, 1.0), *means, *((VARIANCE, each) for each in variances)]
 
 
 class MovementsEnough(View):
@@ -189,20 +185,23 @@ def hyperprior_sensitivity(
     tests = [ForceTest.read("bank", bank, muscles)]
     if unseen_bank is not None:
         tests.append(ForceTest.read("unseen_bank", unseen_bank, muscles))
-    experiments = Experiments(section, ctx, Replay.read(muscles, bank), tests)
-    parts = []
+    run, parts = partial(land, section, ctx, Replay.read(muscles, bank), tests), []
     with ctx.progress("experiments", section.experiments) as advance:
-        for part in ctx.spread(experiments.run, range(1, section.experiments + 1)):
+        for part in ctx.spread(run, range(1, section.experiments + 1)):
             parts.append(part)
             advance(f"experiment {len(parts)}")
-    order = [*SETTING, "experiment"]
+    rank = {each: position for position, each in enumerate(section.settings)}
     priors, errors = (
-        sort_settings(pd.concat([part[table.name] for part in parts], ignore_index=True), section, order)
+        pd.concat([part[table.name] for part in parts], ignore_index=True)
+        .assign(rank=lambda rows: [rank[each] for each in zip(rows["kind"], rows["setting"], strict=True)])
+        .sort_values(["rank", "experiment"], kind="stable", ignore_index=True)
+        .drop(columns="rank")
         for table in (SENSITIVITY_HYPERPRIORS, SENSITIVITY_ERRORS)
     )
     errors_and_average = add_average(errors)
     average = errors_and_average[errors_and_average["muscle"] == ALL_MUSCLES]
-    labels = {each: describe_setting(*each) for each in section.settings}
+    words = {TABLE_1: "Table 1", MEAN: "means drawn\nwith {:g} SD", VARIANCE: "variances\n×{:g}"}
+    labels = {(kind, setting): words[kind].format(setting) for kind, setting in section.settings}
     caption = (
         "Error rate averaged over muscles after the last trial under each hyperprior, for every one of "
         f"{section.experiments} replayed experiments, with the mean after and before the trials."
@@ -211,28 +210,18 @@ def hyperprior_sensitivity(
     return priors, errors, compare_settings(errors_and_average, section.margin)
 
 
-@dataclass(frozen=True)
-class Experiments:
-    """What every replayed experiment is given."""
+def land(
+    section: HyperpriorSensitivity, ctx: Context, replay: Replay, tests: Sequence[ForceTest], experiment: int
+) -> dict[str, pd.DataFrame]:
+    """Replay one experiment of every setting, or read what an earlier process landed."""
 
-    section: HyperpriorSensitivity
-    ctx: Context
-    replay: Replay
-    tests: Sequence[ForceTest]
-
-    def run(self, experiment: int) -> dict[str, pd.DataFrame]:
-        """Return one experiment of every setting, read if an earlier process landed it."""
-        return self.ctx.record.part((f"{experiment:04d}",), partial(self.make, experiment))
-
-    def make(self, experiment: int) -> dict[str, pd.DataFrame]:
-        """Replay one experiment of every setting."""
-        muscles, loop = self.replay.muscles, self.section.loop
-        set_out: list[tuple[Any, ...]] = []
-        errors: list[tuple[Any, ...]] = []
-        for kind, setting in self.section.settings:
+    def make() -> dict[str, pd.DataFrame]:
+        muscles, loop = replay.muscles, section.loop
+        set_out, errors = [], []
+        for kind, setting in section.settings:
             where = kind, setting, experiment
             group = (MEAN, f"{setting:g}") if kind == MEAN else (TABLE_1,)
-            generator = partial(self.ctx.generator, *group, experiment)
+            generator = partial(ctx.generator, *group, experiment)
             priors = [
                 change_prior(prior, kind, setting, generator("means", name))
                 for name, prior in zip(muscles.names, muscles.priors, strict=True)
@@ -241,17 +230,9 @@ class Experiments:
                 values = zip(muscles.hyperparameters, prior.mean, prior.variance, strict=True)
                 set_out += [(*where, name, *each) for each in values]
             initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
-            known = list(
-                self.replay.run(
-                    loop.design(muscles.mean),
-                    priors,
-                    [int(each) for each in initial],
-                    loop.initial_points,
-                    loop.trials,
-                    generator,
-                )
-            )
-            for test in self.tests:
+            design, first = loop.design(muscles.mean), [int(each) for each in initial]
+            known = list(replay.run(design, priors, first, loop.initial_points, loop.trials, generator))
+            for test in tests:
                 before, after = (test.error_rates(each.models) for each in (known[0], known[-1]))
                 errors += [(*where, test.name, *each) for each in zip(muscles.names, before, after, strict=True)]
         return {
@@ -260,6 +241,8 @@ class Experiments:
             SENSITIVITY_COMPARISON.name: pd.DataFrame(columns=list(SENSITIVITY_COMPARISON.columns)),
         }
 
+    return ctx.record.part((f"{experiment:04d}",), make)
+
 
 def change_prior(prior: Hyperprior, kind: str, setting: float, generator: np.random.Generator) -> Hyperprior:
     """Return Table 1's prior, one around means drawn near its own, or one of smaller variances."""
@@ -267,19 +250,6 @@ def change_prior(prior: Hyperprior, kind: str, setting: float, generator: np.ran
         around = Hyperprior(prior.mean, setting**2 * prior.variance)
         return Hyperprior(around.draw(1, generator)[0], prior.variance)
     return Hyperprior(prior.mean, setting * prior.variance) if kind == VARIANCE else prior
-
-
-def describe_setting(kind: str, setting: float) -> str:
-    """Return what a figure calls a setting."""
-    return {TABLE_1: "Table 1", MEAN: f"means drawn\nwith {setting:g} SD", VARIANCE: f"variances\n×{setting:g}"}[kind]
-
-
-def sort_settings(frame: pd.DataFrame, section: HyperpriorSensitivity, columns: Sequence[str]) -> pd.DataFrame:
-    """Return the frame with its settings in the order of the section, and experiments in theirs."""
-    rank = {each: position for position, each in enumerate(section.settings)}
-    ranks = [rank[each] for each in zip(frame["kind"], frame["setting"], strict=True)]
-    ordered = frame.assign(rank=ranks).sort_values(["rank", *columns], kind="stable", ignore_index=True)
-    return ordered.drop(columns="rank")
 
 
 def add_average(errors: pd.DataFrame) -> pd.DataFrame:
@@ -294,48 +264,29 @@ def compare_settings(errors: pd.DataFrame, margin: float) -> pd.DataFrame:
     of_table_1 = dict(list(errors[errors["kind"] == TABLE_1].groupby(["tested_on", "muscle"])))
     for (kind, setting), its in errors[errors["kind"] != TABLE_1].groupby(list(SETTING), sort=False):
         for tested_on, tested in its.groupby("tested_on", sort=False):
-            rows: list[dict[str, Any]] = []
+            compare, p = (compare_means, "p_welch") if kind == MEAN else (compare_variances, "p_wilcoxon")
+            rows = []
             for muscle, changed in tested.groupby("muscle", sort=False):
                 where = {"kind": kind, "setting": setting, "tested_on": tested_on, "muscle": muscle}
                 own = of_table_1[(tested_on, muscle)]
                 after, expected = (each.sort_values("experiment")["after"].to_numpy() for each in (changed, own))
-                compare = compare_means if kind == MEAN else compare_variances
                 rows.append({**where, "before": changed["before"].mean(), **compare(after, expected, margin)})
-            p = "p_welch" if kind == MEAN else "p_wilcoxon"
-            words = {"negative": "sensitive", "positive": "sensitive", "equivalent": "insensitive"}
-            families.append(judge_with_equivalence(pd.DataFrame(rows), p, **words))
+            family = judge_with_equivalence(pd.DataFrame(rows), p, "sensitive", "sensitive", equivalent="insensitive")
+            families.append(family)
     return pd.concat(families, ignore_index=True)[list(SENSITIVITY_COMPARISON.columns)]
 
 
 def compare_means(changed: Array, table_1: Array, margin: float) -> dict[str, Any]:
     """Return what independent groups of error rates say, (n,) and (m,)."""
     told = compare_groups(changed, table_1)
-    return {
-        "n": told.n_first,
-        "n_table_1": told.n_second,
-        "mean": told.mean_first,
-        "table_1_mean": told.mean_second,
-        **dict.fromkeys(("hodges_lehmann", "rank_biserial", "p_wilcoxon"), np.nan),
-        **told.tabulate(),
-        **judge_equivalence(changed, table_1, margin).tabulate(),
-    }
+    row = {"n": told.n_first, "n_table_1": told.n_second, "mean": told.first_mean, "table_1_mean": told.second_mean}
+    none = dict.fromkeys(("hodges_lehmann", "rank_biserial", "p_wilcoxon"), np.nan)
+    return row | none | vars(told) | vars(judge_equivalence(changed, table_1, margin))
 
 
 def compare_variances(changed: Array, table_1: Array, margin: float) -> dict[str, Any]:
     """Return what paired error rates say, (n,) each."""
     told = compare_ranks(changed, table_1)
-    return {
-        "n": told.n,
-        "n_table_1": told.n,
-        "mean": float(changed.mean()),
-        "table_1_mean": float(table_1.mean()),
-        "difference": float((changed - table_1).mean()),
-        "hodges_lehmann": told.estimate,
-        "low": told.low,
-        "high": told.high,
-        "hedges_g": np.nan,
-        "rank_biserial": told.effect_size,
-        "p_welch": np.nan,
-        "p_wilcoxon": told.p_value,
-        **judge_paired_equivalence(changed, table_1, margin).tabulate(),
-    }
+    row = {"n_table_1": told.n, "mean": float(changed.mean()), "table_1_mean": float(table_1.mean())}
+    row |= {"difference": float((changed - table_1).mean()), "hedges_g": np.nan, "p_welch": np.nan}
+    return row | vars(told) | vars(judge_paired_equivalence(changed, table_1, margin))

@@ -14,7 +14,6 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, PositiveInt, model_validator
 from scipy.spatial import KDTree
 from scipy.special import ndtri, stdtrit
@@ -29,9 +28,9 @@ from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES
 from stages.science.muscle_models.recorded_models import RecordedModels
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
 from stages.science.statistics.concentration import Choices, judge_concentration
-from stages.science.statistics.coverage import cover_blocks
+from stages.science.statistics.intervals import cover_blocks
 from stages.science.statistics.paired import adjust_holm, compare_pairs
 from stages.science.statistics.verdicts import LEVEL, judge_differences
 
@@ -232,12 +231,19 @@ def learned_models(
     movements = [int(each) for each in references["trajectory"].unique()]
     often = count_choices(trials, movements)
     concentration = judge_choices(trials, initial_trials, movements, section.draws, ctx)
-    show_references(cfg, often[often["arm"] == design], references, ctx)
+    shown, machine = often[often["arm"] == design].head(section.shown), cfg.exoskeleton
+    groups = {joint: [each.name for each in machine.muscles if each.joint == joint] for joint in machine.joint_names}
+    caption = (
+        f"The {len(shown)} trajectories that {design} chose most often, of {len(movements)}: each joint's "
+        "reference and the pressure commands of its muscles. Above each: in how many of the experiments it was chosen."
+    )
+    ctx.figure("frequent_references", draw_frequent_references(shown, references, groups), caption)
 
-    surfaces = section.surfaces
-    last = find_last(models, design)
-    forces = draw_up_forces(recorded, select(models, last), select(points, last), bank, surfaces.grid)
-    show_forces(cfg, forces, last, points, ctx)
+    first = models[models["arm"] == design].iloc[0]
+    own = ["arm", "participant", "experiment"]
+    its_models, known = (each[(each[own] == first[own]).all(axis=1)] for each in (models, points))
+    forces = draw_up_forces(recorded, its_models, known, bank, section.surfaces.grid)
+    show_forces(section.surfaces, forces, its_models.sort_values("trial").iloc[-1], known, ctx)
 
     tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
     jobs = list(gather(recorded, tests, models, points, section.reliability))
@@ -263,16 +269,11 @@ def count_choices(trials: pd.DataFrame, trajectories: list[int]) -> pd.DataFrame
     for arm, its in trials.groupby("arm", sort=False):
         experiments = its.groupby(["participant", "experiment"]).ngroups
         distinct = its.drop_duplicates(["participant", "experiment", "trajectory"])
-        counted = pd.DataFrame(
-            {
-                "arm": str(arm),
-                "trajectory": list(trajectories),
-                "times": its["trajectory"].value_counts().reindex(trajectories, fill_value=0).to_numpy(),
-                "share": distinct["trajectory"].value_counts().reindex(trajectories, fill_value=0).to_numpy()
-                / experiments,
-                "experiments": experiments,
-            }
+        times, in_experiments = (
+            each["trajectory"].value_counts().reindex(trajectories, fill_value=0).to_numpy() for each in (its, distinct)
         )
+        counted = pd.DataFrame({"arm": str(arm), "trajectory": list(trajectories), "times": times})
+        counted = counted.assign(share=in_experiments / experiments, experiments=experiments)
         counted["rank"] = counted["times"].rank(method="min", ascending=False).astype(int)
         frames.append(counted.sort_values(["rank", "trajectory"]))
     return pd.concat(frames, ignore_index=True)
@@ -296,66 +297,19 @@ def judge_choices(
             at = np.searchsorted(known, chosen["trajectory"].to_numpy())
             experiments.append(Choices(at, np.flatnonzero(free), again))
         told = judge_concentration(experiments, known.size, draws, ctx.generator("choices", str(arm)))
-        rows.append(
-            {
-                "arm": str(arm),
-                "n": told.n,
-                "trials": len(its),
-                "dispersion": told.dispersion,
-                "expected": told.expected,
-                "low": told.low,
-                "high": told.high,
-                "effect": told.effect_size,
-                "p": told.p_value,
-            }
-        )
+        rows.append({"arm": str(arm), "trials": len(its), **vars(told)})
     frame = pd.DataFrame(rows)
     adjusted = adjust_holm(frame["p"].to_numpy())
-    return frame.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, "concentrated", "as at random"))
-
-
-def show_references(cfg: Config, often: pd.DataFrame, references: pd.DataFrame, ctx: Context) -> None:
-    """Draw the most often chosen trajectories of the design (paper, Fig. 10)."""
-    machine = cfg.exoskeleton
-    groups = {joint: [each.name for each in machine.muscles if each.joint == joint] for joint in machine.joint_names}
-    shown = often.head(cfg.learned_models.shown)
-    caption = (
-        f"The {len(shown)} trajectories that {often['arm'].iloc[0]} chose most often, of {len(often)}: each joint's "
-        "reference and the pressure commands of its muscles. Above each: in how many of the experiments it was chosen."
-    )
-    ctx.figure("frequent_references", draw_frequent_references(shown, references, groups), caption)
-
-
-def find_last(models: pd.DataFrame, design: str) -> dict[str, Any]:
-    """Return which is the first experiment of the design, and its last trial."""
-    first = models[models["arm"] == design].iloc[0]
-    where = {"arm": design, "participant": str(first["participant"]), "experiment": int(first["experiment"])}
-    return {**where, "trial": int(select(models, where)["trial"].max())}
-
-
-def select(frame: pd.DataFrame, where: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the rows of an experiment and arm, up to the trial if one is given."""
-    rows = np.ones(len(frame), dtype=bool)
-    for name, value in where.items():
-        rows &= (frame[name] <= value if name == "trial" else frame[name] == value).to_numpy()
-    return frame[rows]
+    verdict = np.where(adjusted < LEVEL, "concentrated", "as at random")
+    return frame.assign(p_holm=adjusted, verdict=verdict)[list(CHOICE_CONCENTRATION.columns)]
 
 
 def draw_up_forces(
     recorded: Mapping[str, RecordedModels], models: pd.DataFrame, points: pd.DataFrame, bank: pd.DataFrame, grid: int
 ) -> pd.DataFrame:
-    """Return the rows of `force_surfaces`.
+    """Return the rows of `force_surfaces`, from the models and points of one experiment and arm after the last trial.
 
-    Parameters
-    ----------
-    recorded : mapping of str to RecordedModels
-        By muscle.
-    models, points : DataFrame
-        Of one experiment and arm; the last trial counts.
-    bank : DataFrame
-        Gives the range of each input and the samples that states are near to.
-    grid : int
-        Values of each input.
+    The bank gives the range of each input, of which there are `grid` values, and the samples that states are near to.
     """
     last = models[models["trial"] == models["trial"].max()]
     frames = []
@@ -391,11 +345,10 @@ def lay_grid(samples: pd.DataFrame, varied: Sequence[str], grid: int, scaling: S
     return states[list(MODEL_INPUTS)]
 
 
-def show_forces(cfg: Config, forces: pd.DataFrame, last: Mapping[str, Any], points: pd.DataFrame, ctx: Context) -> None:
-    """Draw the learned force of one muscle (paper, Fig. 11)."""
-    muscle, near = cfg.learned_models.surfaces.muscle, cfg.learned_models.surfaces.near
-    its = forces[forces["muscle"] == muscle]
-    known = select(points, last)
+def show_forces(cfg: Surfaces, forces: pd.DataFrame, last: pd.Series[Any], points: pd.DataFrame, ctx: Context) -> None:
+    """Draw the learned force of one muscle (paper, Fig. 11), with the points of its model."""
+    muscle, near = cfg.muscle, cfg.near
+    its, known = forces[forces["muscle"] == muscle], points[points["muscle"] == muscle]
     held = its.loc[its["section"] == "pressure_velocity", CONTRACTION].iloc[0]
     caption = (
         f"Force of {muscle} by {last['arm']}'s model after trial {last['trial']} ({last['participant']}, experiment "
@@ -404,33 +357,7 @@ def show_forces(cfg: Config, forces: pd.DataFrame, last: Mapping[str, Any], poin
         f"that is held, and those beyond the bank's range are left out. Hatched: farther than {near:g} SDs of the bank "
         "from any of its samples."
     )
-    figure = draw_force_surfaces(its, known[known["muscle"] == muscle], SECTIONS, near)
-    ctx.figure("force_surfaces", figure, caption)
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredForces:
-    """Measured forces of one muscle.
-
-    Parameters
-    ----------
-    inputs : (N, D) float array
-        Standardised.
-    force_n : (N,) float array
-        Measured, N.
-    trajectory : (N,) int array
-        Movement that each is of.
-    """
-
-    inputs: Array
-    force_n: Array
-    trajectory: NDArray[np.int64]
-
-    @classmethod
-    def read(cls, recordings: pd.DataFrame, scaling: Scaling, every: int) -> MeasuredForces:
-        """Thin the recordings of one muscle."""
-        kept = recordings[recordings.groupby("trajectory").cumcount() % every == 0]
-        return cls(scaling.inputs_of(kept), kept[MODEL_OUTPUT].to_numpy(), kept["trajectory"].to_numpy())
+    ctx.figure("force_surfaces", draw_force_surfaces(its, known, SECTIONS, near), caption)
 
 
 @dataclass(frozen=True, eq=False)
@@ -441,7 +368,7 @@ class Job:
     experiment: int
     muscle: str
     recorded: RecordedModels
-    tests: Mapping[str, MeasuredForces]
+    tests: Mapping[str, pd.DataFrame]
     models: pd.DataFrame
     points: pd.DataFrame
 
@@ -458,9 +385,9 @@ def gather(
     chosen = models[(models["experiment"] <= section.experiments) & models["trial"].isin([0, last // 2, last])]
     who = ["participant", "experiment"]
     for muscle, its in recorded.items():
+        measured = {name: frame[frame["muscle"] == muscle] for name, frame in tests.items()}
         its_tests = {
-            name: MeasuredForces.read(frame[frame["muscle"] == muscle], its.scaling, section.every)
-            for name, frame in tests.items()
+            name: rows[rows.groupby("trajectory").cumcount() % section.every == 0] for name, rows in measured.items()
         }
         its_points: dict[Any, pd.DataFrame] = dict(list(points[points["muscle"] == muscle].groupby(who, sort=False)))
         for key, its_models in chosen[chosen["muscle"] == muscle].groupby(who, sort=False):
@@ -485,40 +412,19 @@ def measure_coverage(job: Job) -> list[tuple[Any, ...]]:
 
 
 def cover_forces(gp: MarginalGP, job: Job) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of `coverage` of one model, from the test set on."""
-    mean_n, half_widths_n = predict_intervals(
-        gp, job.recorded.scaling, np.concatenate([test.inputs for test in job.tests.values()])
-    )
+    """Yield the rows of `coverage` of one model, from the test set on: half widths are those of measured forces."""
+    scaling = job.recorded.scaling
+    inputs = np.concatenate([scaling.inputs_of(test) for test in job.tests.values()])
+    mean, plain = gp.predict(inputs)
+    mean_n, variances = scaling.restore_force(mean), {PLAIN: plain, MARGINAL: gp.predict_marginal(inputs)[1]}
     start = 0
     for tested_on, test in job.tests.items():
-        its = slice(start, start + len(test.force_n))
+        its, force_n = slice(start, start + len(test)), test[MODEL_OUTPUT].to_numpy()
         start = its.stop
-        for name, halves_n in half_widths_n.items():
-            half_n = halves_n[its]
-            told = cover_blocks(test.force_n, mean_n[its] - half_n, mean_n[its] + half_n, test.trajectory)
-            shares = (told.n, told.blocks, told.share, told.low, told.high)
-            yield (tested_on, job.muscle, name, *shares, float(half_n.mean()))
-
-
-def predict_intervals(gp: MarginalGP, scaling: Scaling, inputs: Array) -> tuple[Array, dict[str, Array]]:
-    """Return the predicted forces (N,), N, and the half widths of the 95 % intervals of measured ones, by model.
-
-    Parameters
-    ----------
-    gp : MarginalGP
-        In standard units.
-    scaling : Scaling
-        From and to them.
-    inputs : (N, D) float array
-        Standardised.
-    """
-    mean, plain = gp.predict(inputs)
-    _, marginal = gp.predict_marginal(inputs)
-    half_widths_n = {
-        name: QUANTILE * scaling.force_scale_n * np.sqrt(variance + gp.noise_variance)
-        for name, variance in ((PLAIN, plain), (MARGINAL, marginal))
-    }
-    return scaling.restore_force(mean), half_widths_n
+        for name, variance in variances.items():
+            half_n = QUANTILE * scaling.force_scale_n * np.sqrt(variance[its] + gp.noise_variance)
+            told = cover_blocks(force_n, mean_n[its] - half_n, mean_n[its] + half_n, test["trajectory"])
+            yield (tested_on, job.muscle, name, *vars(told).values(), float(half_n.mean()))
 
 
 def tabulate_reliability(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
@@ -549,22 +455,14 @@ def tabulate_reliability(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.D
 
 
 def compare_models(family: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
-    """Return the rows of one arm and test set, whose p-values are adjusted together.
-
-    Parameters
-    ----------
-    family : DataFrame
-        A row for each muscle, trial and experiment.
-    muscles : sequence of str
-        In the order of the rows.
-    """
+    """Return the rows of one arm and test set, whose p-values are adjusted together, from one for each experiment."""
     groups: dict[Any, pd.DataFrame] = dict(list(family.groupby(["muscle", "trial"])))
     found = []
     for muscle, trial in sorted(groups, key=lambda each: (muscles.index(each[0]), each[1])):
         its = groups[(muscle, trial)]
         told = compare_pairs(its[f"{MARGINAL}_gap"].to_numpy(), its[f"{PLAIN}_gap"].to_numpy())
-        row = {"muscle": muscle, "trial": trial, "wider": its["wider"].mean(), **told.tabulate(MARGINAL, PLAIN)}
-        row |= {"marginal_gap": told.mean_first, "plain_gap": told.mean_second}
+        row = {"muscle": muscle, "trial": trial, "wider": its["wider"].mean(), **vars(told)}
+        row |= {"marginal_gap": told.first_mean, "plain_gap": told.second_mean}
         for name in (PLAIN, MARGINAL):
             row |= dict(
                 zip((f"{name}_share", f"{name}_low", f"{name}_high"), average(its[f"{name}_share"]), strict=True)

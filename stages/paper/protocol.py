@@ -82,32 +82,26 @@ class Config(Section):
 @stage(PROTOCOL_COMMANDS, stream="protocol")
 def protocol(cfg: Config, ctx: Context) -> pd.DataFrame:
     """Draw the commands of every experiment's passive trials."""
-    exoskeleton = cfg.exoskeleton
+    exoskeleton, trials = cfg.exoskeleton, cfg.protocol.trials
+    samples, muscles = exoskeleton.samples, exoskeleton.muscle_names
+    # trial after trial, in each all of a muscle, then the next
+    keys = {
+        "trial": np.repeat(np.arange(1, trials + 1), samples * len(muscles)),
+        "time_s": np.tile(np.arange(samples) / exoskeleton.sampling_rate_hz, trials * len(muscles)),
+        "muscle": np.tile(np.repeat(np.array(muscles, dtype=object), samples), trials),
+    }
     frames = []
     for experiment in range(1, cfg.protocol.experiments + 1):
-        commands = cfg.protocol.draw(exoskeleton, cfg.protocol.trials, ctx.generator(experiment))
-        frames.append(tabulate(commands, exoskeleton).assign(experiment=experiment))
-    table = pd.concat(frames, ignore_index=True)[list(PROTOCOL_COMMANDS.columns)]
+        commands = cfg.protocol.draw(exoskeleton, trials, ctx.generator(experiment))
+        in_rows = commands.transpose(0, 2, 1).ravel()
+        frames.append(pd.DataFrame({"experiment": experiment, **keys, "pressure_command_kpa": in_rows}))
+    table = pd.concat(frames, ignore_index=True)
     caption = (
-        f"Commands of the automatic protocol's first experiment, in which nobody moves: {cfg.protocol.trials} trials "
+        f"Commands of the automatic protocol's first experiment, in which nobody moves: {trials} trials "
         f"of {exoskeleton.trial_s:g} s, agonist and antagonist swept in turn while the other one holds levels."
     )
-    muscles = {
-        joint: [muscle.name for muscle in exoskeleton.muscles if muscle.joint == joint]
-        for joint in exoskeleton.joint_names
+    groups = {
+        joint: [each.name for each in exoskeleton.muscles if each.joint == joint] for joint in exoskeleton.joint_names
     }
-    ctx.figure("protocol", draw_protocol(table[table["experiment"] == 1], muscles), caption)
+    ctx.figure("protocol", draw_protocol(table[table["experiment"] == 1], groups), caption)
     return table
-
-
-def tabulate(commands: np.ndarray, exoskeleton: Exoskeleton) -> pd.DataFrame:
-    """Return commands (trials, T, M), kPa, as rows: trial after trial, in each all of a muscle, then the next."""
-    trials, samples, muscles = commands.shape
-    return pd.DataFrame(
-        {
-            "trial": np.repeat(np.arange(1, trials + 1), samples * muscles),
-            "time_s": np.tile(np.arange(samples) / exoskeleton.sampling_rate_hz, trials * muscles),
-            "muscle": np.tile(np.repeat(np.array(exoskeleton.muscle_names, dtype=object), samples), trials),
-            "pressure_command_kpa": commands.transpose(0, 2, 1).ravel(),
-        }
-    )

@@ -7,7 +7,7 @@ Experiments are paired: both models begin with the same initial trials. This sta
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -114,26 +114,38 @@ def sparse_comparison(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Draw the learning curves of sparse and exact models and test what keeping and choosing gain."""
     tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
-    jobs = list(gather(tests, scaling, sparse_models, sparse_pseudo_inputs))
+    jobs, who = [], ["participant", "experiment"]
+    for muscle in sparse_models["muscle"].unique():
+        constants = Scaling.of_muscle(scaling, muscle)
+        its_tests = {}
+        for name, frame in tests.items():
+            its = frame[frame["muscle"] == muscle]
+            its_tests[name] = (constants.inputs_of(its), its["force_n"].to_numpy())
+        its_models, its_pseudo = (each[each["muscle"] == muscle] for each in (sparse_models, sparse_pseudo_inputs))
+        pseudo_of: dict[Any, pd.DataFrame] = dict(list(its_pseudo.groupby(who, sort=False)))
+        for key, found in its_models.groupby(who, sort=False):
+            jobs.append(Job(str(key[0]), int(str(key[1])), str(muscle), constants, its_tests, found, pseudo_of[key]))
     rows: list[tuple[Any, ...]] = []
     with ctx.progress("experiments", len(jobs)) as advance:
-        for job, found in zip(jobs, ctx.spread(measure_errors, jobs), strict=True):
-            rows += found
+        for job, measured in zip(jobs, ctx.spread(measure_errors, jobs), strict=True):
+            rows += measured
             advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
-    measured = pd.DataFrame(rows, columns=list(SPARSE_CURVE.columns))
-    if measured.empty:
-        return measured, pd.DataFrame(columns=list(SPARSE_COMPARISON.columns))
-    curve = join_exact(measured, learning_curve)
+    curve = pd.DataFrame(rows, columns=list(SPARSE_CURVE.columns))
+    if curve.empty:
+        return curve, pd.DataFrame(columns=list(SPARSE_COMPARISON.columns))
+    curve = join_exact(curve, learning_curve)
     labelled = label_lines(curve)
     lines, panels = list(labelled["line"].unique()), [f"average of the muscles, {name}" for name in tests]
+    fewest = labelled.groupby("line")[who].apply(lambda its: len(its.drop_duplicates())).min()
     caption = (
         "Error rate (RMSE over the largest force of the test data, averaged over muscles) after each trial, of sparse "
         "models that keep all samples and of exact models of the most informative ones, for each test set: mean and "
-        f"standard deviation over at least {count_fewest(labelled)} experiments. Both begin with the same initial "
+        f"standard deviation over at least {fewest} experiments. Both begin with the same initial "
         "trials, of which the exact ones keep few samples."
     )
-    figure = draw_learning_curves(summarise(labelled), lines, panels, "line", "model and choice")
-    ctx.figure("sparse_curve", figure, caption)
+    told = summarise_error_rates(average_muscles(labelled), ["line", "trial", "tested_on"])
+    told["muscle"] = "average of the muscles, " + told["tested_on"]
+    ctx.figure("sparse_curve", draw_learning_curves(told, lines, panels, "line", "model and choice"), caption)
     return curve, compare_ways(curve, cfg.sparse_comparison.margin)
 
 
@@ -148,24 +160,6 @@ class Job:
     tests: Mapping[str, tuple[Array, Array]]
     models: pd.DataFrame
     pseudo: pd.DataFrame
-
-
-def gather(
-    tests: Mapping[str, pd.DataFrame], scaling: pd.DataFrame, models: pd.DataFrame, pseudo: pd.DataFrame
-) -> Iterator[Job]:
-    """Yield the job of every muscle and experiment."""
-    who = ["participant", "experiment"]
-    for muscle in models["muscle"].unique():
-        constants = Scaling.of_muscle(scaling, muscle)
-        its_tests = {}
-        for name, frame in tests.items():
-            its = frame[frame["muscle"] == muscle]
-            its_tests[name] = (constants.inputs_of(its), its["force_n"].to_numpy())
-        its_pseudo: dict[Any, pd.DataFrame] = dict(list(pseudo[pseudo["muscle"] == muscle].groupby(who, sort=False)))
-        for key, its_models in models[models["muscle"] == muscle].groupby(who, sort=False):
-            participant, experiment = str(key[0]), int(str(key[1]))
-            found = its_pseudo[(participant, experiment)]
-            yield Job(participant, experiment, str(muscle), constants, its_tests, its_models, found)
 
 
 def measure_errors(job: Job) -> list[tuple[Any, ...]]:
@@ -185,19 +179,13 @@ def measure_errors(job: Job) -> list[tuple[Any, ...]]:
 def join_exact(measured: pd.DataFrame, learning_curve: pd.DataFrame) -> pd.DataFrame:
     """Return the sparse models' errors with the exact models' in the same experiments: the design and equal arms.
 
-    Parameters
-    ----------
-    measured : DataFrame
-        Rows of `sparse_curve`, sparse models alone, the design's arm first.
-    learning_curve : DataFrame
-        Of the exact models, the design's arm first.
+    In both, the design's arm comes first.
     """
     arms = [learning_curve["arm"].iloc[0], *measured["arm"].unique()]
     exact = learning_curve[learning_curve["arm"].isin(arms)]
     same = measured[["participant", "experiment", "tested_on"]].drop_duplicates()
     exact = exact.merge(same, on=list(same.columns), how="inner").assign(model="exact")
-    parts = [measured, exact[list(SPARSE_CURVE.columns)]]
-    return pd.concat(parts, ignore_index=True)
+    return pd.concat([measured, exact[list(SPARSE_CURVE.columns)]], ignore_index=True)
 
 
 def label_lines(curve: pd.DataFrame) -> pd.DataFrame:
@@ -205,25 +193,10 @@ def label_lines(curve: pd.DataFrame) -> pd.DataFrame:
     return curve.assign(line=curve["model"] + " " + curve["arm"])
 
 
-def count_fewest(labelled: pd.DataFrame) -> int:
-    """Return how many experiments the line with the fewest has."""
-    distinct = labelled[["line", "participant", "experiment"]].drop_duplicates()
-    return int(distinct["line"].value_counts().min())
-
-
-def summarise(labelled: pd.DataFrame) -> pd.DataFrame:
-    """Return mean and SD over experiments of the average over muscles, one panel for each test set."""
-    told = summarise_error_rates(average_muscles(labelled), ["line", "trial", "tested_on"])
-    return told.assign(muscle="average of the muscles, " + told["tested_on"])
-
-
 def pair_lines(curve: pd.DataFrame) -> list[tuple[str, str, str]]:
     """Return question, first and second of every comparison: the designs, equal arms, and choices with sparse models.
 
-    Parameters
-    ----------
-    curve : DataFrame
-        The design's arm first for either model; where the exact models lack the sparse ones' design, theirs stands.
+    Where the exact models lack the sparse ones' design, theirs stands.
     """
     arms = {model: list(its["arm"].unique()) for model, its in curve.groupby("model", sort=False)}
     design, exact = arms["sparse"][0], arms.get("exact", [])
@@ -237,15 +210,7 @@ def pair_lines(curve: pd.DataFrame) -> list[tuple[str, str, str]]:
 
 
 def compare_ways(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
-    """Return the rows of `sparse_comparison`.
-
-    Parameters
-    ----------
-    curve : DataFrame
-        The design's arm first for either model.
-    margin : float
-        Largest difference of error rates that does not matter.
-    """
+    """Return the rows of `sparse_comparison`, from a curve with the design's arm first for either model."""
     pairs = pair_lines(curve)
     frames = [
         compare_family(label_lines(curve[curve["tested_on"] == tested_on]), pairs, margin).assign(tested_on=tested_on)
@@ -266,7 +231,6 @@ def compare_family(labelled: pd.DataFrame, pairs: Sequence[tuple[str, str, str]]
             trials = [last] if measure == "final" else list(range(1, last + 1))
             both = pd.DataFrame({line: table[line][trials].to_numpy().mean(axis=1) for line in (first, second)})
             values = both.dropna()[first].to_numpy(), both.dropna()[second].to_numpy()
-            compared = compare_pairs(*values).tabulate("first", "second")
-            where = {"question": question, "measure": measure, "first": first, "second": second}
-            rows.append(where | compared | judge_paired_equivalence(*values, margin).tabulate())
+            compared = vars(compare_pairs(*values)) | vars(judge_paired_equivalence(*values, margin))
+            rows.append({"question": question, "measure": measure, "first": first, "second": second, **compared})
     return judge_with_equivalence(pd.DataFrame(rows), "p_t", "first better", "second better")

@@ -244,13 +244,7 @@ def count_kept(samples: int, every: int) -> int:
 
 
 def check_movements(section: SparseLoop, movements: int, initial: int) -> None:
-    """Refuse more trials than the bank has movements.
-
-    Raises
-    ------
-    ConfigError
-        Saying how many there are.
-    """
+    """Refuse more trials than the bank has movements."""
     if not section.reuse_trajectories and section.trials > movements - initial:
         raise ConfigError(
             f"sparse_loop.trials: expected at most {max(movements - initial, 0)} ({movements} movements of the bank "
@@ -295,11 +289,8 @@ class Experiment:
     ) -> dict[str, pd.DataFrame]:
         """Choose a trajectory, execute it, learn from all that was measured."""
         models, pseudo = [], []
-        if landed:
-            tables = {table.name: pd.concat([part[table.name] for part in landed]) for table in TABLES}
-            known = self.continue_from(arm, tables)
-        else:
-            known = self.begin(arm)
+        known = self.resume(arm, landed)
+        if not landed:
             models.append(self.label(describe_models(known.models, self.muscles), arm, 0))
             pseudo.append(self.label(self.describe_pseudo(known), arm, 0))
         choice = known.ask(self.ctx.generator("random", self.participant, self.number, trial))
@@ -319,29 +310,22 @@ class Experiment:
     @cached_property
     def first(self) -> SparseInteraction:
         """What is known of the initial trials, the same in every arm."""
-        inputs, outputs = self.muscles.standardise(self.start)
-        return SparseInteraction.begin(
-            self.design(self.arms[0]),
-            self.muscles.candidates,
-            self.muscles.priors,
-            inputs,
-            outputs,
-            self.muscles.indices(self.initial),
-            self.starts(0),
+        muscles = self.muscles
+        known = (muscles.candidates, muscles.priors, *muscles.standardise(self.start), muscles.indices(self.initial))
+        return SparseInteraction.begin(self.design(self.arms[0]), *known, self.starts(0))
+
+    def resume(self, arm: str, landed: Sequence[Mapping[str, pd.DataFrame]]) -> SparseInteraction:
+        """Return an arm's state by what the trials so far left on disk, or by the initial ones, and by nothing else."""
+        if not landed:
+            return replace(self.first, design=self.design(arm))
+        recorded, chosen = (
+            pd.concat([part[table.name] for part in landed]) for table in (SPARSE_RECORDINGS, SPARSE_TRIALS)
         )
-
-    def begin(self, arm: str) -> SparseInteraction:
-        """Return what an arm knows of the initial trials."""
-        return replace(self.first, design=self.design(arm))
-
-    def continue_from(self, arm: str, tables: Mapping[str, pd.DataFrame]) -> SparseInteraction:
-        """Rebuild the state from what the trials so far left on disk, and from nothing else."""
-        kept = thin(tables[SPARSE_RECORDINGS.name], self.cfg.sparse_loop.every, ["trial"])
+        kept = thin(recorded, self.cfg.sparse_loop.every, ["trial"])
         inputs, outputs = self.muscles.standardise(pd.concat([self.start, kept]))
-        latest = {name: self.keep_latest(tables[name]) for name in (SPARSE_MODELS.name, SPARSE_PSEUDO_INPUTS.name)}
-        models, pseudo = latest[SPARSE_MODELS.name], latest[SPARSE_PSEUDO_INPUTS.name]
+        models, pseudo = (self.keep_latest(landed[-1][table.name]) for table in (SPARSE_MODELS, SPARSE_PSEUDO_INPUTS))
         names = self.muscles.names
-        used = [*self.initial, *(int(each) for each in tables[SPARSE_TRIALS.name]["trajectory"])]
+        used = [*self.initial, *(int(each) for each in chosen["trajectory"])]
         return SparseInteraction(
             self.design(arm),
             tuple(self.muscles.candidates),
@@ -356,11 +340,6 @@ class Experiment:
             ),
         )
 
-    def keep_own(self, frame: pd.DataFrame, arm: str) -> pd.DataFrame:
-        """Return the rows of this experiment and an arm."""
-        same = (frame["participant"] == self.participant) & (frame["experiment"] == self.number)
-        return frame[same & (frame["arm"] == arm)]
-
     @staticmethod
     def keep_latest(frame: pd.DataFrame) -> pd.DataFrame:
         """Return the rows of the last trial."""
@@ -368,18 +347,8 @@ class Experiment:
 
     def design(self, arm: str) -> SparseDesign:
         """Return the arm's way of choosing."""
-        section = self.cfg.sparse_loop
-        return SparseDesign(
-            utility=arm,
-            reduce=section.reduce,
-            reuse_trajectories=section.reuse_trajectories,
-            mean=self.muscles.mean,
-            memory_mb=section.memory_mb,
-            pseudo_inputs=section.pseudo_inputs,
-            starts=section.starts,
-            first_iterations=section.first_iterations,
-            iterations=section.iterations,
-        )
+        own = {"reduce", "reuse_trajectories", "memory_mb", "pseudo_inputs", "starts", "first_iterations", "iterations"}
+        return SparseDesign(utility=arm, mean=self.muscles.mean, **self.cfg.sparse_loop.model_dump(include=own))
 
     def starts(self, trial: int) -> list[np.random.Generator]:
         """Return a generator for each muscle's search; arms share them."""
@@ -403,9 +372,8 @@ class Experiment:
         frames = []
         for name, scaling, model in zip(self.muscles.names, self.muscles.scalings, known.models, strict=True):
             frame = pd.DataFrame(scaling.restore_inputs(model.pseudo), columns=list(MODEL_INPUTS))
-            frame.insert(0, "muscle", name)
-            frame.insert(1, "pseudo_input", np.arange(len(frame)))
-            frames.append(frame.assign(weight=model.sparse.weights))
+            numbered = frame.assign(muscle=name, pseudo_input=np.arange(len(frame)), weight=model.sparse.weights)
+            frames.append(numbered[["muscle", "pseudo_input", *MODEL_INPUTS, "weight"]])
         return pd.concat(frames, ignore_index=True)
 
     def measure_costs(self, tables: Mapping[str, pd.DataFrame]) -> dict[str, dict[str, float]]:
@@ -414,9 +382,10 @@ class Experiment:
         The exact models have as many points as the sparse ones have pseudo-inputs, evenly spread over the same samples.
         """
         section, arm = self.cfg.sparse_loop, self.arms[0]
-        its = {name: self.keep_own(rows, arm) for name, rows in tables.items()}
+        own = f"participant == {self.participant!r} and experiment == {self.number} and arm == {arm!r}"
+        its = {name: rows.query(own) for name, rows in tables.items()}
         earlier = {name: rows[rows["trial"] < section.trials] for name, rows in its.items()}
-        known = self.continue_from(arm, earlier) if section.trials > 1 else self.begin(arm)
+        known = self.resume(arm, [earlier] if section.trials > 1 else [])
         kept = thin(self.keep_latest(its[SPARSE_RECORDINGS.name]), section.every, [])
         trajectory = self.muscles.indices(self.keep_latest(its[SPARSE_TRIALS.name])["trajectory"].tolist())[0]
         recorded = self.muscles.standardise(kept)

@@ -9,7 +9,6 @@ shift share initial trials, searches and the random numbers behind d, and no rig
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, ClassVar, Self
 
@@ -156,11 +155,10 @@ def time_shift(
     tests = [ForceTest.read("bank", bank, muscles)]
     if unseen_bank is not None:
         tests.append(ForceTest.read("unseen_bank", unseen_bank, muscles))
-    experiments = Experiments(section, ctx, Replay.read(muscles, bank), tests)
-    frames = []
+    run, frames = partial(land, section, ctx, Replay.read(muscles, bank), tests), []
     with ctx.progress("experiments", section.experiments) as advance:
-        for frame in ctx.spread(experiments.run, range(1, section.experiments + 1)):
-            frames.append(frame)
+        for part in ctx.spread(run, range(1, section.experiments + 1)):
+            frames.append(part[SHIFT_CURVE.name])
             advance(f"experiment {len(frames)}")
     curve = pd.concat(frames, ignore_index=True).sort_values(
         ["amplitude_s", "experiment", "trial"], kind="stable", ignore_index=True
@@ -173,38 +171,21 @@ def time_shift(
     return curve, compare_shifts(curve, section.margin)
 
 
-@dataclass(frozen=True)
-class Experiments:
-    """What every replayed experiment is given."""
+def land(
+    section: TimeShift, ctx: Context, replay: Replay, tests: Sequence[ForceTest], experiment: int
+) -> dict[str, pd.DataFrame]:
+    """Replay one experiment without shift and with each, or read what an earlier process landed."""
 
-    section: TimeShift
-    ctx: Context
-    replay: Replay
-    tests: Sequence[ForceTest]
-
-    def run(self, experiment: int) -> pd.DataFrame:
-        """Return one experiment's rows of `shift_curve`, read if an earlier process landed them."""
-        part = self.ctx.record.part((f"{experiment:04d}",), partial(self.make, experiment))
-        return part[SHIFT_CURVE.name]
-
-    def make(self, experiment: int) -> dict[str, pd.DataFrame]:
-        """Replay one experiment without shift and with each."""
-        generator = partial(self.ctx.generator, "experiment", experiment)
-        muscles, loop = self.replay.muscles, self.section.loop
+    def make() -> dict[str, pd.DataFrame]:
+        generator = partial(ctx.generator, "experiment", experiment)
+        muscles, loop = replay.muscles, section.loop
         initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
         rows: list[tuple[Any, ...]] = []
-        for amplitude_s in (NO_SHIFT, *self.section.amplitudes_s):
-            known = self.replay.run(
-                loop.design(muscles.mean),
-                muscles.priors,
-                [int(each) for each in initial],
-                loop.initial_points,
-                loop.trials,
-                generator,
-                amplitude_s,
-            )
+        for amplitude_s in (NO_SHIFT, *section.amplitudes_s):
+            design, first = loop.design(muscles.mean), [int(each) for each in initial]
+            known = replay.run(design, muscles.priors, first, loop.initial_points, loop.trials, generator, amplitude_s)
             for trial, interaction in enumerate(known):
-                for test in self.tests:
+                for test in tests:
                     rates = test.error_rates(interaction.models)
                     rows += [
                         (amplitude_s, experiment, trial, test.name, name, rate * largest, rate)
@@ -214,6 +195,8 @@ class Experiments:
             SHIFT_CURVE.name: pd.DataFrame(rows, columns=list(SHIFT_CURVE.columns)),
             SHIFT_COMPARISON.name: pd.DataFrame(columns=list(SHIFT_COMPARISON.columns)),
         }
+
+    return ctx.record.part((f"{experiment:04d}",), make)
 
 
 def summarise(curve: pd.DataFrame) -> pd.DataFrame:
@@ -226,9 +209,8 @@ def compare_shifts(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
     table = average_muscles(curve).pivot_table(
         index="experiment", columns=["tested_on", "amplitude_s", "trial"], values="error_rate"
     )
-    rows: list[dict[str, Any]] = []
-    amplitudes = [each for each in curve["amplitude_s"].unique() if each != NO_SHIFT]
-    for amplitude_s in amplitudes:
+    rows = []
+    for amplitude_s in (each for each in curve["amplitude_s"].unique() if each != NO_SHIFT):
         for tested_on in curve["tested_on"].unique():
             without, shifted = table[tested_on][NO_SHIFT], table[tested_on][amplitude_s]
             before = float(without[0].mean())
@@ -236,9 +218,9 @@ def compare_shifts(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
                 "final": [each.iloc[:, -1].to_numpy() for each in (shifted, without)],
                 "curve": [each.drop(columns=0).to_numpy().mean(axis=1) for each in (shifted, without)],
             }
-            for measure, pair in pairs.items():
+            for measure, (ours, theirs) in pairs.items():
                 where = {"amplitude_s": amplitude_s, "tested_on": tested_on, "measure": measure, "before": before}
-                compared = compare_pairs(pair[0], pair[1]).tabulate("with", "without")
-                rows.append(where | compared | judge_paired_equivalence(pair[0], pair[1], margin).tabulate())
+                compared = compare_pairs(ours, theirs).tabulate("with", "without")
+                rows.append(where | compared | vars(judge_paired_equivalence(ours, theirs, margin)))
     frame = judge_with_equivalence(pd.DataFrame(rows), "p_t", "better", "worse", ending=" with shift")
     return frame[list(SHIFT_COMPARISON.columns)]

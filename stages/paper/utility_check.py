@@ -7,8 +7,9 @@ Laplace approximation: of a trajectory's samples one by one, added up, and of al
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.utility_agreement import draw_agreement
-from stages.science.gp.marginal import MarginalGP, condition
+from stages.science.gp.marginal import condition
 from stages.science.gp.mutual_information import Information, draw_models, path_information, point_information
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.utilities import UTILITIES
@@ -122,61 +123,6 @@ class Job:
     points: pd.DataFrame
 
 
-@dataclass(frozen=True, eq=False)
-class Check:
-    """How utilities are checked, the same for all jobs."""
-
-    cfg: UtilityCheck
-    ctx: Context
-    muscles: MuscleSet
-
-    def run(self, job: Job) -> list[tuple[Any, ...]]:
-        """Return the rows of `utility_agreement` of one set of models."""
-        inputs, outputs = self.muscles.standardise(job.points)
-        models = [
-            condition(x, y, theta, prior, mean=self.muscles.mean)
-            for x, y, theta, prior in zip(inputs, outputs, job.thetas, self.muscles.priors, strict=True)
-        ]
-        paths = [each[:, :: self.cfg.every] for each in self.muscles.candidates]
-        told = dict(zip(TARGETS, self.estimate(job, models, paths), strict=True))
-        scores = {name: trajectory_utility(models, paths, name, stride=1) for name in CHOICES if name != RANDOM}
-        rows = []
-        for target, densities in told.items():
-            information = densities.mean(axis=0)
-            best = Information.of(densities[:, int(np.argmax(information))])
-            reliability = rely(densities)
-            for name in CHOICES:
-                agreement = (0.0, forgo_at_random(information)) if name == RANDOM else agree(scores[name], information)
-                rows.append(
-                    (
-                        job.participant,
-                        job.experiment,
-                        job.trial,
-                        target,
-                        name,
-                        *agreement,
-                        reliability,
-                        best.value,
-                        best.standard_error,
-                    )
-                )
-        return rows
-
-    def estimate(self, job: Job, models: Sequence[MarginalGP], paths: Sequence[Array]) -> tuple[Array, Array]:
-        """Return each trajectory's information densities, (S, R), over all muscles: one by one, and together."""
-        trajectories, samples, dimensions = paths[0].shape
-        alone = np.zeros((self.cfg.draws, trajectories))
-        together = np.zeros((self.cfg.draws, trajectories))
-        for name, model, its in zip(self.muscles.names, models, paths, strict=True):
-            generator = self.ctx.generator(job.participant, job.experiment, job.trial, name)
-            drawn = draw_models(model, self.cfg.draws, generator)
-            densities = point_information(drawn, its.reshape(-1, dimensions))
-            alone += densities.reshape(self.cfg.draws, trajectories, samples).sum(axis=2)
-            noise = generator.standard_normal((self.cfg.outputs, self.cfg.draws, samples))
-            together += path_information(drawn, its, noise)
-        return alone, together
-
-
 @stage(UTILITY_AGREEMENT, UTILITY_SUMMARY, stream="utility_check")
 def utility_check(
     cfg: Config,
@@ -190,23 +136,21 @@ def utility_check(
     """Check every utility against Monte Carlo mutual information."""
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     design = models["arm"].iloc[0]
-    jobs = list(
-        gather(muscles, models[models["arm"] == design], points[points["arm"] == design], cfg.utility_check.experiments)
-    )
-    check = Check(cfg.utility_check, ctx, muscles)
+    models, points = models[models["arm"] == design], points[points["arm"] == design]
+    jobs = list(gather(muscles, models, points, cfg.utility_check.experiments))
+    check = partial(check_models, cfg.utility_check, ctx, muscles)
     rows: list[tuple[Any, ...]] = []
     with ctx.progress("models", len(jobs)) as advance:
-        for job, found in zip(jobs, ctx.spread(check.run, jobs), strict=True):
+        for job, found in zip(jobs, ctx.spread(check, jobs), strict=True):
             rows += found
             advance(f"{job.participant} experiment {job.experiment} trial {job.trial}")
     agreement = pd.DataFrame(rows, columns=list(UTILITY_AGREEMENT.columns))
-    summary = summarise(agreement)
     caption = (
         "Share of the most telling trajectory's information that the choice of each utility forgoes, by Monte Carlo "
         "mutual information with the hyperparameters: each experiment (dots) and their mean with its 95 % interval."
     )
     ctx.figure("utility_agreement", draw_agreement(agreement, CHOICES, TARGETS), caption)
-    return agreement, summary
+    return agreement, summarise(agreement)
 
 
 def gather(muscles: MuscleSet, models: pd.DataFrame, points: pd.DataFrame, experiments: int) -> Iterator[Job]:
@@ -221,10 +165,44 @@ def gather(muscles: MuscleSet, models: pd.DataFrame, points: pd.DataFrame, exper
         yield Job(participant, experiment, trial, thetas, known[known["trial"] <= trial])
 
 
+def check_models(cfg: UtilityCheck, ctx: Context, muscles: MuscleSet, job: Job) -> list[tuple[Any, ...]]:
+    """Return the rows of `utility_agreement` of one set of models."""
+    inputs, outputs = muscles.standardise(job.points)
+    data = zip(inputs, outputs, job.thetas, muscles.priors, strict=True)
+    models = [condition(x, y, theta, prior, mean=muscles.mean) for x, y, theta, prior in data]
+    paths = [each[:, :: cfg.every] for each in muscles.candidates]
+    trajectories, samples, dimensions = paths[0].shape
+    # each trajectory's information densities, (S, R), over all muscles: one by one, and together
+    alone, together = np.zeros((2, cfg.draws, trajectories))
+    for name, model, its in zip(muscles.names, models, paths, strict=True):
+        generator = ctx.generator(job.participant, job.experiment, job.trial, name)
+        drawn = draw_models(model, cfg.draws, generator)
+        densities = point_information(drawn, its.reshape(-1, dimensions))
+        alone += densities.reshape(cfg.draws, trajectories, samples).sum(axis=2)
+        noise = generator.standard_normal((cfg.outputs, cfg.draws, samples))
+        together += path_information(drawn, its, noise)
+    scores = {name: trajectory_utility(models, paths, name, stride=1) for name in CHOICES if name != RANDOM}
+    rows = []
+    for target, densities in zip(TARGETS, (alone, together), strict=True):
+        information = densities.mean(axis=0)
+        best = Information.of(densities[:, int(np.argmax(information))])
+        yardstick = rely(densities), best.value, best.standard_error
+        for name in CHOICES:
+            random = 0.0, forgo(information.mean(), information)
+            agreement = random if name == RANDOM else agree(scores[name], information)
+            rows.append((job.participant, job.experiment, job.trial, target, name, *agreement, *yardstick))
+    return rows
+
+
+def forgo(chosen: float, information: Array) -> float:
+    """Return the share of the best trajectory's information, of (R,), that one forgoes who has chosen so much."""
+    best = information.max()
+    return float(np.clip(1.0 - chosen / best, 0.0, 1.0)) if best > 0 else 0.0
+
+
 def agree(scores: Array, information: Array) -> tuple[float, float]:
     """Return rank correlation and regret of scores; NaN and the regret of the first where all scores are equal."""
-    chosen, best = information[int(np.argmax(scores))], information.max()
-    regret = float(np.clip(1.0 - chosen / best, 0.0, 1.0)) if best > 0 else 0.0
+    regret = forgo(information[int(np.argmax(scores))], information)
     if np.ptp(scores) == 0 or np.ptp(information) == 0:
         return np.nan, regret
     return float(spearmanr(scores, information).statistic), regret
@@ -243,12 +221,6 @@ def rely(densities: Array) -> float:
     return r if r < 0 else 2 * r / (1 + r)
 
 
-def forgo_at_random(information: Array) -> float:
-    """Return the regret that a random choice is expected to have."""
-    best = information.max()
-    return float(np.clip(1.0 - information.mean() / best, 0.0, 1.0)) if best > 0 else 0.0
-
-
 def summarise(agreement: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of `utility_summary`."""
     keys = ["target", "utility", "participant", "experiment"]
@@ -261,18 +233,9 @@ def summarise(agreement: pd.DataFrame) -> pd.DataFrame:
         for name in CHOICES:
             ranks, regret = of[name]["spearman"].to_numpy(), of[name]["regret"].to_numpy()
             spread, told = compare_pairs(ranks, np.zeros_like(ranks)), compare_pairs(regret, design)
-            row = {
-                "target": target,
-                "utility": name,
-                "n": regret.size,
-                "spearman": spread.mean_first,
-                "spearman_low": spread.low,
-                "spearman_high": spread.high,
-                "reliability": of[name]["reliability"].mean(),
-                "regret": told.mean_first,
-                **told.tabulate("regret", "design"),
-            }
-            rows.append(row)
+            row = {"spearman": spread.first_mean, "spearman_low": spread.low, "spearman_high": spread.high}
+            row |= {"reliability": of[name]["reliability"].mean(), "regret": told.first_mean}
+            rows.append({"target": target, "utility": name, **vars(told), **row})
         frame = judge_differences(pd.DataFrame(rows), "p_t", "forgoes less than y_y", "forgoes more than y_y")
         frame.loc[frame["utility"] == DESIGN, "verdict"] = "the design"
         frames.append(frame[list(UTILITY_SUMMARY.columns)])

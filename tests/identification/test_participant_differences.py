@@ -7,7 +7,7 @@ from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind
 
 from stages.identification.participant_differences import compare_participants
-from stages.science.muscle_models.error_rates import add_average, summarise_error_rates
+from stages.science.muscle_models.error_rates import add_average
 from tests import planted
 from tests.planted import assert_holm
 
@@ -76,12 +76,3 @@ def test_one_experiment_decides_nothing_and_one_person_has_no_row(generator):
     assert (told["verdict"] == "undecided").all()
     assert told[["low", "p_welch", "p_tost", "power", "n_needed"]].isna().all(axis=None)
     assert compared(make_curve(generator, {"p1": 0.03})).empty
-
-
-def test_curves_are_those_of_each_participant(generator):
-    curve = make_curve(generator, {"p1": 0.036, "p2": 0.039})
-    by = ["participant", "trial", "muscle"]
-    told = summarise_error_rates(curve, by).set_index(by)
-    its = curve[(curve["participant"] == "p2") & (curve["trial"] == 1) & (curve["muscle"] == "pam2")]["error_rate"]
-    assert told.loc[("p2", 1, "pam2"), "error_rate_mean"] == pytest.approx(its.mean())
-    assert told.loc[("p2", 1, "pam2"), "error_rate_sd"] == pytest.approx(its.std(ddof=1))

@@ -16,18 +16,11 @@ def move(time_s, joint):
 
 
 def rows_of(rig, delay_s, display_s):
-    time_s = np.arange(SAMPLES) / RATE_HZ
-    frames = [
-        pd.DataFrame(
-            {
-                "time_s": time_s,
-                "muscle": muscle,
-                "joint_angle_rad": move(time_s - delay_s, list(rig.joints).index(joint)),
-                "reference_shown_s": time_s + display_s,
-            }
-        )
-        for muscle, joint in zip(rig.muscles, rig.muscle_joints, strict=True)
-    ]
+    time_s, frames = np.arange(SAMPLES) / RATE_HZ, []
+    for muscle, joint in zip(rig.muscles, rig.muscle_joints, strict=True):
+        angle = move(time_s - delay_s, list(rig.joints).index(joint))
+        frame = {"time_s": time_s, "muscle": muscle, "joint_angle_rad": angle, "reference_shown_s": time_s + display_s}
+        frames.append(pd.DataFrame(frame))
     return pd.concat(frames, ignore_index=True)
 
 

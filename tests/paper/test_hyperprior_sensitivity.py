@@ -1,12 +1,11 @@
 """The hyperprior analysis against SciPy and statsmodels, with planted verdicts, and the stage on a small bank."""
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from omegaconf import OmegaConf
-from pydantic import ValidationError
 from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
@@ -14,7 +13,6 @@ from pipeline.context import Context
 from stages.paper.hyperprior_sensitivity import (
     Config,
     HyperpriorSensitivity,
-    MovementsEnough,
     add_average,
     change_prior,
     compare_settings,
@@ -22,8 +20,6 @@ from stages.paper.hyperprior_sensitivity import (
 )
 from stages.science.figures.sensitivity import draw_sensitivity
 from stages.science.gp.hyperprior import Hyperprior
-from stages.science.statistics.verdicts import judge
-from tests.composing import compose_values
 from tests.planted import assert_holm
 from tests.science.muscle_models.data import HYPERPARAMETERS, LOOP, MUSCLES, make_bank, make_tables
 from tests.studies import PickledContext, run_alone, stop_after
@@ -41,21 +37,16 @@ NAMES = ("pam1", "pam2", "pam3")
 def make_errors(generator, costs, experiments=16, sd=0.001, shared_sd=0.0, tested_on=("bank",)):
     """Return error rates where each (kind, setting, muscle) costs so much; variances share Table 1's part."""
     settings = {("table_1", 1.0), *((kind, setting) for kind, setting, _ in costs)}
-    rows = []
-    for name in tested_on:
-        for muscle in NAMES:
-            shared = 0.04 + shared_sd * generator.standard_normal(experiments)
-            for kind, setting in sorted(settings):
-                own = 0.04 + shared_sd * generator.standard_normal(experiments) if kind == "mean" else shared
-                after = own + costs.get((kind, setting, muscle), 0.0) + sd * generator.standard_normal(experiments)
-                where = {"kind": kind, "setting": setting, "tested_on": name, "muscle": muscle}
-                rows.append(
-                    pd.DataFrame(
-                        {"experiment": range(1, experiments + 1), "before": after + 0.03, "after": after, **where}
-                    )
-                )
+    frames = []
+    for name, muscle in product(tested_on, NAMES):
+        shared = 0.04 + shared_sd * generator.standard_normal(experiments)
+        for kind, setting in sorted(settings):
+            own = 0.04 + shared_sd * generator.standard_normal(experiments) if kind == "mean" else shared
+            after = own + costs.get((kind, setting, muscle), 0.0) + sd * generator.standard_normal(experiments)
+            frame = pd.DataFrame({"experiment": range(1, experiments + 1), "before": after + 0.03, "after": after})
+            frames.append(frame.assign(kind=kind, setting=setting, tested_on=name, muscle=muscle))
     columns = ["kind", "setting", "experiment", "tested_on", "muscle", "before", "after"]
-    return add_average(pd.concat(rows, ignore_index=True)[columns])
+    return add_average(pd.concat(frames, ignore_index=True)[columns])
 
 
 def everywhere(kind, setting, cost):
@@ -93,13 +84,6 @@ def test_each_muscle_and_setting_has_its_own_verdict(generator):
         told = verdicts.loc["mean", 3.0, tested_on]
         assert told["pam2"] == told["mean"] == "sensitive"
         assert told["pam1"] == told["pam3"] == "insensitive"
-
-
-def test_pairs_see_what_groups_do_not(generator):
-    costs = {**everywhere("mean", 1.0, 0.004), **everywhere("variance", 0.1, 0.004)}
-    told = compared(make_errors(generator, costs, sd=0.001, shared_sd=0.02))
-    assert (told.loc["variance", "verdict"].str.startswith("sensitive")).all()
-    assert (told.loc["mean", "verdict"] == "undecided").all()
 
 
 def pick(errors, kind, setting, muscle):
@@ -152,7 +136,6 @@ def test_one_experiment_decides_nothing(generator):
     told = compared(make_errors(generator, costs, experiments=1))
     assert (told["verdict"] == "undecided").all()
     assert told[["low", "p_holm", "p_tost", "power"]].isna().all(axis=None)
-    assert judge(np.nan, np.nan, "sensitive", "", "insensitive") == "undecided"
 
 
 def test_sampled_means_are_normal_around_table_1_and_variances_are_scaled(generator):
@@ -241,30 +224,3 @@ def test_a_killed_run_goes_on_and_a_copy_in_another_process_finds_the_same(small
     assert landed.stat().st_mtime_ns == made
     for found, whole in ((priors, small.priors), (errors, small.errors)):
         pd.testing.assert_frame_equal(found, whole.query("experiment == 1").reset_index(drop=True))
-
-
-def test_the_stated_settings_follow_the_budget_and_the_bank():
-    stated = OmegaConf.to_container(compose_values("budget=tiny", "+hyperprior_sensitivity=default"), resolve=True)
-    section = HyperpriorSensitivity.model_validate(stated["hyperprior_sensitivity"])
-    assert (section.experiments, section.loop.trials, section.loop.starts) == (1, 3, 2)
-    MovementsEnough.model_validate(stated)
-    stated["bank"]["trajectories"] = 4
-    with pytest.raises(ValidationError, match=r"hyperprior_sensitivity\.loop\.trials: expected at most 2"):
-        MovementsEnough.model_validate(stated)
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"mean_shifts": [0.5, 0.5]}, r"expected each value once.*hyperprior_sensitivity.mean_shifts=\[0.5\]"),
-        ({"mean_shifts": [6.0]}, "less than or equal to 5"),
-        ({"mean_shifts": []}, "at least 1 item"),
-        ({"variance_factors": [1.0]}, "less than 1"),
-        ({"variance_factors": [0.1, 0.1]}, "expected each value once"),
-        ({"experiments": 0}, "greater than or equal to 1"),
-        ({"margin": -1.0}, "greater than 0"),
-    ],
-)
-def test_nonsense_is_refused(changed, message):
-    with pytest.raises(ValidationError, match=message):
-        HyperpriorSensitivity.model_validate({**SECTION, **changed})

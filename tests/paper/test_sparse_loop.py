@@ -9,25 +9,16 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import ConfigError
-from stages.paper.sparse_comparison import compare_ways, join_exact, label_lines, summarise
+from stages.paper.sparse_comparison import compare_ways, join_exact
 from stages.science.gp.sparse_marginal import condition_sparse
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import thin
 from stages.science.signals.measures import error_rate
-from stages.science.statistics.verdicts import judge
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 from tests.studies import read_stages, run_stage
 
-STAGES = [
-    "bank",
-    "subsampling",
-    "hyperprior",
-    "hardware",
-    "active_loop",
-    "comparison",
-    "sparse_loop",
-    "sparse_comparison",
-]
+BEFORE = ["bank", "subsampling", "hyperprior", "hardware"]
+STAGES = [*BEFORE, "active_loop", "comparison", "sparse_loop", "sparse_comparison"]
 SETTINGS = (
     "+sparse_loop=default",
     "+sparse_comparison=default",
@@ -49,7 +40,7 @@ def before(tmp_path_factory):
     """The study and all tables that the loop reads."""
     study, stages = read()
     folder, tables = tmp_path_factory.mktemp("before"), {}
-    for name in ("bank", "subsampling", "hyperprior", "hardware"):
+    for name in BEFORE:
         tables.update(run_stage(study, stages[name], folder, tables))
     return study, stages, tables
 
@@ -296,15 +287,3 @@ def test_exact_errors_are_those_of_the_same_experiments(generator):
     assert "variance" not in set(joined["arm"])
     alone = join_exact(sparse[sparse["arm"] == "y_y"], pd.concat([exact, other]))
     assert list(alone["arm"].unique()) == ["y_y"]
-
-
-def test_curves_are_means_and_sds_of_the_muscles_average(generator):
-    curve = make_lines(generator, tests=("bank", "unseen_bank"))
-    told = summarise(label_lines(curve)).set_index(["line", "trial", "tested_on"])
-    values = values_of(pick(curve[curve["tested_on"] == "bank"], "sparse", "y_y"))
-    assert told.loc[("sparse y_y", 2, "bank"), "error_rate_mean"] == pytest.approx(values.mean())
-    assert told.loc[("sparse y_y", 2, "bank"), "error_rate_sd"] == pytest.approx(values.std(ddof=1))
-
-
-def test_a_missing_p_value_decides_nothing():
-    assert judge(np.nan, np.nan, "first better", "", "equivalent") == "undecided"

@@ -5,14 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from omegaconf import OmegaConf
-from pydantic import ValidationError
 
 from pipeline.context import Context
-from stages.paper.time_shift import Config, TimeShift, TrialsEnough, compare_shifts, summarise, time_shift
+from stages.paper.time_shift import Config, TimeShift, compare_shifts, summarise, time_shift
 from stages.science.figures.learning_curves import draw_shift_curves
 from tests import planted
-from tests.composing import compose_values
 from tests.planted import assert_holm, assert_paired
 from tests.science.muscle_models.data import LOOP, MUSCLES, make_bank, make_tables
 from tests.studies import PickledContext, run_alone, stop_after
@@ -148,40 +145,3 @@ def test_a_killed_run_goes_on_and_a_copy_in_another_process_finds_the_same(small
     assert {name: (tmp_path / "parts" / "time_shift" / name).stat().st_mtime_ns for name in landed} == landed
     pd.testing.assert_frame_equal(curve, small.curve)
     pd.testing.assert_frame_equal(comparison, small.comparison)
-
-
-@pytest.fixture(scope="module")
-def stated():
-    return OmegaConf.to_container(compose_values("budget=tiny", "+time_shift=default"), resolve=True)
-
-
-def test_the_stated_settings_follow_the_budget(stated):
-    section = TimeShift.model_validate(stated["time_shift"])
-    assert (section.experiments, section.loop.trials, section.loop.starts) == (1, 3, 2)
-    TrialsEnough.model_validate(stated)
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"amplitudes_s": [0.3, 0.1]}, r"the smallest first, got \[0.3, 0.1\]; set time_shift.amplitudes_s=\[0.1, 0.3"),
-        ({"amplitudes_s": []}, "at least 1 item"),
-        ({"amplitude": 1.0}, "Extra inputs"),
-        ({"loop": {**LOOP, "trial": 3}}, "Extra inputs"),
-    ],
-)
-def test_nonsense_is_refused(changed, message):
-    with pytest.raises(ValidationError, match=message):
-        TimeShift.model_validate({**SECTION, **changed})
-
-
-@pytest.mark.parametrize(
-    ("section", "changed", "message"),
-    [
-        ("time_shift", {"amplitudes_s": [0.003]}, r"from one sample, 0\.004 s, to a trial, 4 s, got \[0\.003\]"),
-        ("bank", {"trajectories": 4}, r"time_shift\.loop\.trials: expected at most 2"),
-    ],
-)
-def test_what_does_not_fit_the_recordings_is_refused(stated, section, changed, message):
-    with pytest.raises(ValidationError, match=message):
-        TrialsEnough.model_validate({**stated, section: {**stated[section], **changed}})

@@ -11,7 +11,7 @@ from stages.paper.utility_check import (
     UTILITY_AGREEMENT,
     UTILITY_SUMMARY,
     agree,
-    forgo_at_random,
+    forgo,
     rely,
     summarise,
 )
@@ -32,14 +32,16 @@ def test_ranks_and_regrets_are_those_of_the_definition(generator):
 def test_a_random_choice_forgoes_what_is_expected(generator):
     information = generator.random(40)
     drawn = 1 - information[generator.integers(40, size=200_000)] / information.max()
-    assert forgo_at_random(information) == pytest.approx(drawn.mean(), abs=4 * drawn.std() / np.sqrt(drawn.size))
+    assert forgo(information.mean(), information) == pytest.approx(
+        drawn.mean(), abs=4 * drawn.std() / np.sqrt(drawn.size)
+    )
 
 
 def test_equal_scores_have_no_rank(generator):
     spearman, regret = agree(np.ones(5), np.arange(1.0, 6.0))
     assert np.isnan(spearman)
     assert regret == pytest.approx(0.8)
-    assert forgo_at_random(np.zeros(4)) == 0.0
+    assert forgo(0.0, np.zeros(4)) == 0.0
 
 
 def plant(generator, regrets, experiments=6):

@@ -5,7 +5,7 @@ What each experiment chose flows in; one `Concentration` flows out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,23 +40,6 @@ class Choices:
     available: Integers
     again: bool
 
-    def check(self, options: int) -> None:
-        """Refuse choices that could not have been made.
-
-        Raises
-        ------
-        ValueError
-            When an option is unknown, was not available, or was chosen twice where it could not be.
-        """
-        known = np.isin(self.available, np.arange(options)).all() and np.unique(self.available).size
-        if not known or not np.isin(self.chosen, self.available).all():
-            raise ValueError(
-                f"expected choices among those available of {options} options, got {self.chosen.tolist()} "
-                f"from {self.available.tolist()}"
-            )
-        if not self.again and np.unique(self.chosen).size < self.chosen.size:
-            raise ValueError(f"expected each option once where none may be chosen again, got {self.chosen.tolist()}")
-
     def expect(self, options: int) -> Array:
         """Return how often each option is chosen at random, on average, (R,)."""
         expected = np.zeros(options)
@@ -79,7 +62,7 @@ class Choices:
 
 @dataclass(frozen=True)
 class Concentration:
-    """What experiments say of choosing alike.
+    """What experiments say of choosing alike, as columns of a table.
 
     Parameters
     ----------
@@ -89,9 +72,9 @@ class Concentration:
         Sum over options of (count - expected)^2 / expected, as Pearson's, over all experiments together.
     expected, low, high : float
         Its mean and the ends of its central 95 % where every experiment chooses at random.
-    effect_size : float
+    effect : float
         Dispersion over its mean at random; NaN where that is zero.
-    p_value : float
+    p : float
         One-sided, Monte Carlo: (1 + draws at least as dispersed) / (1 + draws).
     """
 
@@ -100,8 +83,8 @@ class Concentration:
     expected: float
     low: float
     high: float
-    effect_size: float
-    p_value: float
+    effect: float
+    p: float
 
 
 def judge_concentration(
@@ -123,52 +106,32 @@ def judge_concentration(
     generator : Generator
         For them.
 
-    Raises
-    ------
-    ValueError
-        When there is no experiment or no draw, or choices could not have been made.
-
     Notes
     -----
     The p-value counts the data among the draws, so that it is valid for any number of them and never zero: Phipson and
     Smyth, Permutation p-values should never be zero, Stat. Appl. Genet. Mol. Biol. 9 (2010).
     """
-    if not experiments or draws < 1:
-        raise ValueError(f"expected experiments and draws, got {len(experiments)} and {draws}")
-    for each in experiments:
-        each.check(options)
     expected = np.sum([each.expect(options) for each in experiments], axis=0)
     found = np.bincount(np.concatenate([each.chosen for each in experiments]), minlength=options)
-    dispersion = float(disperse(found, expected))
-    at_random = np.concatenate(list(_disperse_at_random(experiments, expected, draws, generator)))
+    dispersion = float(_disperse(found, expected))
+    blocks, block = [], max(1, LARGEST_BLOCK // options)
+    for start in range(0, draws, block):
+        counts = np.zeros((min(block, draws - start), options), dtype=np.int64)
+        for each in experiments:
+            counts += each.draw(len(counts), options, generator)
+        blocks.append(_disperse(counts, expected))
+    at_random = np.concatenate(blocks)
     mean = float(at_random.mean())
     low, high = np.quantile(at_random, [0.025, 0.975])
     as_far = int((at_random >= dispersion * (1 - ROUNDING)).sum())
+    effect = dispersion / mean if mean else np.nan
     return Concentration(
-        n=len(experiments),
-        dispersion=dispersion,
-        expected=mean,
-        low=float(low),
-        high=float(high),
-        effect_size=dispersion / mean if mean else np.nan,
-        p_value=(1 + as_far) / (1 + draws),
+        len(experiments), dispersion, mean, float(low), float(high), effect, (1 + as_far) / (1 + draws)
     )
 
 
-def disperse(counts: NDArray[np.integer], expected: Array) -> Array:
+def _disperse(counts: NDArray[np.integer], expected: Array) -> Array:
     """Return the dispersion of (..., R) counts about their expected values, (R,); options never available add none."""
     possible = expected > 0
     difference = counts[..., possible] - expected[possible]
     return np.asarray((difference**2 / expected[possible]).sum(axis=-1))
-
-
-def _disperse_at_random(
-    experiments: Sequence[Choices], expected: Array, draws: int, generator: np.random.Generator
-) -> Iterator[Array]:
-    block = max(1, LARGEST_BLOCK // expected.size)
-    for start in range(0, draws, block):
-        size = min(block, draws - start)
-        counts = np.zeros((size, expected.size), dtype=np.int64)
-        for each in experiments:
-            counts += each.draw(size, expected.size, generator)
-        yield disperse(counts, expected)

@@ -1,11 +1,14 @@
-"""Intervals of shares and medians of few sessions; values flow in, estimates with both ends flow out."""
+"""Intervals of shares and medians: of few sessions, and of values in blocks that depend on each other."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from stages.science.statistics.paired import Array
 
 
 def bound_rate(hits: NDArray[np.bool_], level: float) -> tuple[float, float, float]:
@@ -18,7 +21,7 @@ def bound_rate(hits: NDArray[np.bool_], level: float) -> tuple[float, float, flo
     return float(hits.mean()), float(low), float(high)
 
 
-def bound_median(values: NDArray[np.float64], level: float) -> tuple[float, float, float]:
+def bound_median(values: Array, level: float) -> tuple[float, float, float]:
     """Return a median with the interval between two order statistics; the extremes where there are too few for more.
 
     The number of values below the median is binomial, whatever their distribution (Conover, Practical Nonparametric
@@ -32,3 +35,52 @@ def bound_median(values: NDArray[np.float64], level: float) -> tuple[float, floa
     below = int(binom.ppf(0.5 * (1.0 - level), values.size, 0.5))
     place = max(below - 1, 0)
     return float(np.median(ordered)), float(ordered[place]), float(ordered[values.size - 1 - place])
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Share of values within their intervals where those of a block depend on each other.
+
+    Parameters
+    ----------
+    n, blocks : int
+        Values and blocks.
+    share : float
+        Over all values, each counting the same.
+    low, high : float
+        95 % interval of the blocks' mean share (Student's t over blocks), cut at 0 and 1; NaN with fewer than two
+        blocks or where all blocks have one share.
+    """
+
+    n: int
+    blocks: int
+    share: float
+    low: float
+    high: float
+
+
+def cover_blocks(values: Array, low: Array, high: Array, blocks: ArrayLike) -> Coverage:
+    """Count the values within their intervals, block by block; nothing is assumed of the values in a block.
+
+    Parameters
+    ----------
+    values : (n,) float array
+        What was measured.
+    low, high : (n,) float arrays
+        Ends of each value's interval, which belong to it, in the unit of the values; they may be infinite.
+    blocks : (n,) array_like
+        Label of the block (a trial, a person) that each value belongs to.
+    """
+    from scipy import stats
+
+    inside = (low <= values) & (values <= high)
+    members = np.unique(np.asarray(blocks), return_inverse=True)[1]
+    size = np.bincount(members)
+    count = size.size
+    shares = np.bincount(members, weights=inside) / size
+    bottom = top = np.nan
+    if count > 1 and np.ptp(shares):
+        mean, half = float(shares.mean()), float(stats.t.ppf(0.975, count - 1)) * float(shares.std(ddof=1))
+        half /= np.sqrt(count)
+        bottom, top = float(max(mean - half, 0.0)), float(min(mean + half, 1.0))
+    return Coverage(inside.size, count, float(inside.mean()), bottom, top)

@@ -6,6 +6,7 @@ One figure of merit per experiment and method flows in; one `PairedComparison` f
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,51 +22,38 @@ ROUNDING = 4 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class PairedComparison:
-    """What paired experiments say of two methods.
+    """What paired experiments say of two methods, as columns of a table.
 
     Parameters
     ----------
     n : int
         Pairs.
-    mean_first, mean_second : float
+    first_mean, second_mean : float
         Of each method.
     difference, low, high : float
         Mean of first minus second, with its 95 % interval (Student's t).
-    effect_size : float
-        Mean difference over the standard deviation of the differences (Cohen's d_z).
-    t_p_value : float
-        Two-sided paired t-test.
-    wilcoxon_p_value : float
-        Two-sided Wilcoxon signed-rank test, exact for small n.
+    d_z : float
+        Mean difference over the standard deviation of the differences (Cohen).
     wins : int
         Pairs in which the first is smaller.
+    p_t, p_wilcoxon : float
+        Two-sided: paired t-test, and Wilcoxon signed-rank test, exact for small n.
     """
 
     n: int
-    mean_first: float
-    mean_second: float
+    first_mean: float
+    second_mean: float
     difference: float
     low: float
     high: float
-    effect_size: float
-    t_p_value: float
-    wilcoxon_p_value: float
+    d_z: float
     wins: int
+    p_t: float
+    p_wilcoxon: float
 
-    def tabulate(self, first: str, second: str) -> dict[str, float]:
-        """Return the columns of a table's row; those of the means begin with the methods' names."""
-        return {
-            "n": self.n,
-            f"{first}_mean": self.mean_first,
-            f"{second}_mean": self.mean_second,
-            "difference": self.difference,
-            "low": self.low,
-            "high": self.high,
-            "d_z": self.effect_size,
-            "wins": self.wins,
-            "p_t": self.t_p_value,
-            "p_wilcoxon": self.wilcoxon_p_value,
-        }
+    def tabulate(self, first: str, second: str) -> dict[str, Any]:
+        """Return the columns of a table's row, those of the means also by the methods' names."""
+        return {**vars(self), f"{first}_mean": self.first_mean, f"{second}_mean": self.second_mean}
 
 
 def compare_pairs(first: Array, second: Array) -> PairedComparison:
@@ -89,38 +77,41 @@ def compare_pairs(first: Array, second: Array) -> PairedComparison:
     """
     from scipy import stats  # slow to import, and most runs compare nothing
 
-    first, second = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
-    if first.shape != second.shape or first.ndim != 1 or not first.size:
-        raise ValueError(f"expected two vectors of one length, got shapes {first.shape} and {second.shape}")
-    largest = float(np.nan_to_num(np.fmax.reduce(np.abs([first, second]), axis=None), posinf=np.inf))
-    if largest > LARGEST_VALUE:
-        raise ValueError(f"expected values within {LARGEST_VALUE:g}, got {largest}")
-    signed = first - second
-    # squares of values near 1 neither overflow nor vanish; a power of two leaves every digit as it is
-    exponent = int(np.frexp(largest)[1])
+    first, second = read_pairs(first, second)
+    exponent, signed = find_exponent(first, second), first - second
     first, second = np.ldexp(first, -exponent), np.ldexp(second, -exponent)
     difference = first - second
     n = difference.size
     mean = float(difference.mean())
-    spread = float(difference.std(ddof=1)) if n > 1 else np.nan
-    low = high = effect = t_p = wilcoxon_p = np.nan
+    low = high = d_z = p_t = p_wilcoxon = np.nan
     if n > 1 and np.ptp(difference) > ROUNDING:
+        spread = float(difference.std(ddof=1))
         half = float(stats.t.ppf(0.975, n - 1)) * spread / np.sqrt(n)
-        low, high, effect = mean - half, mean + half, mean / spread
-        t_p = float(stats.ttest_rel(first, second).pvalue)
-        wilcoxon_p = float(stats.wilcoxon(signed).pvalue)
-    return PairedComparison(
-        n=n,
-        mean_first=float(np.ldexp(first.mean(), exponent)),
-        mean_second=float(np.ldexp(second.mean(), exponent)),
-        difference=float(np.ldexp(mean, exponent)),
-        low=float(np.ldexp(low, exponent)),
-        high=float(np.ldexp(high, exponent)),
-        effect_size=effect,
-        t_p_value=t_p,
-        wilcoxon_p_value=wilcoxon_p,
-        wins=int((signed < 0).sum()),
-    )
+        low, high, d_z = mean - half, mean + half, mean / spread
+        p_t = float(stats.ttest_rel(first, second).pvalue)
+        p_wilcoxon = float(stats.wilcoxon(signed).pvalue)
+    means = float(np.ldexp(first.mean(), exponent)), float(np.ldexp(second.mean(), exponent))
+    mean, low, high = (float(np.ldexp(each, exponent)) for each in (mean, low, high))
+    return PairedComparison(n, *means, mean, low, high, d_z, int((signed < 0).sum()), p_t, p_wilcoxon)
+
+
+def read_pairs(first: Array, second: Array) -> tuple[Array, Array]:
+    """Return both as vectors of numbers; refuse what does not pair up."""
+    first, second = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    if first.shape != second.shape or first.ndim != 1 or not first.size:
+        raise ValueError(f"expected two vectors of one length, got shapes {first.shape} and {second.shape}")
+    return first, second
+
+
+def find_exponent(first: Array, second: Array) -> int:
+    """Return the exponent of the power of two that brings the largest value near 1; refuse absurdly large values.
+
+    Squares of values near 1 neither overflow nor vanish, and a power of two leaves every digit as it is.
+    """
+    largest = max(float(np.nan_to_num(np.fmax.reduce(np.abs(each)), posinf=np.inf)) for each in (first, second))
+    if largest > LARGEST_VALUE:
+        raise ValueError(f"expected values within {LARGEST_VALUE:g}, got {largest}")
+    return int(np.frexp(largest)[1])
 
 
 def adjust_holm(p_values: Array) -> Array:

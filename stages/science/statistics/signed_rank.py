@@ -10,10 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from stages.science.statistics.paired import LARGEST_VALUE, ROUNDING, Array
-
-MOST_PAIRS = 4000
-"""Pairs whose averages fit in memory."""
+from stages.science.statistics.paired import ROUNDING, Array, find_exponent, read_pairs
 
 MOST_EXACT = 200
 """Pairs up to which the distribution of the rank sum is counted; beyond, it is taken for normal."""
@@ -21,31 +18,30 @@ MOST_EXACT = 200
 
 @dataclass(frozen=True)
 class RankComparison:
-    """What the signed ranks of paired differences say.
+    """What the signed ranks of paired differences say, as columns of a table.
 
     Parameters
     ----------
     n : int
         Pairs.
-    estimate, low, high : float
-        Hodges-Lehmann estimate of first minus second (the median of the averages of any two differences), with its
-        interval of at least 95 %, in the unit of the data.
+    hodges_lehmann, low, high : float
+        Median of the averages of any two differences (first minus second), with its interval of at least 95 %.
     confidence : float
         Of that interval, if differences are continuous and symmetric.
-    effect_size : float
-        Matched-pairs rank-biserial correlation: rank sum of the positive differences minus that of the negative ones,
-        over both; from -1 (the first is always smaller) to 1.
-    p_value : float
+    rank_biserial : float
+        Effect size of matched pairs: rank sum of the positive differences minus that of the negative ones, over both;
+        from -1 (the first is always smaller) to 1.
+    p_wilcoxon : float
         Two-sided Wilcoxon signed-rank test, exact for small n.
     """
 
     n: int
-    estimate: float
+    hodges_lehmann: float
     low: float
     high: float
     confidence: float
-    effect_size: float
-    p_value: float
+    rank_biserial: float
+    p_wilcoxon: float
 
 
 def compare_ranks(first: Array, second: Array) -> RankComparison:
@@ -66,7 +62,7 @@ def compare_ranks(first: Array, second: Array) -> RankComparison:
     Raises
     ------
     ValueError
-        When the arrays do not pair up, a value is absurdly large or pairs are too many.
+        When the arrays do not pair up or a value is absurdly large.
 
     Notes
     -----
@@ -76,21 +72,15 @@ def compare_ranks(first: Array, second: Array) -> RankComparison:
     """
     from scipy import stats  # slow to import, and most runs compare nothing
 
-    first, second = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
-    if first.shape != second.shape or first.ndim != 1 or not first.size:
-        raise ValueError(f"expected two vectors of one length, got shapes {first.shape} and {second.shape}")
-    if first.size > MOST_PAIRS:
-        raise ValueError(f"expected at most {MOST_PAIRS} pairs, got {first.size}")
-    largest = float(np.nan_to_num(np.fmax.reduce(np.abs([first, second]), axis=None), posinf=np.inf))
-    if largest > LARGEST_VALUE:
-        raise ValueError(f"expected values within {LARGEST_VALUE:g}, got {largest}")
+    first, second = read_pairs(first, second)
+    exponent = find_exponent(first, second)
     difference = first - second
     n = difference.size
     if np.isnan(difference).any():
         return RankComparison(n, *[np.nan] * 6)
     averages = np.sort((difference[:, None] + difference)[np.triu_indices(n)] / 2)
     low = high = confidence = effect = p_value = np.nan
-    if n > 1 and np.ptp(np.ldexp(difference, -int(np.frexp(largest)[1]))) > ROUNDING:
+    if n > 1 and np.ptp(np.ldexp(difference, -exponent)) > ROUNDING:
         signed = difference[difference != 0]
         ranks = stats.rankdata(np.abs(signed))
         effect = float((np.sign(signed) * ranks).sum() / ranks.sum())

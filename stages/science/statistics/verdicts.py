@@ -23,33 +23,13 @@ def judge_differences(family: pd.DataFrame, p: str, negative: str, positive: str
 def judge_with_equivalence(
     family: pd.DataFrame, p: str, negative: str, positive: str, ending: str = "", equivalent: str = "equivalent"
 ) -> pd.DataFrame:
-    """Return the rows with a verdict on difference and equivalence.
+    """Return the rows, with columns difference, p_tost and `p`, with a verdict on difference and equivalence.
 
-    Parameters
-    ----------
-    family : DataFrame
-        Columns difference, p_tost and the one that `p` names.
-    p : str
-        Column of the p-values of the tests of difference, which are adjusted by Holm.
-    negative, positive : str
-        What a significant difference of either sign is called; ``within the margin`` follows where the test of
-        equivalence is significant too.
-    ending : str
-        Follows where it is not.
-    equivalent : str
-        What equivalence without a significant difference is called.
+    A significant difference of either sign is called `negative` or `positive`; ``within the margin`` follows where the
+    test of equivalence is significant too, else `ending`. Without such a difference, equivalence has a word as well.
     """
     family = family.assign(p_holm=adjust_holm(family[p].to_numpy(dtype=float)))
-    columns = zip(family["difference"], family["p_holm"], family["p_tost"], strict=True)
-    family["verdict"] = [
-        judge(p_different, p_equivalent, negative if difference < 0 else positive, ending, equivalent)
-        for difference, p_different, p_equivalent in columns
-    ]
-    return family
-
-
-def judge(p_different: float, p_equivalent: float, different: str, ending: str, equivalent: str) -> str:
-    """Return the verdict of two p-values; a missing one (NaN) decides nothing."""
-    if p_different < LEVEL:
-        return f"{different} within the margin" if p_equivalent < LEVEL else f"{different}{ending}"
-    return equivalent if p_equivalent < LEVEL else "undecided"
+    different, same = family["p_holm"] < LEVEL, family["p_tost"] < LEVEL
+    found = np.where(family["difference"] < 0, negative, positive)
+    told = [np.char.add(found, " within the margin"), np.char.add(found, ending), np.array(equivalent)]
+    return family.assign(verdict=np.select([different & same, different, same], told, "undecided"))

@@ -1,45 +1,24 @@
-"""Equivalence against statsmodels; what its verdicts and its power mean is told by other tests here."""
+"""Equivalence against statsmodels; what its power means is told by other tests here."""
 
 import numpy as np
 import pytest
-from statsmodels.stats.weightstats import CompareMeans, DescrStatsW, ttost_ind, ttost_paired
+from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
 from stages.science.statistics.equivalence import judge_equivalence, judge_paired_equivalence
 from stages.science.statistics.power import power_of_equivalence, power_of_paired_equivalence
 
-JUDGES = pytest.mark.parametrize("judge", [judge_equivalence, judge_paired_equivalence])
-
 
 @pytest.mark.parametrize("margin", [0.1, 0.5, 2.0])
-def test_groups_agree_with_statsmodels(generator, margin):
-    first, second = generator.normal(1.0, 0.3, 9), generator.normal(1.2, 0.6, 6)
-    told = judge_equivalence(first, second, margin)
-    assert told.p_value == pytest.approx(ttost_ind(first, second, -margin, margin, usevar="unequal")[0], rel=1e-9)
-    low, high = CompareMeans(DescrStatsW(first), DescrStatsW(second)).tconfint_diff(0.1, usevar="unequal")
-    assert (told.low, told.high) == (pytest.approx(low), pytest.approx(high))
-    spreads = first.std(ddof=1), second.std(ddof=1)
-    assert told.power == pytest.approx(power_of_equivalence(margin, *spreads, 9, 6), abs=1e-12)
-    assert (told.n_first, told.n_second, told.margin) == (9, 6, margin)
-
-
-@pytest.mark.parametrize("margin", [0.1, 0.5, 2.0])
-def test_pairs_agree_with_statsmodels(generator, margin):
-    first, second = generator.normal(1.0, 0.3, 8), generator.normal(1.2, 0.3, 8)
-    told = judge_paired_equivalence(first, second, margin)
-    assert told.p_value == pytest.approx(ttost_paired(first, second, -margin, margin)[0], rel=1e-9)
-    low, high = DescrStatsW(first - second).tconfint_mean(0.1)
-    assert (told.low, told.high) == (pytest.approx(low), pytest.approx(high))
-    spread = np.std(first - second, ddof=1)
-    assert told.power == pytest.approx(power_of_paired_equivalence(margin, spread, 8), abs=1e-12)
-
-
-@pytest.mark.parametrize(("margin", "verdict"), [(0.1, "different"), (1.0, "undecided"), (9.0, "equivalent")])
-@JUDGES
-def test_verdicts(judge, margin, verdict):
-    first = np.array([1.0, 1.2, 0.8, 1.1])
-    second = np.array([0.1, 0.0, -0.1, 0.05])
-    assert judge(first, second, margin).verdict == verdict
-    assert judge(second, first, margin).verdict == verdict
+def test_agrees_with_statsmodels(generator, margin):
+    first, second = generator.normal(1.0, 0.3, 8), generator.normal(1.2, 0.6, 6)
+    groups, pairs = judge_equivalence(first, second, margin), judge_paired_equivalence(first[:6], second, margin)
+    assert groups.p_tost == pytest.approx(ttost_ind(first, second, -margin, margin, usevar="unequal")[0], rel=1e-9)
+    assert pairs.p_tost == pytest.approx(ttost_paired(first[:6], second, -margin, margin)[0], rel=1e-9)
+    power = power_of_equivalence(margin, first.std(ddof=1), second.std(ddof=1), 8, 6)
+    assert groups.power == pytest.approx(power, abs=1e-12)
+    power = power_of_paired_equivalence(margin, np.std(first[:6] - second, ddof=1), 6)
+    assert pairs.power == pytest.approx(power, abs=1e-12)
+    assert groups.margin == pairs.margin == margin
 
 
 @pytest.mark.parametrize("spread", [0.5, 1.0])
@@ -53,10 +32,3 @@ def test_the_smallest_n_is_the_first_with_enough_power(spread):
     told = judge_paired_equivalence(values, 0.0 * values, 0.7)
     powers = [power_of_paired_equivalence(0.7, sds[0], n) for n in range(2, 60)]
     assert told.n_needed == 2 + int(np.argmax(np.array(powers) >= 0.8))
-
-
-@pytest.mark.parametrize("margin", [0.0, -1.0, np.nan, np.inf, 1.7e308])
-@JUDGES
-def test_an_absurd_margin_is_refused(judge, margin):
-    with pytest.raises(ValueError, match=r"^expected a margin above 0 and within 1e\+300, got .*$"):
-        judge(np.zeros(3), np.ones(3), margin)

@@ -14,14 +14,14 @@ COMMON = settings(derandomize=True, deadline=None, max_examples=40)
 
 def test_hand_made_numbers():
     told = compare_ranks(np.array([1.0, -2.0, 3.0, 4.0, 5.0, 6.0]), np.zeros(6))
-    assert told.effect_size == pytest.approx((19 - 2) / 21)
-    assert told.estimate == 3.0
+    assert told.rank_biserial == pytest.approx((19 - 2) / 21)
+    assert told.hodges_lehmann == 3.0
     # 6 pairs: all averages, which hold the median unless all signs agree
     assert (told.low, told.high, told.confidence) == (-2.0, 6.0, pytest.approx(1 - 2 / 64))
-    assert told.p_value == pytest.approx(6 / 64)
+    assert told.p_wilcoxon == pytest.approx(6 / 64)
 
 
-@pytest.mark.parametrize("n", [6, 9, 12])
+@pytest.mark.parametrize("n", [6, 9, 12, 40])
 def test_the_interval_is_the_test_inverted(generator, n):
     """A typical difference is within where SciPy's exact test does not reject it, at the level that n allows."""
     first = generator.normal(0.4, 1.0, n)
@@ -41,42 +41,20 @@ def test_counted_and_normal_rank_sums_meet(monkeypatch):
     assert exact[1] == pytest.approx(near[1], abs=2e-5)  # one rank sum more has 7e-5
 
 
-@pytest.mark.parametrize(("n", "count", "asked"), [(8, 20_000, 100), (300, 200, 200)])
-def test_the_interval_holds_the_typical_difference_as_often_as_it_says(n, count, asked, generator):
-    """Its ends are averages of any two differences, of a rank that draws of one number share."""
-    draws = generator.laplace(2.0, 1.0, (count, n))
-    told = [compare_ranks(each, np.zeros(n)) for each in draws[:asked]]
-    found = np.array([(each.low, each.high, each.estimate) for each in told])
-    if asked < count:
-        averages = np.sort((draws[:, :, None] + draws[:, None])[:, *np.triu_indices(n)] / 2, axis=1)
-        rank = np.searchsorted(averages[0], told[0].low)
-        every = np.column_stack([averages[:, [rank, -1 - rank]], np.median(averages, axis=1)])
-        np.testing.assert_array_equal(found, every[:asked])
-        found = every
-    held = np.mean((found[:, 0] <= 2.0) & (found[:, 1] >= 2.0))
-    assert held == pytest.approx(told[0].confidence, abs=4 * np.sqrt(0.05 * 0.95 / count))
-    assert found[:, 2].mean() == pytest.approx(2.0, abs=0.02)
-
-
 def test_five_pairs_bound_nothing():
     told = compare_ranks(np.arange(5.0), np.zeros(5))
     assert np.isnan([told.low, told.high, told.confidence]).all()
-    assert told.effect_size == 1.0
-    assert told.p_value == pytest.approx(0.125)
+    assert told.rank_biserial == 1.0
+    assert told.p_wilcoxon == pytest.approx(0.125)
 
 
 @COMMON
 @given(st.integers(2, 7).flatmap(lambda n: arrays(float, (2, n), elements=st.integers(-5, 5).map(float))))
-def test_effect_size_counts_ranks(values):
+def test_the_effect_size_counts_ranks(values):
     told = compare_ranks(*values)
     signed = values[0] - values[1]
-    if np.isnan(told.effect_size):
+    if np.isnan(told.rank_biserial):
         return
     ranks = stats.rankdata(np.abs(signed[signed != 0]))
     positive, negative = (ranks[np.sign(signed[signed != 0]) == sign].sum() for sign in (1, -1))
-    assert told.effect_size == pytest.approx((positive - negative) / (positive + negative))
-
-
-def test_too_many_pairs_are_refused():
-    with pytest.raises(ValueError, match=r"^expected at most 4000 pairs, got 4001$"):
-        compare_ranks(np.zeros(4001), np.zeros(4001))
+    assert told.rank_biserial == pytest.approx((positive - negative) / (positive + negative))
