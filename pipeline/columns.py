@@ -39,13 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def describe(file: str) -> list[str]:
-    """Return the lines that the configured function tells of a file.
-
-    Raises
-    ------
-    PipelineError
-        When the file cannot be read.
-    """
+    """Return the lines that the configured function tells of a file."""
     if not Path(file).exists():
         raise ConfigError(f"expected the path of a file, got {file!r}, which is not in {Path.cwd()}")
     module, _, name = yaml.safe_load((CONFIG_FOLDER / "columns.yaml").read_text())["describe"].rpartition(".")

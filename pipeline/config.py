@@ -42,11 +42,8 @@ class View(BaseModel):
 class Section(BaseModel):
     """A group of config keys: all required, none unknown, finite numbers, types as written.
 
-    Attributes
-    ----------
-    checks : tuple of type of View
-        On a stage's model: what must fit together beyond the sections that the stage reads. The fields of a view are
-        top-level sections; it is validated with the configuration and reaches no stage.
+    A stage's model may name in `checks` what must fit together beyond the sections that the stage reads. The fields of
+    a view are top-level sections; it is validated with the configuration and reaches no stage.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -145,15 +142,7 @@ class Settings(Section):
 
 @dataclass(frozen=True)
 class Study:
-    """A validated configuration.
-
-    Parameters
-    ----------
-    settings : Settings
-        What the pipeline reads.
-    values : dict
-        The whole resolved configuration as plain values.
-    """
+    """A validated configuration: what the pipeline reads of it, and the whole, resolved, as plain values."""
 
     settings: Settings
     values: dict[str, Any]
@@ -188,17 +177,12 @@ class Study:
 
 
 def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
-    """Validate a composed configuration against the stages that its workflow names.
-
-    Returns
-    -------
-    tuple of Study and list of Stage
-        The stages in the order of the data.
+    """Validate a composed configuration against the stages of its workflow, returned in the order of the data.
 
     Raises
     ------
     ConfigError
-        For the first key that is unknown, missing or wrong.
+        For the first key that is unknown, missing or wrong; the nearest known name is offered.
     WiringError
         When the stages do not fit together.
     """
@@ -225,34 +209,13 @@ def explain_unresolved(error: OmegaConfBaseException) -> str:
 
 
 def read_settings(values: Mapping[str, Any]) -> Settings:
-    """Validate the pipeline's own keys.
-
-    Raises
-    ------
-    ConfigError
-        Naming the key, what was expected and what was found.
-    """
+    """Validate the pipeline's own keys."""
     own = {name: values[name] for name in Settings.model_fields if name in values}
     return typing.cast(Settings, _validate(Settings, own, ()))
 
 
 def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]) -> Study:
-    """Validate a whole configuration against everything that its stages declare.
-
-    Parameters
-    ----------
-    values : dict
-        The resolved configuration as plain values.
-    settings : Settings
-        From `read_settings`.
-    stages : sequence of Stage
-        All stages of the workflow.
-
-    Raises
-    ------
-    ConfigError
-        For the first key that is unknown, missing or wrong; the nearest known name is offered.
-    """
+    """Validate a whole resolved configuration against everything that its stages, all of the workflow, declare."""
     interface = settings.interface
     declared = {*Settings.model_fields, interface, *settings.workflow.quoted}
     declared.update(name for each in stages for name in each.config.model_fields)
@@ -343,13 +306,7 @@ def _check_target(study: Study, section: str) -> None:
 
 
 def find_target(path: str) -> type:
-    """Import the class that a ``_target_`` names.
-
-    Raises
-    ------
-    ConfigError
-        When the module or the class does not exist.
-    """
+    """Import the class that a ``_target_`` names."""
     module_name, _, class_name = path.rpartition(".")
     if not all(part.isidentifier() for part in path.split(".")):
         raise ConfigError(f"_target_: expected the dotted name of a class, as package.module.Class, got {path!r}")
@@ -370,13 +327,7 @@ def find_target(path: str) -> type:
 
 
 def build_target(section: Mapping[str, Any], path: str) -> Any:
-    """Build the object that a ``_target_`` section describes, validating every key on the way.
-
-    Raises
-    ------
-    ConfigError
-        When the class refuses a key or value.
-    """
+    """Build the object that a ``_target_`` section describes, validating every key on the way."""
     if not isinstance(section, Mapping) or not isinstance(section.get("_target_"), str):
         raise ConfigError(f"{path}: expected a section with a _target_ (a class), got {section!r}")
     found = find_target(section["_target_"])

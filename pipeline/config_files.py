@@ -25,14 +25,7 @@ PACKAGE = re.compile(r"^#\s*@package\s+(\S+)", re.MULTILINE)
 
 
 def read_choices(arguments: Sequence[str], groups: Collection[str]) -> tuple[list[str], dict[str, dict[str, str]]]:
-    """Store every file that the command line names as a group's option.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        As typed.
-    groups : collection of str
-        Names of the config groups.
+    """Store every file that the command line names as an option of one of the config groups.
 
     Returns
     -------
@@ -40,11 +33,6 @@ def read_choices(arguments: Sequence[str], groups: Collection[str]) -> tuple[lis
         With options in place of files; the others as they were.
     files : dict of str to dict
         By option: group, file as typed, and SHA-256.
-
-    Raises
-    ------
-    ConfigError
-        When a file is missing or holds no keys.
     """
     files: dict[str, dict[str, str]] = {}
     return [_replace(each, groups, files) for each in arguments], files

@@ -83,12 +83,8 @@ class Record:
         key : tuple
             Names the part.
         make : callable
-            Returns a frame for each table that the stage writes.
-
-        Returns
-        -------
-        dict of str to DataFrame
-            Read back from disk in either case, so that a resumed loop sees what an unbroken one saw.
+            Returns a frame for each table that the stage writes. They are read back from disk, so that a resumed loop
+            sees what an unbroken one saw.
         """
         name = self.name(key)
         place = self.folder / name
@@ -170,6 +166,8 @@ class Record:
 class Context:
     """Given to every stage as ``ctx``.
 
+    A copy in another process draws the same random numbers and writes parts to the same record; it shows nothing.
+
     Parameters
     ----------
     stage : str
@@ -192,10 +190,6 @@ class Context:
         In which figures are kept: png, pdf, svg.
     stream : str or None
         That of the stage.
-
-    Notes
-    -----
-    A copy in another process draws the same random numbers and writes parts to the same record; it shows nothing.
     """
 
     stage: str
@@ -211,13 +205,7 @@ class Context:
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def generator(self, *key: int | str) -> np.random.Generator:
-        """Return a generator that depends on the root seed, the stage's stream and the key alone.
-
-        Raises
-        ------
-        WiringError
-            When the stage declares no stream, or its config no ``seed``.
-        """
+        """Return a generator that depends on the root seed, the stage's stream and the key alone."""
         if self.stream is None:
             raise WiringError(f'stage {self.stage} draws random numbers: declare @stage(..., stream="{self.stage}")')
         if self.seed is None:
@@ -227,13 +215,7 @@ class Context:
 
     @contextmanager
     def progress(self, description: str, total: int) -> Iterator[Callable[[str], None]]:
-        """Show how far a loop is; quiet when the output is piped, or people type there.
-
-        Yields
-        ------
-        callable
-            Call it with a note at the end of each iteration.
-        """
+        """Yield what takes a note at the end of each iteration of a loop, to show how far it is on a terminal."""
         if not self.console.is_terminal or self.interactive:
             yield lambda note: log.debug("%s: %s", self.stage, note)
             return
@@ -258,13 +240,8 @@ class Context:
     def spread(self, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Yield ``function(job)`` for each job, in order, computed in other processes where there are workers.
 
-        Parameters
-        ----------
-        function : callable
-            Can be pickled, as can jobs (this context may be part of them) and results; computes the same anywhere.
-        jobs : sequence
-            Independent of each other. On a real device, and where people follow it, they are done one after the
-            other, here.
+        Function, jobs (this context may be part of them) and results can be pickled, and no job needs another's result.
+        On a real device, and where people follow it, the jobs are done one after the other, here.
         """
         workers = 1 if getattr(self.device, "real", False) or self.interactive else self.workers
         yield from spread(function, jobs, workers, self.record.check)

@@ -19,21 +19,10 @@ READ_ONLY = 0o444
 
 
 def write_atomically(path: Path, write: Callable[[Path], object], final: bool = False) -> None:
-    """Let `write` fill a temporary file beside `path`, then rename it to `path`.
+    """Let `write` fill a temporary file beside `path`, then rename it to `path`, whose folder is made if need be.
 
-    Parameters
-    ----------
-    path : Path
-        The final name; its folder is made if need be.
-    write : callable
-        Called with the temporary path.
-    final : bool
-        Whether the file is made read-only: runs share it by hard links.
-
-    Raises
-    ------
-    OSError
-        When the disk refuses; the temporary file is gone then and `path` is as it was.
+    A file that is `final` is made read-only, as runs share it by hard links. When the disk refuses, the temporary file
+    is gone and `path` is as it was.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{TEMPORARY_SUFFIX}{path.suffix}")

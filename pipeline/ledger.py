@@ -73,16 +73,9 @@ _LOOKED_AT: dict[str, tuple[tuple[int, int, int], dict[str, Any] | None]] = {}
 
 @dataclass
 class Ledger:
-    """The record of one run.
+    """The record of one run: what run.json in its folder holds.
 
-    Parameters
-    ----------
-    folder : Path
-        The run's folder.
-    facts : dict
-        What run.json holds.
-    since_s : float, optional
-        When this process began to work on the run, by its own clock; None where it only looks at it.
+    `since_s` is when this process began to work on the run, by its own clock; None where it only looks at it.
     """
 
     folder: Path

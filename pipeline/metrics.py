@@ -15,12 +15,9 @@ from pipeline.table import read_frame
 
 
 def read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[str, dict[str, Any]]:
-    """Return the metrics that the workflow declares, as far as the run has their tables.
+    """Return ``value`` and ``unit`` of each metric that the workflow declares, as far as the run has their tables.
 
-    Returns
-    -------
-    dict
-        By name: ``value`` (None where no row is meant, or none has a value) and ``unit``.
+    A value is None where no row is meant, or none has a value.
     """
     contracts = {table.name: table for each in stages if ledger.finished(each.name) for table in each.writes}
     found = {}

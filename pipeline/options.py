@@ -29,13 +29,7 @@ class _Parser(ArgumentParser):
 
 
 def read_options(arguments: Sequence[str]) -> Namespace:
-    """Return the options of a command line, and its ``overrides``, which may stand among them.
-
-    Raises
-    ------
-    ConfigError
-        For an option that does not exist or lacks its value.
-    """
+    """Return the options of a command line, and its ``overrides``, which may stand among them."""
     parser = _Parser(add_help=False)
     for names in FLAGS:
         parser.add_argument(*names, action="store_true")
@@ -48,13 +42,7 @@ def read_options(arguments: Sequence[str]) -> Namespace:
 
 
 def put_options_first(arguments: Sequence[str]) -> list[str]:
-    """Return the command line with its options before the overrides, as Hydra reads it.
-
-    Raises
-    ------
-    ConfigError
-        As of `read_options`.
-    """
+    """Return the command line with its options before the overrides, as Hydra reads it."""
     overrides = read_options(arguments).overrides
     options = list(arguments)
     for each in overrides:

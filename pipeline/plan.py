@@ -34,8 +34,6 @@ class Step:
 
     Parameters
     ----------
-    stage : Stage
-        The stage.
     action : str
         ``fresh``, ``kept`` (fresh but for its code: measured on real hardware), ``run``, or ``wait`` (an input will be
         remade; whether it must run depends on how that comes out).
@@ -131,17 +129,9 @@ class Ingredients:
 
 
 def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
-    """Return the ingredients of a stage, given the content hashes of its tables.
+    """Return the ingredients of a stage, given content hashes of tables, of which those that it reads count.
 
-    Parameters
-    ----------
-    study : Study
-        The validated configuration.
-    stage : Stage
-        The stage.
-    inputs : dict of str to str
-        Of the tables that it reads; whatever else is there is left out, and the files that its configuration names are
-        hashed anew.
+    The files that its configuration names are hashed anew.
     """
     read = {name: digest for name, digest in inputs.items() if name in stage.reads}
     package = study.settings.workflow.package
@@ -159,17 +149,7 @@ def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
 
 
 def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> Step:
-    """Say whether a stage is fresh, and where, or why it must run.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    ingredients : Ingredients
-        Of the present study.
-    ledgers : sequence of Ledger
-        Runs to look in, the most welcome first.
-    """
+    """Say whether a stage is fresh, and in which of the ledgers, the most welcome first, or why it must run."""
     fingerprint = ingredients.fingerprint
     damage = None
     for ledger in ledgers:
@@ -193,13 +173,7 @@ def _lacks_tables(record: Mapping[str, Any], stage: Stage) -> bool:
 
 
 def nearest_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> list[str]:
-    """Say how a stage differs from the most similar of its earlier records, the newest among equals.
-
-    Returns
-    -------
-    list of str
-        At most two phrases; empty where no run has the stage, or one has it as it is.
-    """
+    """Say in two phrases how a stage differs from the most similar of its records, the newest among equals."""
     records = [record for each in ledgers if (record := each.finished(stage.name))]
     if not records:
         return []
@@ -215,16 +189,7 @@ def choose_stages(study: Study, stages: Sequence[Stage]) -> list[Stage]:
 
 
 def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) -> list[Step]:
-    """Plan all stages of a workflow, or those asked for by name with what they need.
-
-    Parameters
-    ----------
-    study : Study
-        The validated configuration.
-    stages : sequence of Stage
-        In the order of the data.
-    ledgers : sequence of Ledger
-        Earlier runs, newest first.
+    """Plan all stages of a workflow, or those asked for by name with what they need; ledgers come newest first.
 
     Raises
     ------

@@ -18,20 +18,10 @@ from pipeline.places import CONFIG_FOLDER
 
 
 def update_facts(facts: Mapping[str, Any], form: int) -> dict[str, Any]:
-    """Return a ledger's facts with today's names.
+    """Return a ledger's facts of an older format with today's names and format.
 
-    Parameters
-    ----------
-    facts : mapping
-        Of an older format.
-    form : int
-        Today's format.
-
-    Returns
-    -------
-    dict
-        A measured stage's record has the fingerprint of its configuration under today's names, and says under which
-        one the parts of its loop lie (``parts``).
+    A measured stage's record gets the fingerprint of its configuration under today's names, and says under which one
+    the parts of its loop lie (``parts``).
     """
     stages = {name: _update_record(record) for name, record in facts["stages"].items()}
     return {**facts, "format": form, "stages": stages}
@@ -62,15 +52,10 @@ def rename(values: Any, path: str = "") -> Any:
 
 
 def find_today(kind: Literal["targets", "keys", "options", "names"], name: str) -> str | None:
-    """Return today's name of what was renamed, or None.
+    """Return today's name of what was renamed, or None; the longest beginning that was renamed decides.
 
-    Parameters
-    ----------
-    kind : str
-        ``targets`` (modules and classes), ``keys`` (of the configuration), ``options`` (of config groups, as
-        ``group=option``) or ``names`` (of stages, tables and columns).
-    name : str
-        The old name; of a dotted one, the longest beginning that was renamed decides.
+    The kinds are ``targets`` (modules and classes), ``keys`` (of the configuration), ``options`` (of config groups, as
+    ``group=option``) and ``names`` (of stages, tables and columns).
     """
     names = _read_names()[kind]
     before = max((each for each in names if f"{name}.".startswith(f"{each}.")), key=len, default=None)

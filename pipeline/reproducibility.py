@@ -26,20 +26,7 @@ MACHINE = ("model", "processor", "system", "cores")
 
 
 def compare_tables(now: Ledger, then: Ledger, stages: Sequence[str]) -> dict[str, str | None]:
-    """Compare the tables that stages wrote in two runs.
-
-    Parameters
-    ----------
-    now, then : Ledger
-        The later run, and the earlier.
-    stages : sequence of str
-        Names, in the order of the data.
-
-    Returns
-    -------
-    dict of str to str or None
-        By table: how it differs, or None where its bytes are the same.
-    """
+    """Return how each table that stages wrote in two runs differs, or None where its bytes are the same."""
     found: dict[str, str | None] = {}
     for stage in stages:
         new, old = now.records[stage]["tables"], then.records.get(stage, {"tables": {}})["tables"]

@@ -34,13 +34,7 @@ BESIDE = ("outputs", "workers", "figures")
 
 @dataclass
 class Rerun(Runner):
-    """A run that makes another one's tables again.
-
-    Parameters
-    ----------
-    origin : Ledger
-        Of the other run.
-    """
+    """A run that makes the tables of another one, `origin`, again."""
 
     origin: Ledger = field(kw_only=True)
     comparison: dict[str, Any] = field(default_factory=dict)
@@ -57,13 +51,7 @@ class Rerun(Runner):
         return hash_json({"of": [facts["identity"], facts["started"], self.origin.name], "study": self.study.identity})
 
     def prepare(self) -> None:
-        """Say which files are no longer what they were; refuse what cannot be repeated.
-
-        Raises
-        ------
-        ConfigError
-            When what hardware measured is not whole in the other run.
-        """
+        """Say which files are no longer what they were; refuse if what hardware measured is not whole."""
         label = self.label
         for stage in choose_stages(self.study, self.stages):
             ingredients = replace(gather(self.study, stage, {}), waiting=stage.reads)
@@ -138,25 +126,7 @@ class Rerun(Runner):
 
 
 def rerun(arguments: Sequence[str], config_folder: Path) -> int:
-    """Run the command line.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        As typed, ``rerun=RUN`` among them.
-    config_folder : Path
-        Of the project, for the keys that change no table.
-
-    Returns
-    -------
-    int
-        Exit code: 0 where all tables agree, 1 where one does not, else as of `Runner.run`.
-
-    Raises
-    ------
-    PipelineError
-        When there is nothing that can be repeated.
-    """
+    """Run a command line with ``rerun=RUN``; return 0 if all tables agree, 1 if one does not, else as `Runner.run`."""
     name, typed = read_arguments(arguments)
     base = OmegaConf.to_container(OmegaConf.load(config_folder / "config.yaml"), resolve=False)
     assert isinstance(base, dict)
@@ -177,13 +147,7 @@ def rerun(arguments: Sequence[str], config_folder: Path) -> int:
 
 
 def read_arguments(arguments: Sequence[str]) -> tuple[str, dict[str, Any]]:
-    """Return which run is meant, and the values of the keys beside.
-
-    Raises
-    ------
-    ConfigError
-        When anything else was typed.
-    """
+    """Return which run is meant, and the values of the keys beside; refuse anything else."""
     names, typed = [], {}
     for each in arguments:
         key, sign, value = each.partition("=")
@@ -205,19 +169,9 @@ def read_arguments(arguments: Sequence[str]) -> tuple[str, dict[str, Any]]:
 
 
 def find_origin(outputs: str, name: str) -> Ledger:
-    """Return the run that is meant.
+    """Return the run that is meant, which must be done.
 
-    Parameters
-    ----------
-    outputs : str
-        The outputs folder.
-    name : str
-        A run's name, the beginning of one, ``latest``, ``SWEEP/JOB``, or the path of a run's folder.
-
-    Raises
-    ------
-    ConfigError
-        When there is no such run, or it is not done.
+    Its name is that of a run, the beginning of one, ``latest``, ``SWEEP/JOB``, or the path of a run's folder.
     """
     path = Path(name).expanduser()
     folder = path.parent if path.is_file() else path

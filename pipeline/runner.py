@@ -101,17 +101,12 @@ class Runner:
             self._say(f"to run it: {command_line(arguments)}")
 
     def run(self) -> int:
-        """Run the workflow.
+        """Run the workflow; a PipelineError says that the run cannot begin.
 
         Returns
         -------
         int
             Exit code: 0 done, 1 a stage failed, 3 paused for a person, 130 Ctrl-C, 143 SIGTERM.
-
-        Raises
-        ------
-        PipelineError
-            When the run cannot begin.
         """
         steps = self._plan()
         finished = self._finished_run(steps)
@@ -162,13 +157,7 @@ class Runner:
         return 0
 
     def _stop(self, ledger: Ledger, stage: Stage, error: Exception | Interrupted, signals: Watch) -> int:
-        """Note why a run stops, say how it goes on, and return the exit code.
-
-        Raises
-        ------
-        OSError
-            When the folder cannot be written, which is then the reason.
-        """
+        """Note why a run stops, say how it goes on, and return the exit code; an OSError of its folder is raised."""
         asks = getattr(error, "asks", None)
         notes = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
         if signals.number is not None:
@@ -406,28 +395,9 @@ def run_study(
     given: Sequence[dict[str, str]] = (),
     overrides: Sequence[str] = (),
 ) -> int:
-    """Validate a composed configuration, then plan or run it.
+    """Validate a composed configuration, then plan or run it; return the exit code, as `Runner.run` does.
 
-    Parameters
-    ----------
-    composed : DictConfig
-        What Hydra composed.
-    arguments : list of str
-        Overrides as typed.
-    given : sequence of dict
-        As of `Runner`.
-    overrides : sequence of str
-        By which a job of a sweep has its name.
-
-    Returns
-    -------
-    int
-        Exit code, as of `Runner.run`; 0 for a plan.
-
-    Raises
-    ------
-    PipelineError
-        When the configuration is wrong or the run cannot begin.
+    Arguments and given files are as of `Runner`; the overrides are those by which a job of a sweep has its name.
     """
     study, stages = read_study(composed)
     sweep = study.settings.sweep

@@ -32,17 +32,7 @@ LOOK_S = 0.2
 
 @dataclass(frozen=True)
 class Claim:
-    """A run that this process may write.
-
-    Parameters
-    ----------
-    ledger : Ledger
-        Of the claimed run.
-    resumed : bool
-        Whether an earlier process began it.
-    lock : FileLock
-        Held until this context ends.
-    """
+    """A run that this process may write, whether it was begun before, and the lock held until this context ends."""
 
     ledger: Ledger
     resumed: bool
@@ -66,13 +56,7 @@ def sweeps_folder(outputs: str | Path) -> Path:
 
 
 def list_folders(outputs: str | Path) -> list[Path]:
-    """Return the folders of all runs, and of all jobs of all sweeps.
-
-    Raises
-    ------
-    PipelineError
-        When there is a folder of runs that cannot be read.
-    """
+    """Return the folders of all runs, and of all jobs of all sweeps."""
     runs = _list_within(runs_folder(outputs))
     return [*runs, *(job for sweep in _list_within(sweeps_folder(outputs)) for job in _list_within(sweep))]
 
@@ -99,13 +83,7 @@ def list_ledgers(outputs: str | Path) -> list[Ledger]:
 
 
 def find_run(outputs: str | Path, name: str) -> Ledger:
-    """Return the run of a given name, unique beginning of a name, or ``latest``.
-
-    Raises
-    ------
-    ConfigError
-        When no run, or more than one, is meant.
-    """
+    """Return the run of a given name, unique beginning of a name, or ``latest``."""
     ledgers = list_ledgers(outputs)
     if not ledgers:
         raise ConfigError(f"no runs in {runs_folder(outputs)}; make one with: {command_line([])}")
@@ -152,18 +130,7 @@ def describe_status(folder: Path, ledger: Ledger | None, empty: str = "no ledger
 
 
 def claim(outputs: str | Path, identity: str, arguments: Sequence[str], place: Path | None = None) -> Claim:
-    """Claim the newest unfinished run of this study that nobody holds, or make a new one.
-
-    Parameters
-    ----------
-    outputs : str or Path
-        The outputs folder.
-    identity : str
-        Of the study.
-    arguments : sequence of str
-        Overrides from the command line, for the ledger.
-    place : Path, optional
-        The folder that the run must have, whatever was in it.
+    """Claim the newest unfinished run of this study that nobody holds, or make a new one, or claim a given `place`.
 
     Raises
     ------
@@ -187,16 +154,8 @@ def make_exclusively(
 ) -> Iterator[None]:
     """Wait until no other process makes the same, and let none begin it meanwhile.
 
-    Parameters
-    ----------
-    outputs : str or Path
-        The outputs folder.
-    fingerprint : str
-        Of what is to be made. Few locks serve all: who waits for another's is late, no worse.
-    check : callable
-        Raises if the run is to stop.
-    tell : callable
-        Called once if there is something to wait for.
+    Few locks serve all fingerprints: who waits for another's is late, no worse. `check` raises if the run is to stop;
+    `tell` is called once if there is something to wait for.
     """
     path = Path(outputs) / MAKING / f"{fingerprint[:3]}.lock"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -278,13 +237,7 @@ def _create(outputs: str | Path, identity: str, arguments: list[str]) -> Claim:
 
 @contextmanager
 def claim_job(place: Path, identity: str, arguments: Sequence[str]) -> Iterator[Ledger]:
-    """Hold the folder of a job that cannot run, to write down why.
-
-    Raises
-    ------
-    PipelineError
-        When the folder cannot be written, or another process holds it.
-    """
+    """Hold the folder of a job that cannot run, to write down why."""
     held = claim(place.parent.parent.parent, identity, arguments, place)
     with held:
         keep_changes(place, held.ledger.facts)

@@ -26,19 +26,9 @@ IMPORTED_BY_NAME = "imported_by_name"
 
 
 def hash_sources(package: str, modules: Iterable[str]) -> dict[str, str]:
-    """Return the hash of every source file that modules depend on.
+    """Return the hash of every source file that modules depend on, by its path from the folder that holds the package.
 
-    Parameters
-    ----------
-    package : str
-        The stages' package.
-    modules : iterable of str
-        Dotted names. Of one outside the package, what it imports from its own package counts, too.
-
-    Returns
-    -------
-    dict of str to str
-        File, relative to the folder that holds the package, to SHA-256.
+    Of a module outside the stages' package, what it imports from its own package counts, too.
     """
     root = _folder(package).parents[package.count(".")]
     return {_relative(path, root): hash_file(path) for path in _closure(package, tuple(sorted(set(modules))))}
@@ -58,13 +48,10 @@ def library_versions(package: str, modules: Iterable[str]) -> dict[str, str]:
 
 
 def list_imported_by_name(value: Any) -> Iterator[str]:
-    """Yield the modules that a configuration imports by name.
+    """Yield the modules that a configuration (a validated model, or plain values) imports by name.
 
-    Parameters
-    ----------
-    value : object
-        A validated model, plain values, or a container of these: of models, the modules that define them and those
-        that they name under ``imported_by_name``; of plain mappings, those that ``_target_`` names.
+    Of models, these are the modules that define them and those that they name under ``imported_by_name``; of plain
+    mappings, those that ``_target_`` names.
     """
     if isinstance(value, BaseModel):
         yield type(value).__module__

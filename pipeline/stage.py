@@ -72,13 +72,7 @@ class Stage:
 def stage(
     *writes: Table, stream: str | None = None, preview: Callable[[Any], Sequence[str]] | None = None
 ) -> Callable[[Callable[..., Any]], Stage]:
-    """Make a function a stage that writes the given tables; stream and preview are those of `Stage`.
-
-    Raises
-    ------
-    WiringError
-        When the function has no ``cfg`` annotated with a pydantic model or no ``ctx``, or names a table twice.
-    """
+    """Make a function a stage that writes the given tables; stream and preview are those of `Stage`."""
 
     def decorate(function: Callable[..., Any]) -> Stage:
         name = function.__name__
@@ -124,20 +118,9 @@ def _bundle_tables(function: Callable[..., Any], bundles: Mapping[str, type]) ->
 
 
 def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]:
-    """Import the named stages of a package, or all.
+    """Import the named stages of a package, or all: its files, and those of its folders, are stages.
 
-    Parameters
-    ----------
-    package : str
-        Dotted name of the package whose files, and those of its folders, are stages.
-    names : sequence of str, optional
-        Each is a function in the file of its name, or in the one that its name ends with (``unseen_bank`` in
-        ``bank.py``); without them, all stages of all files.
-
-    Raises
-    ------
-    ConfigError
-        When the package has no such stage; the nearest name is offered.
+    Each is a function in the file of its name, or in the one that its name ends with (``unseen_bank`` in ``bank.py``).
     """
     try:
         known = _find_modules(package)
@@ -161,13 +144,7 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
 
 
 def _find_modules(package: str) -> dict[str, str]:
-    """Return the dotted name of each file in a package and in its folders, by the file's own name.
-
-    Raises
-    ------
-    WiringError
-        When two files have the same name.
-    """
+    """Return the dotted name of each file in a package and in its folders, by the file's own name."""
     folders = [package]
     modules: dict[str, str] = {}
     for folder in folders:
@@ -186,11 +163,6 @@ def order_stages(stages: Sequence[Stage]) -> list[Stage]:
     """Return the stages so that each comes after those whose tables it reads.
 
     A table that a stage can do without, and which no stage writes, is no longer among those that it reads.
-
-    Raises
-    ------
-    WiringError
-        When a table has no writer or two, or the stages wait for each other.
     """
     writer: dict[str, Stage] = {}
     for each in stages:

@@ -101,17 +101,8 @@ class Table:
     def check(self, frame: pd.DataFrame, where: str) -> pd.DataFrame:
         """Return `frame` if it keeps the contract.
 
-        Parameters
-        ----------
-        frame : DataFrame
-            What is about to be written, or was just read.
-        where : str
-            File or stage, for the message.
-
-        Raises
-        ------
-        TableError
-            Naming the column, what was expected and the first offending rows.
+        A TableError names `where` it was found (file or stage), the column, what was expected and the first offending
+        rows.
         """
         names = [str(name) for name in frame.columns]
         missing = [name for name in self.columns if name not in frame.columns]
@@ -148,15 +139,7 @@ class Table:
         return checked
 
     def write(self, frame: pd.DataFrame, path: Path) -> None:
-        """Check `frame` and write it to `path` atomically.
-
-        Raises
-        ------
-        TableError
-            When the contract is not kept; nothing is written then.
-        OSError
-            When the disk refuses; `path` is as it was.
-        """
+        """Check `frame` and write it to `path` atomically; when it is refused, `path` is as it was."""
         checked = self.check(frame, "on write")
         arrow = pyarrow.Table.from_pandas(checked, preserve_index=False)
         fields = [
@@ -172,23 +155,11 @@ class Table:
         write_atomically(path, lambda temporary: temporary.write_bytes(content), final=True)
 
     def read(self, path: Path) -> pd.DataFrame:
-        """Read `path` and check it.
-
-        Raises
-        ------
-        TableError
-            When the file is absent, damaged, not Parquet, or does not keep the contract.
-        """
+        """Read `path` and check it."""
         return self.check(read_frame(path), str(path))
 
     def read_sealed(self, path: Path) -> pd.DataFrame:
-        """Read what `write` wrote under this very contract: its bytes are whole, so it keeps the contract.
-
-        Raises
-        ------
-        TableError
-            When the file is absent, damaged, or no such file.
-        """
+        """Read what `write` wrote under this very contract: its bytes are whole, so it keeps the contract."""
         return read_frame(path, sealed=True)
 
     def describe(self) -> list[tuple[str, str, str]]:
@@ -197,19 +168,9 @@ class Table:
 
 
 def read_frame(path: Path, sealed: bool = False) -> pd.DataFrame:
-    """Read a Parquet file that may have no contract here.
+    """Read a Parquet file that may have no contract here, or is refused with a TableError.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    sealed : bool
-        Whether it must be one that `Table.write` wrote.
-
-    Raises
-    ------
-    TableError
-        When the file is absent, damaged or not Parquet. Damage is certain to be seen in what `Table.write` wrote.
+    Damage is certain to be seen in what `Table.write` wrote; `sealed` says that it must be such a file.
     """
     try:
         content = path.read_bytes()

@@ -46,11 +46,6 @@ def spread(
         Processes; with one, or one job, all is computed here.
     check : callable
         Raises between two results if the run is to stop.
-
-    Raises
-    ------
-    WorkerError
-        When a process was killed. What a job raises is raised here.
     """
     if min(workers, len(jobs)) <= 1:
         for job in jobs:

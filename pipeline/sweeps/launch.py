@@ -28,17 +28,10 @@ STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL = "failure", "signal"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job in a launch.
+    """What became of a job in a launch, its exit code, and the seconds that it took.
 
-    Parameters
-    ----------
-    word : str
-        ``done``, ``kept`` (done in an earlier launch), ``failed``, ``killed``, ``interrupted``, ``paused``,
-        ``elsewhere`` (another process has it at work) or ``not begun``.
-    code : int
-        Exit code.
-    seconds : float
-        That it took.
+    The word is ``done``, ``kept`` (done in an earlier launch), ``failed``, ``killed``, ``interrupted``, ``paused``,
+    ``elsewhere`` (another process has it at work) or ``not begun``.
     """
 
     word: str
@@ -60,10 +53,8 @@ class Launch:
         Of the process that was typed.
     jobs : tuple of str
         Their names, in order.
-    on_failure : {"continue", "stop"}
-        What becomes of the jobs that have not begun when one fails.
-    on_finished : {"keep", "refresh"}
-        Whether a job that is done is looked at again.
+    on_failure, on_finished : str
+        The settings of the configuration.
     files : mapping
         Options that lie in files of one's own, as of `pipeline.config_files`.
     options : tuple of str
@@ -161,15 +152,7 @@ def _lives(pid: int) -> bool:
 def name_job(overrides: Sequence[str]) -> str:
     """Return the name of a job's folder: its overrides by key, but those that say nothing of what it computes.
 
-    Parameters
-    ----------
-    overrides : sequence of str
-        As ``key=value``.
-
-    Returns
-    -------
-    str
-        Where that is no name for a folder, or too long, as near to it as can be, and a hash.
+    Where that is no name for a folder, or too long, it is as near to it as can be, and a hash.
     """
     telling = sorted(each for each in overrides if is_meaningful(each))
     plain = ",".join(telling) or "defaults"

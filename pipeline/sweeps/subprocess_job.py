@@ -52,16 +52,10 @@ class Ending:
 
 
 def run_in_subprocess(work: Callable[[], int], wants_stop: Callable[[], bool], follow_parent: bool) -> Ending:
-    """Run a function in a process of its own.
+    """Run a function, which returns an exit code, in a process of its own.
 
-    Parameters
-    ----------
-    work : callable
-        Returns an exit code.
-    wants_stop : callable
-        Asked from time to time; once true, the process is sent SIGTERM.
-    follow_parent : bool
-        Whether it, and this process, end when the parent of this process does.
+    `wants_stop` is asked from time to time; once true, the process is sent SIGTERM. With `follow_parent`, it and this
+    process end when the parent of this process does.
     """
     parent = _parent_of(os.getpid())
     sys.stdout.flush()

@@ -55,17 +55,7 @@ BEGINNING = ("not begun", "failed", "killed", "interrupted", "paused")
 
 @dataclass(frozen=True)
 class Planned:
-    """A job of a sweep before it runs.
-
-    Parameters
-    ----------
-    name : str
-        Of its folder.
-    overrides : tuple of str
-        As ``key=value``.
-    state : str
-        ``not begun``, ``done``, ``failed``, ``killed``, ``interrupted``, ``paused`` or ``running``.
-    """
+    """A job of a sweep before it runs: its folder's name, its overrides, and a run's status or ``not begun``."""
 
     name: str
     overrides: tuple[str, ...]
@@ -105,11 +95,6 @@ def run_sweep(
     -------
     int
         Exit code: 0 where every job is done, 1 where one is not, 130 or 143 where a signal stopped the launch.
-
-    Raises
-    ------
-    ConfigError
-        When no job could run.
     """
     overrides_typed = read_options(typed).overrides
     if search_path:

@@ -28,25 +28,10 @@ OWN = ("job", "status", "wall_s", "peak_memory_mb", "stage", "error", "commit")
 
 
 def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Return a row for each job of a sweep, and the units of its metrics.
+    """Return a row for each job of a sweep, and the units of columns that have one.
 
-    Parameters
-    ----------
-    sweep : Path
-        Its folder.
-
-    Returns
-    -------
-    frame : DataFrame
-        Column ``job``; a column for each key that a job overrides, as text; ``status``; a column for each metric;
-        ``wall_s``, ``peak_memory_mb``, ``stage`` and ``error`` (where and why it failed) and ``commit``. By job.
-    units : dict
-        Of columns that have one.
-
-    Raises
-    ------
-    ConfigError
-        When there is no such folder.
+    The columns are ``job``; the keys that a job overrides, as text; ``status``; the metrics; ``wall_s``,
+    ``peak_memory_mb``, ``stage`` and ``error`` (where and why it failed) and ``commit``.
     """
     if not sweep.is_dir():
         raise ConfigError(f"no sweep in {sweep}; expected a folder in outputs/sweeps")

@@ -1,12 +1,17 @@
-"""What is refused, with which words, and that nothing is written then."""
+"""What a configuration may hold, also in files of one's own; what is refused, and that nothing is written then."""
 
+import hashlib
+import json
 import os
 import subprocess
 import sys
 
 import pytest
+from omegaconf import OmegaConf
 
 from tests.conftest import ROOT
+from tests.faults import ledger_of
+from tests.pipeline.conftest import refusal
 
 
 @pytest.mark.parametrize(
@@ -54,17 +59,12 @@ from tests.conftest import ROOT
     ],
 )
 def test_refuses_before_anything_is_written(toy, arguments, told):
-    result = toy(*arguments)
-    assert result.returncode == 2
-    assert told in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert not toy.outputs.exists()
+    assert told in refusal(toy, *arguments)
 
 
 def test_a_key_of_another_option_is_told_with_that_option(pamid):
-    result = pamid("plant=nominal", "plant.along=s_m", "plan=true")
-    assert result.returncode == 2
-    assert result.stderr.strip().endswith("; it is a key of plant=static_map")
+    line = refusal(pamid, "plant=nominal", "plant.along=s_m", "plan=true")
+    assert line.endswith("; it is a key of plant=static_map")
 
 
 def test_help_that_is_not_read_to_its_end_is_no_failure():
@@ -80,3 +80,85 @@ def test_a_metric_of_a_stage_that_is_left_out_is_left_out_too(toy):
     result = toy("+workflow.metrics.m={table:tried,column:score,where:{},but:{},by:mean}")
     assert result.returncode == 0, result.stderr
     assert '"metrics": {}' in (toy.runs[0] / "run.json").read_text()
+
+
+MORE = "count: 9  # numbers (count)\nlabel: more\nspoil: null\n"
+
+
+@pytest.fixture
+def more(tmp_path):
+    """A file that is an option of the group `counting`."""
+    path = tmp_path / "many more.yaml"
+    path.write_text(MORE)
+    return path
+
+
+def test_a_file_serves_as_an_option_is_noted_with_its_hash_and_counts_by_its_bytes(toy, more):
+    result = toy(f"counting={more}")
+    assert result.returncode == 0, result.stderr
+    (run,) = toy.runs
+    assert OmegaConf.load(run / "config.yaml").counting.count == 9
+    ledger = ledger_of(run)
+    digest = hashlib.sha256(MORE.encode()).hexdigest()
+    assert ledger["given"] == [{"group": "counting", "file": str(more), "sha256": digest}]
+    assert f"counting is {more} (SHA-256 {digest})" in (run / "log.txt").read_text()
+    assert f"'counting={more}'" in ledger["command"]
+    assert "everything is fresh" in toy(f"counting={more}", "plan=true").stdout
+    more.write_text(MORE.replace("9", "10"))
+    assert "config changed (counting.count 9 -> 10)" in toy(f"counting={more}", "plan=true").stdout
+
+
+def test_a_file_can_build_on_an_option_be_overridden_and_say_in_which_package_its_keys_are(toy, tmp_path):
+    few, workflow = tmp_path / "on_few.yaml", tmp_path / "workflow.yaml"
+    few.write_text("defaults:\n  - few\nlabel: mine\n")
+    workflow.write_text("# @package _global_\ndefaults:\n  - toy\nseed: 7\n")
+    result = toy(f"counting={few}", "counting.count=2", f"workflow={workflow}")
+    assert result.returncode == 0, result.stderr
+    config = OmegaConf.load(toy.runs[0] / "config.yaml")
+    assert config.counting == {"count": 2, "label": "mine", "spoil": None}
+    assert config.seed == 7
+
+
+@pytest.mark.slow
+def test_a_sweep_mixes_files_and_options(toy, more):
+    result = toy("--multirun", f"counting={more},few")
+    assert result.returncode == 0, result.stderr
+    jobs = sorted((toy.outputs / "sweeps").glob("*/counting=*"))
+    found = [(OmegaConf.load(job / "config.yaml").counting.count, "given" in ledger_of(job)) for job in jobs]
+    assert found == [(6, False), (9, True)]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (None, "no such file in "),
+        ("", "expected YAML with keys of counting, got none"),
+        ("- 1\n- 2\n", "expected YAML with keys of counting, got none"),
+        ("words\n", "expected YAML with keys of counting, got none"),
+        ("count: [1\n", "expected YAML, got expected ',' or ']'"),
+        ("count: 1\ncount: 2\n", "expected YAML, got found duplicate key count in line 2"),
+        (MORE + "cout: 3\n", "unknown key 'counting.cout': did you mean 'count'? (read from "),
+        ("count: 3\n", "missing key 'counting.label'"),
+        (MORE.replace("9", "many"), "counting.count: input should be a valid integer, got 'many'"),
+    ],
+)
+def test_refuses_a_wrong_file_in_one_line_before_anything_is_written(toy, tmp_path, text, told):
+    path = tmp_path / "mine.yaml"
+    if text is not None:
+        path.write_text(text)
+    line = refusal(toy, f"counting={path}")
+    assert told in line
+    assert str(path) in line
+
+
+def test_a_plant_in_a_file_is_simulated_as_it_is(pamid, tmp_path):
+    path = tmp_path / "amended.yaml"
+    effect = {"name": "transport_delay", "muscles": None, "delay_s": 0.01}
+    path.write_text("defaults:\n  - nominal\neffects:\n  - " + json.dumps(effect) + "\n")
+    plan = pamid("budget=tiny", f"plant={path}", "plan=true")
+    assert plan.returncode == 0, plan.stderr
+    assert f"plant={path}" in plan.stdout
+    path.write_text(path.read_text().replace("delay_s", "delay"))
+    line = refusal(pamid, "budget=tiny", f"plant={path}", "plan=true")
+    assert "effect transport_delay has no parameter 'delay'" in line
+    assert f"(read from {path})" in line
