@@ -32,13 +32,9 @@ UNTRACKED = ("ls-files", "--others", "--exclude-standard", "-z")
 class Checkout:
     """What is worth knowing of a checkout.
 
-    Parameters
-    ----------
-    facts : dict
-        ``commit``, ``clean`` and, where it is not clean, ``changes``: of the patch its ``file``, ``sha256``, ``bytes``,
-        ``complete``, and the number of ``untracked`` files; ``changes`` is None where git could not tell.
-    patch : bytes
-        What ``git apply`` takes, after lines that it passes over; empty where there is none.
+    The facts are ``commit``, ``clean`` and, where it is not clean, ``changes``: of the patch its ``file``, ``sha256``,
+    ``bytes``, ``complete``, and the number of ``untracked`` files; None where git could not tell. The patch is what
+    ``git apply`` takes.
     """
 
     facts: dict[str, Any]

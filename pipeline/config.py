@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import importlib.util
 import inspect
 import re
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.errors import PydanticSchemaGenerationError
 
 from pipeline.errors import ConfigError, suggest
@@ -100,18 +99,6 @@ class Workflow(Section):
     curves: dict[str, Curve]
     quoted: list[str]
 
-    @model_validator(mode="after")
-    def _find_package(self) -> Self:
-        if not all(part.isidentifier() for part in self.package.split(".")):
-            raise ValueError(f"package: expected the dotted name of a Python package, got {self.package!r}")
-        try:
-            found = importlib.util.find_spec(self.package)
-        except ModuleNotFoundError:
-            found = None
-        if found is not None and found.submodule_search_locations is None:
-            raise ValueError(f"package: expected a Python package, got the module '{self.package}'")
-        return self
-
 
 def _check_name(value: Any) -> Any:
     """Return a sweep's name if it can be a folder's, and is no other word's or number's."""
@@ -163,8 +150,8 @@ class Study:
 
     def target(self, stage: Stage) -> str | None:
         """Return the name of the section through which a stage asks for an outside object, or None."""
-        names = [name for name, field in stage.config.model_fields.items() if field.annotation is Target]
-        return names[0] if names else None
+        fields = stage.config.model_fields.items()
+        return next((name for name, field in fields if field.annotation is Target), None)
 
     @property
     def has_interface(self) -> bool:
@@ -172,8 +159,18 @@ class Study:
         return self.values.get(self.settings.interface) is not None
 
     def build(self, section: str) -> Any:
-        """Return the object that a ``_target_`` section describes."""
-        return build_target(self.values[section], section)
+        """Return the object that a ``_target_`` section describes; every key is validated on the way."""
+        values = self.values[section]
+        if not isinstance(values, Mapping) or not isinstance(values.get("_target_"), str):
+            raise ConfigError(f"{section}: expected a section with a _target_ (a class), got {values!r}")
+        keys = {name: value for name, value in values.items() if name != "_target_"}
+        try:
+            return _validate(find_target(values["_target_"]), keys, (section,))
+        except PydanticSchemaGenerationError:
+            raise ConfigError(
+                f"{section}._target_: expected a class whose parameters can be checked (a pydantic model or a "
+                f"dataclass), got {values['_target_']}"
+            ) from None
 
 
 def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
@@ -195,7 +192,7 @@ def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
     plain = {str(key): value for key, value in values.items()}
     settings = read_settings(plain)
     stages = order_stages(load_stages(settings.workflow.package, settings.workflow.stages))
-    return validate(plain, settings, stages), stages
+    return _validate_study(plain, settings, stages), stages
 
 
 def explain_unresolved(error: OmegaConfBaseException) -> str:
@@ -214,8 +211,7 @@ def read_settings(values: Mapping[str, Any]) -> Settings:
     return typing.cast(Settings, _validate(Settings, own, ()))
 
 
-def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]) -> Study:
-    """Validate a whole resolved configuration against everything that its stages, all of the workflow, declare."""
+def _validate_study(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]) -> Study:
     interface = settings.interface
     declared = {*Settings.model_fields, interface, *settings.workflow.quoted}
     declared.update(name for each in stages for name in each.config.model_fields)
@@ -246,41 +242,28 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
 
 
 def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
-    names = [each.name for each in stages]
+    workflow, names = settings.workflow, [each.name for each in stages]
     if settings.stages == []:
         raise ConfigError(f"stages: expected at least one, or null for all, got []; choose from: {', '.join(names)}")
     for name in settings.stages or []:
-        if name not in names:
-            raise ConfigError(
-                f"stages: no stage '{name}' in workflow {settings.workflow.name}; "
-                f"{suggest(name, names, find_today('names', name))}"
-            )
-    tables = [table.name for each in stages for table in each.writes]
-    for name in settings.workflow.headline:
-        if name not in tables:
-            raise ConfigError(
-                f"workflow.headline: no stage of workflow {settings.workflow.name} writes '{name}'; "
-                f"{suggest(name, tables, find_today('names', name))}"
-            )
+        _check_known(name, names, f"stages: no stage '{name}' in workflow {workflow.name}")
     columns = {table.name: [*table.columns] for each in stages for table in each.writes}
-    for path, table, named in _list_named_columns(settings.workflow):
-        if table not in columns:
-            _check_left_out(settings.workflow, path.rpartition(".")[0], table)
-        elif named not in columns[table]:
-            raise ConfigError(
-                f"workflow.{path}: table {table} has no column '{named}'; "
-                f"{suggest(named, columns[table], find_today('names', named))}"
-            )
+    for name in workflow.headline:
+        _check_known(name, columns, f"workflow.headline: no stage of workflow {workflow.name} writes '{name}'")
+    for path, table, named in _list_named_columns(workflow):
+        if table in columns:
+            _check_known(named, columns[table], f"workflow.{path}: table {table} has no column '{named}'")
+            continue
+        known = [
+            each.name for stage in load_stages(workflow.package) for each in stage.writes
+        ]  # this study has not all
+        problem = f"workflow.{path.rpartition('.')[0]}.table: no stage of {workflow.package} writes '{table}'"
+        _check_known(table, known, problem)
 
 
-def _check_left_out(workflow: Workflow, path: str, table: str) -> None:
-    """Check that a table which no stage of the workflow writes is of a stage that this study leaves out."""
-    known = [each.name for stage in load_stages(workflow.package) for each in stage.writes]
-    if table not in known:
-        raise ConfigError(
-            f"workflow.{path}.table: no stage of {workflow.package} writes '{table}'; "
-            f"{suggest(table, known, find_today('names', table))}"
-        )
+def _check_known(name: str, known: Collection[str], problem: str) -> None:
+    if name not in known:
+        raise ConfigError(f"{problem}; {suggest(name, known, find_today('names', name))}")
 
 
 def _list_named_columns(workflow: Workflow) -> Iterator[tuple[str, str, str]]:
@@ -324,21 +307,6 @@ def find_target(path: str) -> type:
     if inspect.isabstract(found):
         raise ConfigError(f"_target_ {path}: expected a class that can be built, got an abstract one")
     return found
-
-
-def build_target(section: Mapping[str, Any], path: str) -> Any:
-    """Build the object that a ``_target_`` section describes, validating every key on the way."""
-    if not isinstance(section, Mapping) or not isinstance(section.get("_target_"), str):
-        raise ConfigError(f"{path}: expected a section with a _target_ (a class), got {section!r}")
-    found = find_target(section["_target_"])
-    keys = {name: value for name, value in section.items() if name != "_target_"}
-    try:
-        return _validate(found, keys, (path,))
-    except PydanticSchemaGenerationError:
-        raise ConfigError(
-            f"{path}._target_: expected a class whose parameters can be checked (a pydantic model or a dataclass), "
-            f"got {section['_target_']}"
-        ) from None
 
 
 def _validate(model: type, values: Any, prefix: tuple[str, ...]) -> Any:

@@ -23,7 +23,7 @@ from pipeline.errors import TableError, WiringError
 from pipeline.files import TEMPORARY_SUFFIX, hash_file, sync_folder, write_atomically, write_json, write_text
 from pipeline.journal import SUFFIX as JOURNAL_SUFFIX
 from pipeline.journal import Journal, keep_interrupted
-from pipeline.table import Table
+from pipeline.table import Table, read_frame
 from pipeline.terminal import open_console
 from pipeline.workers import spread
 
@@ -49,14 +49,8 @@ Result = TypeVar("Result")
 class Record:
     """The record of a long loop: one part per iteration, on disk as soon as it is over.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the parts lie; its name holds the fingerprint of what made them.
-    tables : mapping of str to Table
-        Those that the stage writes.
-    check : callable
-        Raises between two iterations if the run is to stop.
+    It lies in a folder whose name holds the fingerprint of what made the parts, and has the tables that the stage
+    writes. Between two iterations, `check` raises if the run is to stop.
     """
 
     folder: Path
@@ -78,13 +72,8 @@ class Record:
     def part(self, key: tuple[object, ...], make: Callable[[], Mapping[str, pd.DataFrame]]) -> dict[str, pd.DataFrame]:
         """Return the tables of one part of the loop: read if an earlier process wrote them, else made and written.
 
-        Parameters
-        ----------
-        key : tuple
-            Names the part.
-        make : callable
-            Returns a frame for each table that the stage writes. They are read back from disk, so that a resumed loop
-            sees what an unbroken one saw.
+        What `make` returned, a frame for each table that the stage writes, is read back from disk in either case, so
+        that a resumed loop sees what an unbroken one saw.
         """
         name = self.name(key)
         place = self.folder / name
@@ -150,16 +139,15 @@ class Record:
         return keep_interrupted(self._journal_path(name), reason)
 
     def _read(self, key: str) -> dict[str, pd.DataFrame]:
-        if key not in self.frames:
-            self.frames[key] = self._read_files(self.folder / key)
-        return self.frames[key]
-
-    def _read_files(self, place: Path) -> dict[str, pd.DataFrame]:
+        if key in self.frames:
+            return self.frames[key]
+        place = self.folder / key
         try:
-            return {name: table.read_sealed(place / f"{name}.parquet") for name, table in self.tables.items()}
+            found = {name: read_frame(place / f"{name}.parquet", sealed=True) for name in self.tables}
         except TableError as error:
             told = str(error).split("; remove it")[0]
             raise TableError(f"{told}; remove the folder {place}, and this part of the loop is made again") from None
+        return self.frames.setdefault(key, found)
 
 
 @dataclass

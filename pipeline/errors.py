@@ -29,10 +29,6 @@ class InputError(PipelineError):
     """A file that a person brought does not hold what it should."""
 
 
-class WorkerError(PipelineError):
-    """A process that shared the work is gone."""
-
-
 class TakenError(PipelineError):
     """Another process has the folder of this job at work."""
 

@@ -14,6 +14,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+_PACKAGE = Path(__file__).resolve().parent
+CONFIG_FOLDER = _PACKAGE / "conf" if (_PACKAGE / "conf").is_dir() else _PACKAGE.parent / "conf"
+"""Of the configuration: beside this package in a checkout, within it once installed."""
+
 TEMPORARY_SUFFIX = ".tmp"
 READ_ONLY = 0o444
 
@@ -55,8 +59,7 @@ def write_text(path: Path, text: str, final: bool = False) -> None:
 
 def write_json(path: Path, mapping: Any, final: bool = False) -> None:
     """Write a mapping to `path` atomically, indented, with a final newline."""
-    text = json.dumps(mapping, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"), final)
+    write_text(path, json.dumps(mapping, indent=1, ensure_ascii=False, allow_nan=False) + "\n", final)
 
 
 def hash_file(path: Path) -> str:

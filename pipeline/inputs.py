@@ -73,11 +73,7 @@ def read_json(path: Path) -> Any:
 def _find_paths(value: Any, key: str) -> Iterator[tuple[str, InputPath]]:
     if isinstance(value, InputPath):
         yield key, value
-    elif isinstance(value, BaseModel):
-        yield from _find_paths(dict(value), key)
-    elif isinstance(value, Mapping):
-        for name, each in value.items():
+    elif isinstance(value, BaseModel | Mapping | list | tuple):
+        pairs = enumerate(value) if isinstance(value, list | tuple) else dict(value).items()
+        for name, each in pairs:
             yield from _find_paths(each, f"{key}.{name}" if key else str(name))
-    elif isinstance(value, list | tuple):
-        for index, each in enumerate(value):
-            yield from _find_paths(each, f"{key}.{index}")

@@ -99,7 +99,7 @@ class Ledger:
             "error": None,
             "metrics": {},
             "git": git_state(),
-            "machine": machine(),
+            "machine": _describe_machine(),
             "stages": {},
         }
         return cls(folder, facts, time.monotonic())
@@ -211,8 +211,7 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def machine() -> dict[str, Any]:
-    """Return what is worth knowing of the machine that runs this."""
+def _describe_machine() -> dict[str, Any]:
     return {
         "host": platform.node(),
         "system": platform.platform(),

@@ -36,14 +36,13 @@ def read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[
 
 
 def _reduce(values: pd.Series, by: str) -> float | str | None:
+    """Return one value of many, None where there is none that JSON can hold."""
     if values.empty:
         return None
     if by in ("first", "last") or not pd.api.types.is_numeric_dtype(values):
-        one = values.iloc[-1 if by == "last" else 0]
-        return one if isinstance(one, str) else _finite(one)
-    return _finite(values.agg(by))
-
-
-def _finite(value: Any) -> float | None:
-    """Return a number as JSON can hold it."""
-    return float(value) if math.isfinite(value) else None
+        found = values.iloc[-1 if by == "last" else 0]
+    else:
+        found = values.agg(by)
+    if isinstance(found, str):
+        return found
+    return float(found) if math.isfinite(found) else None

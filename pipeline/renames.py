@@ -13,8 +13,7 @@ from typing import Any, Literal
 
 import yaml
 
-from pipeline.files import hash_json
-from pipeline.places import CONFIG_FOLDER
+from pipeline.files import CONFIG_FOLDER, hash_json
 
 
 def update_facts(facts: Mapping[str, Any], form: int) -> dict[str, Any]:
@@ -23,16 +22,12 @@ def update_facts(facts: Mapping[str, Any], form: int) -> dict[str, Any]:
     A measured stage's record gets the fingerprint of its configuration under today's names, and says under which one
     the parts of its loop lie (``parts``).
     """
-    stages = {name: _update_record(record) for name, record in facts["stages"].items()}
+    stages = {name: {**record, "config": rename(record["config"])} for name, record in facts["stages"].items()}
+    for name, before in facts["stages"].items():
+        if before.get("measured") and stages[name]["config"] != before["config"]:
+            fingerprint = hash_json({"config": stages[name]["config"], "inputs": before["inputs"]})
+            stages[name].update(fingerprint=fingerprint, parts=before["fingerprint"])
     return {**facts, "format": form, "stages": stages}
-
-
-def _update_record(record: Mapping[str, Any]) -> dict[str, Any]:
-    config = rename(record["config"])
-    if not record.get("measured") or config == record["config"]:
-        return {**record, "config": config}
-    fingerprint = hash_json({"config": config, "inputs": record["inputs"]})
-    return {**record, "config": config, "fingerprint": fingerprint, "parts": record["fingerprint"]}
 
 
 def rename(values: Any, path: str = "") -> Any:

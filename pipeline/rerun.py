@@ -40,11 +40,6 @@ class Rerun(Runner):
     comparison: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def label(self) -> str:
-        """Name of the other run."""
-        return self.origin.name
-
-    @property
     def identity(self) -> str:
         """By which an interrupted repetition of the same run is found again, and taken for nothing else."""
         facts = self.origin.facts
@@ -52,7 +47,7 @@ class Rerun(Runner):
 
     def prepare(self) -> None:
         """Say which files are no longer what they were; refuse if what hardware measured is not whole."""
-        label = self.label
+        label = self.origin.name
         for stage in choose_stages(self.study, self.stages):
             ingredients = replace(gather(self.study, stage, {}), waiting=stage.reads)
             record = self.origin.records.get(stage.name)
@@ -70,17 +65,18 @@ class Rerun(Runner):
         record = self.origin.finished(stage.name)
         missing = [each.name for each in stage.writes if record and each.name not in record["tables"]]
         problem = f"{stage.name} is not done in it" if record is None else self.origin.damage(record)
-        if problem or missing:
+        problem = problem or (f"{stage.name} has no table {missing[0]} in it" if missing else None)
+        if problem:
             raise ConfigError(
-                f"rerun={self.label}: {problem or f'{stage.name} has no table {missing[0]} in it'}; expected what was "
-                "measured on real hardware to be whole, as it cannot be made again; restore it"
+                f"rerun={self.origin.name}: {problem}; expected what was measured on real hardware to be whole, as it "
+                "cannot be made again; restore it"
             )
 
     def print_comparison(self) -> int:
         """Print what came of it; return the exit code: 0 where all tables agree, else 1."""
         tables, measured = self.comparison["tables"], self.comparison["measured"]
         same = sum(each is None for each in tables.values())
-        self._say(f"{same} of {len(tables)} tables have the same bytes as in {self.label}")
+        self._say(f"{same} of {len(tables)} tables have the same bytes as in {self.origin.name}")
         if measured:
             self._say(f"  taken over from it, as real hardware measured them: {', '.join(measured)}")
         if same == len(tables):
@@ -96,7 +92,7 @@ class Rerun(Runner):
         return 1
 
     def _plan(self) -> list[Step]:
-        return [Step(each, "run", f"as in {self.label}") for each in choose_stages(self.study, self.stages)]
+        return [Step(each, "run", f"as in {self.origin.name}") for each in choose_stages(self.study, self.stages)]
 
     def _finished_run(self, steps: Sequence[Step]) -> Ledger | None:
         return None
@@ -106,8 +102,8 @@ class Rerun(Runner):
         if own.source:
             return own
         if self._was_measured(stage, ingredients):
-            return Step(stage, "kept", f"measured in {self.label}, and cannot be made again", self.origin)
-        return Step(stage, "run", f"made anew, to compare with {self.label}")
+            return Step(stage, "kept", f"measured in {self.origin.name}, and cannot be made again", self.origin)
+        return Step(stage, "run", f"made anew, to compare with {self.origin.name}")
 
     def _conclude(self, ledger: Ledger) -> None:
         names = [each.name for each in choose_stages(self.study, self.stages)]
@@ -117,7 +113,7 @@ class Rerun(Runner):
         tables = compare_tables(ledger, self.origin, made)
         changes = list(describe_changes(ledger, self.origin, made))
         self.comparison = {"tables": tables, "measured": measured, "changes": changes}
-        ledger.facts["rerun_of"] = {"run": self.label, "folder": str(self.origin.folder)}
+        ledger.facts["rerun_of"] = {"run": self.origin.name, "folder": str(self.origin.folder)}
         ledger.facts["comparison"] = self.comparison
 
     def _was_measured(self, stage: Stage, ingredients: Ingredients) -> bool:

@@ -16,7 +16,6 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from pipeline.checkout import keep_changes
 from pipeline.command import command_line
 from pipeline.errors import ConfigError, PipelineError, TakenError, suggest
 from pipeline.files import clear_temporaries
@@ -68,12 +67,8 @@ def _list_within(folder: Path) -> list[Path]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise _unreadable(folder, error) from None
-
-
-def _unreadable(folder: Path, error: OSError) -> PipelineError:
-    told = error.strerror or error
-    return PipelineError(f"cannot read {folder} ({told}); expected a folder; choose another with outputs=PATH")
+        told = f"cannot read {folder} ({error.strerror or error}); expected a folder; choose another with outputs=PATH"
+        raise PipelineError(told) from None
 
 
 def list_ledgers(outputs: str | Path) -> list[Ledger]:
@@ -104,15 +99,24 @@ def is_running(ledger: Ledger) -> bool:
     """Return whether a living process holds the run."""
     if not (ledger.folder / LOCK_NAME).exists():
         return False
-    lock = FileLock(ledger.folder / LOCK_NAME)
+    try:
+        lock = _lock(ledger.folder)
+    except OSError:
+        return False
+    if lock is None:
+        return True
+    lock.release()
+    return False
+
+
+def _lock(folder: Path) -> FileLock | None:
+    """Return the lock of a run, now held by this process, or None where another one holds it."""
+    lock = FileLock(folder / LOCK_NAME)
     try:
         lock.acquire(timeout=0)
     except Timeout:
-        return True
-    except OSError:
-        return False
-    lock.release()
-    return False
+        return None
+    return lock
 
 
 def live_status(ledger: Ledger) -> str:
@@ -178,11 +182,9 @@ def make_exclusively(
 
 def _take(place: Path, identity: str, arguments: list[str], sequence: int) -> Claim:
     place.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(place / LOCK_NAME)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise TakenError(f"{place}: another process has this job at work; wait for it, or stop it") from None
+    lock = _lock(place)
+    if lock is None:
+        raise TakenError(f"{place}: another process has this job at work; wait for it, or stop it")
     begun = Ledger.begin(place, identity, sequence, arguments)
     before = Ledger.read(place)
     if before is None:
@@ -201,10 +203,8 @@ def _resume(outputs: str | Path, identity: str) -> Claim | None:
     for ledger in list_ledgers(outputs):
         if ledger.facts["identity"] != identity or ledger.status == "done":
             continue
-        lock = FileLock(ledger.folder / LOCK_NAME)
-        try:
-            lock.acquire(timeout=0)
-        except Timeout:
+        lock = _lock(ledger.folder)
+        if lock is None:
             continue
         current = Ledger.read(ledger.folder)
         if current is None or current.status == "done":
@@ -233,12 +233,3 @@ def _create(outputs: str | Path, identity: str, arguments: list[str]) -> Claim:
     lock = FileLock(place / LOCK_NAME)
     lock.acquire(timeout=0)
     return Claim(Ledger.begin(place, identity, sequence, arguments), False, lock)
-
-
-@contextmanager
-def claim_job(place: Path, identity: str, arguments: Sequence[str]) -> Iterator[Ledger]:
-    """Hold the folder of a job that cannot run, to write down why."""
-    held = claim(place.parent.parent.parent, identity, arguments, place)
-    with held:
-        keep_changes(place, held.ledger.facts)
-        yield held.ledger

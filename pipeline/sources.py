@@ -31,7 +31,11 @@ def hash_sources(package: str, modules: Iterable[str]) -> dict[str, str]:
     Of a module outside the stages' package, what it imports from its own package counts, too.
     """
     root = _folder(package).parents[package.count(".")]
-    return {_relative(path, root): hash_file(path) for path in _closure(package, tuple(sorted(set(modules))))}
+    hashes = {}
+    for path in _closure(package, tuple(sorted(set(modules)))):
+        top = root if path.is_relative_to(root) else path.parents[len(_list_packages(path))]
+        hashes[path.relative_to(top).as_posix()] = hash_file(path)
+    return hashes
 
 
 def library_versions(package: str, modules: Iterable[str]) -> dict[str, str]:
@@ -39,12 +43,8 @@ def library_versions(package: str, modules: Iterable[str]) -> dict[str, str]:
     files = _closure(package, tuple(sorted(set(modules))))
     names = {name.split(".")[0] for path in files for name in _imports(path)}
     outside = names - set(sys.stdlib_module_names) - {package.split(".")[0], "pipeline"}
-    versions = {"python": platform.python_version()}
-    for name in sorted(outside):
-        version = _version(name)
-        if version:
-            versions[name] = version
-    return versions
+    found = {name: version for name in sorted(outside) if (version := _version(name))}
+    return {"python": platform.python_version(), **found}
 
 
 def list_imported_by_name(value: Any) -> Iterator[str]:
@@ -56,16 +56,12 @@ def list_imported_by_name(value: Any) -> Iterator[str]:
     if isinstance(value, BaseModel):
         yield type(value).__module__
         yield from getattr(value, IMPORTED_BY_NAME, ())
-        for each in dict(value).values():
-            yield from list_imported_by_name(each)
-    elif isinstance(value, Mapping):
-        if isinstance(value.get("_target_"), str):
-            yield value["_target_"].rpartition(".")[0]
-        for each in value.values():
-            yield from list_imported_by_name(each)
-    elif isinstance(value, list | tuple):
-        for each in value:
-            yield from list_imported_by_name(each)
+        value = dict(value)
+    elif isinstance(value, Mapping) and isinstance(value.get("_target_"), str):
+        yield value["_target_"].rpartition(".")[0]
+    held = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
+    for each in held:
+        yield from list_imported_by_name(each)
 
 
 @cache
@@ -122,11 +118,6 @@ def _folder(package: str) -> Path:
     return Path(next(iter(spec.submodule_search_locations)))
 
 
-def _relative(path: Path, root: Path) -> str:
-    top = root if path.is_relative_to(root) else path.parents[len(_list_packages(path))]
-    return path.relative_to(top).as_posix()
-
-
 @cache
 def _list_packages(path: Path) -> tuple[str, ...]:
     """Return the names of the packages that a file lies in, the outermost first."""
@@ -157,9 +148,7 @@ def _walk_imports(node: ast.AST, packages: tuple[str, ...]) -> Iterator[str]:
 
 @cache
 def _version(name: str) -> str | None:
-    for distribution in (name, {"sklearn": "scikit-learn"}.get(name, name)):
-        try:
-            return importlib.metadata.version(distribution)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return None
+    try:
+        return importlib.metadata.version({"sklearn": "scikit-learn"}.get(name, name))
+    except importlib.metadata.PackageNotFoundError:
+        return None

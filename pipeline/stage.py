@@ -9,13 +9,13 @@ stands for several tables, one per field.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import inspect
 import pkgutil
 import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import wraps
-from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 from pydantic import BaseModel
@@ -122,10 +122,7 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
 
     Each is a function in the file of its name, or in the one that its name ends with (``unseen_bank`` in ``bank.py``).
     """
-    try:
-        known = _find_modules(package)
-    except ModuleNotFoundError:
-        raise ConfigError(f"workflow.package: no Python package '{package}'") from None
+    known = _find_modules(package)
     if names is None:
         modules = [importlib.import_module(each) for each in known.values()]
         return [found for module in modules for found in vars(module).values() if isinstance(found, Stage)]
@@ -145,6 +142,12 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
 
 def _find_modules(package: str) -> dict[str, str]:
     """Return the dotted name of each file in a package and in its folders, by the file's own name."""
+    try:
+        found = importlib.util.find_spec(package) if all(each.isidentifier() for each in package.split(".")) else None
+    except ModuleNotFoundError:
+        found = None
+    if found is None or found.submodule_search_locations is None:
+        raise ConfigError(f"workflow.package: no Python package '{package}'")
     folders = [package]
     modules: dict[str, str] = {}
     for folder in folders:
@@ -170,9 +173,10 @@ def order_stages(stages: Sequence[Stage]) -> list[Stage]:
             if table.name in writer:
                 raise WiringError(f"table {table.name} is written by {writer[table.name].name} and by {each.name}")
             writer[table.name] = each
-    stages = [_leave_out(each, [name for name in each.optional if name not in writer]) for each in stages]
-    position = {each.name: index for index, each in enumerate(stages)}
-    sorter: TopologicalSorter[str] = TopologicalSorter()
+    stages = [
+        replace(each, reads=tuple(name for name in each.reads if name in writer or name not in each.optional))
+        for each in stages
+    ]
     for each in stages:
         for name in each.reads:
             if name not in writer:
@@ -180,21 +184,13 @@ def order_stages(stages: Sequence[Stage]) -> list[Stage]:
                     f"stage {each.name} reads table {name}, which no stage of this workflow writes; "
                     "add the one that does to workflow.stages"
                 )
-        sorter.add(each.name, *{writer[name].name for name in each.reads})
-    by_name = {each.name: each for each in stages}
-    try:
-        sorter.prepare()
-    except CycleError as error:
-        raise WiringError(f"stages wait for each other: {' -> '.join(error.args[1])}") from None
     ordered: list[Stage] = []
-    ready: list[str] = []
-    while sorter.is_active():
-        ready = sorted([*ready, *sorter.get_ready()], key=position.__getitem__)
-        name = ready.pop(0)
-        ordered.append(by_name[name])
-        sorter.done(name)
+    waiting = list(stages)
+    while waiting:
+        awaited = {table.name for each in waiting for table in each.writes}
+        ready = next((each for each in waiting if not awaited & {*each.reads}), None)
+        if ready is None:
+            raise WiringError(f"stages wait for each other: {', '.join(each.name for each in waiting)}")
+        ordered.append(ready)
+        waiting.remove(ready)
     return ordered
-
-
-def _leave_out(stage: Stage, absent: Sequence[str]) -> Stage:
-    return replace(stage, reads=tuple(name for name in stage.reads if name not in absent)) if absent else stage

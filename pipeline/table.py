@@ -142,29 +142,20 @@ class Table:
         """Check `frame` and write it to `path` atomically; when it is refused, `path` is as it was."""
         checked = self.check(frame, "on write")
         arrow = pyarrow.Table.from_pandas(checked, preserve_index=False)
-        fields = [
-            field.with_metadata(
-                {"unit": _unit(self.columns[field.name]), "description": self.columns[field.name].description or ""}
-            )
-            for field in arrow.schema
-        ]
-        arrow = arrow.cast(
-            pyarrow.schema(fields, metadata={**(arrow.schema.metadata or {}), b"title": self.title.encode()})
-        )
-        content = _seal(arrow)
+        described = zip(arrow.schema, self.describe(), strict=True)
+        fields = [field.with_metadata({"unit": unit, "description": told}) for field, (_, unit, told) in described]
+        metadata = {**(arrow.schema.metadata or {}), b"title": self.title.encode()}
+        content = _seal(arrow.cast(pyarrow.schema(fields, metadata=metadata)))
         write_atomically(path, lambda temporary: temporary.write_bytes(content), final=True)
 
     def read(self, path: Path) -> pd.DataFrame:
         """Read `path` and check it."""
         return self.check(read_frame(path), str(path))
 
-    def read_sealed(self, path: Path) -> pd.DataFrame:
-        """Read what `write` wrote under this very contract: its bytes are whole, so it keeps the contract."""
-        return read_frame(path, sealed=True)
-
     def describe(self) -> list[tuple[str, str, str]]:
         """Return name, unit and description of each column."""
-        return [(name, _unit(each), each.description or "") for name, each in self.columns.items()]
+        columns = self.columns.items()
+        return [(name, str((each.metadata or {}).get("unit", "1")), each.description or "") for name, each in columns]
 
 
 def read_frame(path: Path, sealed: bool = False) -> pd.DataFrame:
@@ -238,10 +229,6 @@ def _obeys(values: pd.Series, declared: pa.Column) -> bool:
         if not kept:
             return False
     return True
-
-
-def _unit(each: pa.Column) -> str:
-    return str((each.metadata or {}).get("unit", "1"))
 
 
 def _describe(failures: pd.DataFrame) -> str:

@@ -43,22 +43,8 @@ class Outcome:
 class Launch:
     """What every job of a launch has to know.
 
-    Parameters
-    ----------
-    sweep : Path
-        Folder of the sweep.
-    name : str
-        Of the launch.
-    pid : int
-        Of the process that was typed.
-    jobs : tuple of str
-        Their names, in order.
-    on_failure, on_finished : str
-        The settings of the configuration.
-    files : mapping
-        Options that lie in files of one's own, as of `pipeline.config_files`.
-    options : tuple of str
-        Of the command line, such as a folder of configurations, that a job by itself needs too.
+    The launch is of the process `pid`, that was typed; its jobs are names in order; `files` gave options of config
+    groups; `options` of the command line, such as a folder of configurations, are those that a job by itself needs too.
     """
 
     sweep: Path
@@ -77,12 +63,8 @@ class Launch:
 
     def begin(self, command: str, arguments: Sequence[str], overrides: Sequence[Sequence[str]]) -> None:
         """Write down what was typed, and the jobs that came of it."""
-        facts = {
-            "command": command,
-            "arguments": list(arguments),
-            "started": now(),
-            "jobs": [{"job": job, "overrides": list(each)} for job, each in zip(self.jobs, overrides, strict=True)],
-        }
+        jobs = [{"job": job, "overrides": list(each)} for job, each in zip(self.jobs, overrides, strict=True)]
+        facts = {"command": command, "arguments": list(arguments), "started": now(), "jobs": jobs}
         write_json(self.folder / FACTS, facts)
 
     def note(self, job: str, outcome: Outcome) -> None:

@@ -28,20 +28,9 @@ SET_PARENT_DEATH_SIGNAL = 1
 
 @dataclass(frozen=True)
 class Ending:
-    """How a process ended.
+    """How a process ended: its exit code, or the signal that killed it, whose number and 128 are the code then.
 
-    Parameters
-    ----------
-    code : int
-        Exit code; 128 and the signal's number where one killed it.
-    signal : int or None
-        Which.
-    seconds : float
-        From its start to its end.
-    peak_memory_mb : float
-        Largest resident set, MB.
-    output : str
-        The end of what it printed.
+    Further, the seconds from its start, its largest resident set in MB, and the end of what it printed.
     """
 
     code: int

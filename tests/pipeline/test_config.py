@@ -37,7 +37,7 @@ from tests.pipeline.conftest import refusal
         (["workflow.headline=[totl]"], "no stage of workflow toy writes 'totl'; did you mean 'total'?"),
         (["workflow.stages=[]"], "workflow.stages: list should have at least 1 item"),
         (["workflow.stages=[counting]"], "unknown key 'doubling', which no stage of workflow toy reads"),
-        (["workflow.package=os"], "expected a Python package, got the module 'os'"),
+        (["workflow.package=os"], "no Python package 'os'"),
         (["outputs="], "outputs: string should have at least 1 character, got ''"),
         (["counting=3"], "counting: expected the name of a file in conf/counting/"),
         (["seed==1"], "'seed==1' is no override: expected key=value"),

@@ -74,9 +74,12 @@ def test_killed_in_the_middle_of_writing_a_part(toy, reference):
     process = toy.start(SLOWLY, before=slow_down_disk)
     wait_until(process, lambda: [path for path in find_temporaries(toy) if path.parent.parent.name == "parts"])
     kill(process)
-    check_wholeness(toy.runs[0])
-    finish(toy, reference, SLOWLY)
-    assert len(toy.runs) == 1
+    (run,) = toy.runs
+    check_wholeness(run)
+    assert f"{run.name}   killed" in toy.review("list").stdout
+    assert f"resuming {run}" in finish(toy, reference, SLOWLY).stdout
+    assert toy.runs == [run]
+    assert (run / "log.txt").read_text().count("counting: done") == 1
 
 
 def test_full_disk(toy):
@@ -166,44 +169,37 @@ def test_finished_tables_are_read_only(done):
     assert len(paths) >= 6
 
 
-def truncated(path):
-    return path.read_bytes()[:-40]
-
-
 def flipped(path):
     content = bytearray(path.read_bytes())
     content[len(content) // 3] ^= 1
     return bytes(content)
 
 
-def foreign(path):
-    return (path.parent / "numbers.parquet").read_bytes()
+DAMAGES = {
+    "truncated": lambda path: path.read_bytes()[:-40],
+    "flipped": flipped,
+    "foreign": lambda path: path.with_name("numbers.parquet").read_bytes(),
+    "older": lambda path: pd.read_parquet(path).drop(columns="double").to_parquet(),
+    "missing": lambda path: pd.read_parquet(path).assign(double=float("nan")).to_parquet(),
+}
 
 
-def older(path):
-    return pd.read_parquet(path).drop(columns="double").to_parquet()
-
-
-def nan(path):
-    frame = pd.read_parquet(path)
-    return frame.assign(double=[float("nan"), *frame["double"][1:]]).to_parquet()
-
-
-@pytest.mark.parametrize("damage", [truncated, flipped, foreign, nan])
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "foreign", "missing"])
 def test_damaged_table_is_remade(done, reference, damage):
     path = done.runs[0] / "tables/doubles.parquet"
-    overwrite(path, damage(path))
+    overwrite(path, DAMAGES[damage](path))
     told = finish(done, reference).stdout
     assert f"tables/doubles.parquet of run {done.runs[0].name} is damaged" in told
     assert ledger_of(done.runs[1])["stages"]["doubling"]["origin"] == done.runs[1].name
 
 
-@pytest.mark.parametrize("damage", [truncated, older, nan])
+@pytest.mark.parametrize("damage", ["truncated", "older", "missing"])
 def test_damaged_part_is_told_and_not_taken(killed, reference, damage):
     part = sorted(find_parts(killed))[0]
-    overwrite(part / "doubles.parquet", damage(part / "doubles.parquet"))
+    path = part / "doubles.parquet"
+    overwrite(path, DAMAGES[damage](path))
     line = the_only_line(killed(SLOWLY), 1)
-    assert f"{part}/doubles.parquet" in line
+    assert str(path) in line
     assert f"remove the folder {part}, and this part of the loop is made again" in line
     shutil.rmtree(part)
     finish(killed, reference, SLOWLY)

@@ -69,7 +69,8 @@ def test_a_run_tells_the_commit_that_its_code_is_of(tmp_path):
 
 def test_a_run_whose_changes_find_no_room_is_found_again(copied):
     copied.change(f"# {'x' * 300_000}\n")
-    assert f"cannot write to {copied.runs[0]}" in the_only_line(copied(before=limit_file_size(200_000)), 1)
+    line = the_only_line(copied(before=limit_file_size(200_000)), 1)
+    assert f"cannot write to {copied.runs[0]}" in line
     again = copied()
     assert again.returncode == 0, again.stderr
     (run,) = copied.runs

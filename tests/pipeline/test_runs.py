@@ -9,8 +9,8 @@ import pytest
 
 from pipeline.ledger import Ledger
 from pipeline.plan import Ingredients, decide
-from tests.faults import find_parts, ledger_of, tables_of
-from tests.pipeline.conftest import SLOWLY, refusal, the_only_line
+from tests.faults import ledger_of, tables_of
+from tests.pipeline.conftest import refusal, the_only_line
 
 
 def origins_of(run):
@@ -94,18 +94,6 @@ def test_single_stage_refuses_stale_inputs_and_says_what_to_type(toy):
     line = refusal(toy, "stages=[adding]")
     assert "not fresh (counting: not made before; doubling: not made before)" in line
     assert "type stages=[counting,doubling,adding]" in line
-
-
-def test_killed_run_continues_at_the_next_part_with_identical_tables(killed, reference):
-    (run,) = killed.runs
-    assert len(find_parts(killed)) >= 2
-    assert f"{run.name}   killed" in killed.review("list").stdout
-    result = killed(SLOWLY)
-    assert result.returncode == 0, result.stderr
-    assert f"resuming {run}" in result.stdout
-    assert killed.runs == [run]
-    assert (run / "log.txt").read_text().count("counting: done") == 1
-    assert tables_of(run) == reference
 
 
 def test_review_lists_shows_and_helps(done):
