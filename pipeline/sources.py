@@ -21,9 +21,6 @@ from pydantic import BaseModel
 
 from pipeline.files import hash_file
 
-IMPORTED_BY_NAME = "imported_by_name"
-"""Attribute of a configuration's model: dotted names of the modules that it imports by name when it is used."""
-
 
 def hash_sources(package: str, modules: Iterable[str]) -> dict[str, str]:
     """Return the hash of every source file that modules depend on, by its path from the folder that holds the package.
@@ -55,7 +52,7 @@ def list_imported_by_name(value: Any) -> Iterator[str]:
     """
     if isinstance(value, BaseModel):
         yield type(value).__module__
-        yield from getattr(value, IMPORTED_BY_NAME, ())
+        yield from getattr(value, "imported_by_name", ())
         value = dict(value)
     elif isinstance(value, Mapping) and isinstance(value.get("_target_"), str):
         yield value["_target_"].rpartition(".")[0]

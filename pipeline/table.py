@@ -59,13 +59,9 @@ def column(
     nullable : bool
         Whether a value may be missing.
     """
-    checks = []
-    if low is not None:
-        checks.append(pa.Check.ge(low))
-    if high is not None:
-        checks.append(pa.Check.le(high))
-    if among is not None:
-        checks.append(pa.Check.isin(list(among)))
+    allowed = None if among is None else list(among)
+    limits = ((pa.Check.ge, low), (pa.Check.le, high), (pa.Check.isin, allowed))
+    checks = [check(limit) for check, limit in limits if limit is not None]
     return pa.Column(dtype, checks, nullable=nullable, description=description, metadata={"unit": unit})
 
 

@@ -130,12 +130,9 @@ def describe_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> It
     counts = Counter(each.state for each in jobs)
     told = ", ".join(f"{count} {state}" for state, count in counts.items())
     yield f"sweep {folder}: {format_count(len(jobs), 'job')} ({told})"
-    axes: dict[str, list[str]] = {}
-    for job in jobs:
-        for key, _, value in (each.partition("=") for each in job.overrides):
-            axes.setdefault(key, [])
-            if value not in axes[key]:
-                axes[key].append(value)
+    axes: dict[str, dict[str, None]] = {}
+    for key, _, value in (each.partition("=") for job in jobs for each in job.overrides):
+        axes.setdefault(key, {})[value] = None
     for key, values in axes.items():
         if len(values) > 1:
             yield f"  {key}: {', '.join(values)}"

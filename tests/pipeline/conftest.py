@@ -13,7 +13,7 @@ from tests.conftest import Command
 from tests.faults import find_parts, tables_of, wait_until
 
 CONFIG = ("--config-dir", "tests/pipeline/conf")
-TOY = (*CONFIG, "workflow=toy", "figures=[]")
+TOY = (*CONFIG, "workflow=toy", "figures=[]", "workers=1")
 SLOWLY = "doubling.pause_s=0.15"
 ALONE = ("-m", "hydra.launcher.n_jobs=1")
 """A sweep whose jobs follow each other, begun by the command's own process."""
@@ -47,6 +47,13 @@ def the_only_line(result, code=2):
     assert result.returncode == code, result.stderr
     (line,) = result.stderr.strip().splitlines()
     return line
+
+
+def success(command, *arguments, **how):
+    """Return what a command that ends well printed."""
+    result = command(*arguments, **how)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
 
 
 def refusal(command, *arguments, **how):

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from tests.conftest import ROOT
 from tests.faults import ledger_of
-from tests.pipeline.conftest import refusal
+from tests.pipeline.conftest import refusal, success
 
 
 @pytest.mark.parametrize(
@@ -77,8 +77,7 @@ def test_help_that_is_not_read_to_its_end_is_no_failure():
 
 
 def test_a_metric_of_a_stage_that_is_left_out_is_left_out_too(toy):
-    result = toy("+workflow.metrics.m={table:tried,column:score,where:{},but:{},by:mean}")
-    assert result.returncode == 0, result.stderr
+    success(toy, "+workflow.metrics.m={table:tried,column:score,where:{},but:{},by:mean}")
     assert '"metrics": {}' in (toy.runs[0] / "run.json").read_text()
 
 
@@ -94,8 +93,7 @@ def more(tmp_path):
 
 
 def test_a_file_serves_as_an_option_is_noted_with_its_hash_and_counts_by_its_bytes(toy, more):
-    result = toy(f"counting={more}")
-    assert result.returncode == 0, result.stderr
+    success(toy, f"counting={more}")
     (run,) = toy.runs
     assert OmegaConf.load(run / "config.yaml").counting.count == 9
     ledger = ledger_of(run)
@@ -112,8 +110,7 @@ def test_a_file_can_build_on_an_option_be_overridden_and_say_in_which_package_it
     few, workflow = tmp_path / "on_few.yaml", tmp_path / "workflow.yaml"
     few.write_text("defaults:\n  - few\nlabel: mine\n")
     workflow.write_text("# @package _global_\ndefaults:\n  - toy\nseed: 7\n")
-    result = toy(f"counting={few}", "counting.count=2", f"workflow={workflow}")
-    assert result.returncode == 0, result.stderr
+    success(toy, f"counting={few}", "counting.count=2", f"workflow={workflow}")
     config = OmegaConf.load(toy.runs[0] / "config.yaml")
     assert config.counting == {"count": 2, "label": "mine", "spoil": None}
     assert config.seed == 7
@@ -121,8 +118,7 @@ def test_a_file_can_build_on_an_option_be_overridden_and_say_in_which_package_it
 
 @pytest.mark.slow
 def test_a_sweep_mixes_files_and_options(toy, more):
-    result = toy("--multirun", f"counting={more},few")
-    assert result.returncode == 0, result.stderr
+    success(toy, "--multirun", f"counting={more},few")
     jobs = sorted((toy.outputs / "sweeps").glob("*/counting=*"))
     found = [(OmegaConf.load(job / "config.yaml").counting.count, "given" in ledger_of(job)) for job in jobs]
     assert found == [(6, False), (9, True)]
@@ -155,9 +151,7 @@ def test_a_plant_in_a_file_is_simulated_as_it_is(pamid, tmp_path):
     path = tmp_path / "amended.yaml"
     effect = {"name": "transport_delay", "muscles": None, "delay_s": 0.01}
     path.write_text("defaults:\n  - nominal\neffects:\n  - " + json.dumps(effect) + "\n")
-    plan = pamid("budget=tiny", f"plant={path}", "plan=true")
-    assert plan.returncode == 0, plan.stderr
-    assert f"plant={path}" in plan.stdout
+    assert f"plant={path}" in success(pamid, "budget=tiny", f"plant={path}", "plan=true")
     path.write_text(path.read_text().replace("delay_s", "delay"))
     line = refusal(pamid, "budget=tiny", f"plant={path}", "plan=true")
     assert "effect transport_delay has no parameter 'delay'" in line

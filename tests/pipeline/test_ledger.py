@@ -10,7 +10,7 @@ from pipeline import checkout
 from pipeline.checkout import LARGEST_PATCH
 from tests.conftest import ROOT
 from tests.faults import ledger_of, limit_file_size, overwrite
-from tests.pipeline.conftest import ALONE, Toy, the_only_line
+from tests.pipeline.conftest import ALONE, Toy, success, the_only_line
 
 COUNTING = "tests/pipeline/toy/counting.py"
 
@@ -58,8 +58,7 @@ def test_a_run_tells_the_commit_that_its_code_is_of(tmp_path):
     (copied.place / "tests" / "__init__.py").touch()
     copied.commit()
     copied.root, copied.anew = copied.place, True
-    result = copied("counting.count=2")
-    assert result.returncode == 0, result.stderr
+    success(copied, "counting.count=2")
     (run,) = copied.runs
     facts = ledger_of(run)
     assert facts["git"] == {"commit": copied.git("rev-parse", "HEAD").decode().strip(), "clean": True}
@@ -71,10 +70,9 @@ def test_a_run_whose_changes_find_no_room_is_found_again(copied):
     copied.change(f"# {'x' * 300_000}\n")
     line = the_only_line(copied(before=limit_file_size(200_000)), 1)
     assert f"cannot write to {copied.runs[0]}" in line
-    again = copied()
-    assert again.returncode == 0, again.stderr
+    again = success(copied)
     (run,) = copied.runs
-    assert f"resuming {run}" in again.stdout
+    assert f"resuming {run}" in again
     assert (run / "changes.patch").stat().st_size > 300_000
 
 

@@ -82,7 +82,7 @@ def test_a_run_whose_configuration_has_old_names_is_repeated(done):
     text = path.read_text().replace("operator_ui: null", "desk: null").replace("interface: operator_ui\n", "")
     assert "desk: null" in text
     path.write_text(text)
-    assert "4 of 4 tables have the same bytes" in Command(done.outputs)("rerun=latest").stdout
+    assert "4 of 4 tables have the same bytes" in Command(done.outputs)("rerun=latest", "workers=1").stdout
 
 
 def test_todays_names_are_those_of_today():

@@ -7,13 +7,13 @@ import pytest
 
 from tests.conftest import Command
 from tests.faults import check_wholeness, find_parts, ledger_of, overwrite, tables_of, wait_until
-from tests.pipeline.conftest import ALONE, CONFIG, SLOWLY, end, the_only_line
+from tests.pipeline.conftest import ALONE, CONFIG, SLOWLY, end, success, the_only_line
 
 
 @pytest.fixture
 def rerun(tmp_path):
     """The command with nothing but its outputs, to repeat what was made in the same."""
-    return Command(tmp_path / "outputs")
+    return Command(tmp_path / "outputs", "workers=1")
 
 
 @pytest.fixture
@@ -24,9 +24,7 @@ def lab(tmp_path):
 
 def repeat(rerun, run="latest", *beside):
     """Repeat a run; return what is printed where all tables agree."""
-    result = rerun(f"rerun={run}", *beside)
-    assert result.returncode == 0, result.stderr
-    return result.stdout
+    return success(rerun, f"rerun={run}", *beside)
 
 
 def test_a_run_is_made_again_whole_and_agrees(toy, rerun):
@@ -133,7 +131,7 @@ def test_a_job_of_a_sweep_and_a_run_from_elsewhere(toy, rerun, tmp_path):
     assert toy(*ALONE, "sweep=s", "seed=0,1", "doubling.digits=3").returncode == 0
     (folder,) = (each for each in (toy.outputs / "sweeps" / "s").glob("*seed=1*"))
     for name in (f"s/{folder.name}", f"s/{folder.name[:25]}"):
-        printed = repeat(rerun, name, "workers=1", "figures=[]")
+        printed = repeat(rerun, name, "figures=[]")
         assert f"4 of 4 tables have the same bytes as in s/{folder.name}" in printed
     shutil.copytree(folder, tmp_path / "from elsewhere")
     shutil.rmtree(toy.outputs)
@@ -186,7 +184,7 @@ def test_a_killed_repetition_goes_on_by_itself_and_is_taken_for_nothing_else(toy
     process = rerun.start("rerun=latest")
     wait_until(process, lambda: len(find_parts(toy)) >= 2)
     process.terminate()
-    assert f"rerun={first.name} outputs=" in the_only_line(end(process), 143)
+    assert f"rerun={first.name} workers=1 outputs=" in the_only_line(end(process), 143)
     assert "everything is fresh" in toy(SLOWLY).stdout
     shutil.copytree(first, first.with_name("2001-01-01_00-00-00"))
     assert "expected a run that is done, got one that is interrupted" in the_only_line(rerun("rerun=latest"))

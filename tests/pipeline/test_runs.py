@@ -10,7 +10,7 @@ import pytest
 from pipeline.ledger import Ledger
 from pipeline.plan import Ingredients, decide
 from tests.faults import ledger_of, tables_of
-from tests.pipeline.conftest import refusal, the_only_line
+from tests.pipeline.conftest import refusal, success, the_only_line
 
 
 def origins_of(run):
@@ -18,16 +18,13 @@ def origins_of(run):
 
 
 def test_plan_says_why_and_writes_nothing(toy):
-    result = toy("plan=true")
-    assert result.returncode == 0
-    order = [line.split()[0] for line in result.stdout.splitlines() if "not made before" in line]
+    order = [line.split()[0] for line in success(toy, "plan=true").splitlines() if "not made before" in line]
     assert order == ["counting", "doubling", "adding"]
     assert not toy.outputs.exists()
 
 
 def test_run_leaves_tables_figures_ledger_and_report(toy, reference):
-    result = toy("figures=[png]")
-    assert result.returncode == 0, result.stderr
+    result = success(toy, "figures=[png]")
     (run,) = toy.runs
     assert set(tables_of(run)) == {"numbers.parquet", "doubles.parquet", "halves.parquet", "total.parquet"}
     assert (run / "figures" / "doubles.png").stat().st_size > 1000
@@ -41,13 +38,11 @@ def test_run_leaves_tables_figures_ledger_and_report(toy, reference):
     assert "data:image/png;base64," in page
     assert "Each number&#39;s double." in page
     assert "://" not in page
-    assert "The sum of all" in result.stdout
-    assert str(run / "report.html") in result.stdout
+    assert "The sum of all" in result
+    assert str(run / "report.html") in result
     assert not (run / "parts").exists()
     assert tables_of(run) == reference
-    again = toy()
-    assert again.returncode == 0
-    assert "everything is fresh: nothing to run" in again.stdout
+    assert "everything is fresh: nothing to run" in success(toy)
     assert len(toy.runs) == 1
 
 
@@ -82,10 +77,9 @@ def test_changed_code_reruns_the_stage_and_says_which_file(toy, own_package):
 
 
 def test_single_stage_runs_again_on_the_tables_of_another_run(done):
-    result = done("stages=[adding]")
-    assert result.returncode == 0, result.stderr
-    assert "adding    ran" in result.stdout
-    assert "asked for by name" in result.stdout
+    result = success(done, "stages=[adding]")
+    assert "adding    ran" in result
+    assert "asked for by name" in result
     first, second = done.runs
     assert origins_of(second) == {"counting": first.name, "doubling": first.name, "adding": second.name}
 

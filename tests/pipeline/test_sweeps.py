@@ -12,7 +12,16 @@ import pytest
 from pipeline.sweeps.launch import new_launch_name
 from tests.conftest import Command
 from tests.faults import check_wholeness, ledger_of, limit_file_size, tables_of, wait_until
-from tests.pipeline.conftest import ALONE, CONFIG, children_of, end, refusal, the_only_line, wait_for_the_end_of
+from tests.pipeline.conftest import (
+    ALONE,
+    CONFIG,
+    children_of,
+    end,
+    refusal,
+    success,
+    the_only_line,
+    wait_for_the_end_of,
+)
 
 
 class Sweeping(Command):
@@ -97,15 +106,12 @@ def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping):
 
 
 def test_a_sweep_is_planned_run_extended_and_tabled(alone):
-    plan = alone("seed=0,1", "counting.count=2,3", "plan=true")
-    assert plan.returncode == 0
-    assert "4 jobs (4 not begun)" in plan.stdout
-    assert "seed: 0, 1" in plan.stdout
+    plan = success(alone, "seed=0,1", "counting.count=2,3", "plan=true")
+    assert "4 jobs (4 not begun)" in plan
+    assert "seed: 0, 1" in plan
     assert not alone.outputs.exists()
     assert alone("seed=0,1", "counting.count=2").returncode == 0
-    more = alone("seed=0,1", "counting.count=2,3")
-    assert more.returncode == 0
-    assert "4 jobs (2 done, 2 not begun)" in more.stdout
+    assert "4 jobs (2 done, 2 not begun)" in success(alone, "seed=0,1", "counting.count=2,3")
     assert alone.count("ended") == {0: 2, 1: 2}
     table = alone.table.set_index("seed")
     assert sorted(table["counting.count"]) == ["2", "2", "3", "3"]
@@ -184,8 +190,7 @@ def test_a_full_disk_loses_nothing(sweeping):
     assert result.returncode == 1
     for job in sweeping.sweep.glob("[!.]*/"):
         check_wholeness(job)
-    again = sweeping(*more)
-    assert again.returncode == 0, again.stderr
+    success(sweeping, *more)
     assert {*sweeping.statuses} == {"done"}
 
 
@@ -196,20 +201,16 @@ def test_a_copied_sweep_is_whole_elsewhere(alone, tmp_path):
     shutil.rmtree(alone.outputs)
     (other.sweep / "sweep.parquet").unlink()
     other.environment |= {"TOY_MENDED": "yes"}
-    result = other("seed=0,1,2", "trying.fail_at=[1]", "on_failure=stop")
-    assert result.returncode == 0, result.stderr
-    assert "3 jobs (1 done, 1 failed, 1 not begun)" in result.stdout
+    result = success(other, "seed=0,1,2", "trying.fail_at=[1]", "on_failure=stop")
+    assert "3 jobs (1 done, 1 failed, 1 not begun)" in result
     assert other.count("ended") == {1: 1, 2: 1}
     assert {*other.statuses} == {"done"}
 
 
 def test_one_job_after_the_other_without_the_parallel_launcher(sweeping):
-    result = sweeping("seed=0,1", "hydra/launcher=basic")
-    assert result.returncode == 0, result.stderr
+    success(sweeping, "seed=0,1", "hydra/launcher=basic")
     assert sweeping.log.read_text().splitlines() == ["begun 0", "ended 0", "begun 1", "ended 1"]
-    again = sweeping("seed=0,1", "hydra/launcher=basic", "on_finished=refresh")
-    assert again.returncode == 0, again.stderr
-    assert "(done before)" in again.stdout
+    assert "(done before)" in success(sweeping, "seed=0,1", "hydra/launcher=basic", "on_finished=refresh")
     assert sweeping.count("begun") == {0: 1, 1: 1}
 
 
@@ -227,9 +228,7 @@ def test_a_missing_value_or_a_stage_that_cannot_be_imported_fails_its_job_alone(
 
 
 def test_help_runs_nothing(sweeping):
-    result = sweeping("--help", apart=False)
-    assert result.returncode == 0
-    assert "== Choices of a group" in result.stdout
+    assert "== Choices of a group" in success(sweeping, "--help", apart=False)
     assert not sweeping.outputs.exists()
 
 
