@@ -176,12 +176,8 @@ class Study:
 def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
     """Validate a composed configuration against the stages of its workflow, returned in the order of the data.
 
-    Raises
-    ------
-    ConfigError
-        For the first key that is unknown, missing or wrong; the nearest known name is offered.
-    WiringError
-        When the stages do not fit together.
+    A ConfigError tells the first key that is unknown, missing or wrong, with the nearest known name; a WiringError,
+    that the stages do not fit together.
     """
     try:
         values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)

@@ -177,10 +177,7 @@ def choose_stages(study: Study, stages: Sequence[Stage]) -> list[Stage]:
 def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) -> list[Step]:
     """Plan all stages of a workflow, or those asked for by name with what they need; ledgers come newest first.
 
-    Raises
-    ------
-    ConfigError
-        When stages are asked for by name and a table they read is not fresh.
+    A ConfigError says that stages are asked for by name and a table they read is not fresh.
     """
     asked = study.settings.stages
     steps: list[Step] = []

@@ -90,12 +90,9 @@ class Runner:
             self._say(f"to run it: {command_line([each for each in self.arguments if not each.startswith('plan=')])}")
 
     def run(self) -> int:
-        """Run the workflow; a PipelineError says that the run cannot begin.
+        """Run the workflow, unless a PipelineError says that the run cannot begin.
 
-        Returns
-        -------
-        int
-            Exit code: 0 done, 1 a stage failed, 3 paused for a person, 130 Ctrl-C, 143 SIGTERM.
+        The exit code is 0 done, 1 a stage failed, 3 paused for a person, 130 Ctrl-C, 143 SIGTERM.
         """
         steps = self._plan()
         finished = self._finished_run(steps)
@@ -104,17 +101,15 @@ class Runner:
                 self._print_step(step)
             self._finish(finished, "everything is fresh: nothing to run")
             return 0
-        with watch() as signals:
-            held = claim(self.outputs, self.identity, self.arguments, self.place)
-            with held:
-                try:
-                    with _log_file(held.ledger.folder):
-                        return self._run_claimed(held, [step.stage for step in steps], signals)
-                except OSError as error:
-                    return self._refuse(held.ledger, error)
-                finally:
-                    if self._interface is not None:
-                        self._interface.close()
+        with watch() as signals, claim(self.outputs, self.identity, self.arguments, self.place) as held:
+            try:
+                with _log_file(held.ledger.folder):
+                    return self._run_claimed(held, [step.stage for step in steps], signals)
+            except OSError as error:
+                return self._refuse(held.ledger, error)
+            finally:
+                if self._interface is not None:
+                    self._interface.close()
 
     def _run_claimed(self, held: Claim, stages: Sequence[Stage], signals: Watch) -> int:
         ledger, stage = held.ledger, stages[0]

@@ -10,9 +10,9 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import NamedTuple
 
 from filelock import FileLock, Timeout
 
@@ -29,19 +29,12 @@ LOOK_S = 0.2
 """Between two looks whether another process is done with a stage, s."""
 
 
-@dataclass(frozen=True)
-class Claim:
+class Claim(NamedTuple):
     """A run that this process may write, whether it was begun before, and the lock held until this context ends."""
 
     ledger: Ledger
     resumed: bool
     lock: FileLock
-
-    def __enter__(self) -> Claim:
-        return self
-
-    def __exit__(self, *failure: object) -> None:
-        self.lock.release(force=True)
 
 
 def runs_folder(outputs: str | Path) -> Path:
@@ -133,23 +126,26 @@ def describe_status(folder: Path, ledger: Ledger | None, empty: str = "no ledger
     return "unreadable" if not os.access(folder, os.X_OK) or (folder / FILE_NAME).exists() else empty
 
 
-def claim(outputs: str | Path, identity: str, arguments: Sequence[str], place: Path | None = None) -> Claim:
+@contextmanager
+def claim(outputs: str | Path, identity: str, arguments: Sequence[str], place: Path | None = None) -> Iterator[Claim]:
     """Claim the newest unfinished run of this study that nobody holds, or make a new one, or claim a given `place`.
 
-    Raises
-    ------
-    PipelineError
-        When the folder cannot be written, or another process holds it.
+    A PipelineError says that the folder cannot be written, or that another process holds it.
     """
     try:
         if place is not None:
-            return _take(place, identity, list(arguments), _next_sequence(outputs))
-        return _resume(outputs, identity) or _create(outputs, identity, list(arguments))
+            held = _take(place, identity, list(arguments), _next_sequence(outputs))
+        else:
+            held = _resume(outputs, identity) or _create(outputs, identity, list(arguments))
     except OSError as error:
         raise PipelineError(
             f"cannot write to {error.filename or runs_folder(outputs)} ({error.strerror or error}); "
             "free the folder or choose another with outputs=PATH"
         ) from None
+    try:
+        yield held
+    finally:
+        held.lock.release(force=True)
 
 
 @contextmanager

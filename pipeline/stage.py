@@ -27,26 +27,13 @@ from pipeline.table import Table
 
 @dataclass(frozen=True)
 class Stage:
-    """One step of a workflow.
+    """One step of a workflow, by the name of its function and of its config group.
 
-    Parameters
-    ----------
-    name : str
-        Name of the function and of its config group.
-    function : callable
-        Called with ``cfg``, the tables it reads, and ``ctx``, by name.
-    config : type of BaseModel
-        Its fields are the top-level config sections that the stage reads, and nothing else of the config reaches it.
-    reads : tuple of str
-        Names of tables.
-    writes : tuple of Table
-        In the order in which the function returns them.
-    optional : tuple of str
-        Those of `reads` that a workflow may lack.
-    preview : callable or None
-        Takes the stage's config and returns lines that the plan shows, of what it would make of files that it reads.
-    stream : str or None
-        From which, with the seed, its random numbers come, whatever the stage is called; None where it draws none.
+    The function is called with ``cfg``, the tables it reads, and ``ctx``, by name; it returns the tables it writes, in
+    their order. The fields of its config are the top-level sections that reach it. A workflow may lack the `optional`
+    ones of the tables it reads. A `preview` takes the config and returns lines that the plan shows, of what the stage
+    would make of files that it reads. From the `stream`, with the seed, its random numbers come, whatever the stage is
+    called; None where it draws none.
     """
 
     name: str
@@ -147,7 +134,7 @@ def _find_modules(package: str) -> dict[str, str]:
     except ModuleNotFoundError:
         found = None
     if found is None or found.submodule_search_locations is None:
-        raise ConfigError(f"workflow.package: no Python package '{package}'")
+        raise ConfigError(f"workflow.package: expected the dotted name of a Python package, got {package!r}")
     folders = [package]
     modules: dict[str, str] = {}
     for folder in folders:

@@ -85,7 +85,7 @@ def test_what_changed_since_is_told(toy, rerun, own_package):
         assert told in result.stdout[result.stdout.index("3 of 4 tables") :]
     shutil.rmtree(own_package)
     gone = the_only_line(rerun(f"rerun={first.name}"))
-    assert "no Python package 'copied_toy'" in gone
+    assert "expected the dotted name of a Python package, got 'copied_toy'" in gone
     assert "it ran with commit 0123456789" in gone
 
 
