@@ -99,6 +99,6 @@ def _describe_values(name: str, before: pd.Series, after: pd.Series) -> str | No
     count = int(unequal.sum())
     if not count:
         return None
-    isfloat = pd.api.types.is_float_dtype(before)
-    most = f", by at most {(before - after)[unequal].abs().max():.3g}" if isfloat else ""
+    floats = pd.api.types.is_float_dtype(before)
+    most = f", by at most {(before - after)[unequal].abs().max():.3g}" if floats else ""
     return f"{name} differs in {count} of {len(before)} rows{most}"

@@ -90,8 +90,9 @@ class JobTask:
             same = before.facts["identity"] == study.identity
             return Outcome("kept"), "" if same else "with another configuration; on_finished=refresh runs it again"
         _warm_up(study, stages)
+        runner = Runner(study, stages, arguments, open_console(quiet=True), given, folder, ONE_WORKER)
         ending = run_in_subprocess(
-            lambda: self._run(study, stages, job, arguments, given),
+            lambda: _run(runner),
             lambda: self.launch.stop == STOPPED_BY_SIGNAL,
             follow_parent=os.getpid() != self.launch.pid,
         )
@@ -102,18 +103,6 @@ class JobTask:
         if ended is not None and ended.status == "killed":
             try_report(ended, study, stages)
         return outcome
-
-    def _run(
-        self, study: Study, stages: list[Stage], job: str, arguments: list[str], given: list[dict[str, str]]
-    ) -> int:
-        runner = Runner(study, stages, arguments, open_console(quiet=True), given, self.launch.sweep / job, ONE_WORKER)
-        try:
-            return runner.run()
-        except TakenError:
-            return TAKEN
-        except PipelineError as error:
-            complain(str(error))
-            return 2
 
     def _describe(self, ledger: Ledger | None, ending: Ending) -> tuple[Outcome, str]:
         """Return what became of a job that was run, and why; note in its ledger what it could not note itself."""
@@ -152,6 +141,16 @@ class JobTask:
         took = f"{outcome.seconds:7.1f} s" if outcome.seconds else " " * 9
         line = f"  {number:>{width}}/{len(self.launch.jobs)}  [{colour}]{outcome.word:<11}[/]{took}  "
         open_console().print(line + escape(f"{job}  {told}".rstrip()), soft_wrap=True, highlight=False)
+
+
+def _run(runner: Runner) -> int:
+    try:
+        return runner.run()
+    except TakenError:
+        return TAKEN
+    except PipelineError as error:
+        complain(str(error))
+        return 2
 
 
 @cache
