@@ -16,14 +16,8 @@ if __name__ == "__main__":
 
     leave_at_once(command_line(sys.argv[1:]))
 
-for _variable in (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "NUMBA_NUM_THREADS",
-):
-    os.environ[_variable] = "1"
+for _library in ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "VECLIB_MAXIMUM", "NUMBA_NUM"):
+    os.environ[f"{_library}_THREADS"] = "1"
 os.environ.setdefault("MPLBACKEND", "Agg")
 gc.set_threshold(100_000)  # looking for cycles among so many objects that stay took a tenth of a run
 
@@ -42,9 +36,9 @@ from omegaconf.errors import OmegaConfBaseException
 from pipeline.command import command_line
 from pipeline.config_files import read_choices
 from pipeline.errors import ConfigError, PipelineError, suggest
+from pipeline.files import CONFIG_FOLDER
 from pipeline.interruption import Interrupted, ignore_from_now_on
 from pipeline.options import put_options_first, read_options
-from pipeline.places import CONFIG_FOLDER
 from pipeline.renames import find_today
 from pipeline.terminal import complain
 
@@ -104,8 +98,7 @@ def main() -> int:
         complain(explain(error))
         return 2
     except Interrupted as stop:
-        line = f"{stop}; to continue, type: {command_line(typed)}"
-        complain(line)
+        complain(f"{stop}; to continue, type: {command_line(typed)}")
         return stop.code
     except Exception as error:
         if debugging:
@@ -117,8 +110,7 @@ def main() -> int:
             complain(f"{explain(error)}; python -m pipeline --help shows what can be set")
             return 2
         line = f"{type(error).__name__}: {error}".splitlines()[0]
-        command = f"HYDRA_FULL_ERROR=1 {command_line(typed)}"
-        complain(f"{line}; for the traceback, type: {command}")
+        complain(f"{line}; for the traceback, type: HYDRA_FULL_ERROR=1 {command_line(typed)}")
         return 1
     return max(codes, default=0)
 
@@ -188,14 +180,9 @@ def _explain_unknown(path: str, known: Mapping[str, object]) -> str:
         if beside and parts[depth - 1] not in beside:
             return f"unknown key '{'.'.join(parts[:depth])}': {suggest(parts[depth - 1], beside)}"
     told = f"unknown key '{path}': {suggest(parts[-1], known)}"
-    others = _list_options_with(parts[0], parts[1]) if len(parts) == 2 else []
+    files = sorted((CONFIG_FOLDER / parts[0]).glob("*.yaml")) if len(parts) == 2 else []
+    others = [each.stem for each in files if parts[1] in (OmegaConf.load(each) or {})]
     return f"{told}; it is a key of {parts[0]}={' or '.join(others)}" if others and "did you mean" not in told else told
-
-
-def _list_options_with(group: str, key: str) -> list[str]:
-    """Return the options of a group that have a key."""
-    files = sorted((CONFIG_FOLDER / group).glob("*.yaml"))
-    return [each.stem for each in files if key in (OmegaConf.load(each) or {})]
 
 
 def list_groups(arguments: list[str]) -> list[str]:

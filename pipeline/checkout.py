@@ -32,14 +32,9 @@ UNTRACKED = ("ls-files", "--others", "--exclude-standard", "-z")
 class Checkout:
     """What is worth knowing of a checkout.
 
-    Parameters
-    ----------
-    facts : dict
-        ``commit``, ``clean`` and, where it is not clean, ``changes``: of the patch its ``file``, ``sha256``, ``bytes``,
-        ``complete``, and the number of ``untracked`` files, of which it has just the names. ``changes`` is None where
-        git could not tell.
-    patch : bytes
-        What ``git apply`` takes, after lines that it passes over; empty where there is none.
+    The facts are ``commit``, ``clean`` and, where it is not clean, ``changes``: of the patch its ``file``, ``sha256``,
+    ``bytes``, ``complete``, and the number of ``untracked`` files; None where git could not tell. The patch is what
+    ``git apply`` takes.
     """
 
     facts: dict[str, Any]
@@ -91,12 +86,7 @@ def describe_commit(git: Mapping[str, Any] | None) -> str:
 def keep_changes(folder: Path, facts: dict[str, Any]) -> None:
     """Leave in a run's folder what was changed in the checkout since its commit.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    facts : dict
-        Of its ledger. What a run was begun with stays; if it is continued with other code, facts of that are added.
+    What a run was begun with stays; if it is continued with other code, facts of that are added to its ledger's.
     """
     found = look_at_checkout()
     kept = facts.get("git")
@@ -142,11 +132,5 @@ def _introduce(commit: str, complete: bool, untracked: Sequence[bytes]) -> bytes
 
 
 def _ask_git(root: Path, arguments: Sequence[str]) -> bytes:
-    """Return what git answers.
-
-    Raises
-    ------
-    OSError, SubprocessError
-        When git is not there, takes too long, or refuses.
-    """
+    """Return what git answers; an OSError or SubprocessError says that it is absent, takes too long, or refuses."""
     return subprocess.run(["git", *arguments], cwd=root, capture_output=True, timeout=PATIENCE_S, check=True).stdout

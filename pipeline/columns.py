@@ -14,8 +14,8 @@ from pathlib import Path
 import yaml
 
 from pipeline.errors import ConfigError, PipelineError
+from pipeline.files import CONFIG_FOLDER
 from pipeline.inputs import InputPath
-from pipeline.places import CONFIG_FOLDER
 from pipeline.terminal import complain, open_console, say
 
 
@@ -26,9 +26,12 @@ def main(arguments: list[str] | None = None) -> int:
         description="Tell what a measured file holds, and print the command with the map of its columns.",
     )
     parser.add_argument("file", metavar="FILE", help="a table (.parquet, .csv, .mat, ...), or a folder with one")
-    options = parser.parse_args(arguments)
+    file = parser.parse_args(arguments).file
     try:
-        lines = describe(options.file)
+        if not Path(file).exists():
+            raise ConfigError(f"expected the path of a file, got {file!r}, which is not in {Path.cwd()}")
+        module, _, name = yaml.safe_load((CONFIG_FOLDER / "columns.yaml").read_text())["describe"].rpartition(".")
+        lines: list[str] = getattr(import_module(module), name)(InputPath(file))
     except PipelineError as error:
         complain(str(error))
         return 2
@@ -36,21 +39,6 @@ def main(arguments: list[str] | None = None) -> int:
     for line in lines:
         say(line, console)
     return 0
-
-
-def describe(file: str) -> list[str]:
-    """Return the lines that the configured function tells of a file.
-
-    Raises
-    ------
-    PipelineError
-        When the file cannot be read.
-    """
-    if not Path(file).exists():
-        raise ConfigError(f"expected the path of a file, got {file!r}, which is not in {Path.cwd()}")
-    module, _, name = yaml.safe_load((CONFIG_FOLDER / "columns.yaml").read_text())["describe"].rpartition(".")
-    told: list[str] = getattr(import_module(module), name)(InputPath(file))
-    return told
 
 
 if __name__ == "__main__":

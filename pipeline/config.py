@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import importlib.util
 import inspect
 import re
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.errors import PydanticSchemaGenerationError
 
 from pipeline.errors import ConfigError, suggest
@@ -42,11 +41,8 @@ class View(BaseModel):
 class Section(BaseModel):
     """A group of config keys: all required, none unknown, finite numbers, types as written.
 
-    Attributes
-    ----------
-    checks : tuple of type of View
-        On a stage's model: what must fit together beyond the sections that the stage reads. The fields of a view are
-        top-level sections; it is validated with the configuration and reaches no stage.
+    A stage's model may name in `checks` what must fit together beyond the sections that the stage reads. The fields of
+    a view are top-level sections; it is validated with the configuration and reaches no stage.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -103,18 +99,6 @@ class Workflow(Section):
     curves: dict[str, Curve]
     quoted: list[str]
 
-    @model_validator(mode="after")
-    def _find_package(self) -> Self:
-        if not all(part.isidentifier() for part in self.package.split(".")):
-            raise ValueError(f"package: expected the dotted name of a Python package, got {self.package!r}")
-        try:
-            found = importlib.util.find_spec(self.package)
-        except ModuleNotFoundError:
-            found = None
-        if found is not None and found.submodule_search_locations is None:
-            raise ValueError(f"package: expected a Python package, got the module '{self.package}'")
-        return self
-
 
 def _check_name(value: Any) -> Any:
     """Return a sweep's name if it can be a folder's, and is no other word's or number's."""
@@ -145,15 +129,7 @@ class Settings(Section):
 
 @dataclass(frozen=True)
 class Study:
-    """A validated configuration.
-
-    Parameters
-    ----------
-    settings : Settings
-        What the pipeline reads.
-    values : dict
-        The whole resolved configuration as plain values.
-    """
+    """A validated configuration: what the pipeline reads of it, and the whole, resolved, as plain values."""
 
     settings: Settings
     values: dict[str, Any]
@@ -174,8 +150,8 @@ class Study:
 
     def target(self, stage: Stage) -> str | None:
         """Return the name of the section through which a stage asks for an outside object, or None."""
-        names = [name for name, field in stage.config.model_fields.items() if field.annotation is Target]
-        return names[0] if names else None
+        fields = stage.config.model_fields.items()
+        return next((name for name, field in fields if field.annotation is Target), None)
 
     @property
     def has_interface(self) -> bool:
@@ -183,24 +159,25 @@ class Study:
         return self.values.get(self.settings.interface) is not None
 
     def build(self, section: str) -> Any:
-        """Return the object that a ``_target_`` section describes."""
-        return build_target(self.values[section], section)
+        """Return the object that a ``_target_`` section describes; every key is validated on the way."""
+        values = self.values[section]
+        if not isinstance(values, Mapping) or not isinstance(values.get("_target_"), str):
+            raise ConfigError(f"{section}: expected a section with a _target_ (a class), got {values!r}")
+        keys = {name: value for name, value in values.items() if name != "_target_"}
+        try:
+            return _validate(find_target(values["_target_"]), keys, (section,))
+        except PydanticSchemaGenerationError:
+            raise ConfigError(
+                f"{section}._target_: expected a class whose parameters can be checked (a pydantic model or a "
+                f"dataclass), got {values['_target_']}"
+            ) from None
 
 
 def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
-    """Validate a composed configuration against the stages that its workflow names.
+    """Validate a composed configuration against the stages of its workflow, returned in the order of the data.
 
-    Returns
-    -------
-    tuple of Study and list of Stage
-        The stages in the order of the data.
-
-    Raises
-    ------
-    ConfigError
-        For the first key that is unknown, missing or wrong.
-    WiringError
-        When the stages do not fit together.
+    A ConfigError tells the first key that is unknown, missing or wrong, with the nearest known name; a WiringError,
+    that the stages do not fit together.
     """
     try:
         values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
@@ -211,7 +188,7 @@ def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
     plain = {str(key): value for key, value in values.items()}
     settings = read_settings(plain)
     stages = order_stages(load_stages(settings.workflow.package, settings.workflow.stages))
-    return validate(plain, settings, stages), stages
+    return _validate_study(plain, settings, stages), stages
 
 
 def explain_unresolved(error: OmegaConfBaseException) -> str:
@@ -225,34 +202,12 @@ def explain_unresolved(error: OmegaConfBaseException) -> str:
 
 
 def read_settings(values: Mapping[str, Any]) -> Settings:
-    """Validate the pipeline's own keys.
-
-    Raises
-    ------
-    ConfigError
-        Naming the key, what was expected and what was found.
-    """
+    """Validate the pipeline's own keys."""
     own = {name: values[name] for name in Settings.model_fields if name in values}
     return typing.cast(Settings, _validate(Settings, own, ()))
 
 
-def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]) -> Study:
-    """Validate a whole configuration against everything that its stages declare.
-
-    Parameters
-    ----------
-    values : dict
-        The resolved configuration as plain values.
-    settings : Settings
-        From `read_settings`.
-    stages : sequence of Stage
-        All stages of the workflow.
-
-    Raises
-    ------
-    ConfigError
-        For the first key that is unknown, missing or wrong; the nearest known name is offered.
-    """
+def _validate_study(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]) -> Study:
     interface = settings.interface
     declared = {*Settings.model_fields, interface, *settings.workflow.quoted}
     declared.update(name for each in stages for name in each.config.model_fields)
@@ -283,41 +238,28 @@ def validate(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]
 
 
 def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
-    names = [each.name for each in stages]
+    workflow, names = settings.workflow, [each.name for each in stages]
     if settings.stages == []:
         raise ConfigError(f"stages: expected at least one, or null for all, got []; choose from: {', '.join(names)}")
     for name in settings.stages or []:
-        if name not in names:
-            raise ConfigError(
-                f"stages: no stage '{name}' in workflow {settings.workflow.name}; "
-                f"{suggest(name, names, find_today('names', name))}"
-            )
-    tables = [table.name for each in stages for table in each.writes]
-    for name in settings.workflow.headline:
-        if name not in tables:
-            raise ConfigError(
-                f"workflow.headline: no stage of workflow {settings.workflow.name} writes '{name}'; "
-                f"{suggest(name, tables, find_today('names', name))}"
-            )
+        _check_known(name, names, f"stages: no stage '{name}' in workflow {workflow.name}")
     columns = {table.name: [*table.columns] for each in stages for table in each.writes}
-    for path, table, named in _list_named_columns(settings.workflow):
-        if table not in columns:
-            _check_left_out(settings.workflow, path.rpartition(".")[0], table)
-        elif named not in columns[table]:
-            raise ConfigError(
-                f"workflow.{path}: table {table} has no column '{named}'; "
-                f"{suggest(named, columns[table], find_today('names', named))}"
-            )
+    for name in workflow.headline:
+        _check_known(name, columns, f"workflow.headline: no stage of workflow {workflow.name} writes '{name}'")
+    for path, table, named in _list_named_columns(workflow):
+        if table in columns:
+            _check_known(named, columns[table], f"workflow.{path}: table {table} has no column '{named}'")
+            continue
+        known = [
+            each.name for stage in load_stages(workflow.package) for each in stage.writes
+        ]  # this study has not all
+        problem = f"workflow.{path.rpartition('.')[0]}.table: no stage of {workflow.package} writes '{table}'"
+        _check_known(table, known, problem)
 
 
-def _check_left_out(workflow: Workflow, path: str, table: str) -> None:
-    """Check that a table which no stage of the workflow writes is of a stage that this study leaves out."""
-    known = [each.name for stage in load_stages(workflow.package) for each in stage.writes]
-    if table not in known:
-        raise ConfigError(
-            f"workflow.{path}.table: no stage of {workflow.package} writes '{table}'; "
-            f"{suggest(table, known, find_today('names', table))}"
-        )
+def _check_known(name: str, known: Collection[str], problem: str) -> None:
+    if name not in known:
+        raise ConfigError(f"{problem}; {suggest(name, known, find_today('names', name))}")
 
 
 def _list_named_columns(workflow: Workflow) -> Iterator[tuple[str, str, str]]:
@@ -343,13 +285,7 @@ def _check_target(study: Study, section: str) -> None:
 
 
 def find_target(path: str) -> type:
-    """Import the class that a ``_target_`` names.
-
-    Raises
-    ------
-    ConfigError
-        When the module or the class does not exist.
-    """
+    """Import the class that a ``_target_`` names."""
     module_name, _, class_name = path.rpartition(".")
     if not all(part.isidentifier() for part in path.split(".")):
         raise ConfigError(f"_target_: expected the dotted name of a class, as package.module.Class, got {path!r}")
@@ -367,27 +303,6 @@ def find_target(path: str) -> type:
     if inspect.isabstract(found):
         raise ConfigError(f"_target_ {path}: expected a class that can be built, got an abstract one")
     return found
-
-
-def build_target(section: Mapping[str, Any], path: str) -> Any:
-    """Build the object that a ``_target_`` section describes, validating every key on the way.
-
-    Raises
-    ------
-    ConfigError
-        When the class refuses a key or value.
-    """
-    if not isinstance(section, Mapping) or not isinstance(section.get("_target_"), str):
-        raise ConfigError(f"{path}: expected a section with a _target_ (a class), got {section!r}")
-    found = find_target(section["_target_"])
-    keys = {name: value for name, value in section.items() if name != "_target_"}
-    try:
-        return _validate(found, keys, (path,))
-    except PydanticSchemaGenerationError:
-        raise ConfigError(
-            f"{path}._target_: expected a class whose parameters can be checked (a pydantic model or a dataclass), "
-            f"got {section['_target_']}"
-        ) from None
 
 
 def _validate(model: type, values: Any, prefix: tuple[str, ...]) -> Any:

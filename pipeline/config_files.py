@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
@@ -25,26 +25,9 @@ PACKAGE = re.compile(r"^#\s*@package\s+(\S+)", re.MULTILINE)
 
 
 def read_choices(arguments: Sequence[str], groups: Collection[str]) -> tuple[list[str], dict[str, dict[str, str]]]:
-    """Store every file that the command line names as a group's option.
+    """Store every file that the command line names as an option of one of the config groups.
 
-    Parameters
-    ----------
-    arguments : sequence of str
-        As typed.
-    groups : collection of str
-        Names of the config groups.
-
-    Returns
-    -------
-    arguments : list of str
-        With options in place of files; the others as they were.
-    files : dict of str to dict
-        By option: group, file as typed, and SHA-256.
-
-    Raises
-    ------
-    ConfigError
-        When a file is missing or holds no keys.
+    Out flow the arguments with options in place of files and, by option, the group, the file as typed, and its SHA-256.
     """
     files: dict[str, dict[str, str]] = {}
     return [_replace(each, groups, files) for each in arguments], files
@@ -72,8 +55,12 @@ def _store(group: str, file: str, files: dict[str, dict[str, str]]) -> str:
         told = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigError(f"{group}={file}: cannot be read ({told})") from None
     except (YAMLError, OmegaConfBaseException) as error:
-        raise ConfigError(f"{group}={file}: expected YAML, got {_describe(error)}") from None
-    if not isinstance(node, DictConfig) or not node or not _has_values(node):
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or (str(error).splitlines() or [type(error).__name__])[0]
+        where = f" in line {mark.line + 1}" if mark else ""
+        raise ConfigError(f"{group}={file}: expected YAML, got {problem}{where}") from None
+    plain: Any = OmegaConf.to_container(node, resolve=False)
+    if not isinstance(plain, dict) or list(plain.values()) in ([], [None]):
         raise ConfigError(f"{group}={file}: expected YAML with keys of {group}, got none")
     digest = hash_file(path)
     option = f"{re.sub(r'[^0-9a-zA-Z]', '_', path.stem)}_{digest[:8]}"
@@ -81,14 +68,3 @@ def _store(group: str, file: str, files: dict[str, dict[str, str]]) -> str:
     ConfigStore.instance().store(group=group, name=option, node=node, package=package[1] if package else None)
     files[option] = {"group": group, "file": file, "sha256": digest}
     return option
-
-
-def _has_values(node: DictConfig) -> bool:
-    plain: Any = OmegaConf.to_container(node, resolve=False)
-    return not (len(plain) == 1 and next(iter(plain.values())) is None)
-
-
-def _describe(error: Exception) -> str:
-    mark = getattr(error, "problem_mark", None)
-    problem = getattr(error, "problem", None) or (str(error).splitlines() or [type(error).__name__])[0]
-    return f"{problem} in line {mark.line + 1}" if mark else problem

@@ -23,7 +23,7 @@ from pipeline.errors import TableError, WiringError
 from pipeline.files import TEMPORARY_SUFFIX, hash_file, sync_folder, write_atomically, write_json, write_text
 from pipeline.journal import SUFFIX as JOURNAL_SUFFIX
 from pipeline.journal import Journal, keep_interrupted
-from pipeline.table import Table
+from pipeline.table import Table, read_frame
 from pipeline.terminal import open_console
 from pipeline.workers import spread
 
@@ -49,14 +49,8 @@ Result = TypeVar("Result")
 class Record:
     """The record of a long loop: one part per iteration, on disk as soon as it is over.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the parts lie; its name holds the fingerprint of what made them.
-    tables : mapping of str to Table
-        Those that the stage writes.
-    check : callable
-        Raises between two iterations if the run is to stop.
+    It lies in a folder whose name holds the fingerprint of what made the parts, and has the tables that the stage
+    writes. Between two iterations, `check` raises if the run is to stop.
     """
 
     folder: Path
@@ -78,17 +72,8 @@ class Record:
     def part(self, key: tuple[object, ...], make: Callable[[], Mapping[str, pd.DataFrame]]) -> dict[str, pd.DataFrame]:
         """Return the tables of one part of the loop: read if an earlier process wrote them, else made and written.
 
-        Parameters
-        ----------
-        key : tuple
-            Names the part.
-        make : callable
-            Returns a frame for each table that the stage writes.
-
-        Returns
-        -------
-        dict of str to DataFrame
-            Read back from disk in either case, so that a resumed loop sees what an unbroken one saw.
+        What `make` returned, a frame for each table that the stage writes, is read back from disk in either case, so
+        that a resumed loop sees what an unbroken one saw.
         """
         name = self.name(key)
         place = self.folder / name
@@ -154,21 +139,22 @@ class Record:
         return keep_interrupted(self._journal_path(name), reason)
 
     def _read(self, key: str) -> dict[str, pd.DataFrame]:
-        if key not in self.frames:
-            self.frames[key] = self._read_files(self.folder / key)
-        return self.frames[key]
-
-    def _read_files(self, place: Path) -> dict[str, pd.DataFrame]:
+        if key in self.frames:
+            return self.frames[key]
+        place = self.folder / key
         try:
-            return {name: table.read_sealed(place / f"{name}.parquet") for name, table in self.tables.items()}
+            found = {name: read_frame(place / f"{name}.parquet", sealed=True) for name in self.tables}
         except TableError as error:
             told = str(error).split("; remove it")[0]
             raise TableError(f"{told}; remove the folder {place}, and this part of the loop is made again") from None
+        return self.frames.setdefault(key, found)
 
 
 @dataclass
 class Context:
     """Given to every stage as ``ctx``.
+
+    A copy in another process draws the same random numbers and writes parts to the same record; it shows nothing.
 
     Parameters
     ----------
@@ -192,10 +178,6 @@ class Context:
         In which figures are kept: png, pdf, svg.
     stream : str or None
         That of the stage.
-
-    Notes
-    -----
-    A copy in another process draws the same random numbers and writes parts to the same record; it shows nothing.
     """
 
     stage: str
@@ -211,13 +193,7 @@ class Context:
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def generator(self, *key: int | str) -> np.random.Generator:
-        """Return a generator that depends on the root seed, the stage's stream and the key alone.
-
-        Raises
-        ------
-        WiringError
-            When the stage declares no stream, or its config no ``seed``.
-        """
+        """Return a generator that depends on the root seed, the stage's stream and the key alone."""
         if self.stream is None:
             raise WiringError(f'stage {self.stage} draws random numbers: declare @stage(..., stream="{self.stage}")')
         if self.seed is None:
@@ -227,13 +203,7 @@ class Context:
 
     @contextmanager
     def progress(self, description: str, total: int) -> Iterator[Callable[[str], None]]:
-        """Show how far a loop is; quiet when the output is piped, or people type there.
-
-        Yields
-        ------
-        callable
-            Call it with a note at the end of each iteration.
-        """
+        """Yield what takes a note at the end of each iteration of a loop, to show how far it is on a terminal."""
         if not self.console.is_terminal or self.interactive:
             yield lambda note: log.debug("%s: %s", self.stage, note)
             return
@@ -258,13 +228,8 @@ class Context:
     def spread(self, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Yield ``function(job)`` for each job, in order, computed in other processes where there are workers.
 
-        Parameters
-        ----------
-        function : callable
-            Can be pickled, as can jobs (this context may be part of them) and results; computes the same anywhere.
-        jobs : sequence
-            Independent of each other. On a real device, and where people follow it, they are done one after the
-            other, here.
+        Function, jobs (this context may be part of them) and results can be pickled, and no job needs another's result.
+        On a real device, and where people follow it, the jobs are done one after the other, here.
         """
         workers = 1 if getattr(self.device, "real", False) or self.interactive else self.workers
         yield from spread(function, jobs, workers, self.record.check)

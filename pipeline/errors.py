@@ -29,10 +29,6 @@ class InputError(PipelineError):
     """A file that a person brought does not hold what it should."""
 
 
-class WorkerError(PipelineError):
-    """A process that shared the work is gone."""
-
-
 class TakenError(PipelineError):
     """Another process has the folder of this job at work."""
 
@@ -44,19 +40,8 @@ class WiringError(PipelineError):
 def suggest(name: str, known: Iterable[str], today: str | None = None) -> str:
     """Return a phrase that offers the nearest of the known names, or lists them all.
 
-    Parameters
-    ----------
-    name : str
-        What was typed.
-    known : iterable of str
-        What would have been right.
-    today : str, optional
-        What that is called now, if it was renamed.
-
-    Returns
-    -------
-    str
-        ``"it is called 'x' today"``, ``"did you mean 'x'?"`` or ``"choose from: a, b"``.
+    `today` is what the name is called now, if it was renamed: ``"it is called 'x' today"``. Otherwise the phrase is
+    ``"did you mean 'x'?"`` or ``"choose from: a, b"``.
     """
     if today is not None:
         return f"it is called '{today}' today"

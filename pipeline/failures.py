@@ -59,15 +59,7 @@ def read_traceback(folder: Path) -> str:
 
 
 def list_commands(sweep: Path, unfinished: Iterable[str]) -> list[tuple[str, int]]:
-    """Return what to type to finish a sweep: commands of its launches, with how many jobs each finishes.
-
-    Parameters
-    ----------
-    sweep : Path
-        Its folder.
-    unfinished : iterable of str
-        Names of jobs; one that no launch had is left to its own ledger's command.
-    """
+    """Return what to type to finish a sweep, with how many of the unfinished jobs each command finishes."""
     left = set(unfinished)
     commands: dict[str, int] = {}
     for launch in reversed(list(list_launches(sweep))):

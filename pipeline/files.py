@@ -14,26 +14,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+_PACKAGE = Path(__file__).resolve().parent
+CONFIG_FOLDER = _PACKAGE / "conf" if (_PACKAGE / "conf").is_dir() else _PACKAGE.parent / "conf"
+"""Of the configuration: beside this package in a checkout, within it once installed."""
+
 TEMPORARY_SUFFIX = ".tmp"
 READ_ONLY = 0o444
 
 
 def write_atomically(path: Path, write: Callable[[Path], object], final: bool = False) -> None:
-    """Let `write` fill a temporary file beside `path`, then rename it to `path`.
+    """Let `write` fill a temporary file beside `path`, then rename it to `path`, whose folder is made if need be.
 
-    Parameters
-    ----------
-    path : Path
-        The final name; its folder is made if need be.
-    write : callable
-        Called with the temporary path.
-    final : bool
-        Whether the file is made read-only: runs share it by hard links.
-
-    Raises
-    ------
-    OSError
-        When the disk refuses; the temporary file is gone then and `path` is as it was.
+    A file that is `final` is made read-only, as runs share it by hard links. When the disk refuses, the temporary file
+    is gone and `path` is as it was.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{TEMPORARY_SUFFIX}{path.suffix}")
@@ -66,8 +59,7 @@ def write_text(path: Path, text: str, final: bool = False) -> None:
 
 def write_json(path: Path, mapping: Any, final: bool = False) -> None:
     """Write a mapping to `path` atomically, indented, with a final newline."""
-    text = json.dumps(mapping, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"), final)
+    write_text(path, json.dumps(mapping, indent=1, ensure_ascii=False, allow_nan=False) + "\n", final)
 
 
 def hash_file(path: Path) -> str:

@@ -14,14 +14,7 @@ INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "o
 def flatten(values: Any, path: str = "", form: Callable[[Any], str] | None = None) -> dict[str, str]:
     """Return each value as text, by its dotted key; an item of a list of sections has its number in the key.
 
-    Parameters
-    ----------
-    values : mapping, list or plain value
-        Nested.
-    path : str
-        Key that stands before theirs.
-    form : callable, optional
-        Makes a text of what is no section; `show` by default.
+    `path` stands before the keys; `form` makes a text of what is no section, `show` by default.
     """
     if isinstance(values, Mapping) and values:
         pairs: Iterable[tuple[Any, Any]] = values.items()

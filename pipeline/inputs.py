@@ -49,13 +49,7 @@ class InputPath(str):
 
 
 def hash_inputs(config: BaseModel) -> dict[str, str]:
-    """Return the hash of every file that a stage's configuration names, by key and file name.
-
-    Raises
-    ------
-    PipelineError
-        When a file cannot be read.
-    """
+    """Return the hash of every file that a stage's configuration names, by key and file name."""
     hashes = {}
     for key, path in _find_paths(dict(config), ""):
         for file in path.files:
@@ -67,13 +61,7 @@ def hash_inputs(config: BaseModel) -> dict[str, str]:
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file that others wrote.
-
-    Raises
-    ------
-    InputError
-        Naming the line that breaks it.
-    """
+    """Read a JSON file that others wrote; an InputError names the line that breaks it."""
     try:
         return json.loads(path.read_text(encoding="utf-8-sig"))
     except json.JSONDecodeError as error:
@@ -85,11 +73,7 @@ def read_json(path: Path) -> Any:
 def _find_paths(value: Any, key: str) -> Iterator[tuple[str, InputPath]]:
     if isinstance(value, InputPath):
         yield key, value
-    elif isinstance(value, BaseModel):
-        yield from _find_paths(dict(value), key)
-    elif isinstance(value, Mapping):
-        for name, each in value.items():
+    elif isinstance(value, BaseModel | Mapping | list | tuple):
+        pairs = enumerate(value) if isinstance(value, list | tuple) else dict(value).items()
+        for name, each in pairs:
             yield from _find_paths(each, f"{key}.{name}" if key else str(name))
-    elif isinstance(value, list | tuple):
-        for index, each in enumerate(value):
-            yield from _find_paths(each, f"{key}.{index}")

@@ -18,13 +18,7 @@ WORDS = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
 
 
 class Interrupted(BaseException):
-    """A signal asked the process to stop.
-
-    Parameters
-    ----------
-    number : int
-        Of the signal.
-    """
+    """A signal, of this number, asked the process to stop."""
 
     def __init__(self, number: int):
         super().__init__(f"stopped by {WORDS[signal.Signals(number)]}")
@@ -47,13 +41,7 @@ class Watch:
             raise Interrupted(number)
 
     def check(self) -> None:
-        """Raise if a signal arrived and its exception was lost on the way.
-
-        Raises
-        ------
-        Interrupted
-            Saying which.
-        """
+        """Raise if a signal arrived and its exception was lost on the way."""
         if self.number is not None:
             raise Interrupted(self.number)
 
@@ -74,13 +62,7 @@ def watch() -> Iterator[Watch]:
 
 
 def leave_at_once(command: str) -> None:
-    """Let both signals end the process with one line, for as long as there is nothing to save.
-
-    Parameters
-    ----------
-    command : str
-        What to type to start again.
-    """
+    """Let both signals end the process, as long as there is nothing to save, with a line to start again."""
 
     def leave(number: int, frame: FrameType | None) -> None:
         line = f"{Interrupted(number)} while nothing was being written; to start again, type: {command}\n"

@@ -34,13 +34,7 @@ Rows = Mapping[str, NDArray[Any]]
 
 
 class Journal:
-    """The rows of one iteration.
-
-    Parameters
-    ----------
-    path : Path
-        The stream, with `SUFFIX`; nothing is written before the first rows.
-    """
+    """The rows of one iteration, in a stream with `SUFFIX`; nothing is written before the first rows."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -87,19 +81,9 @@ class Journal:
 
 
 def keep_interrupted(path: Path, reason: str) -> Path | None:
-    """Make a Parquet file of the journal of an iteration whose part was not written.
+    """Make a Parquet file, beside it, of the journal of an iteration whose part was not written.
 
-    Parameters
-    ----------
-    path : Path
-        Of the journal.
-    reason : str
-        Why the part was not written, for the column `REASON`.
-
-    Returns
-    -------
-    Path or None
-        The file, beside the journal; None where the journal holds nothing.
+    The reason stands in the column `REASON`. None is returned where the journal holds nothing.
     """
     rows = read_journal(path) if path.exists() else pd.DataFrame()
     if rows.empty:

@@ -73,16 +73,9 @@ _LOOKED_AT: dict[str, tuple[tuple[int, int, int], dict[str, Any] | None]] = {}
 
 @dataclass
 class Ledger:
-    """The record of one run.
+    """The record of one run: what run.json in its folder holds.
 
-    Parameters
-    ----------
-    folder : Path
-        The run's folder.
-    facts : dict
-        What run.json holds.
-    since_s : float, optional
-        When this process began to work on the run, by its own clock; None where it only looks at it.
+    `since_s` is when this process began to work on the run, by its own clock; None where it only looks at it.
     """
 
     folder: Path
@@ -106,7 +99,7 @@ class Ledger:
             "error": None,
             "metrics": {},
             "git": git_state(),
-            "machine": machine(),
+            "machine": _describe_machine(),
             "stages": {},
         }
         return cls(folder, facts, time.monotonic())
@@ -218,8 +211,7 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def machine() -> dict[str, Any]:
-    """Return what is worth knowing of the machine that runs this."""
+def _describe_machine() -> dict[str, Any]:
     return {
         "host": platform.node(),
         "system": platform.platform(),

@@ -15,12 +15,9 @@ from pipeline.table import read_frame
 
 
 def read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[str, dict[str, Any]]:
-    """Return the metrics that the workflow declares, as far as the run has their tables.
+    """Return ``value`` and ``unit`` of each metric that the workflow declares, as far as the run has their tables.
 
-    Returns
-    -------
-    dict
-        By name: ``value`` (None where no row is meant, or none has a value) and ``unit``.
+    A value is None where no row is meant, or none has a value.
     """
     contracts = {table.name: table for each in stages if ledger.finished(each.name) for table in each.writes}
     found = {}
@@ -39,14 +36,13 @@ def read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[
 
 
 def _reduce(values: pd.Series, by: str) -> float | str | None:
+    """Return one value of many, None where there is none that JSON can hold."""
     if values.empty:
         return None
     if by in ("first", "last") or not pd.api.types.is_numeric_dtype(values):
-        one = values.iloc[-1 if by == "last" else 0]
-        return one if isinstance(one, str) else _finite(one)
-    return _finite(values.agg(by))
-
-
-def _finite(value: Any) -> float | None:
-    """Return a number as JSON can hold it."""
-    return float(value) if math.isfinite(value) else None
+        found = values.iloc[-1 if by == "last" else 0]
+    else:
+        found = values.agg(by)
+    if isinstance(found, str):
+        return found
+    return float(found) if math.isfinite(found) else None

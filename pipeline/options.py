@@ -11,15 +11,8 @@ from typing import NoReturn
 
 from pipeline.errors import ConfigError
 
-FLAGS = (
-    ("--help", "-h"),
-    ("--hydra-help",),
-    ("--resolve",),
-    ("--run", "-r"),
-    ("--multirun", "-m"),
-    ("--shell-completion", "-sc"),
-)
-WITH_VALUE = (("--package", "-p"), ("--config-path", "-cp"), ("--config-name", "-cn"), ("--config-dir", "-cd"))
+FLAGS = ("--help -h", "--hydra-help", "--resolve", "--run -r", "--multirun -m", "--shell-completion -sc")
+WITH_VALUE = ("--package -p", "--config-path -cp", "--config-name -cn", "--config-dir -cd")
 INFORMATION = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
 
 
@@ -29,18 +22,12 @@ class _Parser(ArgumentParser):
 
 
 def read_options(arguments: Sequence[str]) -> Namespace:
-    """Return the options of a command line, and its ``overrides``, which may stand among them.
-
-    Raises
-    ------
-    ConfigError
-        For an option that does not exist or lacks its value.
-    """
+    """Return the options of a command line, and its ``overrides``, which may stand among them."""
     parser = _Parser(add_help=False)
     for names in FLAGS:
-        parser.add_argument(*names, action="store_true")
+        parser.add_argument(*names.split(), action="store_true")
     for names in WITH_VALUE:
-        parser.add_argument(*names)
+        parser.add_argument(*names.split())
     parser.add_argument("--cfg", "-c", choices=("job", "hydra", "all"))
     parser.add_argument("--info", "-i", nargs="?", const="all", choices=INFORMATION)
     parser.add_argument("overrides", nargs="*")
@@ -48,13 +35,7 @@ def read_options(arguments: Sequence[str]) -> Namespace:
 
 
 def put_options_first(arguments: Sequence[str]) -> list[str]:
-    """Return the command line with its options before the overrides, as Hydra reads it.
-
-    Raises
-    ------
-    ConfigError
-        As of `read_options`.
-    """
+    """Return the command line with its options before the overrides, as Hydra reads it."""
     overrides = read_options(arguments).overrides
     options = list(arguments)
     for each in overrides:

@@ -30,19 +30,10 @@ MOST_NAMED = 2
 
 @dataclass(frozen=True)
 class Step:
-    """What is to be done about one stage.
+    """What is to be done about one stage, with the reason for a person, and the run that holds fresh tables.
 
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    action : str
-        ``fresh``, ``kept`` (fresh but for its code: measured on real hardware), ``run``, or ``wait`` (an input will be
-        remade; whether it must run depends on how that comes out).
-    reason : str
-        For a person.
-    source : Ledger or None
-        The run that holds the fresh tables.
+    The action is ``fresh``, ``kept`` (fresh but for its code: measured on real hardware), ``run``, or ``wait`` (an
+    input will be remade; whether the stage must run depends on how that comes out).
     """
 
     stage: Stage
@@ -55,18 +46,9 @@ class Step:
 class Ingredients:
     """All that a stage's result depends on.
 
-    Parameters
-    ----------
-    config : dict
-        The stage's slice of the configuration.
-    inputs : dict of str to str
-        Content hash of each table it reads, and of each file that its configuration names.
-    code, libraries : dict of str to str
-        From `pipeline.sources`.
-    measured : bool
-        Whether the stage asks for real hardware: then a change of code or libraries makes nothing stale.
-    waiting : tuple of str
-        Tables that it reads and whose content is not known yet.
+    These are the stage's slice of the configuration, the content hashes of the tables that it reads and of the files
+    that its configuration names, and code and libraries as of `pipeline.sources`. If it is `measured` on real hardware,
+    a change of code or libraries makes nothing stale. Tables whose content is not known yet are `waiting`.
     """
 
     config: dict[str, Any]
@@ -94,7 +76,11 @@ class Ingredients:
 
     def input_changes(self, record: Mapping[str, Any]) -> list[str]:
         """Say how tables and files differ from those of an earlier record."""
-        return [f"input {name} {self._describe_input(name, record)}" for name in self._changed_inputs(record)]
+        told = []
+        for name in self._changed_inputs(record):
+            word = "changed" if name in self.inputs else "is no longer there"
+            told.append(f"input {name} {word if name in record['inputs'] else 'is new'}")
+        return told
 
     def count_changes(self, record: Mapping[str, Any]) -> int:
         """Count the keys, inputs, source files and versions that differ from those of an earlier record."""
@@ -124,24 +110,11 @@ class Ingredients:
         names = [*self.inputs, *gone]
         return [name for name in names if record["inputs"].get(name) != self.inputs.get(name)]
 
-    def _describe_input(self, name: str, record: Mapping[str, Any]) -> str:
-        if name not in record["inputs"]:
-            return "is new"
-        return "changed" if name in self.inputs else "is no longer there"
-
 
 def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
-    """Return the ingredients of a stage, given the content hashes of its tables.
+    """Return the ingredients of a stage, given content hashes of tables, of which those that it reads count.
 
-    Parameters
-    ----------
-    study : Study
-        The validated configuration.
-    stage : Stage
-        The stage.
-    inputs : dict of str to str
-        Of the tables that it reads; whatever else is there is left out, and the files that its configuration names are
-        hashed anew.
+    The files that its configuration names are hashed anew.
     """
     read = {name: digest for name, digest in inputs.items() if name in stage.reads}
     package = study.settings.workflow.package
@@ -159,22 +132,14 @@ def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
 
 
 def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> Step:
-    """Say whether a stage is fresh, and where, or why it must run.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    ingredients : Ingredients
-        Of the present study.
-    ledgers : sequence of Ledger
-        Runs to look in, the most welcome first.
-    """
+    """Say whether a stage is fresh, and in which of the ledgers, the most welcome first, or why it must run."""
     fingerprint = ingredients.fingerprint
     damage = None
     for ledger in ledgers:
         record = ledger.finished(stage.name)
-        if record is None or record["fingerprint"] != fingerprint or _lacks_tables(record, stage):
+        if record is None or record["fingerprint"] != fingerprint:
+            continue
+        if not all(table.name in record["tables"] for table in stage.writes):
             continue
         damaged = ledger.damage(record)
         if damaged is None:
@@ -185,51 +150,34 @@ def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) ->
         damage = damage or damaged
     if damage:
         return Step(stage, "run", damage)
-    return Step(stage, "run", "; ".join(nearest_changes(stage, ingredients, ledgers)) or "not made before")
+    return Step(stage, "run", _describe_changes(stage, ingredients, ledgers) or "not made before")
 
 
-def _lacks_tables(record: Mapping[str, Any], stage: Stage) -> bool:
-    return not all(table.name in record["tables"] for table in stage.writes)
-
-
-def nearest_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> list[str]:
-    """Say how a stage differs from the most similar of its earlier records, the newest among equals.
-
-    Returns
-    -------
-    list of str
-        At most two phrases; empty where no run has the stage, or one has it as it is.
-    """
+def _describe_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> str:
+    """Say in two phrases how a stage differs from the most similar of its records, the newest among equals."""
     records = [record for each in ledgers if (record := each.finished(stage.name))]
     if not records:
-        return []
-    nearest = min(records, key=ingredients.count_changes)
-    return ingredients.changes(nearest)[:2]
+        return "not made before"
+    return "; ".join(ingredients.changes(min(records, key=ingredients.count_changes))[:2])
 
 
 def choose_stages(study: Study, stages: Sequence[Stage]) -> list[Stage]:
     """Return all stages of a workflow, or those asked for by name with what they need, in the order of the data."""
     asked = study.settings.stages
-    needed = {each.name for each in stages} if asked is None else _with_upstream(stages, asked)
-    return [each for each in stages if each.name in needed]
+    if asked is None:
+        return list(stages)
+    chosen: list[Stage] = []
+    for stage in reversed(stages):
+        written = {table.name for table in stage.writes}
+        if stage.name in asked or any(written & {*each.reads} for each in chosen):
+            chosen.insert(0, stage)
+    return chosen
 
 
 def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) -> list[Step]:
-    """Plan all stages of a workflow, or those asked for by name with what they need.
+    """Plan all stages of a workflow, or those asked for by name with what they need; ledgers come newest first.
 
-    Parameters
-    ----------
-    study : Study
-        The validated configuration.
-    stages : sequence of Stage
-        In the order of the data.
-    ledgers : sequence of Ledger
-        Earlier runs, newest first.
-
-    Raises
-    ------
-    ConfigError
-        When stages are asked for by name and a table they read is not fresh.
+    A ConfigError says that stages are asked for by name and a table they read is not fresh.
     """
     asked = study.settings.stages
     steps: list[Step] = []
@@ -246,11 +194,11 @@ def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) 
             known = step.source.records[each.name]["tables"][table.name]["sha256"] if step.source else None
             hashes[table.name] = known
     if asked is not None and stale:
-        all_needed = [each.name for each in stages if each.name in {*asked, *(step.stage.name for step in stale)}]
+        needed = [each.name for each in stages if each.name in {*asked, *(step.stage.name for step in stale)}]
         raise ConfigError(
-            f"stages={_bracket(asked)}: what is needed first is not fresh "
+            f"stages=[{','.join(asked)}]: what is needed first is not fresh "
             f"({'; '.join(f'{step.stage.name}: {step.reason}' for step in stale)}); "
-            f"type stages={_bracket(all_needed)}, or leave stages= out"
+            f"type stages=[{','.join(needed)}], or leave stages= out"
         )
     return steps
 
@@ -261,24 +209,10 @@ def _plan_one(study: Study, stage: Stage, ledgers: Sequence[Ledger], hashes: Map
     ingredients = replace(gather(study, stage, inputs), waiting=waiting)
     if not waiting:
         return decide(stage, ingredients, ledgers)
-    if not any(each.finished(stage.name) for each in ledgers):
-        return Step(stage, "run", "not made before")
-    own = nearest_changes(stage, ingredients, ledgers)
+    own = _describe_changes(stage, ingredients, ledgers)
     if own:
-        return Step(stage, "run", "; ".join(own))
+        return Step(stage, "run", own)
     return Step(stage, "wait", f"fresh if {' and '.join(waiting)} come out unchanged")
-
-
-def _with_upstream(stages: Sequence[Stage], asked: Sequence[str]) -> set[str]:
-    writer = {table.name: each for each in stages for table in each.writes}
-    needed: set[str] = set()
-    waiting = [each for each in stages if each.name in asked]
-    while waiting:
-        each = waiting.pop()
-        needed.add(each.name)
-        if each.name in asked or each.reads:
-            waiting.extend(writer[name] for name in each.reads if writer[name].name not in needed)
-    return needed
 
 
 def _differing(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
@@ -292,12 +226,5 @@ def _config_differences(old: Any, new: Any, path: str = "") -> list[str]:
             for key in {**new, **old}
             for difference in _config_differences(old.get(key), new.get(key), f"{path}.{key}" if path else str(key))
         ]
-    return [] if old == new else [f"{path} {_short(old)} -> {_short(new)}"]
-
-
-def _short(value: Any) -> str:
-    return shorten("absent" if value is None else str(value), LONGEST_VALUE)
-
-
-def _bracket(names: Sequence[str]) -> str:
-    return f"[{','.join(names)}]"
+    texts = [shorten("absent" if each is None else str(each), LONGEST_VALUE) for each in (old, new)]
+    return [] if old == new else [f"{path} {' -> '.join(texts)}"]

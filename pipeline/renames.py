@@ -13,36 +13,21 @@ from typing import Any, Literal
 
 import yaml
 
-from pipeline.files import hash_json
-from pipeline.places import CONFIG_FOLDER
+from pipeline.files import CONFIG_FOLDER, hash_json
 
 
 def update_facts(facts: Mapping[str, Any], form: int) -> dict[str, Any]:
-    """Return a ledger's facts with today's names.
+    """Return a ledger's facts of an older format with today's names and format.
 
-    Parameters
-    ----------
-    facts : mapping
-        Of an older format.
-    form : int
-        Today's format.
-
-    Returns
-    -------
-    dict
-        A measured stage's record has the fingerprint of its configuration under today's names, and says under which
-        one the parts of its loop lie (``parts``).
+    A measured stage's record gets the fingerprint of its configuration under today's names, and says under which one
+    the parts of its loop lie (``parts``).
     """
-    stages = {name: _update_record(record) for name, record in facts["stages"].items()}
+    stages = {name: {**record, "config": rename(record["config"])} for name, record in facts["stages"].items()}
+    for name, before in facts["stages"].items():
+        if before.get("measured") and stages[name]["config"] != before["config"]:
+            fingerprint = hash_json({"config": stages[name]["config"], "inputs": before["inputs"]})
+            stages[name].update(fingerprint=fingerprint, parts=before["fingerprint"])
     return {**facts, "format": form, "stages": stages}
-
-
-def _update_record(record: Mapping[str, Any]) -> dict[str, Any]:
-    config = rename(record["config"])
-    if not record.get("measured") or config == record["config"]:
-        return {**record, "config": config}
-    fingerprint = hash_json({"config": config, "inputs": record["inputs"]})
-    return {**record, "config": config, "fingerprint": fingerprint, "parts": record["fingerprint"]}
 
 
 def rename(values: Any, path: str = "") -> Any:
@@ -62,15 +47,10 @@ def rename(values: Any, path: str = "") -> Any:
 
 
 def find_today(kind: Literal["targets", "keys", "options", "names"], name: str) -> str | None:
-    """Return today's name of what was renamed, or None.
+    """Return today's name of what was renamed, or None; the longest beginning that was renamed decides.
 
-    Parameters
-    ----------
-    kind : str
-        ``targets`` (modules and classes), ``keys`` (of the configuration), ``options`` (of config groups, as
-        ``group=option``) or ``names`` (of stages, tables and columns).
-    name : str
-        The old name; of a dotted one, the longest beginning that was renamed decides.
+    The kinds are ``targets`` (modules and classes), ``keys`` (of the configuration), ``options`` (of config groups, as
+    ``group=option``) and ``names`` (of stages, tables and columns).
     """
     names = _read_names()[kind]
     before = max((each for each in names if f"{name}.".startswith(f"{each}.")), key=len, default=None)

@@ -26,20 +26,7 @@ MACHINE = ("model", "processor", "system", "cores")
 
 
 def compare_tables(now: Ledger, then: Ledger, stages: Sequence[str]) -> dict[str, str | None]:
-    """Compare the tables that stages wrote in two runs.
-
-    Parameters
-    ----------
-    now, then : Ledger
-        The later run, and the earlier.
-    stages : sequence of str
-        Names, in the order of the data.
-
-    Returns
-    -------
-    dict of str to str or None
-        By table: how it differs, or None where its bytes are the same.
-    """
+    """Return how each table that stages wrote in two runs differs, or None where its bytes are the same."""
     found: dict[str, str | None] = {}
     for stage in stages:
         new, old = now.records[stage]["tables"], then.records.get(stage, {"tables": {}})["tables"]
@@ -61,10 +48,14 @@ def describe_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterat
         yield "configuration: config.yaml is no longer what the stages had then"
     tables = {name for ledger in (now, then) for each in ledger.records.values() for name in each["tables"]}
     for word, key in (("code", "code"), ("libraries", "libraries"), ("input files", "inputs")):
-        found = {name: each for name, each in _gather_changes(pairs, key).items() if name not in tables}
+        found = {}
+        for old, new in pairs:
+            before, after = old.get(key, {}), new[key]
+            for name in sorted({**before, **after}):
+                if before.get(name) != after.get(name) and name not in tables:
+                    found[name] = f"{name} {before.get(name, 'absent')} -> {after.get(name, 'absent')}"
         if found:
-            versions = [f"{name} {old} -> {new}" for name, (old, new) in found.items()]
-            yield f"{word}: {join_some(versions if key == 'libraries' else list(found), MOST_TOLD)}"
+            yield f"{word}: {join_some(list(found.values() if key == 'libraries' else found), MOST_TOLD)}"
     commits = [describe_commit(each.facts.get("git")) for each in (then, now)]
     if commits[0] != commits[1]:
         yield f"commit: {commits[0]} -> {commits[1]}"
@@ -72,17 +63,6 @@ def describe_changes(now: Ledger, then: Ledger, stages: Sequence[str]) -> Iterat
     for key in MACHINE:
         if key in before and key in after and before[key] != after[key]:
             yield f"machine: {key} {before[key]} -> {after[key]}"
-
-
-def _gather_changes(pairs: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]], key: str) -> dict[str, Any]:
-    """Return what differs in a part of any of the records: name to old and new."""
-    found = {}
-    for old, new in pairs:
-        before, after = old.get(key, {}), new[key]
-        for name in sorted({**before, **after}):
-            if before.get(name) != after.get(name):
-                found[name] = (before.get(name, "absent"), after.get(name, "absent"))
-    return found
 
 
 def _describe_difference(then: Path, now: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
@@ -119,7 +99,6 @@ def _describe_values(name: str, before: pd.Series, after: pd.Series) -> str | No
     count = int(unequal.sum())
     if not count:
         return None
-    told = f"{name} differs in {count} of {len(before)} rows"
-    if pd.api.types.is_float_dtype(before):
-        return f"{told}, by at most {(before - after)[unequal].abs().max():.3g}"
-    return told
+    floats = pd.api.types.is_float_dtype(before)
+    most = f", by at most {(before - after)[unequal].abs().max():.3g}" if floats else ""
+    return f"{name} differs in {count} of {len(before)} rows{most}"

@@ -34,21 +34,10 @@ BESIDE = ("outputs", "workers", "figures")
 
 @dataclass
 class Rerun(Runner):
-    """A run that makes another one's tables again.
-
-    Parameters
-    ----------
-    origin : Ledger
-        Of the other run.
-    """
+    """A run that makes the tables of another one, `origin`, again."""
 
     origin: Ledger = field(kw_only=True)
     comparison: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        """Name of the other run."""
-        return self.origin.name
 
     @property
     def identity(self) -> str:
@@ -57,14 +46,8 @@ class Rerun(Runner):
         return hash_json({"of": [facts["identity"], facts["started"], self.origin.name], "study": self.study.identity})
 
     def prepare(self) -> None:
-        """Say which files are no longer what they were; refuse what cannot be repeated.
-
-        Raises
-        ------
-        ConfigError
-            When what hardware measured is not whole in the other run.
-        """
-        label = self.label
+        """Say which files are no longer what they were; refuse if what hardware measured is not whole."""
+        label = self.origin.name
         for stage in choose_stages(self.study, self.stages):
             ingredients = replace(gather(self.study, stage, {}), waiting=stage.reads)
             record = self.origin.records.get(stage.name)
@@ -82,17 +65,18 @@ class Rerun(Runner):
         record = self.origin.finished(stage.name)
         missing = [each.name for each in stage.writes if record and each.name not in record["tables"]]
         problem = f"{stage.name} is not done in it" if record is None else self.origin.damage(record)
-        if problem or missing:
+        problem = problem or (f"{stage.name} has no table {missing[0]} in it" if missing else None)
+        if problem:
             raise ConfigError(
-                f"rerun={self.label}: {problem or f'{stage.name} has no table {missing[0]} in it'}; expected what was "
-                "measured on real hardware to be whole, as it cannot be made again; restore it"
+                f"rerun={self.origin.name}: {problem}; expected what was measured on real hardware to be whole, as it "
+                "cannot be made again; restore it"
             )
 
     def print_comparison(self) -> int:
         """Print what came of it; return the exit code: 0 where all tables agree, else 1."""
         tables, measured = self.comparison["tables"], self.comparison["measured"]
         same = sum(each is None for each in tables.values())
-        self._say(f"{same} of {len(tables)} tables have the same bytes as in {self.label}")
+        self._say(f"{same} of {len(tables)} tables have the same bytes as in {self.origin.name}")
         if measured:
             self._say(f"  taken over from it, as real hardware measured them: {', '.join(measured)}")
         if same == len(tables):
@@ -108,7 +92,7 @@ class Rerun(Runner):
         return 1
 
     def _plan(self) -> list[Step]:
-        return [Step(each, "run", f"as in {self.label}") for each in choose_stages(self.study, self.stages)]
+        return [Step(each, "run", f"as in {self.origin.name}") for each in choose_stages(self.study, self.stages)]
 
     def _finished_run(self, steps: Sequence[Step]) -> Ledger | None:
         return None
@@ -118,8 +102,8 @@ class Rerun(Runner):
         if own.source:
             return own
         if self._was_measured(stage, ingredients):
-            return Step(stage, "kept", f"measured in {self.label}, and cannot be made again", self.origin)
-        return Step(stage, "run", f"made anew, to compare with {self.label}")
+            return Step(stage, "kept", f"measured in {self.origin.name}, and cannot be made again", self.origin)
+        return Step(stage, "run", f"made anew, to compare with {self.origin.name}")
 
     def _conclude(self, ledger: Ledger) -> None:
         names = [each.name for each in choose_stages(self.study, self.stages)]
@@ -129,7 +113,7 @@ class Rerun(Runner):
         tables = compare_tables(ledger, self.origin, made)
         changes = list(describe_changes(ledger, self.origin, made))
         self.comparison = {"tables": tables, "measured": measured, "changes": changes}
-        ledger.facts["rerun_of"] = {"run": self.label, "folder": str(self.origin.folder)}
+        ledger.facts["rerun_of"] = {"run": self.origin.name, "folder": str(self.origin.folder)}
         ledger.facts["comparison"] = self.comparison
 
     def _was_measured(self, stage: Stage, ingredients: Ingredients) -> bool:
@@ -138,25 +122,7 @@ class Rerun(Runner):
 
 
 def rerun(arguments: Sequence[str], config_folder: Path) -> int:
-    """Run the command line.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        As typed, ``rerun=RUN`` among them.
-    config_folder : Path
-        Of the project, for the keys that change no table.
-
-    Returns
-    -------
-    int
-        Exit code: 0 where all tables agree, 1 where one does not, else as of `Runner.run`.
-
-    Raises
-    ------
-    PipelineError
-        When there is nothing that can be repeated.
-    """
+    """Run a command line with ``rerun=RUN``; return 0 if all tables agree, 1 if one does not, else as `Runner.run`."""
     name, typed = read_arguments(arguments)
     base = OmegaConf.to_container(OmegaConf.load(config_folder / "config.yaml"), resolve=False)
     assert isinstance(base, dict)
@@ -177,13 +143,7 @@ def rerun(arguments: Sequence[str], config_folder: Path) -> int:
 
 
 def read_arguments(arguments: Sequence[str]) -> tuple[str, dict[str, Any]]:
-    """Return which run is meant, and the values of the keys beside.
-
-    Raises
-    ------
-    ConfigError
-        When anything else was typed.
-    """
+    """Return which run is meant, and the values of the keys beside; refuse anything else."""
     names, typed = [], {}
     for each in arguments:
         key, sign, value = each.partition("=")
@@ -205,19 +165,9 @@ def read_arguments(arguments: Sequence[str]) -> tuple[str, dict[str, Any]]:
 
 
 def find_origin(outputs: str, name: str) -> Ledger:
-    """Return the run that is meant.
+    """Return the run that is meant, which must be done.
 
-    Parameters
-    ----------
-    outputs : str
-        The outputs folder.
-    name : str
-        A run's name, the beginning of one, ``latest``, ``SWEEP/JOB``, or the path of a run's folder.
-
-    Raises
-    ------
-    ConfigError
-        When there is no such run, or it is not done.
+    Its name is that of a run, the beginning of one, ``latest``, ``SWEEP/JOB``, or the path of a run's folder.
     """
     path = Path(name).expanduser()
     folder = path.parent if path.is_file() else path

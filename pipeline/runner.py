@@ -26,7 +26,6 @@ from pipeline.checkout import keep_changes
 from pipeline.command import command_line
 from pipeline.config import Study, find_target, read_study
 from pipeline.context import Context, Record
-from pipeline.device import ConnectableDevice, Interface
 from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import link, link_folder, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
@@ -51,22 +50,10 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 class Runner:
     """One run of a workflow.
 
-    Parameters
-    ----------
-    study : Study
-        The validated configuration.
-    stages : sequence of Stage
-        All of the workflow, in the order of the data.
-    arguments : list of str
-        Overrides as typed, for the command that resumes.
-    console : Console
-        Standard output.
-    given : sequence of dict
-        Files that gave options of config groups, as of `pipeline.config_files`, for the ledger.
-    place : Path, optional
-        The folder that the run must have, as a job of a sweep; else it gets one of its own.
-    workers : int, optional
-        Processes over which a loop is spread where the configuration leaves it open; else as many as there are cores.
+    The stages are all of the workflow, in the order of the data; the arguments are the overrides as typed, for the
+    command that resumes; `given` are files that gave options of config groups, for the ledger. A job of a sweep must
+    have its `place`; another run gets a folder of its own. The `workers` count where the configuration leaves them
+    open.
     """
 
     study: Study
@@ -76,7 +63,7 @@ class Runner:
     given: Sequence[dict[str, str]] = ()
     place: Path | None = None
     workers: int | None = None
-    _interface: Interface | None = field(default=None, init=False)
+    _interface: Any = field(default=None, init=False)
     _connection: Any = field(default=None, init=False)
 
     @property
@@ -92,44 +79,37 @@ class Runner:
     def show_plan(self) -> None:
         """Print what would run and why; write nothing."""
         steps = self._plan()
-        self._print_steps(steps)
-        self._print_previews(steps)
+        for step in steps:
+            self._print_step(step)
+        for stage in [step.stage for step in steps]:
+            for line in stage.preview(self.study.config(stage)) if stage.preview else []:
+                self._say(f"  {line}")
         if all(step.action in ("fresh", "kept") for step in steps):
             self._say("everything is fresh: nothing would run")
         else:
-            arguments = [each for each in self.arguments if not each.startswith("plan=")]
-            self._say(f"to run it: {command_line(arguments)}")
+            self._say(f"to run it: {command_line([each for each in self.arguments if not each.startswith('plan=')])}")
 
     def run(self) -> int:
-        """Run the workflow.
+        """Run the workflow, unless a PipelineError says that the run cannot begin.
 
-        Returns
-        -------
-        int
-            Exit code: 0 done, 1 a stage failed, 3 paused for a person, 130 Ctrl-C, 143 SIGTERM.
-
-        Raises
-        ------
-        PipelineError
-            When the run cannot begin.
+        The exit code is 0 done, 1 a stage failed, 3 paused for a person, 130 Ctrl-C, 143 SIGTERM.
         """
         steps = self._plan()
         finished = self._finished_run(steps)
         if finished:
-            self._print_steps(steps)
+            for step in steps:
+                self._print_step(step)
             self._finish(finished, "everything is fresh: nothing to run")
             return 0
-        with watch() as signals:
-            held = claim(self.outputs, self.identity, self.arguments, self.place)
-            with held:
-                try:
-                    with _log_file(held.ledger.folder):
-                        return self._run_claimed(held, [step.stage for step in steps], signals)
-                except OSError as error:
-                    return self._refuse(held.ledger, error)
-                finally:
-                    if self._interface is not None:
-                        self._interface.close()
+        with watch() as signals, claim(self.outputs, self.identity, self.arguments, self.place) as held:
+            try:
+                with _log_file(held.ledger.folder):
+                    return self._run_claimed(held, [step.stage for step in steps], signals)
+            except OSError as error:
+                return self._refuse(held.ledger, error)
+            finally:
+                if self._interface is not None:
+                    self._interface.close()
 
     def _run_claimed(self, held: Claim, stages: Sequence[Stage], signals: Watch) -> int:
         ledger, stage = held.ledger, stages[0]
@@ -162,13 +142,7 @@ class Runner:
         return 0
 
     def _stop(self, ledger: Ledger, stage: Stage, error: Exception | Interrupted, signals: Watch) -> int:
-        """Note why a run stops, say how it goes on, and return the exit code.
-
-        Raises
-        ------
-        OSError
-            When the folder cannot be written, which is then the reason.
-        """
+        """Note why a run stops, say how it goes on, and return the exit code; an OSError of its folder is raised."""
         asks = getattr(error, "asks", None)
         notes = "".join(f"; {note}" for note in getattr(error, "__notes__", ()))
         if signals.number is not None:
@@ -185,18 +159,13 @@ class Runner:
         if isinstance(error, OSError) and (error.errno in NO_ROOM or _file_within(ledger.folder, error)):
             raise error
         log.error("%s failed", stage.name, exc_info=error)
-        first = str(error).splitlines()[0] if str(error) else ""
-        message = f"{type(error).__name__}: {first}".rstrip(": ") + notes
-        where = f"(traceback: {ledger.folder / 'log.txt'})"
-        return self._end(ledger, stage, "failed", 1, f"{message} {where}", "when that is mended")
+        message = f"{type(error).__name__}: {error}".splitlines()[0].rstrip(": ") + notes
+        message += f" (traceback: {ledger.folder / 'log.txt'})"
+        return self._end(ledger, stage, "failed", 1, message, "when that is mended")
 
     def _process_stage(self, stage: Stage, ledger: Ledger, signals: Watch) -> None:
-        inputs = {
-            table.name: ledger.records[each.name]["tables"][table.name]["sha256"]
-            for each in self.stages
-            for table in each.writes
-            if table.name in stage.reads
-        }
+        read = [(each.name, table.name) for each in self.stages for table in each.writes if table.name in stage.reads]
+        inputs = {table: ledger.records[name]["tables"][table]["sha256"] for name, table in read}
         ingredients = gather(self.study, stage, inputs)
         step = self._decide(stage, ingredients, ledger)
         if step.source is None:
@@ -208,13 +177,17 @@ class Runner:
                     self._run_stage(stage, ledger, ingredients, step.reason, signals)
                     return
         if step.source.folder != ledger.folder:
+            record = step.source.records[stage.name]
             try:
-                _adopt(stage, step.source, ledger)
+                for file in files_of(record):
+                    link(step.source.folder / file, ledger.folder / file)
             except FileNotFoundError:
                 if (step.source.folder / FILE_NAME).exists():
                     raise
                 self._process_stage(stage, ledger, signals)  # that run was removed meanwhile
                 return
+            ledger.records[stage.name] = record
+            ledger.save()
         self._print_step(step)
         log.info("%s: %s, %s", stage.name, step.action, step.reason)
 
@@ -227,7 +200,7 @@ class Runner:
     def _check_interface(self) -> None:
         """Refuse an interface where no device of the workflow can be connected to it."""
         devices = [self.study.slice(each)[name] for each in self.stages if (name := self.study.target(each))]
-        if not any(issubclass(find_target(each["_target_"]), ConnectableDevice) for each in devices):
+        if not any(hasattr(find_target(each["_target_"]), "connect_interface") for each in devices):
             name = self.study.settings.interface
             raise ConfigError(
                 f"{name}: expected null, as workflow {self.study.settings.workflow.name} has no device that can be "
@@ -266,16 +239,18 @@ class Runner:
         log.info("%s: run, %s", stage.name, reason)
         start = time.monotonic()
         context = self._context(stage, ledger, ingredients, signals)
-        frames = {
-            table.name: table.read(ledger.folder / "tables" / f"{table.name}.parquet")
-            for each in self.stages
-            for table in each.writes
-            if table.name in stage.reads
-        }
-        with self._status(f"{stage.name}  {stage.summary}"):
-            results = _as_mapping(stage, stage.function(cfg=self.study.config(stage), ctx=context, **frames))
+        tables = ledger.folder / "tables"
+        read = [table for each in self.stages for table in each.writes if table.name in stage.reads]
+        frames = {table.name: table.read(tables / f"{table.name}.parquet") for table in read}
+        if self.console.is_terminal:
+            status = f"  [dim]{stage.name}  {stage.summary}[/dim]"
+            self.console.print(status, highlight=False, overflow="ellipsis", no_wrap=True)
+        made = stage.function(cfg=self.study.config(stage), ctx=context, **frames)
+        made = (made,) if isinstance(made, pd.DataFrame) else made
+        names = [table.name for table in stage.writes]
+        results = made if isinstance(made, dict) else dict(zip(names, made, strict=True))
         for table in stage.writes:
-            path = ledger.folder / "tables" / f"{table.name}.parquet"
+            path = tables / f"{table.name}.parquet"
             table.write(results[table.name], path)
             record["tables"][table.name] = measure_file(path)
         seconds = time.monotonic() - start
@@ -315,9 +290,13 @@ class Runner:
                 return
 
     def _open_interface(self) -> Any:
-        """Return what devices are connected to, the same for all stages of a run."""
+        """Return what devices are connected to, the same for all stages of a run.
+
+        An interface has ``open()``, which returns it, ``greeting``, lines that say how to use it, and ``close()``,
+        harmless when it is not open.
+        """
         if self._interface is None:
-            interface: Interface = self.study.build(self.study.settings.interface)
+            interface = self.study.build(self.study.settings.interface)
             self._connection, self._interface = interface.open(), interface
             for line in interface.greeting:
                 self._say(line)
@@ -372,15 +351,6 @@ class Runner:
         )
         return 1
 
-    def _print_steps(self, steps: Sequence[Step]) -> None:
-        for step in steps:
-            self._print_step(step)
-
-    def _print_previews(self, steps: Sequence[Step]) -> None:
-        for stage in [step.stage for step in steps]:
-            for line in stage.preview(self.study.config(stage)) if stage.preview else []:
-                self._say(f"  {line}")
-
     def _print_step(self, step: Step) -> None:
         width = max(len(each.name) for each in self.stages)
         colour = {"fresh": "green", "kept": "green", "ran": "cyan", "run": "cyan", "wait": "yellow"}[step.action]
@@ -393,12 +363,6 @@ class Runner:
     def _say(self, text: str) -> None:
         say(text, self.console)
 
-    @contextmanager
-    def _status(self, text: str) -> Iterator[None]:
-        if self.console.is_terminal:
-            self.console.print(f"  [dim]{text}[/dim]", highlight=False, overflow="ellipsis", no_wrap=True)
-        yield
-
 
 def run_study(
     composed: DictConfig,
@@ -406,28 +370,9 @@ def run_study(
     given: Sequence[dict[str, str]] = (),
     overrides: Sequence[str] = (),
 ) -> int:
-    """Validate a composed configuration, then plan or run it.
+    """Validate a composed configuration, then plan or run it; return the exit code, as `Runner.run` does.
 
-    Parameters
-    ----------
-    composed : DictConfig
-        What Hydra composed.
-    arguments : list of str
-        Overrides as typed.
-    given : sequence of dict
-        As of `Runner`.
-    overrides : sequence of str
-        By which a job of a sweep has its name.
-
-    Returns
-    -------
-    int
-        Exit code, as of `Runner.run`; 0 for a plan.
-
-    Raises
-    ------
-    PipelineError
-        When the configuration is wrong or the run cannot begin.
+    Arguments and given files are as of `Runner`; the overrides are those by which a job of a sweep has its name.
     """
     study, stages = read_study(composed)
     sweep = study.settings.sweep
@@ -448,21 +393,6 @@ def _file_within(folder: Path, error: OSError) -> Path | None:
     if not isinstance(file, str | Path) or not Path(file).absolute().is_relative_to(folder.absolute()):
         return None
     return Path(file)
-
-
-def _as_mapping(stage: Stage, returned: Any) -> dict[str, pd.DataFrame]:
-    if isinstance(returned, dict):
-        return dict(returned)
-    frames = (returned,) if isinstance(returned, pd.DataFrame) else returned
-    return dict(zip((table.name for table in stage.writes), frames, strict=True))
-
-
-def _adopt(stage: Stage, source: Ledger, ledger: Ledger) -> None:
-    record = source.records[stage.name]
-    for file in files_of(record):
-        link(source.folder / file, ledger.folder / file)
-    ledger.records[stage.name] = record
-    ledger.save()
 
 
 @contextmanager

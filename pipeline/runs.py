@@ -10,13 +10,12 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import NamedTuple
 
 from filelock import FileLock, Timeout
 
-from pipeline.checkout import keep_changes
 from pipeline.command import command_line
 from pipeline.errors import ConfigError, PipelineError, TakenError, suggest
 from pipeline.files import clear_temporaries
@@ -30,29 +29,12 @@ LOOK_S = 0.2
 """Between two looks whether another process is done with a stage, s."""
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A run that this process may write.
-
-    Parameters
-    ----------
-    ledger : Ledger
-        Of the claimed run.
-    resumed : bool
-        Whether an earlier process began it.
-    lock : FileLock
-        Held until this context ends.
-    """
+class Claim(NamedTuple):
+    """A run that this process may write, whether it was begun before, and the lock held until this context ends."""
 
     ledger: Ledger
     resumed: bool
     lock: FileLock
-
-    def __enter__(self) -> Claim:
-        return self
-
-    def __exit__(self, *failure: object) -> None:
-        self.lock.release(force=True)
 
 
 def runs_folder(outputs: str | Path) -> Path:
@@ -66,13 +48,7 @@ def sweeps_folder(outputs: str | Path) -> Path:
 
 
 def list_folders(outputs: str | Path) -> list[Path]:
-    """Return the folders of all runs, and of all jobs of all sweeps.
-
-    Raises
-    ------
-    PipelineError
-        When there is a folder of runs that cannot be read.
-    """
+    """Return the folders of all runs, and of all jobs of all sweeps."""
     runs = _list_within(runs_folder(outputs))
     return [*runs, *(job for sweep in _list_within(sweeps_folder(outputs)) for job in _list_within(sweep))]
 
@@ -84,12 +60,8 @@ def _list_within(folder: Path) -> list[Path]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise _unreadable(folder, error) from None
-
-
-def _unreadable(folder: Path, error: OSError) -> PipelineError:
-    told = error.strerror or error
-    return PipelineError(f"cannot read {folder} ({told}); expected a folder; choose another with outputs=PATH")
+        told = f"cannot read {folder} ({error.strerror or error}); expected a folder; choose another with outputs=PATH"
+        raise PipelineError(told) from None
 
 
 def list_ledgers(outputs: str | Path) -> list[Ledger]:
@@ -99,13 +71,7 @@ def list_ledgers(outputs: str | Path) -> list[Ledger]:
 
 
 def find_run(outputs: str | Path, name: str) -> Ledger:
-    """Return the run of a given name, unique beginning of a name, or ``latest``.
-
-    Raises
-    ------
-    ConfigError
-        When no run, or more than one, is meant.
-    """
+    """Return the run of a given name, unique beginning of a name, or ``latest``."""
     ledgers = list_ledgers(outputs)
     if not ledgers:
         raise ConfigError(f"no runs in {runs_folder(outputs)}; make one with: {command_line([])}")
@@ -126,15 +92,24 @@ def is_running(ledger: Ledger) -> bool:
     """Return whether a living process holds the run."""
     if not (ledger.folder / LOCK_NAME).exists():
         return False
-    lock = FileLock(ledger.folder / LOCK_NAME)
+    try:
+        lock = _lock(ledger.folder)
+    except OSError:
+        return False
+    if lock is None:
+        return True
+    lock.release()
+    return False
+
+
+def _lock(folder: Path) -> FileLock | None:
+    """Return the lock of a run, now held by this process, or None where another one holds it."""
+    lock = FileLock(folder / LOCK_NAME)
     try:
         lock.acquire(timeout=0)
     except Timeout:
-        return True
-    except OSError:
-        return False
-    lock.release()
-    return False
+        return None
+    return lock
 
 
 def live_status(ledger: Ledger) -> str:
@@ -151,34 +126,26 @@ def describe_status(folder: Path, ledger: Ledger | None, empty: str = "no ledger
     return "unreadable" if not os.access(folder, os.X_OK) or (folder / FILE_NAME).exists() else empty
 
 
-def claim(outputs: str | Path, identity: str, arguments: Sequence[str], place: Path | None = None) -> Claim:
-    """Claim the newest unfinished run of this study that nobody holds, or make a new one.
+@contextmanager
+def claim(outputs: str | Path, identity: str, arguments: Sequence[str], place: Path | None = None) -> Iterator[Claim]:
+    """Claim the newest unfinished run of this study that nobody holds, or make a new one, or claim a given `place`.
 
-    Parameters
-    ----------
-    outputs : str or Path
-        The outputs folder.
-    identity : str
-        Of the study.
-    arguments : sequence of str
-        Overrides from the command line, for the ledger.
-    place : Path, optional
-        The folder that the run must have, whatever was in it.
-
-    Raises
-    ------
-    PipelineError
-        When the folder cannot be written, or another process holds it.
+    A PipelineError says that the folder cannot be written, or that another process holds it.
     """
     try:
         if place is not None:
-            return _take(place, identity, list(arguments), _next_sequence(outputs))
-        return _resume(outputs, identity) or _create(outputs, identity, list(arguments))
+            held = _take(place, identity, list(arguments), _next_sequence(outputs))
+        else:
+            held = _resume(outputs, identity) or _create(outputs, identity, list(arguments))
     except OSError as error:
         raise PipelineError(
             f"cannot write to {error.filename or runs_folder(outputs)} ({error.strerror or error}); "
             "free the folder or choose another with outputs=PATH"
         ) from None
+    try:
+        yield held
+    finally:
+        held.lock.release(force=True)
 
 
 @contextmanager
@@ -187,16 +154,8 @@ def make_exclusively(
 ) -> Iterator[None]:
     """Wait until no other process makes the same, and let none begin it meanwhile.
 
-    Parameters
-    ----------
-    outputs : str or Path
-        The outputs folder.
-    fingerprint : str
-        Of what is to be made. Few locks serve all: who waits for another's is late, no worse.
-    check : callable
-        Raises if the run is to stop.
-    tell : callable
-        Called once if there is something to wait for.
+    Few locks serve all fingerprints: who waits for another's is late, no worse. `check` raises if the run is to stop;
+    `tell` is called once if there is something to wait for.
     """
     path = Path(outputs) / MAKING / f"{fingerprint[:3]}.lock"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -219,11 +178,9 @@ def make_exclusively(
 
 def _take(place: Path, identity: str, arguments: list[str], sequence: int) -> Claim:
     place.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(place / LOCK_NAME)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise TakenError(f"{place}: another process has this job at work; wait for it, or stop it") from None
+    lock = _lock(place)
+    if lock is None:
+        raise TakenError(f"{place}: another process has this job at work; wait for it, or stop it")
     begun = Ledger.begin(place, identity, sequence, arguments)
     before = Ledger.read(place)
     if before is None:
@@ -242,10 +199,8 @@ def _resume(outputs: str | Path, identity: str) -> Claim | None:
     for ledger in list_ledgers(outputs):
         if ledger.facts["identity"] != identity or ledger.status == "done":
             continue
-        lock = FileLock(ledger.folder / LOCK_NAME)
-        try:
-            lock.acquire(timeout=0)
-        except Timeout:
+        lock = _lock(ledger.folder)
+        if lock is None:
             continue
         current = Ledger.read(ledger.folder)
         if current is None or current.status == "done":
@@ -274,18 +229,3 @@ def _create(outputs: str | Path, identity: str, arguments: list[str]) -> Claim:
     lock = FileLock(place / LOCK_NAME)
     lock.acquire(timeout=0)
     return Claim(Ledger.begin(place, identity, sequence, arguments), False, lock)
-
-
-@contextmanager
-def claim_job(place: Path, identity: str, arguments: Sequence[str]) -> Iterator[Ledger]:
-    """Hold the folder of a job that cannot run, to write down why.
-
-    Raises
-    ------
-    PipelineError
-        When the folder cannot be written, or another process holds it.
-    """
-    held = claim(place.parent.parent.parent, identity, arguments, place)
-    with held:
-        keep_changes(place, held.ledger.facts)
-        yield held.ledger

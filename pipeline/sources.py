@@ -21,27 +21,18 @@ from pydantic import BaseModel
 
 from pipeline.files import hash_file
 
-IMPORTED_BY_NAME = "imported_by_name"
-"""Attribute of a configuration's model: dotted names of the modules that it imports by name when it is used."""
-
 
 def hash_sources(package: str, modules: Iterable[str]) -> dict[str, str]:
-    """Return the hash of every source file that modules depend on.
+    """Return the hash of every source file that modules depend on, by its path from the folder that holds the package.
 
-    Parameters
-    ----------
-    package : str
-        The stages' package.
-    modules : iterable of str
-        Dotted names. Of one outside the package, what it imports from its own package counts, too.
-
-    Returns
-    -------
-    dict of str to str
-        File, relative to the folder that holds the package, to SHA-256.
+    Of a module outside the stages' package, what it imports from its own package counts, too.
     """
     root = _folder(package).parents[package.count(".")]
-    return {_relative(path, root): hash_file(path) for path in _closure(package, tuple(sorted(set(modules))))}
+    hashes = {}
+    for path in _closure(package, tuple(sorted(set(modules)))):
+        top = root if path.is_relative_to(root) else path.parents[len(_list_packages(path))]
+        hashes[path.relative_to(top).as_posix()] = hash_file(path)
+    return hashes
 
 
 def library_versions(package: str, modules: Iterable[str]) -> dict[str, str]:
@@ -49,36 +40,25 @@ def library_versions(package: str, modules: Iterable[str]) -> dict[str, str]:
     files = _closure(package, tuple(sorted(set(modules))))
     names = {name.split(".")[0] for path in files for name in _imports(path)}
     outside = names - set(sys.stdlib_module_names) - {package.split(".")[0], "pipeline"}
-    versions = {"python": platform.python_version()}
-    for name in sorted(outside):
-        version = _version(name)
-        if version:
-            versions[name] = version
-    return versions
+    found = {name: version for name in sorted(outside) if (version := _version(name))}
+    return {"python": platform.python_version(), **found}
 
 
 def list_imported_by_name(value: Any) -> Iterator[str]:
-    """Yield the modules that a configuration imports by name.
+    """Yield the modules that a configuration (a validated model, or plain values) imports by name.
 
-    Parameters
-    ----------
-    value : object
-        A validated model, plain values, or a container of these: of models, the modules that define them and those
-        that they name under ``imported_by_name``; of plain mappings, those that ``_target_`` names.
+    Of models, these are the modules that define them and those that they name under ``imported_by_name``; of plain
+    mappings, those that ``_target_`` names.
     """
     if isinstance(value, BaseModel):
         yield type(value).__module__
-        yield from getattr(value, IMPORTED_BY_NAME, ())
-        for each in dict(value).values():
-            yield from list_imported_by_name(each)
-    elif isinstance(value, Mapping):
-        if isinstance(value.get("_target_"), str):
-            yield value["_target_"].rpartition(".")[0]
-        for each in value.values():
-            yield from list_imported_by_name(each)
-    elif isinstance(value, list | tuple):
-        for each in value:
-            yield from list_imported_by_name(each)
+        yield from getattr(value, "imported_by_name", ())
+        value = dict(value)
+    elif isinstance(value, Mapping) and isinstance(value.get("_target_"), str):
+        yield value["_target_"].rpartition(".")[0]
+    held = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
+    for each in held:
+        yield from list_imported_by_name(each)
 
 
 @cache
@@ -135,11 +115,6 @@ def _folder(package: str) -> Path:
     return Path(next(iter(spec.submodule_search_locations)))
 
 
-def _relative(path: Path, root: Path) -> str:
-    top = root if path.is_relative_to(root) else path.parents[len(_list_packages(path))]
-    return path.relative_to(top).as_posix()
-
-
 @cache
 def _list_packages(path: Path) -> tuple[str, ...]:
     """Return the names of the packages that a file lies in, the outermost first."""
@@ -170,9 +145,7 @@ def _walk_imports(node: ast.AST, packages: tuple[str, ...]) -> Iterator[str]:
 
 @cache
 def _version(name: str) -> str | None:
-    for distribution in (name, {"sklearn": "scikit-learn"}.get(name, name)):
-        try:
-            return importlib.metadata.version(distribution)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return None
+    try:
+        return importlib.metadata.version({"sklearn": "scikit-learn"}.get(name, name))
+    except importlib.metadata.PackageNotFoundError:
+        return None

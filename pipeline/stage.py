@@ -9,13 +9,13 @@ stands for several tables, one per field.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import inspect
 import pkgutil
 import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import wraps
-from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 from pydantic import BaseModel
@@ -27,26 +27,13 @@ from pipeline.table import Table
 
 @dataclass(frozen=True)
 class Stage:
-    """One step of a workflow.
+    """One step of a workflow, by the name of its function and of its config group.
 
-    Parameters
-    ----------
-    name : str
-        Name of the function and of its config group.
-    function : callable
-        Called with ``cfg``, the tables it reads, and ``ctx``, by name.
-    config : type of BaseModel
-        Its fields are the top-level config sections that the stage reads, and nothing else of the config reaches it.
-    reads : tuple of str
-        Names of tables.
-    writes : tuple of Table
-        In the order in which the function returns them.
-    optional : tuple of str
-        Those of `reads` that a workflow may lack.
-    preview : callable or None
-        Takes the stage's config and returns lines that the plan shows, of what it would make of files that it reads.
-    stream : str or None
-        From which, with the seed, its random numbers come, whatever the stage is called; None where it draws none.
+    The function is called with ``cfg``, the tables it reads, and ``ctx``, by name; it returns the tables it writes, in
+    their order. The fields of its config are the top-level sections that reach it. A workflow may lack the `optional`
+    ones of the tables it reads. A `preview` takes the config and returns lines that the plan shows, of what the stage
+    would make of files that it reads. From the `stream`, with the seed, its random numbers come, whatever the stage is
+    called; None where it draws none.
     """
 
     name: str
@@ -72,13 +59,7 @@ class Stage:
 def stage(
     *writes: Table, stream: str | None = None, preview: Callable[[Any], Sequence[str]] | None = None
 ) -> Callable[[Callable[..., Any]], Stage]:
-    """Make a function a stage that writes the given tables; stream and preview are those of `Stage`.
-
-    Raises
-    ------
-    WiringError
-        When the function has no ``cfg`` annotated with a pydantic model or no ``ctx``, or names a table twice.
-    """
+    """Make a function a stage that writes the given tables; stream and preview are those of `Stage`."""
 
     def decorate(function: Callable[..., Any]) -> Stage:
         name = function.__name__
@@ -124,25 +105,11 @@ def _bundle_tables(function: Callable[..., Any], bundles: Mapping[str, type]) ->
 
 
 def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]:
-    """Import the named stages of a package, or all.
+    """Import the named stages of a package, or all: its files, and those of its folders, are stages.
 
-    Parameters
-    ----------
-    package : str
-        Dotted name of the package whose files, and those of its folders, are stages.
-    names : sequence of str, optional
-        Each is a function in the file of its name, or in the one that its name ends with (``unseen_bank`` in
-        ``bank.py``); without them, all stages of all files.
-
-    Raises
-    ------
-    ConfigError
-        When the package has no such stage; the nearest name is offered.
+    Each is a function in the file of its name, or in the one that its name ends with (``unseen_bank`` in ``bank.py``).
     """
-    try:
-        known = _find_modules(package)
-    except ModuleNotFoundError:
-        raise ConfigError(f"workflow.package: no Python package '{package}'") from None
+    known = _find_modules(package)
     if names is None:
         modules = [importlib.import_module(each) for each in known.values()]
         return [found for module in modules for found in vars(module).values() if isinstance(found, Stage)]
@@ -161,13 +128,13 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
 
 
 def _find_modules(package: str) -> dict[str, str]:
-    """Return the dotted name of each file in a package and in its folders, by the file's own name.
-
-    Raises
-    ------
-    WiringError
-        When two files have the same name.
-    """
+    """Return the dotted name of each file in a package and in its folders, by the file's own name."""
+    try:
+        found = importlib.util.find_spec(package) if all(each.isidentifier() for each in package.split(".")) else None
+    except ModuleNotFoundError:
+        found = None
+    if found is None or found.submodule_search_locations is None:
+        raise ConfigError(f"workflow.package: expected the dotted name of a Python package, got {package!r}")
     folders = [package]
     modules: dict[str, str] = {}
     for folder in folders:
@@ -186,11 +153,6 @@ def order_stages(stages: Sequence[Stage]) -> list[Stage]:
     """Return the stages so that each comes after those whose tables it reads.
 
     A table that a stage can do without, and which no stage writes, is no longer among those that it reads.
-
-    Raises
-    ------
-    WiringError
-        When a table has no writer or two, or the stages wait for each other.
     """
     writer: dict[str, Stage] = {}
     for each in stages:
@@ -198,9 +160,10 @@ def order_stages(stages: Sequence[Stage]) -> list[Stage]:
             if table.name in writer:
                 raise WiringError(f"table {table.name} is written by {writer[table.name].name} and by {each.name}")
             writer[table.name] = each
-    stages = [_leave_out(each, [name for name in each.optional if name not in writer]) for each in stages]
-    position = {each.name: index for index, each in enumerate(stages)}
-    sorter: TopologicalSorter[str] = TopologicalSorter()
+    stages = [
+        replace(each, reads=tuple(name for name in each.reads if name in writer or name not in each.optional))
+        for each in stages
+    ]
     for each in stages:
         for name in each.reads:
             if name not in writer:
@@ -208,21 +171,13 @@ def order_stages(stages: Sequence[Stage]) -> list[Stage]:
                     f"stage {each.name} reads table {name}, which no stage of this workflow writes; "
                     "add the one that does to workflow.stages"
                 )
-        sorter.add(each.name, *{writer[name].name for name in each.reads})
-    by_name = {each.name: each for each in stages}
-    try:
-        sorter.prepare()
-    except CycleError as error:
-        raise WiringError(f"stages wait for each other: {' -> '.join(error.args[1])}") from None
     ordered: list[Stage] = []
-    ready: list[str] = []
-    while sorter.is_active():
-        ready = sorted([*ready, *sorter.get_ready()], key=position.__getitem__)
-        name = ready.pop(0)
-        ordered.append(by_name[name])
-        sorter.done(name)
+    waiting = list(stages)
+    while waiting:
+        awaited = {table.name for each in waiting for table in each.writes}
+        ready = next((each for each in waiting if not awaited & {*each.reads}), None)
+        if ready is None:
+            raise WiringError(f"stages wait for each other: {', '.join(each.name for each in waiting)}")
+        ordered.append(ready)
+        waiting.remove(ready)
     return ordered
-
-
-def _leave_out(stage: Stage, absent: Sequence[str]) -> Stage:
-    return replace(stage, reads=tuple(name for name in stage.reads if name not in absent)) if absent else stage

@@ -59,13 +59,9 @@ def column(
     nullable : bool
         Whether a value may be missing.
     """
-    checks = []
-    if low is not None:
-        checks.append(pa.Check.ge(low))
-    if high is not None:
-        checks.append(pa.Check.le(high))
-    if among is not None:
-        checks.append(pa.Check.isin(list(among)))
+    allowed = None if among is None else list(among)
+    limits = ((pa.Check.ge, low), (pa.Check.le, high), (pa.Check.isin, allowed))
+    checks = [check(limit) for check, limit in limits if limit is not None]
     return pa.Column(dtype, checks, nullable=nullable, description=description, metadata={"unit": unit})
 
 
@@ -101,17 +97,8 @@ class Table:
     def check(self, frame: pd.DataFrame, where: str) -> pd.DataFrame:
         """Return `frame` if it keeps the contract.
 
-        Parameters
-        ----------
-        frame : DataFrame
-            What is about to be written, or was just read.
-        where : str
-            File or stage, for the message.
-
-        Raises
-        ------
-        TableError
-            Naming the column, what was expected and the first offending rows.
+        A TableError names `where` it was found (file or stage), the column, what was expected and the first offending
+        rows.
         """
         names = [str(name) for name in frame.columns]
         missing = [name for name in self.columns if name not in frame.columns]
@@ -148,68 +135,29 @@ class Table:
         return checked
 
     def write(self, frame: pd.DataFrame, path: Path) -> None:
-        """Check `frame` and write it to `path` atomically.
-
-        Raises
-        ------
-        TableError
-            When the contract is not kept; nothing is written then.
-        OSError
-            When the disk refuses; `path` is as it was.
-        """
+        """Check `frame` and write it to `path` atomically; when it is refused, `path` is as it was."""
         checked = self.check(frame, "on write")
         arrow = pyarrow.Table.from_pandas(checked, preserve_index=False)
-        fields = [
-            field.with_metadata(
-                {"unit": _unit(self.columns[field.name]), "description": self.columns[field.name].description or ""}
-            )
-            for field in arrow.schema
-        ]
-        arrow = arrow.cast(
-            pyarrow.schema(fields, metadata={**(arrow.schema.metadata or {}), b"title": self.title.encode()})
-        )
-        content = _seal(arrow)
+        described = zip(arrow.schema, self.describe(), strict=True)
+        fields = [field.with_metadata({"unit": unit, "description": told}) for field, (_, unit, told) in described]
+        metadata = {**(arrow.schema.metadata or {}), b"title": self.title.encode()}
+        content = _seal(arrow.cast(pyarrow.schema(fields, metadata=metadata)))
         write_atomically(path, lambda temporary: temporary.write_bytes(content), final=True)
 
     def read(self, path: Path) -> pd.DataFrame:
-        """Read `path` and check it.
-
-        Raises
-        ------
-        TableError
-            When the file is absent, damaged, not Parquet, or does not keep the contract.
-        """
+        """Read `path` and check it."""
         return self.check(read_frame(path), str(path))
-
-    def read_sealed(self, path: Path) -> pd.DataFrame:
-        """Read what `write` wrote under this very contract: its bytes are whole, so it keeps the contract.
-
-        Raises
-        ------
-        TableError
-            When the file is absent, damaged, or no such file.
-        """
-        return read_frame(path, sealed=True)
 
     def describe(self) -> list[tuple[str, str, str]]:
         """Return name, unit and description of each column."""
-        return [(name, _unit(each), each.description or "") for name, each in self.columns.items()]
+        columns = self.columns.items()
+        return [(name, str((each.metadata or {}).get("unit", "1")), each.description or "") for name, each in columns]
 
 
 def read_frame(path: Path, sealed: bool = False) -> pd.DataFrame:
-    """Read a Parquet file that may have no contract here.
+    """Read a Parquet file that may have no contract here, or is refused with a TableError.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    sealed : bool
-        Whether it must be one that `Table.write` wrote.
-
-    Raises
-    ------
-    TableError
-        When the file is absent, damaged or not Parquet. Damage is certain to be seen in what `Table.write` wrote.
+    Damage is certain to be seen in what `Table.write` wrote; `sealed` says that it must be such a file.
     """
     try:
         content = path.read_bytes()
@@ -277,10 +225,6 @@ def _obeys(values: pd.Series, declared: pa.Column) -> bool:
         if not kept:
             return False
     return True
-
-
-def _unit(each: pa.Column) -> str:
-    return str((each.metadata or {}).get("unit", "1"))
 
 
 def _describe(failures: pd.DataFrame) -> str:

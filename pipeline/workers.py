@@ -11,13 +11,13 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
-from pipeline.errors import WorkerError
+from pipeline.errors import PipelineError
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -34,23 +34,9 @@ def spread(
     workers: int,
     check: Callable[[], None] = lambda: None,
 ) -> Iterator[Result]:
-    """Yield ``function(job)`` for each job, in order.
+    """Yield ``function(job)`` for each of independent jobs, in order; with one worker, all is computed here.
 
-    Parameters
-    ----------
-    function : callable
-        Can be pickled, as can jobs and results.
-    jobs : sequence
-        Independent of each other.
-    workers : int
-        Processes; with one, or one job, all is computed here.
-    check : callable
-        Raises between two results if the run is to stop.
-
-    Raises
-    ------
-    WorkerError
-        When a process was killed. What a job raises is raised here.
+    Function, jobs and results can be pickled. Between two results, `check` raises if the run is to stop.
     """
     if min(workers, len(jobs)) <= 1:
         for job in jobs:
@@ -63,22 +49,18 @@ def spread(
     try:
         futures = [pool.submit(function, job) for job in jobs]
         for future in futures:
-            yield _wait(future, check)
+            check()
+            found = future.result()
+            check()
+            yield found
         pool.shutdown()
     except BrokenProcessPool:
-        raise WorkerError(
+        raise PipelineError(
             "a worker process was killed, perhaps for want of memory; what was finished is kept; "
             "workers=1 needs the least memory"
         ) from None
     finally:
         _stop(pool, others)
-
-
-def _wait(future: Future[Result], check: Callable[[], None]) -> Result:
-    check()
-    found = future.result()
-    check()
-    return found
 
 
 def _prepare() -> None:

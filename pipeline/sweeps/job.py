@@ -14,11 +14,10 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 from omegaconf import DictConfig
 
-from pipeline.checkout import look_at_checkout
+from pipeline.checkout import keep_changes, look_at_checkout
 from pipeline.config import Study, read_study
 from pipeline.errors import PipelineError, TakenError
 from pipeline.ledger import Ledger
@@ -26,7 +25,7 @@ from pipeline.page import read_templates
 from pipeline.plan import make_plan
 from pipeline.report import try_report
 from pipeline.runner import Runner
-from pipeline.runs import claim_job, is_running, list_ledgers
+from pipeline.runs import claim, is_running, list_ledgers
 from pipeline.stage import Stage
 from pipeline.sweeps.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_meaningful, name_job
 from pipeline.sweeps.subprocess_job import Ending, run_in_subprocess
@@ -58,9 +57,7 @@ class JobTask:
         config = HydraConfig.get()
         overrides = [str(each) for each in config.overrides.task]
         job = name_job(overrides)
-        if self.launch.outcome(job) is not None:
-            return 0
-        if self.launch.stop is not None:
+        if self.launch.outcome(job) is not None or self.launch.stop is not None:
             return 0
         given = [self.launch.files[each] for each in config.runtime.choices.values() if each in self.launch.files]
         try:
@@ -80,10 +77,12 @@ class JobTask:
         try:
             study, stages = read_study(composed)
         except Exception as error:  # of one job, whose others go on
-            why = str(error) if isinstance(error, PipelineError) else f"{type(error).__name__}: {error}"
-            with claim_job(folder, "", arguments) as ledger:
-                ledger.end("failed", {"stage": "configuration", "message": why.splitlines()[0]})
-            return Outcome("failed", 2), why.splitlines()[0]
+            told = str(error) if isinstance(error, PipelineError) else f"{type(error).__name__}: {error}"
+            why = told.splitlines()[0]
+            with claim(folder.parents[2], "", arguments, folder) as held:
+                keep_changes(folder, held.ledger.facts)
+                held.ledger.end("failed", {"stage": "configuration", "message": why})
+            return Outcome("failed", 2), why
         before = Ledger.read(folder)
         if before is not None and is_running(before):
             return ELSEWHERE
@@ -91,32 +90,21 @@ class JobTask:
             same = before.facts["identity"] == study.identity
             return Outcome("kept"), "" if same else "with another configuration; on_finished=refresh runs it again"
         _warm_up(study, stages)
+        runner = Runner(study, stages, arguments, open_console(quiet=True), given, folder, ONE_WORKER)
         ending = run_in_subprocess(
-            lambda: self._run(study, stages, job, arguments, given),
+            lambda: _run(runner),
             lambda: self.launch.stop == STOPPED_BY_SIGNAL,
             follow_parent=os.getpid() != self.launch.pid,
         )
         if ending.code == TAKEN:
             return ELSEWHERE
         ended = Ledger.read(folder)
-        told = self._describe(ended, job, ending)
+        outcome = self._describe(ended, ending)
         if ended is not None and ended.status == "killed":
             try_report(ended, study, stages)
-        return told
+        return outcome
 
-    def _run(
-        self, study: Study, stages: list[Stage], job: str, arguments: list[str], given: list[dict[str, str]]
-    ) -> int:
-        runner = Runner(study, stages, arguments, open_console(quiet=True), given, self.launch.sweep / job, ONE_WORKER)
-        try:
-            return runner.run()
-        except TakenError:
-            return TAKEN
-        except PipelineError as error:
-            complain(str(error))
-            return 2
-
-    def _describe(self, ledger: Ledger | None, job: str, ending: Ending) -> tuple[Outcome, str]:
+    def _describe(self, ledger: Ledger | None, ending: Ending) -> tuple[Outcome, str]:
         """Return what became of a job that was run, and why; note in its ledger what it could not note itself."""
         if ending.signal is not None:
             why = f"killed by {signal.Signals(ending.signal).name} after {ending.seconds:.1f} s"
@@ -145,12 +133,24 @@ class JobTask:
         return [*self.launch.options, f"sweep={self.launch.sweep.name}", *typed, *others]
 
     def _print_outcome(self, job: str, outcome: Outcome, told: str) -> None:
+        from rich.markup import escape
+
         number = self.launch.jobs.index(job) + 1 if job in self.launch.jobs else 0
         width = len(str(len(self.launch.jobs)))
         colour = COLOURS.get(outcome.word, "dim")
         took = f"{outcome.seconds:7.1f} s" if outcome.seconds else " " * 9
         line = f"  {number:>{width}}/{len(self.launch.jobs)}  [{colour}]{outcome.word:<11}[/]{took}  "
-        open_console().print(line + _escape(f"{job}  {told}".rstrip()), soft_wrap=True, highlight=False)
+        open_console().print(line + escape(f"{job}  {told}".rstrip()), soft_wrap=True, highlight=False)
+
+
+def _run(runner: Runner) -> int:
+    try:
+        return runner.run()
+    except TakenError:
+        return TAKEN
+    except PipelineError as error:
+        complain(str(error))
+        return 2
 
 
 @cache
@@ -173,9 +173,3 @@ def _warm_up(study: Study, stages: list[Stage]) -> None:
     read_templates()
     importlib.import_module("pyarrow.dataset")  # without which no table is read
     look_at_checkout()
-
-
-def _escape(text: Any) -> str:
-    from rich.markup import escape
-
-    return escape(str(text))

@@ -28,17 +28,10 @@ STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL = "failure", "signal"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job in a launch.
+    """What became of a job in a launch, its exit code, and the seconds that it took.
 
-    Parameters
-    ----------
-    word : str
-        ``done``, ``kept`` (done in an earlier launch), ``failed``, ``killed``, ``interrupted``, ``paused``,
-        ``elsewhere`` (another process has it at work) or ``not begun``.
-    code : int
-        Exit code.
-    seconds : float
-        That it took.
+    The word is ``done``, ``kept`` (done in an earlier launch), ``failed``, ``killed``, ``interrupted``, ``paused``,
+    ``elsewhere`` (another process has it at work) or ``not begun``.
     """
 
     word: str
@@ -50,24 +43,8 @@ class Outcome:
 class Launch:
     """What every job of a launch has to know.
 
-    Parameters
-    ----------
-    sweep : Path
-        Folder of the sweep.
-    name : str
-        Of the launch.
-    pid : int
-        Of the process that was typed.
-    jobs : tuple of str
-        Their names, in order.
-    on_failure : {"continue", "stop"}
-        What becomes of the jobs that have not begun when one fails.
-    on_finished : {"keep", "refresh"}
-        Whether a job that is done is looked at again.
-    files : mapping
-        Options that lie in files of one's own, as of `pipeline.config_files`.
-    options : tuple of str
-        Of the command line, such as a folder of configurations, that a job by itself needs too.
+    The launch is of the process `pid`, that was typed; its jobs are names in order; `files` gave options of config
+    groups; `options` of the command line, such as a folder of configurations, are those that a job by itself needs too.
     """
 
     sweep: Path
@@ -86,12 +63,8 @@ class Launch:
 
     def begin(self, command: str, arguments: Sequence[str], overrides: Sequence[Sequence[str]]) -> None:
         """Write down what was typed, and the jobs that came of it."""
-        facts = {
-            "command": command,
-            "arguments": list(arguments),
-            "started": now(),
-            "jobs": [{"job": job, "overrides": list(each)} for job, each in zip(self.jobs, overrides, strict=True)],
-        }
+        jobs = [{"job": job, "overrides": list(each)} for job, each in zip(self.jobs, overrides, strict=True)]
+        facts = {"command": command, "arguments": list(arguments), "started": now(), "jobs": jobs}
         write_json(self.folder / FACTS, facts)
 
     def note(self, job: str, outcome: Outcome) -> None:
@@ -161,15 +134,7 @@ def _lives(pid: int) -> bool:
 def name_job(overrides: Sequence[str]) -> str:
     """Return the name of a job's folder: its overrides by key, but those that say nothing of what it computes.
 
-    Parameters
-    ----------
-    overrides : sequence of str
-        As ``key=value``.
-
-    Returns
-    -------
-    str
-        Where that is no name for a folder, or too long, as near to it as can be, and a hash.
+    Where that is no name for a folder, or too long, it is as near to it as can be, and a hash.
     """
     telling = sorted(each for each in overrides if is_meaningful(each))
     plain = ",".join(telling) or "defaults"

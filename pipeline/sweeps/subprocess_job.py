@@ -28,20 +28,9 @@ SET_PARENT_DEATH_SIGNAL = 1
 
 @dataclass(frozen=True)
 class Ending:
-    """How a process ended.
+    """How a process ended: its exit code, or the signal that killed it, whose number and 128 are the code then.
 
-    Parameters
-    ----------
-    code : int
-        Exit code; 128 and the signal's number where one killed it.
-    signal : int or None
-        Which.
-    seconds : float
-        From its start to its end.
-    peak_memory_mb : float
-        Largest resident set, MB.
-    output : str
-        The end of what it printed.
+    Further, the seconds from its start, its largest resident set in MB, and the end of what it printed.
     """
 
     code: int
@@ -52,16 +41,10 @@ class Ending:
 
 
 def run_in_subprocess(work: Callable[[], int], wants_stop: Callable[[], bool], follow_parent: bool) -> Ending:
-    """Run a function in a process of its own.
+    """Run a function, which returns an exit code, in a process of its own.
 
-    Parameters
-    ----------
-    work : callable
-        Returns an exit code.
-    wants_stop : callable
-        Asked from time to time; once true, the process is sent SIGTERM.
-    follow_parent : bool
-        Whether it, and this process, end when the parent of this process does.
+    `wants_stop` is asked from time to time; once true, the process is sent SIGTERM. With `follow_parent`, it and this
+    process end when the parent of this process does.
     """
     parent = _parent_of(os.getpid())
     sys.stdout.flush()

@@ -55,17 +55,7 @@ BEGINNING = ("not begun", "failed", "killed", "interrupted", "paused")
 
 @dataclass(frozen=True)
 class Planned:
-    """A job of a sweep before it runs.
-
-    Parameters
-    ----------
-    name : str
-        Of its folder.
-    overrides : tuple of str
-        As ``key=value``.
-    state : str
-        ``not begun``, ``done``, ``failed``, ``killed``, ``interrupted``, ``paused`` or ``running``.
-    """
+    """A job of a sweep before it runs: its folder's name, its overrides, and a run's status or ``not begun``."""
 
     name: str
     overrides: tuple[str, ...]
@@ -88,28 +78,8 @@ def run_sweep(
 ) -> int:
     """Plan a sweep, launch it, and tell what came of it.
 
-    Parameters
-    ----------
-    overrides : sequence of str
-        Of the command line, as Hydra is to read them.
-    typed : sequence of str
-        The command line as typed, its sweep named.
-    config_folder : Path
-        Of the project.
-    search_path : str or None
-        Folder of configurations of one's own.
-    files : mapping
-        Options that lie in files, as of `pipeline.config_files`.
-
-    Returns
-    -------
-    int
-        Exit code: 0 where every job is done, 1 where one is not, 130 or 143 where a signal stopped the launch.
-
-    Raises
-    ------
-    ConfigError
-        When no job could run.
+    The overrides are for Hydra to read, `typed` is the command line with the sweep named. The exit code is 0 where
+    every job is done, 1 where one is not, 130 or 143 where a signal stopped the launch.
     """
     overrides_typed = read_options(typed).overrides
     if search_path:
@@ -123,7 +93,11 @@ def run_sweep(
         raise ConfigError(f"{name}: expected null in a sweep, whose jobs run at the same time; leave {name}= or -m out")
     folder = sweeps_folder(settings.outputs) / settings.sweep
     jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
-    _refuse_duplicates(jobs)
+    twice = [name for name, count in Counter(each.name for each in jobs).items() if count > 1]
+    if twice:
+        raise ConfigError(
+            f"sweep: {len(jobs)} jobs but '{twice[0]}' more than once; vary keys that change what a job computes"
+        )
     for line in describe_plan(folder, jobs, settings.on_finished):
         say(line)
     if settings.plan:
@@ -156,12 +130,9 @@ def describe_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> It
     counts = Counter(each.state for each in jobs)
     told = ", ".join(f"{count} {state}" for state, count in counts.items())
     yield f"sweep {folder}: {format_count(len(jobs), 'job')} ({told})"
-    axes: dict[str, list[str]] = {}
-    for job in jobs:
-        for key, _, value in (each.partition("=") for each in job.overrides):
-            axes.setdefault(key, [])
-            if value not in axes[key]:
-                axes[key].append(value)
+    axes: dict[str, dict[str, None]] = {}
+    for key, _, value in (each.partition("=") for job in jobs for each in job.overrides):
+        axes.setdefault(key, {})[value] = None
     for key, values in axes.items():
         if len(values) > 1:
             yield f"  {key}: {', '.join(values)}"
@@ -233,14 +204,6 @@ def _state(folder: Path) -> str:
     return "not begun" if ledger is None else live_status(ledger)
 
 
-def _refuse_duplicates(jobs: Sequence[Planned]) -> None:
-    twice = [name for name, count in Counter(each.name for each in jobs).items() if count > 1]
-    if twice:
-        raise ConfigError(
-            f"sweep: {len(jobs)} jobs but '{twice[0]}' more than once; vary keys that change what a job computes"
-        )
-
-
 def _supervise(launch: Launch, run: Callable[[], None], stopped: list[int]) -> None:
     """Have Hydra run the jobs, again where a worker's death took the others with it, or another process had some."""
     deaths = 0
@@ -300,16 +263,16 @@ def _stopping(launch: Launch) -> Iterator[list[int]]:
 
 
 def _print_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
-    from pipeline.sweeps.sweep_table import write_sweep
+    from pipeline.sweeps.sweep_table import collect_sweep, write_frame
 
     states = {job: _state(launch.sweep / job) for job in launch.jobs}
     counts = Counter(states.values())
     try:
-        path = write_sweep(launch.sweep)
+        path = write_frame(launch.sweep, *collect_sweep(launch.sweep))
         say(f"{', '.join(f'{count} {state}' for state, count in counts.items())}: {path}")
     except OSError as error:
-        told = f"cannot write {error.filename or launch.sweep}: {error.strerror}; the jobs' own folders are as they are"
-        complain(told)
+        where = error.filename or launch.sweep
+        complain(f"cannot write {where}: {error.strerror}; the jobs' own folders are as they are")
     failed = {job: state for job, state in states.items() if state in ("failed", "killed", "paused")}
     for line in list_reasons(launch.sweep, failed):
         complain(line)

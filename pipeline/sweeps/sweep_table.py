@@ -28,25 +28,10 @@ OWN = ("job", "status", "wall_s", "peak_memory_mb", "stage", "error", "commit")
 
 
 def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Return a row for each job of a sweep, and the units of its metrics.
+    """Return a row for each job of a sweep, and the units of columns that have one.
 
-    Parameters
-    ----------
-    sweep : Path
-        Its folder.
-
-    Returns
-    -------
-    frame : DataFrame
-        Column ``job``; a column for each key that a job overrides, as text; ``status``; a column for each metric;
-        ``wall_s``, ``peak_memory_mb``, ``stage`` and ``error`` (where and why it failed) and ``commit``. By job.
-    units : dict
-        Of columns that have one.
-
-    Raises
-    ------
-    ConfigError
-        When there is no such folder.
+    The columns are ``job``; the keys that a job overrides, as text; ``status``; the metrics; ``wall_s``,
+    ``peak_memory_mb``, ``stage`` and ``error`` (where and why it failed) and ``commit``.
     """
     if not sweep.is_dir():
         raise ConfigError(f"no sweep in {sweep}; expected a folder in outputs/sweeps")
@@ -81,18 +66,13 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
     first, last = OWN[:1], OWN[2:]
     order = [*first, *(each for each in axes if each not in metrics), "status", *metrics, *last]
     frame = pd.DataFrame(rows, columns=list(dict.fromkeys(order)))
-    numbers = [name for name in (*metrics, "wall_s", "peak_memory_mb") if not _has_text(frame[name])]
+    numbers = [name for name in (*metrics, *UNITS) if not any(isinstance(each, str) for each in frame[name])]
     frame[numbers] = frame[numbers].astype(float)
     return frame, {**UNITS, **metrics}
 
 
-def write_sweep(sweep: Path) -> Path:
-    """Write ``sweep.parquet`` into a sweep's folder; return its path."""
-    return write_frame(sweep, *collect_sweep(sweep))
-
-
 def write_frame(sweep: Path, frame: pd.DataFrame, units: Mapping[str, str]) -> Path:
-    """Write what `collect_sweep` returned; return its path."""
+    """Write what `collect_sweep` returned as ``sweep.parquet``; return its path."""
     fields = [
         each.with_metadata({"unit": units[each.name]}) if each.name in units else each
         for each in pyarrow.Schema.from_pandas(frame, preserve_index=False)
@@ -107,10 +87,6 @@ def split_overrides(overrides: Sequence[str]) -> dict[str, str]:
     """Return the telling overrides of a job by key, without the marks by which a key is added."""
     pairs = (each.partition("=") for each in overrides if is_meaningful(each))
     return {key.lstrip("+"): value for key, sign, value in pairs if sign}
-
-
-def _has_text(values: pd.Series) -> bool:
-    return any(isinstance(each, str) for each in values)
 
 
 def _in_order(job: str) -> list[tuple[bool, float, str]]:

@@ -13,13 +13,17 @@ from scipy.io import savemat
 from pipeline.columns import main
 from tests.conftest import ROOT
 from tests.measured_data import make_samples, write_dataset
+from tests.pipeline.conftest import success
 
 
 @pytest.fixture
-def look(capsys):
-    """Return what the command prints of a file; the last line is the command to type."""
+def look(capsys, tmp_path):
+    """Return what the command prints of a file, or of columns in one; the last line is the command to type."""
 
-    def call(path):
+    def call(held):
+        path = tmp_path / "x.csv" if isinstance(held, dict | pd.DataFrame) else held
+        if path is not held:
+            pd.DataFrame(held).to_csv(path, index=False)
         assert main([str(path)]) == 0
         return capsys.readouterr().out.splitlines()
 
@@ -84,11 +88,8 @@ def test_what_it_prints_can_be_typed(look, pamid, tmp_path, suffix):
     line = shlex.split(look(path)[-1])
     told = line[line.index("pipeline") + 1 :]
     assert told[-4:] == ["plant=second_order", "plant.input=drive_v", "plant.output=response_v", "plan=true"]
-    plan = pamid(*told)
-    assert plan.returncode == 0, plan.stderr
-    assert re.search(r"drive_v +<- (data\.)?u\n", plan.stdout)
-    done = pamid(*told[:-1], "stages=[measurement]")
-    assert done.returncode == 0, done.stderr
+    assert re.search(r"drive_v +<- (data\.)?u\n", success(pamid, *told))
+    success(pamid, *told[:-1], "stages=[measurement]")
     found = pd.read_parquet(pamid.runs[0] / "tables/measured_signals.parquet")
     for signal, expected in (("drive_v", drive), ("response_v", answer)):
         np.testing.assert_allclose(found.loc[found["signal"] == signal, "value"], expected)
@@ -118,17 +119,15 @@ def test_parts_by_name_and_a_sampling_time_come_into_the_command(look, tmp_path)
         (("monday", "tuesday"), []),
     ],
 )
-def test_a_column_of_parts_comes_into_the_command_if_its_values_say_what_they_are_for(look, tmp_path, names, told):
+def test_a_column_of_parts_comes_into_the_command_if_its_values_say_what_they_are_for(look, names, told):
     time, drive, answer = make_run()
-    part = np.repeat(names, [120, len(time) - 120])
-    pd.DataFrame({"t": time, "u": drive, "y": answer, "part": part}).to_csv(tmp_path / "x.csv", index=False)
-    assert [each for each in arguments(look(tmp_path / "x.csv")) if each.startswith("parts")] == told
+    lines = look({"t": time, "u": drive, "y": answer, "part": np.repeat(names, [120, len(time) - 120])})
+    assert [each for each in arguments(lines) if each.startswith("parts")] == told
 
 
-def test_the_machines_that_it_may_be_are_told_with_their_signals(look, tmp_path):
+def test_the_machines_that_it_may_be_are_told_with_their_signals(look):
     time, drive, answer = make_run(20)
-    pd.DataFrame({"t": time, "u": drive, "way_mm": answer}).to_csv(tmp_path / "x.csv", index=False)
-    lines = look(tmp_path / "x.csv")
+    lines = look({"t": time, "u": drive, "way_mm": answer})
     at = lines.index("  which machine it is: plant=second_order is put here; in place of it and its signals may stand")
     assert lines[at + 1 : at + 6] == [
         "    plant=cascaded_tanks plant.input=drive_v plant.output=way_m",
@@ -140,55 +139,43 @@ def test_the_machines_that_it_may_be_are_told_with_their_signals(look, tmp_path)
     assert arguments(lines)[-4:-1] == ["plant=second_order", "plant.input=drive_v", "plant.output=way_m"]
 
 
+def join_runs(*times):
+    return {"t": np.concatenate(times), "run": np.repeat(np.arange(len(times)), [len(each) for each in times])}
+
+
 @pytest.mark.parametrize(
-    ("times", "told"),
+    ("columns", "told"),
     [
-        (np.arange(20.0), "time: even steps, 1 Hz"),
-        (np.delete(np.arange(20.0), [5, 9, 10]), "time: even steps, 1 Hz, but for 2 gaps"),
-        (np.cumsum(np.linspace(1.0, 1.5, 20)), "time: uneven steps of 1.026 to 1.5 s about 1.263 s"),
-        (np.tile(np.arange(10.0), 2), "time: goes back; if records follow each other, tell them apart: columns.record"),
-        ((np.arange(40) / 300.0).round(2), "time: steps rounded to 0.01 s; the samples will be counted, at 300 Hz"),
-        (np.zeros(20), "time: stands still"),
+        ({"t": np.arange(20.0)}, "time: even steps, 1 Hz"),
+        ({"t": np.delete(np.arange(20.0), [5, 9, 10])}, "time: even steps, 1 Hz, but for 2 gaps"),
+        ({"t": np.cumsum(np.linspace(1.0, 1.5, 20))}, "time: uneven steps of 1.026 to 1.5 s about 1.263 s"),
+        ({"t": np.tile(np.arange(10.0), 2)}, "time: goes back; if records follow each other, tell them apart: columns"),
+        ({"t": (np.arange(40) / 300.0).round(2)}, "time: steps rounded to 0.01 s; the samples will be counted, at 300"),
+        ({"t": np.zeros(20)}, "time: stands still"),
+        (join_runs(np.arange(50) / 50, np.arange(50) / 100), "time: 50 to 100 Hz, by record; they are resampled to"),
+        (join_runs(*[np.arange(10) / 50] * 20), "records: 20, of 10 rows"),
+        (join_runs(*[np.arange(10) / 50] * 19, np.arange(14) / 50), "records: 20, of 10 to 14 rows"),
+        (
+            {"Time": [f"5/{k}/2026 10:00:00" for k in range(1, 9)]},
+            "column Time: expected dates that tell the day from the month, got '5/2/2026 10:00:00'; write",
+        ),
     ],
 )
-def test_it_tells_how_the_clock_runs(look, tmp_path, times, told):
-    pd.DataFrame({"t": times, "u": 1.0 * np.arange(len(times))}).to_csv(tmp_path / "x.csv", index=False)
-    assert any(line.startswith(told) for line in look(tmp_path / "x.csv"))
+def test_it_tells_how_the_clock_runs(look, columns, told):
+    lines = look(pd.DataFrame(columns).assign(u=lambda frame: 1.0 * np.arange(len(frame))))
+    assert any(line.startswith(told) for line in lines)
 
 
-def test_unequal_rates_are_told(look, tmp_path):
-    runs = [pd.DataFrame({"t": np.arange(50) / rate, "u": 1.0, "run": rate}) for rate in (50, 100)]
-    pd.concat(runs).to_csv(tmp_path / "x.csv", index=False)
-    assert "time: 50 to 100 Hz, by record; they are resampled to the lowest" in look(tmp_path / "x.csv")
-
-
-@pytest.mark.parametrize(("longest", "told"), [(10, "of 10 rows"), (14, "of 10 to 14 rows")])
-def test_many_records_are_counted(look, tmp_path, longest, told):
-    sizes = [10] * 19 + [longest]
-    runs = [pd.DataFrame({"t": np.arange(size) / 50.0, "u": 1.0, "run": k}) for k, size in enumerate(sizes)]
-    pd.concat(runs).to_csv(tmp_path / "x.csv", index=False)
-    assert f"records: 20, {told}" in look(tmp_path / "x.csv")
-
-
-def test_a_folder_without_samples_is_told(capsys, tmp_path):
-    (tmp_path / "arm").mkdir()
-    assert main([str(tmp_path / "arm")]) == 2
-    assert "arm: expected samples.parquet in this folder, got none" in capsys.readouterr().err
-
-
-def test_what_it_cannot_guess_is_left_to_the_person(look, tmp_path):
-    pd.DataFrame({"a": [0.0, 1.0, 2.0], "qm": [1.0, 2.0, 4.0]}).to_csv(tmp_path / "x.csv", index=False)
-    lines = look(tmp_path / "x.csv")
+def test_what_it_cannot_guess_is_left_to_the_person(look):
+    lines = look({"a": [0.0, 1.0, 2.0], "qm": [1.0, 2.0, 4.0]})
     assert "  which column is time: columns.time_s=NAME; or, without one, its rate: measurement.rate_hz=..." in lines
     assert "  the unit of a, qm, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F" in lines
     assert arguments(lines) == ["workflow=discrepancy", "measurement=records", "plant=second_order", "plan=true"]
 
 
-def test_a_unit_with_a_slash_is_read_whole_or_asked_for(look, tmp_path):
+def test_a_unit_with_a_slash_is_read_whole_or_asked_for(look):
     time, drive, answer = make_run()
-    frame = {"t": time, "Q_l/min": drive, "k_N/mm": answer, "Temp °C": answer, "Level %": drive}
-    pd.DataFrame(frame).to_csv(tmp_path / "x.csv", index=False)
-    lines = look(tmp_path / "x.csv")
+    lines = look({"t": time, "Q_l/min": drive, "k_N/mm": answer, "Temp °C": answer, "Level %": drive})
     assert "  the unit of k_N/mm, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F" in lines
     assert arguments(lines)[2:9] == [
         "columns.time_s=t",
@@ -212,51 +199,35 @@ def test_a_unit_with_a_slash_is_read_whole_or_asked_for(look, tmp_path):
         ("msec", np.arange(20.0), "units.time_s=ms"),
     ],
 )
-def test_time_is_found_by_dates_and_by_its_usual_names(look, tmp_path, name, times, told):
-    frame = {"F [N]": 1.0 * np.arange(20), "Date": "05.05.2026", name: times}
-    pd.DataFrame(frame).to_csv(tmp_path / "x.csv", index=False)
-    lines = look(tmp_path / "x.csv")
+def test_time_is_found_by_dates_and_by_its_usual_names(look, name, times, told):
+    lines = look({"F [N]": 1.0 * np.arange(20), "Date": "05.05.2026", name: times})
     assert told in arguments(lines)
     assert any(line.startswith("time: even steps") for line in lines)
 
 
-def test_dates_with_a_day_that_may_be_a_month_are_asked_for(look, tmp_path):
-    times = [f"5/{k}/2026 10:00:00" for k in range(1, 9)]
-    pd.DataFrame({"Time": times, "F [N]": 1.0 * np.arange(8)}).to_csv(tmp_path / "x.csv", index=False)
-    told = "column Time: expected dates that tell the day from the month, got '5/2/2026 10:00:00'; write"
-    assert any(line.startswith(told) for line in look(tmp_path / "x.csv"))
-
-
 @pytest.mark.parametrize("name", ["Lauf", "Nr", "Versuch", "rec", "serie"])
 @pytest.mark.parametrize("values", [[1, 2, 3], [0.0, 1.0, 5.0], ["a", "c", "b"]])
-def test_what_changes_where_time_begins_anew_tells_records_apart(look, tmp_path, name, values):
+def test_what_changes_where_time_begins_anew_tells_records_apart(look, name, values):
     time, drive, answer = make_run(60)
     frame = pd.DataFrame({"t": np.tile(time[:20], 3), "F_N": drive, "x_mm": answer, name: np.repeat(values, 20)})
-    frame.assign(gear=np.tile(np.repeat([1, 2], 10), 3), Zeile=np.arange(60)).to_csv(tmp_path / "x.csv", index=False)
-    lines = look(tmp_path / "x.csv")
+    lines = look(frame.assign(gear=np.tile(np.repeat([1, 2], 10), 3), Zeile=np.arange(60)))
     assert f"columns.record={name}" in arguments(lines)
     assert f"records: {', '.join(f'{each} (20 rows)' for each in values)}" in lines
     assert any("the unit of gear, Zeile, left out" in line for line in lines)
 
 
-def test_a_number_of_the_row_is_no_record(look, tmp_path):
+def test_a_row_number_a_repeated_name_and_parts_whose_time_begins_anew_are_no_records(look, tmp_path):
     time, drive, _ = make_run(60)
-    pd.DataFrame({"Nr": np.arange(60), "t": time, "F_N": drive}).to_csv(tmp_path / "x.csv", index=False)
-    assert not any("record" in each for each in arguments(look(tmp_path / "x.csv"))[2:])
-
-
-def test_a_name_that_comes_again_is_no_record(look, tmp_path):
-    (tmp_path / "x.csv").write_text("t,F,F\n" + "".join(f"{k},1,{k % 7}\n" for k in range(40)))
-    assert not any("record" in each for each in arguments(look(tmp_path / "x.csv"))[2:])
-
-
-def test_parts_whose_time_begins_anew_need_no_record(look, tmp_path):
-    time, drive, _ = make_run(60)
-    frame = {"t": np.tile(time[:30], 2), "F_N": drive, "set": np.repeat(["est", "val"], 30), "k": np.repeat([1, 2], 30)}
-    pd.DataFrame(frame).to_csv(tmp_path / "x.csv", index=False)
-    told = arguments(look(tmp_path / "x.csv"))
+    (tmp_path / "again.csv").write_text("t,F,F\n" + "".join(f"{k},1,{k % 7}\n" for k in range(40)))
+    parts = {"set": np.repeat(["est", "val"], 30), "k": np.repeat([1, 2], 30)}
+    for held in (
+        {"Nr": np.arange(60), "t": time, "F_N": drive},
+        tmp_path / "again.csv",
+        {"t": np.tile(time[:30], 2), "F_N": drive, **parts},
+    ):
+        told = arguments(look(held))
+        assert not any("record" in each for each in told[2:])
     assert "columns.part=set" in told
-    assert not any(each.startswith("columns.record") for each in told)
 
 
 @pytest.mark.parametrize("begins_anew", [True, False])
@@ -272,13 +243,10 @@ def test_a_folder_of_muscles_needs_no_map(look, tmp_path):
     assert arguments(look(write_dataset(tmp_path / "arm"))) == ["workflow=discrepancy", "plan=true"]
 
 
-def test_muscles_under_names_of_others_are_found(look, tmp_path):
-    samples = make_samples()
+def test_muscles_under_names_of_others_are_found(look):
     names = {"trial": "run", "pressure_kpa": "p [bar]", "pressure_command_kpa": "p_ref [bar]", "force_n": "F_kN"}
-    samples[["trial", "time_s", "muscle", *list(names)[1:], "joint_angle_rad"]].rename(columns=names).to_csv(
-        tmp_path / "arm.csv", index=False
-    )
-    told = arguments(look(tmp_path / "arm.csv"))
+    samples = make_samples()[["trial", "time_s", "muscle", *list(names)[1:], "joint_angle_rad"]]
+    told = arguments(look(samples.rename(columns=names)))
     assert told[1:] == [
         "columns.trial=run",
         'columns.pressure_kpa="p [bar]"',
@@ -297,12 +265,16 @@ def test_muscles_under_names_of_others_are_found(look, tmp_path):
         ("x.csv", None, "expected the path of a file, got"),
         ("x.xlsx", b"PK", ".csv, .tsv, .txt or .dat file, got 'x.xlsx'; save the sheet as CSV"),
         ("x.csv", b"t,u\n", "x.csv: expected columns with values, got none"),
+        ("arm", None, "arm: expected samples.parquet in this folder, got none"),
     ],
 )
 def test_bad_input_is_one_line_and_no_success(capsys, tmp_path, name, content, told):
-    if content is not None:
-        (tmp_path / name).write_bytes(content)
-    assert main([str(tmp_path / name)]) == 2
+    path = tmp_path / name
+    if name == "arm":
+        path.mkdir()
+    elif content is not None:
+        path.write_bytes(content)
+    assert main([str(path)]) == 2
     shown = capsys.readouterr()
     assert shown.out == ""
     assert told in shown.err

@@ -1,12 +1,17 @@
-"""What is refused, with which words, and that nothing is written then."""
+"""What a configuration may hold, also in files of one's own; what is refused, and that nothing is written then."""
 
+import hashlib
+import json
 import os
 import subprocess
 import sys
 
 import pytest
+from omegaconf import OmegaConf
 
 from tests.conftest import ROOT
+from tests.faults import ledger_of
+from tests.pipeline.conftest import refusal, success
 
 
 @pytest.mark.parametrize(
@@ -32,13 +37,13 @@ from tests.conftest import ROOT
         (["workflow.headline=[totl]"], "no stage of workflow toy writes 'totl'; did you mean 'total'?"),
         (["workflow.stages=[]"], "workflow.stages: list should have at least 1 item"),
         (["workflow.stages=[counting]"], "unknown key 'doubling', which no stage of workflow toy reads"),
-        (["workflow.package=os"], "expected a Python package, got the module 'os'"),
+        (["workflow.package=os"], "workflow.package: expected the dotted name of a Python package, got 'os'"),
         (["outputs="], "outputs: string should have at least 1 character, got ''"),
         (["counting=3"], "counting: expected the name of a file in conf/counting/"),
         (["seed==1"], "'seed==1' is no override: expected key=value"),
         (["outputs=~/x"], "needs quotes: quote its value twice"),
         (["--foo"], "unrecognized arguments: --foo; python -m pipeline --hydra-help shows the options"),
-        (["workflow.package=nowhere"], "no Python package 'nowhere'"),
+        (["workflow.package=nowhere"], "workflow.package: expected the dotted name of a Python package, got 'nowhere'"),
         (
             ["+workflow.metrics.m={table:totl,column:total,where:{},but:{},by:mean}"],
             "workflow.metrics.m.table: no stage of tests.pipeline.toy writes 'totl'; did you mean 'total'?",
@@ -54,17 +59,12 @@ from tests.conftest import ROOT
     ],
 )
 def test_refuses_before_anything_is_written(toy, arguments, told):
-    result = toy(*arguments)
-    assert result.returncode == 2
-    assert told in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert not toy.outputs.exists()
+    assert told in refusal(toy, *arguments)
 
 
 def test_a_key_of_another_option_is_told_with_that_option(pamid):
-    result = pamid("plant=nominal", "plant.along=s_m", "plan=true")
-    assert result.returncode == 2
-    assert result.stderr.strip().endswith("; it is a key of plant=static_map")
+    line = refusal(pamid, "plant=nominal", "plant.along=s_m", "plan=true")
+    assert line.endswith("; it is a key of plant=static_map")
 
 
 def test_help_that_is_not_read_to_its_end_is_no_failure():
@@ -77,6 +77,82 @@ def test_help_that_is_not_read_to_its_end_is_no_failure():
 
 
 def test_a_metric_of_a_stage_that_is_left_out_is_left_out_too(toy):
-    result = toy("+workflow.metrics.m={table:tried,column:score,where:{},but:{},by:mean}")
-    assert result.returncode == 0, result.stderr
+    success(toy, "+workflow.metrics.m={table:tried,column:score,where:{},but:{},by:mean}")
     assert '"metrics": {}' in (toy.runs[0] / "run.json").read_text()
+
+
+MORE = "count: 9  # numbers (count)\nlabel: more\nspoil: null\n"
+
+
+@pytest.fixture
+def more(tmp_path):
+    """A file that is an option of the group `counting`."""
+    path = tmp_path / "many more.yaml"
+    path.write_text(MORE)
+    return path
+
+
+def test_a_file_serves_as_an_option_is_noted_with_its_hash_and_counts_by_its_bytes(toy, more):
+    success(toy, f"counting={more}")
+    (run,) = toy.runs
+    assert OmegaConf.load(run / "config.yaml").counting.count == 9
+    ledger = ledger_of(run)
+    digest = hashlib.sha256(MORE.encode()).hexdigest()
+    assert ledger["given"] == [{"group": "counting", "file": str(more), "sha256": digest}]
+    assert f"counting is {more} (SHA-256 {digest})" in (run / "log.txt").read_text()
+    assert f"'counting={more}'" in ledger["command"]
+    assert "everything is fresh" in toy(f"counting={more}", "plan=true").stdout
+    more.write_text(MORE.replace("9", "10"))
+    assert "config changed (counting.count 9 -> 10)" in toy(f"counting={more}", "plan=true").stdout
+
+
+def test_a_file_can_build_on_an_option_be_overridden_and_say_in_which_package_its_keys_are(toy, tmp_path):
+    few, workflow = tmp_path / "on_few.yaml", tmp_path / "workflow.yaml"
+    few.write_text("defaults:\n  - few\nlabel: mine\n")
+    workflow.write_text("# @package _global_\ndefaults:\n  - toy\nseed: 7\n")
+    success(toy, f"counting={few}", "counting.count=2", f"workflow={workflow}")
+    config = OmegaConf.load(toy.runs[0] / "config.yaml")
+    assert config.counting == {"count": 2, "label": "mine", "spoil": None}
+    assert config.seed == 7
+
+
+@pytest.mark.slow
+def test_a_sweep_mixes_files_and_options(toy, more):
+    success(toy, "--multirun", f"counting={more},few")
+    jobs = sorted((toy.outputs / "sweeps").glob("*/counting=*"))
+    found = [(OmegaConf.load(job / "config.yaml").counting.count, "given" in ledger_of(job)) for job in jobs]
+    assert found == [(6, False), (9, True)]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (None, "no such file in "),
+        ("", "expected YAML with keys of counting, got none"),
+        ("- 1\n- 2\n", "expected YAML with keys of counting, got none"),
+        ("words\n", "expected YAML with keys of counting, got none"),
+        ("count: [1\n", "expected YAML, got expected ',' or ']'"),
+        ("count: 1\ncount: 2\n", "expected YAML, got found duplicate key count in line 2"),
+        (MORE + "cout: 3\n", "unknown key 'counting.cout': did you mean 'count'? (read from "),
+        ("count: 3\n", "missing key 'counting.label'"),
+        (MORE.replace("9", "many"), "counting.count: input should be a valid integer, got 'many'"),
+    ],
+)
+def test_refuses_a_wrong_file_in_one_line_before_anything_is_written(toy, tmp_path, text, told):
+    path = tmp_path / "mine.yaml"
+    if text is not None:
+        path.write_text(text)
+    line = refusal(toy, f"counting={path}")
+    assert told in line
+    assert str(path) in line
+
+
+def test_a_plant_in_a_file_is_simulated_as_it_is(pamid, tmp_path):
+    path = tmp_path / "amended.yaml"
+    effect = {"name": "transport_delay", "muscles": None, "delay_s": 0.01}
+    path.write_text("defaults:\n  - nominal\neffects:\n  - " + json.dumps(effect) + "\n")
+    assert f"plant={path}" in success(pamid, "budget=tiny", f"plant={path}", "plan=true")
+    path.write_text(path.read_text().replace("delay_s", "delay"))
+    line = refusal(pamid, "budget=tiny", f"plant={path}", "plan=true")
+    assert "effect transport_delay has no parameter 'delay'" in line
+    assert f"(read from {path})" in line

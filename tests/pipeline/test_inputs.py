@@ -8,6 +8,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.inputs import read_json
 from tests.conftest import Command
+from tests.pipeline.conftest import CONFIG, refusal
 
 
 @pytest.fixture
@@ -17,7 +18,7 @@ def scales(tmp_path):
     folder.mkdir()
     (folder / "a.txt").write_text("aaa")
     (folder / "b.txt").write_text("b")
-    return Command(tmp_path / "outputs", "--config-dir", "tests/pipeline/conf", "workflow=scales"), folder
+    return Command(tmp_path / "outputs", *CONFIG, "workflow=scales"), folder
 
 
 def test_bytes_alone_make_a_stage_stale_and_the_plan_says_of_which_file(scales, tmp_path):
@@ -63,11 +64,7 @@ def test_bytes_alone_make_a_stage_stale_and_the_plan_says_of_which_file(scales, 
 def test_refuses_a_path_without_files_before_anything_is_written(scales, what, told):
     command, folder = scales
     (folder / "empty").mkdir()
-    result = command(f"weighing.what={what.format(folder)}")
-    assert result.returncode == 2
-    assert told in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert not command.outputs.exists()
+    assert told in refusal(command, f"weighing.what={what.format(folder)}")
 
 
 def test_refuses_what_is_no_json_with_its_line(tmp_path):

@@ -134,7 +134,7 @@ def test_what_was_measured_stays(tmp_path):
                 record.pop("measured", None)
             (run / "run.json").write_text(json.dumps(facts))
     text = (real / "run.json").read_text()
-    (real / "run.json").write_text(text.replace("device.Real", "no_device.Real"))
+    (real / "run.json").write_text(text.replace("measuring.Real", "no_device.Real"))
     reason = "may hold what measuring measured: tests.pipeline.toy.no_device.Real cannot be asked"
     assert reason in told_of(prune(lab, 0), real)
 

@@ -1,42 +1,48 @@
 """Plan, freshness, resume and reuse."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
-from tests.faults import find_parts, ledger_of, tables_of
-from tests.pipeline.conftest import SLOWLY
+import pytest
+
+from pipeline.ledger import Ledger
+from pipeline.plan import Ingredients, decide
+from tests.faults import ledger_of, tables_of
+from tests.pipeline.conftest import refusal, success, the_only_line
+
+
+def origins_of(run):
+    return {name: record["origin"] for name, record in ledger_of(run)["stages"].items()}
 
 
 def test_plan_says_why_and_writes_nothing(toy):
-    result = toy("plan=true")
-    assert result.returncode == 0
-    order = [line.split()[0] for line in result.stdout.splitlines() if "not made before" in line]
+    order = [line.split()[0] for line in success(toy, "plan=true").splitlines() if "not made before" in line]
     assert order == ["counting", "doubling", "adding"]
     assert not toy.outputs.exists()
 
 
 def test_run_leaves_tables_figures_ledger_and_report(toy, reference):
-    result = toy("figures=[png]")
-    assert result.returncode == 0, result.stderr
+    result = success(toy, "figures=[png]")
     (run,) = toy.runs
     assert set(tables_of(run)) == {"numbers.parquet", "doubles.parquet", "halves.parquet", "total.parquet"}
     assert (run / "figures" / "doubles.png").stat().st_size > 1000
     assert json.loads((run / "documents" / "note.json").read_text())["largest"] > 0
     ledger = ledger_of(run)
     assert ledger["status"] == "done"
-    assert (
-        ledger["stages"]["doubling"]["inputs"]["numbers"] == ledger["stages"]["counting"]["tables"]["numbers"]["sha256"]
-    )
+    stages = ledger["stages"]
+    assert {each["measured"] for each in stages.values()} == {False}
+    assert stages["doubling"]["inputs"]["numbers"] == stages["counting"]["tables"]["numbers"]["sha256"]
     page = (run / "report.html").read_text()
     assert "data:image/png;base64," in page
     assert "Each number&#39;s double." in page
     assert "://" not in page
-    assert "The sum of all" in result.stdout
-    assert str(run / "report.html") in result.stdout
+    assert "The sum of all" in result
+    assert str(run / "report.html") in result
     assert not (run / "parts").exists()
     assert tables_of(run) == reference
-    again = toy()
-    assert again.returncode == 0
-    assert "everything is fresh: nothing to run" in again.stdout
+    assert "everything is fresh: nothing to run" in success(toy)
     assert len(toy.runs) == 1
 
 
@@ -46,20 +52,15 @@ def test_changed_key_reruns_just_the_stages_that_read_it(done):
     assert "counting  fresh" in plan
     assert "adding    wait   fresh if doubles and halves come out unchanged" in plan
     done("doubling.digits=2")
-    stages = ledger_of(done.runs[1])["stages"]
-    assert stages["counting"]["origin"] == done.runs[0].name
-    assert stages["doubling"]["origin"] == stages["adding"]["origin"] == done.runs[1].name
-    assert (done.runs[1] / "tables/numbers.parquet").stat().st_ino == (
-        done.runs[0] / "tables/numbers.parquet"
-    ).stat().st_ino
+    first, second = done.runs
+    assert origins_of(second) == {"counting": first.name, "doubling": second.name, "adding": second.name}
+    assert len({(run / "tables/numbers.parquet").stat().st_ino for run in done.runs}) == 1
 
 
 def test_equal_content_cuts_off_downstream(done):
-    result = done("counting.label=other")
-    assert result.returncode == 0
-    stages = ledger_of(done.runs[1])["stages"]
-    assert stages["counting"]["origin"] == done.runs[1].name
-    assert stages["doubling"]["origin"] == stages["adding"]["origin"] == done.runs[0].name
+    assert done("counting.label=other").returncode == 0
+    first, second = done.runs
+    assert origins_of(second) == {"counting": second.name, "doubling": first.name, "adding": first.name}
 
 
 def test_changed_code_reruns_the_stage_and_says_which_file(toy, own_package):
@@ -76,33 +77,17 @@ def test_changed_code_reruns_the_stage_and_says_which_file(toy, own_package):
 
 
 def test_single_stage_runs_again_on_the_tables_of_another_run(done):
-    result = done("stages=[adding]")
-    assert result.returncode == 0, result.stderr
-    assert "adding    ran" in result.stdout
-    assert "asked for by name" in result.stdout
-    stages = ledger_of(done.runs[1])["stages"]
-    assert stages["adding"]["origin"] == done.runs[1].name
-    assert stages["doubling"]["origin"] == done.runs[0].name
+    result = success(done, "stages=[adding]")
+    assert "adding    ran" in result
+    assert "asked for by name" in result
+    first, second = done.runs
+    assert origins_of(second) == {"counting": first.name, "doubling": first.name, "adding": second.name}
 
 
 def test_single_stage_refuses_stale_inputs_and_says_what_to_type(toy):
-    result = toy("stages=[adding]")
-    assert result.returncode == 2
-    assert "not fresh (counting: not made before; doubling: not made before)" in result.stderr
-    assert "type stages=[counting,doubling,adding]" in result.stderr
-    assert not toy.outputs.exists()
-
-
-def test_killed_run_continues_at_the_next_part_with_identical_tables(killed, reference):
-    (run,) = killed.runs
-    assert len(find_parts(killed)) >= 2
-    assert f"{run.name}   killed" in killed.review("list").stdout
-    result = killed(SLOWLY)
-    assert result.returncode == 0, result.stderr
-    assert f"resuming {run}" in result.stdout
-    assert killed.runs == [run]
-    assert (run / "log.txt").read_text().count("counting: done") == 1
-    assert tables_of(run) == reference
+    line = refusal(toy, "stages=[adding]")
+    assert "not fresh (counting: not made before; doubling: not made before)" in line
+    assert "type stages=[counting,doubling,adding]" in line
 
 
 def test_review_lists_shows_and_helps(done):
@@ -112,12 +97,8 @@ def test_review_lists_shows_and_helps(done):
     shown = done.review("show", name[:10], "numbers", "--rows", "2").stdout
     assert "draw" in shown
     assert "first 2 of 6 rows" in shown
-    wrong = done.review("show", name, "nmbers")
-    assert wrong.returncode == 2
-    assert "did you mean 'numbers'?" in wrong.stderr
-    missing = done.review("show", "2001")
-    assert missing.returncode == 2
-    assert "no run '2001'" in missing.stderr
+    assert "did you mean 'numbers'?" in the_only_line(done.review("show", name, "nmbers"))
+    assert "no run '2001'" in the_only_line(done.review("show", "2001"))
 
 
 def test_reasons_are_told_against_the_most_similar_run(toy):
@@ -126,3 +107,22 @@ def test_reasons_are_told_against_the_most_similar_run(toy):
     plan = toy("doubling.digits=4", "plan=true").stdout
     assert "config changed (doubling.digits 3 -> 4)" in plan
     assert "input" not in plan
+
+
+STAGE = SimpleNamespace(name="measuring", writes=())
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_what_was_measured_outlives_a_change_of_code_and_libraries_alone(measured):
+    before = Ingredients({"seed": 1}, {"bank": "abc"}, {"stages/bank.py": "123"}, {"numpy": "2.0"}, measured)
+    record = {**vars(before), "status": "done", "fingerprint": before.fingerprint, "origin": "then"}
+    ledger = Ledger(Path("runs/then"), {"stages": {STAGE.name: {**record, "tables": {}, "files": {}}}})
+    assert decide(STAGE, before, [ledger]).action == "fresh"
+    changes = {"code": {"stages/bank.py": "456"}, "libraries": {"numpy": "2.1"}}
+    steps = {name: decide(STAGE, replace(before, **{name: value}), [ledger]) for name, value in changes.items()}
+    assert {name: step.action for name, step in steps.items()} == dict.fromkeys(steps, "kept" if measured else "run")
+    told = "measured in then; since then " if measured else ""
+    assert steps["code"].reason == f"{told}code changed (stages/bank.py)"
+    assert steps["libraries"].reason == f"{told}library changed (numpy 2.0 -> 2.1)"
+    for change in ({"config": {"seed": 2}}, {"inputs": {"bank": "def"}}):
+        assert decide(STAGE, replace(before, **change), [ledger]).action == "run"

@@ -3,7 +3,6 @@
 import os
 import shutil
 import signal
-import subprocess
 import time
 from collections import Counter
 
@@ -13,7 +12,16 @@ import pytest
 from pipeline.sweeps.launch import new_launch_name
 from tests.conftest import Command
 from tests.faults import check_wholeness, ledger_of, limit_file_size, tables_of, wait_until
-from tests.pipeline.conftest import ALONE, CONFIG
+from tests.pipeline.conftest import (
+    ALONE,
+    CONFIG,
+    children_of,
+    end,
+    refusal,
+    success,
+    the_only_line,
+    wait_for_the_end_of,
+)
 
 
 class Sweeping(Command):
@@ -30,11 +38,11 @@ class Sweeping(Command):
 
     @property
     def table(self):
-        return self.table_of_jobs.set_index("seed")
+        return pd.read_parquet(self.sweep / "sweep.parquet")
 
     @property
-    def table_of_jobs(self):
-        return pd.read_parquet(self.sweep / "sweep.parquet")
+    def statuses(self):
+        return Counter(self.table["status"])
 
     def count(self, word):
         """Return how often each seed was begun or ended."""
@@ -72,26 +80,24 @@ def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping):
     arguments = ("seed=range(64)", "trying.fail_at=[3,17,40]", "trying.pause_s=0.1")
     process = sweeping.start(*arguments)
     wait_until(process, lambda: len(sweeping.count("ended")) >= 16)
-    os.kill(find_workers(process.pid)[0], signal.SIGKILL)
+    os.kill(next(iter(find_workers(process.pid))), signal.SIGKILL)
     wait_until(process, lambda: len(sweeping.count("ended")) >= 36)
-    output, _ = kill_launcher(process)
-    assert "a worker process was killed; its jobs begin again, and the sweep goes on" in output
+    assert "a worker process was killed; its jobs begin again, and the sweep goes on" in kill_launcher(process)
     done = {seed for seed in sweeping.count("begun") if ledger_of(sweeping.job(seed))["status"] == "done"}
     assert 32 <= len(done) < 61
     until_killed = sweeping.count("begun")
-    process = sweeping.start(*arguments)
-    output, errors = process.communicate(timeout=300)
-    assert process.returncode == 1
-    assert "61 done, 3 failed" in output
-    lines = errors.splitlines()
+    result = end(sweeping.start(*arguments), 300)
+    assert result.returncode == 1
+    assert "61 done, 3 failed" in result.stdout
+    lines = result.stderr.splitlines()
     for seed in (3, 17, 40):
         assert sum(f"seed={seed}," in line and f"ArithmeticError: cannot try {seed}" in line for line in lines) == 1
     assert "3 of 64 jobs are not done; when that is mended, type: " in lines[-1]
-    assert Counter(sweeping.table["status"]) == {"done": 61, "failed": 3}
+    assert sweeping.statuses == {"done": 61, "failed": 3}
     before = sweeping.count("begun")
     again = mend(sweeping, lines[-1])
     assert again.returncode == 0, again.stderr
-    assert set(sweeping.table["status"]) == {"done"}
+    assert {*sweeping.statuses} == {"done"}
     assert sweeping.count("begun") - before == dict.fromkeys((3, 17, 40), 1)
     assert sweeping.count("ended").keys() == set(range(64))
     assert not (before - until_killed).keys() & done
@@ -100,19 +106,16 @@ def test_64_jobs_with_3_failures_are_finished_by_the_printed_command(sweeping):
 
 
 def test_a_sweep_is_planned_run_extended_and_tabled(alone):
-    plan = alone("seed=0,1", "counting.count=2,3", "plan=true")
-    assert plan.returncode == 0
-    assert "4 jobs (4 not begun)" in plan.stdout
-    assert "seed: 0, 1" in plan.stdout
+    plan = success(alone, "seed=0,1", "counting.count=2,3", "plan=true")
+    assert "4 jobs (4 not begun)" in plan
+    assert "seed: 0, 1" in plan
     assert not alone.outputs.exists()
     assert alone("seed=0,1", "counting.count=2").returncode == 0
-    more = alone("seed=0,1", "counting.count=2,3")
-    assert more.returncode == 0
-    assert "4 jobs (2 done, 2 not begun)" in more.stdout
+    assert "4 jobs (2 done, 2 not begun)" in success(alone, "seed=0,1", "counting.count=2,3")
     assert alone.count("ended") == {0: 2, 1: 2}
-    table = alone.table
+    table = alone.table.set_index("seed")
     assert sorted(table["counting.count"]) == ["2", "2", "3", "3"]
-    assert set(table["status"]) == {"done"}
+    assert alone.statuses == {"done": 4}
     assert table.loc["1", "score_m"].min() > table.loc["0", "score_m"].max()
     assert (table["wall_s"] > 0).all()
     assert (table["peak_memory_mb"] > 10).all()
@@ -120,17 +123,16 @@ def test_a_sweep_is_planned_run_extended_and_tabled(alone):
 
 def test_an_earlier_jobs_tables_are_shared_also_by_jobs_that_begin_together(sweeping):
     assert sweeping("trying.pause_s=0.1,0.2,0.3").returncode == 0
-    origins = {ledger_of(each)["stages"]["counting"]["origin"] for each in sweeping.sweep.glob("[!.]*/")}
-    assert len(origins) == 1
-    inodes = {(each / "tables" / "numbers.parquet").stat().st_ino for each in sweeping.sweep.glob("[!.]*/")}
-    assert len(inodes) == 1
+    jobs = list(sweeping.sweep.glob("[!.]*/"))
+    assert len({ledger_of(each)["stages"]["counting"]["origin"] for each in jobs}) == 1
+    assert len({(each / "tables" / "numbers.parquet").stat().st_ino for each in jobs}) == 1
 
 
 def test_the_first_failure_stops_the_rest_if_asked(alone):
     result = alone("seed=range(6)", "trying.fail_at=[1]", "on_failure=stop")
     assert result.returncode == 1
     assert alone.count("begun") == {0: 1, 1: 1}
-    assert Counter(alone.table["status"]) == {"done": 1, "failed": 1, "not begun": 4}
+    assert alone.statuses == {"done": 1, "failed": 1, "not begun": 4}
 
 
 def test_jobs_that_fail_or_are_killed_lose_no_other_and_are_made_again_alone_or_together(alone):
@@ -140,7 +142,7 @@ def test_jobs_that_fail_or_are_killed_lose_no_other_and_are_made_again_alone_or_
     assert "killed by SIGKILL" in result.stderr
     assert "perhaps for want of memory" in result.stderr
     assert "seed: input should be greater than or equal to 0, got -1" in result.stderr
-    assert Counter(alone.table["status"]) == {"done": 1, "failed": 2, "killed": 1}
+    assert alone.statuses == {"done": 1, "failed": 2, "killed": 1}
     assert alone.count("begun") == dict.fromkeys(range(3), 1)
     page = (alone.job(2) / "report.html").read_text()
     assert ">killed<" in page
@@ -163,7 +165,7 @@ def test_jobs_that_fail_or_are_killed_lose_no_other_and_are_made_again_alone_or_
     assert ">failed<" not in page.read_text()
     again = mend(alone, result.stderr.splitlines()[-1])
     assert again.returncode == 1
-    assert Counter(alone.table["status"]) == {"done": 3, "failed": 1}
+    assert alone.statuses == {"done": 3, "failed": 1}
     assert alone.count("begun") == {0: 1, 1: 2, 2: 2}
 
 
@@ -173,10 +175,10 @@ def test_a_signal_ends_the_jobs_at_a_safe_point(sweeping, number, code):
     process = sweeping.start("seed=range(6)", "trying.pause_s=1.5")
     wait_until(process, lambda: sweeping.count("begun"))
     process.send_signal(number)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == code
-    assert "to continue, type: " in errors
-    assert {*sweeping.table["status"]} <= {"interrupted", "not begun", "done"}
+    result = end(process)
+    assert result.returncode == code
+    assert "to continue, type: " in result.stderr
+    assert {*sweeping.statuses} <= {"interrupted", "not begun", "done"}
     assert sweeping("seed=range(6)", "trying.pause_s=1.5").returncode == 0
     assert sweeping.count("ended") == dict.fromkeys(range(6), 1)
 
@@ -188,9 +190,8 @@ def test_a_full_disk_loses_nothing(sweeping):
     assert result.returncode == 1
     for job in sweeping.sweep.glob("[!.]*/"):
         check_wholeness(job)
-    again = sweeping(*more)
-    assert again.returncode == 0, again.stderr
-    assert set(sweeping.table["status"]) == {"done"}
+    success(sweeping, *more)
+    assert {*sweeping.statuses} == {"done"}
 
 
 def test_a_copied_sweep_is_whole_elsewhere(alone, tmp_path):
@@ -200,51 +201,41 @@ def test_a_copied_sweep_is_whole_elsewhere(alone, tmp_path):
     shutil.rmtree(alone.outputs)
     (other.sweep / "sweep.parquet").unlink()
     other.environment |= {"TOY_MENDED": "yes"}
-    result = other("seed=0,1,2", "trying.fail_at=[1]", "on_failure=stop")
-    assert result.returncode == 0, result.stderr
-    assert "3 jobs (1 done, 1 failed, 1 not begun)" in result.stdout
+    result = success(other, "seed=0,1,2", "trying.fail_at=[1]", "on_failure=stop")
+    assert "3 jobs (1 done, 1 failed, 1 not begun)" in result
     assert other.count("ended") == {1: 1, 2: 1}
-    assert set(other.table["status"]) == {"done"}
+    assert {*other.statuses} == {"done"}
 
 
 def test_one_job_after_the_other_without_the_parallel_launcher(sweeping):
-    result = sweeping("seed=0,1", "hydra/launcher=basic")
-    assert result.returncode == 0, result.stderr
+    success(sweeping, "seed=0,1", "hydra/launcher=basic")
     assert sweeping.log.read_text().splitlines() == ["begun 0", "ended 0", "begun 1", "ended 1"]
-    again = sweeping("seed=0,1", "hydra/launcher=basic", "on_finished=refresh")
-    assert again.returncode == 0, again.stderr
-    assert "(done before)" in again.stdout
+    assert "(done before)" in success(sweeping, "seed=0,1", "hydra/launcher=basic", "on_finished=refresh")
     assert sweeping.count("begun") == {0: 1, 1: 1}
 
 
 def test_a_missing_value_or_a_stage_that_cannot_be_imported_fails_its_job_alone(alone, tmp_path):
-    package = tmp_path / "broken"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    (package / "counting.py").write_text("import nothing_of_this_name\n")
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "__init__.py").touch()
+    (tmp_path / "broken" / "counting.py").write_text("import nothing_of_this_name\n")
     alone.environment["PYTHONPATH"] = str(tmp_path)
     result = alone("workflow=scales,count", "workflow.package=tests.pipeline.toy,broken")
     assert result.returncode == 1, result.stderr
-    assert Counter(alone.table_of_jobs["status"]) == {"done": 1, "failed": 3}
+    assert alone.statuses == {"done": 1, "failed": 3}
     for told in ("missing value: set it as weighing.what=...", "ModuleNotFoundError: No module named 'nothing_of_this"):
         assert told in result.stderr
     assert result.stderr.splitlines()[-1].startswith("3 of 4 jobs are not done; ")
 
 
 def test_help_runs_nothing(sweeping):
-    result = sweeping("--help", apart=False)
-    assert result.returncode == 0
-    assert "== Choices of a group" in result.stdout
+    assert "== Choices of a group" in success(sweeping, "--help", apart=False)
     assert not sweeping.outputs.exists()
 
 
 def test_a_folder_that_cannot_be_written_is_told_in_one_line(alone):
     alone.sweep.parent.mkdir(parents=True)
     alone.sweep.write_text("no folder")
-    result = alone("seed=0,1")
-    assert result.returncode == 2
-    assert result.stderr.startswith(f"cannot write to {alone.sweep} (Not a directory)")
-    assert len(result.stderr.splitlines()) == 1
+    assert the_only_line(alone("seed=0,1")).startswith(f"cannot write to {alone.sweep} (Not a directory)")
 
 
 @pytest.mark.slow
@@ -271,12 +262,11 @@ def test_a_killed_launchers_workers_end_also_while_they_wait(sweeping):
 @pytest.mark.slow
 def test_two_processes_share_a_sweep_and_what_the_other_begins_is_no_failure(sweeping):
     processes = [sweeping.start("seed=range(5)", "trying.pause_s=1.0", "on_failure=stop") for _ in range(2)]
-    for process in processes:
-        output, errors = process.communicate(timeout=120)
-        assert process.returncode == 0, errors + output
-        assert "failed" not in output
+    for result in [end(each, 120) for each in processes]:
+        assert result.returncode == 0, result.stderr + result.stdout
+        assert "failed" not in result.stdout
     assert sweeping.count("begun") == sweeping.count("ended") == dict.fromkeys(range(5), 1)
-    assert set(sweeping.table["status"]) == {"done"}
+    assert {*sweeping.statuses} == {"done"}
 
 
 @pytest.mark.parametrize(
@@ -302,41 +292,22 @@ def test_two_processes_share_a_sweep_and_what_the_other_begins_is_no_failure(swe
 )
 def test_a_sweep_that_cannot_be_is_refused_in_one_line(sweeping, arguments, told):
     sweeping.fixed = tuple(each for each in sweeping.fixed if each != "sweep=s" or arguments[0][:5] != "sweep")
-    result = sweeping(*arguments, apart=False)
-    assert result.returncode == 2
-    assert told in result.stderr
-    assert len(result.stderr.splitlines()) == 1
-    assert not sweeping.outputs.exists()
+    assert told in refusal(sweeping, *arguments, apart=False)
 
 
 def find_workers(parent):
     """Return the processes that a launcher started."""
-    found = subprocess.run(["pgrep", "-P", str(parent), "-f", "loky"], capture_output=True, text=True).stdout.split()
-    return [int(each) for each in found if "resource_tracker" not in _command(each)]
-
-
-def _command(pid):
-    try:
-        with open(f"/proc/{pid}/cmdline") as handle:
-            return handle.read()
-    except OSError:
-        return "resource_tracker"
-
-
-def wait_for_the_end_of(workers):
-    deadline = time.monotonic() + 20.0
-    while any("LokyProcess" in _command(each) for each in workers):
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    found = children_of(parent)
+    return {each: line for each, line in found.items() if "loky" in line and "resource_tracker" not in line}
 
 
 def kill_launcher(process):
     """Kill a launcher, and wait until none of its workers is there any more; return what it printed."""
     workers = find_workers(process.pid)
     process.kill()
-    printed = process.communicate(timeout=60)
+    printed = end(process)
     wait_for_the_end_of(workers)
-    return printed
+    return printed.stdout
 
 
 def test_launches_of_one_second_are_told_apart():

@@ -4,51 +4,18 @@ import math
 import operator
 import os
 import signal
-import time
 
 import pytest
 
 from pipeline.workers import count_cores, spread
-from tests.conftest import Command
 from tests.faults import find_parts, ledger_of, tables_of, wait_until
-from tests.pipeline.conftest import CONFIG
-
-SPREAD = (*CONFIG, "workflow=spread", "squaring.count=8", "figures=[]")
+from tests.pipeline.conftest import CONFIG, Toy, children_of, end, success, the_only_line, wait_for_the_end_of
 
 
 @pytest.fixture
 def split(tmp_path):
-    """The command with the spread workflow, on two processes."""
-    return Command(tmp_path / "outputs", *SPREAD, "workers=2")
-
-
-@pytest.fixture(scope="module")
-def reference(tmp_path_factory):
-    """The tables of a run in one process."""
-    alone = Command(tmp_path_factory.mktemp("reference") / "outputs", *SPREAD, "workers=1")
-    assert alone().returncode == 0
-    return tables_of(alone.runs[0])
-
-
-def children_of(process):
-    """Return the processes that a living process started."""
-    found = []
-    for name in filter(str.isdigit, os.listdir("/proc")):
-        try:
-            with open(f"/proc/{name}/stat") as stat:
-                parent = int(stat.read().rpartition(")")[2].split()[1])
-        except (OSError, ValueError):
-            continue
-        found += [int(name)] if parent == process.pid else []
-    return found
-
-
-def is_alive(number):
-    try:
-        with open(f"/proc/{number}/stat") as stat:
-            return stat.read().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
+    """The command with the toy workflow, on two processes."""
+    return Toy(tmp_path / "outputs", *CONFIG, "workflow=toy", "figures=[]", "workers=2")
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -70,49 +37,36 @@ def test_counts_the_cores_that_may_be_used():
 
 
 def test_a_fault_in_a_worker_is_told_with_its_traceback_and_mended_runs_go_on(split):
-    result = split("squaring.fail_at=5")
-    assert result.returncode == 1
-    (line,) = result.stderr.strip().splitlines()
-    assert "squaring failed: ArithmeticError: cannot square 5" in line
-    assert "in square" in (split.runs[0] / "log.txt").read_text()
+    line = the_only_line(split("doubling.fail_at=5"), 1)
+    assert "doubling failed: ArithmeticError: cannot double 5" in line
+    assert "in double" in (split.runs[0] / "log.txt").read_text()
 
 
 def test_a_killed_worker_loses_nothing_and_the_number_of_workers_changes_no_byte(split, reference):
-    result = split("squaring.die_at=4")
-    assert result.returncode == 1
-    (line,) = result.stderr.strip().splitlines()
+    line = the_only_line(split("doubling.die_at=4"), 1)
     assert "a worker process was killed" in line
     assert "workers=1" in line
     assert ledger_of(split.runs[0])["status"] == "failed"
-    again = split("squaring.die_at=4")
-    assert again.returncode == 0, again.stderr
-    assert f"resuming {split.runs[0]}" in again.stdout
+    assert f"resuming {split.runs[0]}" in success(split, "doubling.die_at=4")
     assert tables_of(split.runs[0]) == reference
-    assert "everything is fresh" in split("squaring.die_at=4", "workers=1").stdout
+    assert "everything is fresh" in split("doubling.die_at=4", "workers=1").stdout
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="processes cannot be seen here")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_workers_end_with_the_run_that_started_them(split, reference, number):
-    slowly = "squaring.pause_s=0.3"
-    process = split.start(slowly, anew=True)
-    wait_until(process, lambda: find_parts(split, "squaring"))
-    workers = children_of(process)
+    process = split.start("doubling.pause_s=0.3", anew=True)
+    wait_until(process, lambda: find_parts(split))
+    workers = children_of(process.pid)
     assert len(workers) >= 2
     process.send_signal(number)
-    _, errors = process.communicate(timeout=30)
-    assert process.returncode == (-9 if number == signal.SIGKILL else 128 + number)
-    deadline = time.monotonic() + 10
-    while any(is_alive(each) for each in workers) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not any(is_alive(each) for each in workers)
-    if number != signal.SIGKILL:
-        (line,) = errors.strip().splitlines()
-        assert line.startswith("squaring interrupted: ")
-    landed = len(find_parts(split, "squaring"))
-    assert landed < 8
-    again = split(slowly, "workers=1")
-    assert again.returncode == 0, again.stderr
-    assert f"resuming {split.runs[0]}" in again.stdout
+    result = end(process, 30)
+    wait_for_the_end_of(workers)
+    if number == signal.SIGKILL:
+        assert result.returncode == -9
+    else:
+        assert the_only_line(result, 128 + number).startswith("doubling interrupted: ")
+    assert len(find_parts(split)) < 6
+    assert f"resuming {split.runs[0]}" in success(split, "doubling.pause_s=0.3")
     assert tables_of(split.runs[0]) == reference

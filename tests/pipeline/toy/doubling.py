@@ -4,8 +4,10 @@ It pauses for somebody who comes between; not where the environment says that no
 """
 
 import os
+import signal
 import time
 from contextlib import suppress
+from functools import partial
 from typing import Literal
 
 import pandas as pd
@@ -39,6 +41,7 @@ PAUSES = {None: time.sleep, "swallow": swallow, "wrap": wrap}
 class Doubling(Section):
     pause_s: float
     fail_at: int | None
+    die_at: int | None
     digits: int
     deaf: Literal["swallow", "wrap"] | None
 
@@ -49,20 +52,32 @@ class Config(Section):
 
 @stage(DOUBLES, HALVES)
 def doubling(cfg: Config, numbers, ctx):
-    """Double and halve each number, one part each."""
-    with ctx.progress("doubling", len(numbers)) as advance:
-        for number, draw in zip(numbers["number"], numbers["draw"], strict=True):
-
-            def make(number=number, draw=draw):
-                if number == cfg.doubling.fail_at:
-                    raise ArithmeticError(f"cannot double {number}")
-                if "TOY_UNDISTURBED" not in os.environ:
-                    PAUSES[cfg.doubling.deaf](cfg.doubling.pause_s)
-                return {
-                    "doubles": pd.DataFrame({"number": [number], "double": [round(2 * draw, cfg.doubling.digits)]}),
-                    "halves": pd.DataFrame({"number": [number], "half": [round(draw / 2, cfg.doubling.digits)]}),
-                }
-
-            ctx.record.part((number,), make)
-            advance(f"number {number}")
+    """Double and halve each number, one part each, wherever there is a worker."""
+    rows = list(zip(numbers["number"], numbers["draw"], strict=True))
+    with ctx.progress("doubling", len(rows)) as advance:
+        for key in ctx.spread(partial(land, cfg.doubling, ctx), rows):
+            ctx.record.include([key])
+            advance(key)
     return ctx.record.collect()
+
+
+def land(cfg: Doubling, ctx, row):
+    """Land one number's part."""
+    ctx.record.part((row[0],), partial(double, cfg, ctx, *row))
+    return ctx.record.name((row[0],))
+
+
+def double(cfg: Doubling, ctx, number, draw):
+    """Double and halve one number."""
+    died = ctx.folder / "died"
+    if number == cfg.die_at and not died.exists():
+        died.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if number == cfg.fail_at:
+        raise ArithmeticError(f"cannot double {number}")
+    if "TOY_UNDISTURBED" not in os.environ:
+        PAUSES[cfg.deaf](cfg.pause_s)
+    return {
+        "doubles": pd.DataFrame({"number": [number], "double": [round(2 * draw, cfg.digits)]}),
+        "halves": pd.DataFrame({"number": [number], "half": [round(draw / 2, cfg.digits)]}),
+    }
