@@ -25,7 +25,6 @@ from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.ranking import list_named, rank_first
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.science.recording.datasets import tabulate_session
-from stages.science.rig.sessions import RecordedSession
 from stages.science.scorecard.judgement import Judgement, judge, search_with_truth
 
 KINDS = ["none", "one_effect", "one_muscle", "two_effects", "outsider"]
@@ -152,10 +151,16 @@ class Job:
         outputs = build_muscle_channels(tables, self.settings)
         test = choose_verification(len(tables.measured_trials), self.settings.verification_share)
         judged = judge(outputs, test, self.settings, lambda *purpose: self.ctx.generator(self.name, *purpose))
-        row = {"session": self.name, "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0])}
-        said = {**self.measure(judged, recorded.truth), **self.look_further(judged, recorded)}
+        row: dict[str, Any] = {
+            "session": self.name,
+            "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0]),
+        }
+        whole = build_muscle_channels(tabulate_session(samples, recorded.meta, self.name), self.settings)
+        further = list(range(whole[0].trials - self.further_trials, whole[0].trials))
+        gain, low, high = judged.compare_further(whole, further, self.settings.level)
+        row |= {"further_gain": gain, "further_gain_low": low, "further_gain_high": high}
         rows: dict[str, Any] = {
-            BLIND_SESSIONS.name: [{**row, **said}],
+            BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
             BLIND_TRUTH.name: list_hidden(recorded.truth),
             BLIND_NAMED.name: [
                 {**row, "not_excluded": row["indistinguishable_from"]} for row in list_named(judged.decision.effects)
@@ -185,13 +190,6 @@ class Job:
             "oracle": self.reach(judged, truth, channels),
             "floor": judged.floor(channels),
         }
-
-    def look_further(self, judged: Judgement, recorded: RecordedSession) -> dict[str, float]:
-        """Return what the named effects remove of the gap on the trials that no part of the search has read."""
-        whole = build_muscle_channels(tabulate_session(recorded.samples, recorded.meta, self.name), self.settings)
-        further = list(range(whole[0].trials - self.further_trials, whole[0].trials))
-        gain, low, high = judged.compare_further(whole, further, self.settings.level)
-        return {"further_gain": gain, "further_gain_low": low, "further_gain_high": high}
 
     def reach(self, judged: Judgement, truth: Mapping[str, Any], channels: set[str]) -> float:
         """Return the gap that is left when the true names are told; nan where the library lacks one."""

@@ -61,8 +61,10 @@ def unblinding(
     rows = compare(hidden, recorded.truth["gap_over_floor"], named_effects, channels)
     driven = verification[verification["simulation"] == "measured upstream"]
     after = driven["gap"].iloc[named_effects["order"].max() if len(named_effects) else 0]
-    told = [
-        describe_hidden(hidden, str(recorded.truth["scenario"]["magnitude"]), digest),
+    names = " and ".join(f"{in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
+    told = f"{names} ({recorded.truth['scenario']['magnitude']})" if hidden else "nothing"
+    outcome = [
+        f"The seal holds ({digest[:12]}). Hidden was {told}.",
         describe_named(named_effects, hidden, left=left),
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
         f"{100 * after:.2g} %; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
@@ -71,7 +73,7 @@ def unblinding(
     ]
     return {
         COMPARISON_WITH_TRUTH.name: pd.DataFrame(rows, columns=list(COMPARISON_WITH_TRUTH.columns)),
-        OUTCOME.name: pd.DataFrame({"outcome": told}),
+        OUTCOME.name: pd.DataFrame({"outcome": outcome}),
     }
 
 
@@ -99,12 +101,6 @@ def compare(
             }
         )
     return rows
-
-
-def describe_hidden(hidden: Sequence[Mapping[str, Any]], magnitude: str, digest: str) -> str:
-    """Return what was hidden, in a sentence."""
-    told = " and ".join(f"{in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
-    return f"The seal holds ({digest[:12]}). Hidden was {f'{told} ({magnitude})' if hidden else 'nothing'}."
 
 
 def describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, left: bool) -> str:
