@@ -261,7 +261,7 @@ def list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any
 def _bound(measure: str, judged: pd.Series, target: float, at_most: bool, size: str, level: float) -> dict[str, Any]:
     """Return the row of a share, or of a median, with its interval."""
     values, told = (judged.dropna(), bound_median) if measure == CLOSED else (judged.astype(bool), bound_rate)
-    value, low, high = told(values.to_numpy(), level)
+    value, low, high = told(np.asarray(values), level)
     row = {"measure": measure, "magnitude": size, "target": target, "at_most": at_most}
     return {**row, "n": len(values), "value": value, "low": low, "high": high}
 

@@ -17,7 +17,7 @@ from stages.benchmark.blinded_rig.effects import EFFECTS
 from stages.benchmark.blinded_rig.effects.muscle import tendon_strain
 from stages.benchmark.blinded_rig.kernels import bouc_wen, late_by, lugre_state
 from stages.benchmark.blinded_rig.machine import DATA_SHEET, MUSCLES
-from stages.benchmark.blinded_rig.scenarios import MAIN, Scenario, catalogue, default_catalogue, load_cell_for
+from stages.benchmark.blinded_rig.scenarios import Scenario, load_cell_for
 from stages.benchmark.blinded_rig.session import build_session, observe
 from stages.benchmark.blinded_rig.signals import Signals
 
@@ -199,20 +199,6 @@ def test_no_noise_where_none_is_asked_for():
     assert 0.5 < off.std() < 2.0
 
 
-def test_the_catalogue_is_the_scorecard():
-    scenarios = default_catalogue()
-    kinds = [len(each.effects) for each in scenarios]
-    assert (kinds.count(0), kinds.count(2)) == (60, 12)
-    assert sum(EFFECTS[each.effects[0]].outsider for each in scenarios if each.effects) == 20
-    assert sum(len(each.muscles) == 1 for each in scenarios) == 12
-    assert len({each.name for each in scenarios}) == len(scenarios) == 314
-    assert len({each.seed for each in scenarios}) == 60 + 14 * 5 + 20 + 12 + 12, "a machine meets one effect"
-    some = catalogue(MAIN[:2], ("weak", "strong"), (1, 2, 3))
-    assert len(some) == 12
-    assert {each.magnitude for each in some} == {"weak", "strong"}
-    assert sum(effect.outsider for effect in EFFECTS.values()) >= 6
-
-
 def test_the_command_writes_a_folder_and_seals_the_truth_beside_it(tmp_path, capsys):
     words = [str(tmp_path / "d"), "effect=hysteresis", "magnitude=strong", "seed=3", "muscles=pam1", "trials=2"]
     assert command.main(words) == 0
@@ -237,6 +223,7 @@ def test_the_command_writes_a_folder_and_seals_the_truth_beside_it(tmp_path, cap
         ("seed=-1", "whole number"),
         ("trials=0", "need a trial"),
         ("sead=1", "not understood"),
+        ("catalogue=alien", "foreign_scoring"),
         ("effect=valve_lag+leakage", "both replace the valve"),
     ],
 )

@@ -60,17 +60,15 @@ def against(benchmark, sized):
         baseline()
         baselines, subjects = [], []
 
-        def time_baseline():
+        def timed(function, seconds):
             start = time.perf_counter()
-            baseline()
-            baselines.append(time.perf_counter() - start)
+            function()
+            seconds.append(time.perf_counter() - start)
 
-        def time_subject():
-            start = time.perf_counter()
-            subject()
-            subjects.append(time.perf_counter() - start)
-
-        benchmark.pedantic(time_subject, setup=time_baseline, rounds=sized(rounds, short), warmup_rounds=1)
+        rounds = sized(rounds, short)
+        benchmark.pedantic(
+            lambda: timed(subject, subjects), setup=lambda: timed(baseline, baselines), rounds=rounds, warmup_rounds=1
+        )
         subjects, baselines = subjects[1:], baselines[1:]
         benchmark.extra_info["baseline_median_s"] = statistics.median(baselines)
         return statistics.median(subjects) / statistics.median(baselines)
