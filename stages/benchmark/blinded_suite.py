@@ -161,11 +161,11 @@ class Job:
         row |= {"further_gain": gain, "further_gain_low": low, "further_gain_high": high}
         rows: dict[str, Any] = {
             BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
-            BLIND_TRUTH.name: list_hidden(recorded.truth),
+            BLIND_TRUTH.name: _list_hidden(recorded.truth),
             BLIND_NAMED.name: [
                 {**row, "not_excluded": row["indistinguishable_from"]} for row in list_named(judged.decision.effects)
             ],
-            BLIND_RANKING.name: list_ranking(judged, self.settings.search.most_confounded),
+            BLIND_RANKING.name: _list_ranking(judged, self.settings.search.most_confounded),
         }
         return {
             table.name: pd.DataFrame(rows[table.name]).assign(session=self.name).reindex(columns=list(table.columns))
@@ -178,7 +178,7 @@ class Job:
         channels = {each["channel"] for each in hidden} or {output.channel for output in judged.outputs}
         where = judged.unexplained
         return {
-            "kind": classify_session(truth, {output.element for output in judged.outputs}),
+            "kind": _classify_session(truth, {output.element for output in judged.outputs}),
             "asked": truth["scenario"]["magnitude"] if hidden else "none",
             "status": judged.decision.status,
             "unknown": min(judged.decision.unknown, 1.0),
@@ -201,8 +201,7 @@ class Job:
         return judged.gap(knowing.steps[-1], channels)
 
 
-def classify_session(truth: Mapping[str, Any], muscles: set[str]) -> str:
-    """Return which of `KINDS` a session is."""
+def _classify_session(truth: Mapping[str, Any], muscles: set[str]) -> str:
     hidden = truth["effects"]
     if len(hidden) != 1:
         return "two_effects" if hidden else "none"
@@ -211,8 +210,7 @@ def classify_session(truth: Mapping[str, Any], muscles: set[str]) -> str:
     return "one_effect" if set(hidden[0]["muscles"]) == muscles else "one_muscle"
 
 
-def list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return a row for each hidden effect and muscle."""
+def _list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
     kept = ("key", "name", "outsider", "channel", "reached")
     return [
         {
@@ -227,8 +225,7 @@ def list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def list_ranking(judged: Judgement, most_confounded: float) -> list[dict[str, Any]]:
-    """Return a row for each candidate of the first round."""
+def _list_ranking(judged: Judgement, most_confounded: float) -> list[dict[str, Any]]:
     rows = [row for row in rank_first(judged.found, judged.decision.doubt, most_confounded) if row["round"] == 1]
     return [
         {**row, "probability": min(row["probability"], 1.0), "place": place} for place, row in enumerate(rows, start=1)

@@ -198,9 +198,9 @@ def scorecard(
     scored = score(blind_sessions, blind_truth, blind_named, blind_ranking, section.rules)
     sessions = pd.DataFrame(scored, columns=list(SCORECARD_SESSIONS.columns))
     said = list_said(blind_truth, blind_named, section.rules)
-    rows = [*list_rates(sessions, section), rate_calibration(said, section, ctx.generator("names"))]
-    rates = pd.DataFrame([{**each, "met": is_met(each)} for each in rows], columns=list(SCORECARD.columns))
-    reliability = pd.DataFrame(tabulate_reliability(said, section), columns=list(RELIABILITY.columns))
+    rows = [*_list_rates(sessions, section), _rate_calibration(said, section, ctx.generator("names"))]
+    rates = pd.DataFrame([{**each, "met": _is_met(each)} for each in rows], columns=list(SCORECARD.columns))
+    reliability = pd.DataFrame(_tabulate_reliability(said, section), columns=list(RELIABILITY.columns))
     ctx.figure(
         "scorecard",
         draw_rates(rates),
@@ -214,14 +214,13 @@ def scorecard(
     )
     return {
         SCORECARD.name: rates,
-        SCORECARD_CELLS.name: pd.DataFrame(list_cells(sessions), columns=list(SCORECARD_CELLS.columns)),
+        SCORECARD_CELLS.name: pd.DataFrame(_list_cells(sessions), columns=list(SCORECARD_CELLS.columns)),
         RELIABILITY.name: reliability,
         SCORECARD_SESSIONS.name: sessions,
     }
 
 
-def list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
-    """Return every rate with its interval and target."""
+def _list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
     targets = section.targets
     whole = sessions[sessions["magnitude"] != "absorbed"]
     kinds = ("none", "one_effect", "outsider", "two_effects", "one_muscle")
@@ -266,13 +265,12 @@ def _bound(measure: str, judged: pd.Series, target: float, at_most: bool, size: 
     return {**row, "n": len(values), "value": value, "low": low, "high": high}
 
 
-def is_met(row: dict[str, Any]) -> bool:
+def _is_met(row: dict[str, Any]) -> bool:
     """Return whether a row reaches its target, or has no sessions."""
     return bool(row["n"] == 0 or (row["value"] <= row["target"] if row["at_most"] else row["value"] >= row["target"]))
 
 
-def list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return counts of each effect and magnitude."""
+def _list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:
     rows = []
     for (kind, hidden, size), its in sessions.groupby(["kind", "hidden", "magnitude"], sort=False):
         wrong = its[~its["right_class"]] if hidden else its[its["status"] == "named"]
@@ -295,19 +293,19 @@ def list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:
     return rows
 
 
-def rate_calibration(said: pd.DataFrame, section: Scorecard, generator: np.random.Generator) -> dict[str, Any]:
+def _rate_calibration(said: pd.DataFrame, section: Scorecard, generator: np.random.Generator) -> dict[str, Any]:
     """Return the row of the expected calibration error, whose interval is from names drawn again with replacement."""
     drawn = (said.iloc[generator.integers(len(said), size=len(said))] for _ in range(RESAMPLES if len(said) else 0))
-    spread = [find_calibration_error(tabulate_reliability(each, section)) for each in drawn]
+    spread = [_find_calibration_error(_tabulate_reliability(each, section)) for each in drawn]
     outside = 0.5 * (1.0 - section.level)
     low, high = np.quantile(spread, [outside, 1.0 - outside]) if spread else (math.nan, math.nan)
-    value = find_calibration_error(tabulate_reliability(said, section))
+    value = _find_calibration_error(_tabulate_reliability(said, section))
     row = {"measure": "calibration error of what was said", "magnitude": ALL, "n": len(said), "at_most": True}
     target = section.targets.calibration_error
     return {**row, "value": value, "low": float(low), "high": float(high), "target": target}
 
 
-def find_calibration_error(reliability: list[dict[str, Any]]) -> float:
+def _find_calibration_error(reliability: list[dict[str, Any]]) -> float:
     """Return the mean distance between what was said and how often it was right, over all that was said.
 
     Source: Naeini, Cooper and Hauskrecht, Obtaining well calibrated probabilities using Bayesian binning, AAAI 2015.
@@ -318,7 +316,7 @@ def find_calibration_error(reliability: list[dict[str, Any]]) -> float:
     return sum(each["n"] * abs(each["said"] - each["right"]) for each in told) / sum(each["n"] for each in told)
 
 
-def tabulate_reliability(named: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
+def _tabulate_reliability(named: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
     """Return how often names were right, by the probability that was said."""
     rows = []
     for low, high in pairwise(section.reliability_edges):

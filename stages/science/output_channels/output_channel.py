@@ -140,6 +140,14 @@ class OutputChannel(ABC):
         From where on the values show saturation, a spectral line, or noise.
     constants : tuple of Parameter
         Nominal constants with bounds and priors; a fit begins at the priors' means.
+    time_scale_s : float
+        Time of a usual movement, s; regimes of time and frequency are told by it.
+    resolution : float
+        Numerical error of any simulation, in the channel's unit; the noise floor is never below it.
+    other_starts : sequence of mapping
+        Other starting values of some constants for the nominal fit; the best fit is taken.
+    jitters : bool
+        Whether each trial may have an offset and a gain of its own, as parts of one record have not.
     """
 
     channel: str
@@ -151,6 +159,10 @@ class OutputChannel(ABC):
     start_s: Array
     limits: DetectionSettings
     constants: tuple[Parameter, ...]
+    time_scale_s: float = 1.0
+    resolution: float = 0.0
+    other_starts: Sequence[dict[str, float]] = ()
+    jitters: bool = True
 
     @property
     @abstractmethod
@@ -200,26 +212,6 @@ class OutputChannel(ABC):
         own = [driver for driver in self.drivers() if driver.own]
         state, rate = (next(driver.name for driver in own if driver.rate is rate) for rate in (False, True))
         return state, rate
-
-    @property
-    def time_scale_s(self) -> float:
-        """Time of a usual movement, s; regimes of time and frequency are told by it."""
-        return 1.0
-
-    @property
-    def resolution(self) -> float:
-        """Numerical error of any simulation, in the channel's unit; the noise floor is never below it."""
-        return 0.0
-
-    @property
-    def other_starts(self) -> list[dict[str, float]]:
-        """Other starting values of some constants for the nominal fit; the best fit is taken."""
-        return []
-
-    @property
-    def jitters(self) -> bool:
-        """Whether each trial may have an offset and a gain of its own, as parts of one record have not."""
-        return True
 
     def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return starting values of a form's parameters; none where the data exclude the form."""

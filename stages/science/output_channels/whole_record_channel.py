@@ -91,6 +91,7 @@ class WholeRecordChannel(OutputChannel):
     head: int
     averaged: int
     limits: DetectionSettings
+    jitters = False
 
     @property
     def channel(self) -> str:  # type: ignore[override]
@@ -103,7 +104,7 @@ class WholeRecordChannel(OutputChannel):
         return own_unit(self.channel)
 
     @property
-    def time_scale_s(self) -> float:
+    def time_scale_s(self) -> float:  # type: ignore[override]
         """Time of a usual movement, s."""
         return self.plant.movement_s
 
@@ -113,12 +114,12 @@ class WholeRecordChannel(OutputChannel):
         return self.plant.parameters
 
     @property
-    def resolution(self) -> float:
+    def resolution(self) -> float:  # type: ignore[override]
         """What averaging samples may change in a motion, and rounding in any, as a share of its range."""
         return (AVERAGED if self.averaged > 1 else ROUNDED) * self.range
 
     @property
-    def other_starts(self) -> list[dict[str, float]]:
+    def other_starts(self) -> list[dict[str, float]]:  # type: ignore[override]
         """The plant's."""
         return self.plant.other_starts
 
@@ -231,11 +232,6 @@ class WholeRecordChannel(OutputChannel):
             Driver(name, self._cut({k: each[place].samples[:, 0] for k, each in watched.items()}), rate=rate)
             for place, (name, _, rate) in enumerate(first)
         ]
-
-    @property
-    def jitters(self) -> bool:
-        """Parts of a record share its sensors' offsets and gains."""
-        return False
 
     def respond(self, features: Array) -> Array:
         """Return the features of a flexible model as the plant's output answers to them."""
