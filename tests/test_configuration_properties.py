@@ -43,19 +43,16 @@ def find_leaves(node, path=()):
 
 def changed(path, other):
     """The configuration with one key changed, and the key."""
-    first, *_ = path
-    values = PLAIN | {first: copy.deepcopy(PLAIN[first])}
     *above, last = path
+    values = PLAIN | {path[0]: copy.deepcopy(PLAIN[path[0]])}
     node = functools.reduce(lambda each, part: each[part], above, values)
-    if other is ADDED:
-        last = f"{last}_more"
-        node[last] = 1
-    elif other is REMOVED:
+    if other is REMOVED:
         del node[last]
     else:
+        last, other = (f"{last}_more", 1) if other is ADDED else (last, other)
         node[last] = other
     whole = copy.copy(COMPOSED)  # of which the sections stay the same
-    for key in {first, last} if len(path) == 1 else {first}:
+    for key in {path[0], last} if len(path) == 1 else {path[0]}:
         whole.pop(key, None)
         if key in values:
             whole[key] = values[key]

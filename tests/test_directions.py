@@ -41,7 +41,7 @@ READS_THE_PATH_ITS_CONFIGURATION_NAMES = {
 }
 KEEPS_COMPILED_FUNCTIONS = {(f"{SCIENCE}.compilation.locators", "os"), (f"{SCIENCE}.compilation.locators", "pathlib")}
 TAKES_RECORDINGS_FOR_TRIALS = (f"{SCIENCE}.rig.replay", f"{SCIENCE}.rig.placement")
-WRITES_WHERE_ITS_COMMAND_SAYS = ROOT / "stages" / "benchmark" / "blinded_rig" / "dataset.py"
+WRITES_WHERE_ITS_COMMAND_SAYS = "stages/benchmark/blinded_rig/dataset.py"
 WRITES = {"copy2", "copyfile", "copytree", "dump", "makedirs", "mkdir", "rmdir", "rmtree", "savefig"}
 WRITES |= {"savemat", "savez", "symlink_to", "to_csv", "to_parquet", "touch", "unlink", "write_bytes", "write_text"}
 
@@ -69,17 +69,12 @@ def test_every_room_of_science_is_bound():
     assert set(ROOMS) == {path.parent.name for path in (ROOT / "stages" / "science").glob("*/__init__.py")}
 
 
-def test_pipeline_imports_no_stage(graph):
-    assert not [pair for pair in imports_from(graph, "pipeline") if within(pair[1], "stages")]
-
-
-def test_no_stage_imports_another(graph):
-    assert not [pair for pair in imports_from(graph, "stages") if pair[0] in STAGES and pair[1] in STAGES]
-
-
-def test_nothing_imports_tests(graph):
-    found = imports_from(graph, "stages") | imports_from(graph, "pipeline")
+@pytest.mark.parametrize("package", ["pipeline", "stages"])
+def test_pipeline_imports_no_stage_no_stage_another_and_nothing_tests(graph, package):
+    found = imports_from(graph, package)
     assert not [pair for pair in found if within(pair[1], "tests")]
+    assert not [pair for pair in found if package == "pipeline" and within(pair[1], "stages")]
+    assert not [pair for pair in found if pair[0] in STAGES and pair[1] in STAGES]
 
 
 def test_no_modules_import_each_other_in_a_circle(graph):
@@ -112,36 +107,39 @@ def test_what_searches_and_the_blinded_rig_share_no_code(graph):
     assert not [pair for pair in ours if within(pair[0], rig) != within(pair[1], rig)]
 
 
+def walk(*packages):
+    """Yield the module, by its path, of each node of the syntax trees of packages, and the node."""
+    for path in (path for each in packages for path in (ROOT / each).rglob("*.py")):
+        yield from ((path.relative_to(ROOT).as_posix(), node) for node in ast.walk(ast.parse(path.read_text())))
+
+
 def test_files_are_written_by_the_pipeline_alone():
     guilty = []
-    for path in {*(ROOT / "stages").rglob("*.py")} - {WRITES_WHERE_ITS_COMMAND_SAYS}:
-        for node in ast.walk(ast.parse(path.read_text())):
-            if not isinstance(node, ast.Call):
-                continue
-            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-            given = [*node.args, *(each.value for each in node.keywords)]
-            modes = [each.value for each in given if isinstance(each, ast.Constant) and isinstance(each.value, str)]
-            opened = name == "open" and any(set(mode) & set("wax+") for mode in modes)
-            guilty += [(path.relative_to(ROOT).as_posix(), node.lineno, name)] if name in WRITES or opened else []
+    for path, node in walk("stages"):
+        if path == WRITES_WHERE_ITS_COMMAND_SAYS or not isinstance(node, ast.Call):
+            continue
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        given = [*node.args, *(each.value for each in node.keywords)]
+        modes = [each.value for each in given if isinstance(each, ast.Constant) and isinstance(each.value, str)]
+        opened = name == "open" and any(set(mode) & set("wax+") for mode in modes)
+        guilty += [(path, node.lineno, name)] if name in WRITES or opened else []
     assert not guilty
+
+
+def list_imported(node):
+    """Return the dotted names that an import brings in; of anything else none."""
+    names = [each.name for each in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+    return [f"{node.module or ''}.{each}" if isinstance(node, ast.ImportFrom) else each for each in names]
 
 
 def test_matplotlib_is_imported_inside_functions_only():
-    guilty = []
-    for path in [*(ROOT / "stages").rglob("*.py"), *(ROOT / "pipeline").rglob("*.py")]:
-        for node in ast.parse(path.read_text()).body:
-            names = [each.name for each in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            guilty += [(path.name, name) for name in names if name.startswith("matplotlib")]
-    assert not guilty
+    modules = [
+        (path, each) for path, node in walk("stages", "pipeline") if isinstance(node, ast.Module) for each in node.body
+    ]
+    assert not [(path, name) for path, node in modules for name in list_imported(node) if name.startswith("matplotlib")]
 
 
 def test_nothing_private_is_imported():
-    guilty = []
-    for path in [*(ROOT / "stages").rglob("*.py"), *(ROOT / "pipeline").rglob("*.py")]:
-        for node in ast.walk(ast.parse(path.read_text())):
-            names = [each.name for each in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
-            names = [f"{getattr(node, 'module', None) or ''}.{each}" for each in names]
-            private = [each for each in names if any(part.startswith("_") for part in each.split("."))]
-            guilty += [(path.relative_to(ROOT).as_posix(), each) for each in private if "__future__" not in each]
-    assert not guilty
+    found = [(path, name) for path, node in walk("stages", "pipeline") for name in list_imported(node)]
+    private = [(path, name) for path, name in found if any(part.startswith("_") for part in name.split("."))]
+    assert not [each for each in private if "__future__" not in each[1]]

@@ -25,7 +25,6 @@ from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.ranking import list_named, rank_first
 from stages.science.discrepancy.settings import DiscrepancySettings, choose_verification
 from stages.science.recording.datasets import tabulate_session
-from stages.science.rig.sessions import RecordedSession
 from stages.science.scorecard.judgement import Judgement, judge, search_with_truth
 
 KINDS = ["none", "one_effect", "one_muscle", "two_effects", "outsider"]
@@ -152,15 +151,21 @@ class Job:
         outputs = build_muscle_channels(tables, self.settings)
         test = choose_verification(len(tables.measured_trials), self.settings.verification_share)
         judged = judge(outputs, test, self.settings, lambda *purpose: self.ctx.generator(self.name, *purpose))
-        row = {"session": self.name, "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0])}
-        said = {**self.measure(judged, recorded.truth), **self.look_further(judged, recorded)}
+        row: dict[str, Any] = {
+            "session": self.name,
+            "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0]),
+        }
+        whole = build_muscle_channels(tabulate_session(samples, recorded.meta, self.name), self.settings)
+        further = list(range(whole[0].trials - self.further_trials, whole[0].trials))
+        gain, low, high = judged.compare_further(whole, further, self.settings.level)
+        row |= {"further_gain": gain, "further_gain_low": low, "further_gain_high": high}
         rows: dict[str, Any] = {
-            BLIND_SESSIONS.name: [{**row, **said}],
-            BLIND_TRUTH.name: list_hidden(recorded.truth),
+            BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
+            BLIND_TRUTH.name: _list_hidden(recorded.truth),
             BLIND_NAMED.name: [
                 {**row, "not_excluded": row["indistinguishable_from"]} for row in list_named(judged.decision.effects)
             ],
-            BLIND_RANKING.name: list_ranking(judged, self.settings.search.most_confounded),
+            BLIND_RANKING.name: _list_ranking(judged, self.settings.search.most_confounded),
         }
         return {
             table.name: pd.DataFrame(rows[table.name]).assign(session=self.name).reindex(columns=list(table.columns))
@@ -173,7 +178,7 @@ class Job:
         channels = {each["channel"] for each in hidden} or {output.channel for output in judged.outputs}
         where = judged.unexplained
         return {
-            "kind": classify_session(truth, {output.element for output in judged.outputs}),
+            "kind": _classify_session(truth, {output.element for output in judged.outputs}),
             "asked": truth["scenario"]["magnitude"] if hidden else "none",
             "status": judged.decision.status,
             "unknown": min(judged.decision.unknown, 1.0),
@@ -186,13 +191,6 @@ class Job:
             "floor": judged.floor(channels),
         }
 
-    def look_further(self, judged: Judgement, recorded: RecordedSession) -> dict[str, float]:
-        """Return what the named effects remove of the gap on the trials that no part of the search has read."""
-        whole = build_muscle_channels(tabulate_session(recorded.samples, recorded.meta, self.name), self.settings)
-        further = list(range(whole[0].trials - self.further_trials, whole[0].trials))
-        gain, low, high = judged.compare_further(whole, further, self.settings.level)
-        return {"further_gain": gain, "further_gain_low": low, "further_gain_high": high}
-
     def reach(self, judged: Judgement, truth: Mapping[str, Any], channels: set[str]) -> float:
         """Return the gap that is left when the true names are told; nan where the library lacks one."""
         names = {str(each["name"]) for each in truth["effects"]}
@@ -203,8 +201,7 @@ class Job:
         return judged.gap(knowing.steps[-1], channels)
 
 
-def classify_session(truth: Mapping[str, Any], muscles: set[str]) -> str:
-    """Return which of `KINDS` a session is."""
+def _classify_session(truth: Mapping[str, Any], muscles: set[str]) -> str:
     hidden = truth["effects"]
     if len(hidden) != 1:
         return "two_effects" if hidden else "none"
@@ -213,8 +210,7 @@ def classify_session(truth: Mapping[str, Any], muscles: set[str]) -> str:
     return "one_effect" if set(hidden[0]["muscles"]) == muscles else "one_muscle"
 
 
-def list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return a row for each hidden effect and muscle."""
+def _list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
     kept = ("key", "name", "outsider", "channel", "reached")
     return [
         {
@@ -229,8 +225,7 @@ def list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def list_ranking(judged: Judgement, most_confounded: float) -> list[dict[str, Any]]:
-    """Return a row for each candidate of the first round."""
+def _list_ranking(judged: Judgement, most_confounded: float) -> list[dict[str, Any]]:
     rows = [row for row in rank_first(judged.found, judged.decision.doubt, most_confounded) if row["round"] == 1]
     return [
         {**row, "probability": min(row["probability"], 1.0), "place": place} for place, row in enumerate(rows, start=1)

@@ -24,7 +24,7 @@ from stages.science.figures.scores import draw_confusion, draw_rates, draw_relia
 from stages.science.scorecard.scoring import Rules, list_said, score
 from stages.science.statistics.intervals import bound_median, bound_rate
 
-ALL = "all"
+ALL, CLOSED = "all", "closed, median"
 RESAMPLES = 499
 
 SCORECARD_SESSIONS = Table(
@@ -198,9 +198,9 @@ def scorecard(
     scored = score(blind_sessions, blind_truth, blind_named, blind_ranking, section.rules)
     sessions = pd.DataFrame(scored, columns=list(SCORECARD_SESSIONS.columns))
     said = list_said(blind_truth, blind_named, section.rules)
-    rows = [*list_rates(sessions, section), rate_calibration(said, section, ctx.generator("names"))]
-    rates = pd.DataFrame([{**each, "met": is_met(each)} for each in rows], columns=list(SCORECARD.columns))
-    reliability = pd.DataFrame(tabulate_reliability(said, section), columns=list(RELIABILITY.columns))
+    rows = [*_list_rates(sessions, section), _rate_calibration(said, section, ctx.generator("names"))]
+    rates = pd.DataFrame([{**each, "met": _is_met(each)} for each in rows], columns=list(SCORECARD.columns))
+    reliability = pd.DataFrame(_tabulate_reliability(said, section), columns=list(RELIABILITY.columns))
     ctx.figure(
         "scorecard",
         draw_rates(rates),
@@ -214,86 +214,63 @@ def scorecard(
     )
     return {
         SCORECARD.name: rates,
-        SCORECARD_CELLS.name: pd.DataFrame(list_cells(sessions), columns=list(SCORECARD_CELLS.columns)),
+        SCORECARD_CELLS.name: pd.DataFrame(_list_cells(sessions), columns=list(SCORECARD_CELLS.columns)),
         RELIABILITY.name: reliability,
         SCORECARD_SESSIONS.name: sessions,
     }
 
 
-def list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
-    """Return every rate with its interval and target."""
+def _list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
     targets = section.targets
-    whole = sessions[~sessions["magnitude"].isin(["absorbed"])]
-    by = {
-        kind: whole[whole["kind"] == kind] for kind in ("none", "one_effect", "outsider", "two_effects", "one_muscle")
-    }
-    one = by["one_effect"]
-    rows = []
-    for size, target in targets.named_first.items():
-        rows.append(rate("named first, or its class", one[one["magnitude"] == size]["right_class"], target, size))
-    for size, target in targets.named_first.items():
-        rows.append(rate("named first, by its own name", one[one["magnitude"] == size]["right_name"], target, size))
-    for size, target in targets.closed.items():
-        rows.append(median("closed, median", one[one["magnitude"] == size]["closed_share"], target, size))
-    none, foreign, pairs, single = (by[kind] for kind in ("none", "outsider", "two_effects", "one_muscle"))
+    whole = sessions[sessions["magnitude"] != "absorbed"]
+    kinds = ("none", "one_effect", "outsider", "two_effects", "one_muscle")
+    none, one, foreign, pairs, single = (whole[whole["kind"] == kind] for kind in kinds)
     confident = (foreign["status"] == "named") & (foreign["probability"] > section.confident)
     found = (foreign["status"] == "unexplained") & (foreign["unexplained_channel"] == foreign["channel"])
     absorbed = sessions[sessions["magnitude"] == "absorbed"]
+    misnamed = (absorbed["status"] == "named") & ~absorbed["right_class"]
+    told = absorbed["listed_absorbed"] | absorbed["right_class"] | (absorbed["status"] == "no_discrepancy")
     amended = sessions[sessions["status"] == "named"]
     one_cause = amended[amended["kind"].isin(["one_effect", "one_muscle", "outsider"])]
     two_names = one_cause["named"].str.contains("+", regex=False)
-    rows += [
-        rate("nothing hidden, something named", none["status"] == "named", targets.false_names, at_most=True),
-        rate("nothing hidden, unexplained", none["status"] == "unexplained", targets.false_unexplained, at_most=True),
-        rate("not in the library, named with confidence", confident, targets.outsiders_named, at_most=True),
-        rate("not in the library, unexplained in its channel", found, targets.outsiders_found),
-        rate("two effects, both named", pairs["all_named"], targets.both_named),
-        rate("one muscle, named there alone", single["right_muscles"], targets.right_muscle),
-        rate("absorbed, misnamed", missaid(absorbed), targets.absorbed_misnamed, at_most=True),
-        rate("absorbed, listed so or nothing found", is_told(absorbed), targets.absorbed_told),
-        rate("amended, worse on further trials", amended["worse"], targets.worse, at_most=True),
-        rate("one cause, two names", two_names, targets.two_names, at_most=True),
+    rows = [
+        (measure, one[one["magnitude"] == size][judged], target, False, size)
+        for measure, judged, sizes in (
+            ("named first, or its class", "right_class", targets.named_first),
+            ("named first, by its own name", "right_name", targets.named_first),
+            (CLOSED, "closed_share", targets.closed),
+        )
+        for size, target in sizes.items()
     ]
-    return [bound(each, section.level) for each in rows]
+    rows += [
+        ("nothing hidden, something named", none["status"] == "named", targets.false_names, True, ALL),
+        ("nothing hidden, unexplained", none["status"] == "unexplained", targets.false_unexplained, True, ALL),
+        ("not in the library, named with confidence", confident, targets.outsiders_named, True, ALL),
+        ("not in the library, unexplained in its channel", found, targets.outsiders_found, False, ALL),
+        ("two effects, both named", pairs["all_named"], targets.both_named, False, ALL),
+        ("one muscle, named there alone", single["right_muscles"], targets.right_muscle, False, ALL),
+        ("absorbed, misnamed", misnamed, targets.absorbed_misnamed, True, ALL),
+        ("absorbed, listed so or nothing found", told, targets.absorbed_told, False, ALL),
+        ("amended, worse on further trials", amended["worse"], targets.worse, True, ALL),
+        ("one cause, two names", two_names, targets.two_names, True, ALL),
+    ]
+    return [_bound(*each, section.level) for each in rows]
 
 
-def missaid(absorbed: pd.DataFrame) -> pd.Series:
-    """Return where something was named that is neither hidden nor of a class with it."""
-    return (absorbed["status"] == "named") & ~absorbed["right_class"]
+def _bound(measure: str, judged: pd.Series, target: float, at_most: bool, size: str, level: float) -> dict[str, Any]:
+    """Return the row of a share, or of a median, with its interval."""
+    values, told = (judged.dropna(), bound_median) if measure == CLOSED else (judged.astype(bool), bound_rate)
+    value, low, high = told(np.asarray(values), level)
+    row = {"measure": measure, "magnitude": size, "target": target, "at_most": at_most}
+    return {**row, "n": len(values), "value": value, "low": low, "high": high}
 
 
-def is_told(absorbed: pd.DataFrame) -> pd.Series:
-    """Return where what the constants absorb is listed so, nothing was found, or the true name was found after all."""
-    return absorbed["listed_absorbed"] | absorbed["right_class"] | (absorbed["status"] == "no_discrepancy")
-
-
-def rate(measure: str, hits: pd.Series, target: float, size: str = ALL, *, at_most: bool = False) -> dict[str, Any]:
-    """Return the row of a share; its interval comes with `bound`."""
-    return {"measure": measure, "magnitude": size, "values": hits.astype(bool), "target": target, "at_most": at_most}
-
-
-def median(measure: str, values: pd.Series, target: float, size: str) -> dict[str, Any]:
-    """Return the row of a median."""
-    return {"measure": measure, "magnitude": size, "values": values.dropna(), "target": target, "at_most": False}
-
-
-def bound(row: dict[str, Any], level: float) -> dict[str, Any]:
-    """Return a row with its value and interval in place of the values."""
-    values = row.pop("values")
-    n, told = len(values), bound_rate if values.dtype == bool else bound_median
-    value, low, high = told(values.to_numpy(), level)
-    return {**row, "n": n, "value": value, "low": low, "high": high}
-
-
-def is_met(row: dict[str, Any]) -> bool:
+def _is_met(row: dict[str, Any]) -> bool:
     """Return whether a row reaches its target, or has no sessions."""
-    if row["n"] == 0:
-        return True
-    return bool(row["value"] <= row["target"] if row["at_most"] else row["value"] >= row["target"])
+    return bool(row["n"] == 0 or (row["value"] <= row["target"] if row["at_most"] else row["value"] >= row["target"]))
 
 
-def list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return counts of each effect and magnitude."""
+def _list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:
     rows = []
     for (kind, hidden, size), its in sessions.groupby(["kind", "hidden", "magnitude"], sort=False):
         wrong = its[~its["right_class"]] if hidden else its[its["status"] == "named"]
@@ -316,19 +293,19 @@ def list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:
     return rows
 
 
-def rate_calibration(said: pd.DataFrame, section: Scorecard, generator: np.random.Generator) -> dict[str, Any]:
+def _rate_calibration(said: pd.DataFrame, section: Scorecard, generator: np.random.Generator) -> dict[str, Any]:
     """Return the row of the expected calibration error, whose interval is from names drawn again with replacement."""
     drawn = (said.iloc[generator.integers(len(said), size=len(said))] for _ in range(RESAMPLES if len(said) else 0))
-    spread = [find_calibration_error(tabulate_reliability(each, section)) for each in drawn]
+    spread = [_find_calibration_error(_tabulate_reliability(each, section)) for each in drawn]
     outside = 0.5 * (1.0 - section.level)
     low, high = np.quantile(spread, [outside, 1.0 - outside]) if spread else (math.nan, math.nan)
-    value = find_calibration_error(tabulate_reliability(said, section))
-    row = rate("calibration error of what was said", said["right"], section.targets.calibration_error, at_most=True)
-    del row["values"]
-    return {**row, "n": len(said), "value": value, "low": float(low), "high": float(high)}
+    value = _find_calibration_error(_tabulate_reliability(said, section))
+    row = {"measure": "calibration error of what was said", "magnitude": ALL, "n": len(said), "at_most": True}
+    target = section.targets.calibration_error
+    return {**row, "value": value, "low": float(low), "high": float(high), "target": target}
 
 
-def find_calibration_error(reliability: list[dict[str, Any]]) -> float:
+def _find_calibration_error(reliability: list[dict[str, Any]]) -> float:
     """Return the mean distance between what was said and how often it was right, over all that was said.
 
     Source: Naeini, Cooper and Hauskrecht, Obtaining well calibrated probabilities using Bayesian binning, AAAI 2015.
@@ -339,7 +316,7 @@ def find_calibration_error(reliability: list[dict[str, Any]]) -> float:
     return sum(each["n"] * abs(each["said"] - each["right"]) for each in told) / sum(each["n"] for each in told)
 
 
-def tabulate_reliability(named: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
+def _tabulate_reliability(named: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
     """Return how often names were right, by the probability that was said."""
     rows = []
     for low, high in pairwise(section.reliability_edges):

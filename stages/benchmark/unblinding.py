@@ -58,12 +58,14 @@ def unblinding(
         raise InputError("seal: the rig tells another truth than the one that was sealed; run blinded_session again")
     left = decision["status"].iloc[0] == "unexplained"
     hidden = recorded.truth["effects"]
-    rows = compare(hidden, recorded.truth["gap_over_floor"], named_effects, channels)
+    rows = _compare(hidden, recorded.truth["gap_over_floor"], named_effects, channels)
     driven = verification[verification["simulation"] == "measured upstream"]
     after = driven["gap"].iloc[named_effects["order"].max() if len(named_effects) else 0]
-    told = [
-        describe_hidden(hidden, str(recorded.truth["scenario"]["magnitude"]), digest),
-        describe_named(named_effects, hidden, left=left),
+    names = " and ".join(f"{_in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
+    told = f"{names} ({recorded.truth['scenario']['magnitude']})" if hidden else "nothing"
+    outcome = [
+        f"The seal holds ({digest[:12]}). Hidden was {told}.",
+        _describe_named(named_effects, hidden, left=left),
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
         f"{100 * after:.2g} %; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
         "Identification on the amended simulator: python -m pipeline plant=FOLDER/documents/amended.yaml, with this "
@@ -71,17 +73,16 @@ def unblinding(
     ]
     return {
         COMPARISON_WITH_TRUTH.name: pd.DataFrame(rows, columns=list(COMPARISON_WITH_TRUTH.columns)),
-        OUTCOME.name: pd.DataFrame({"outcome": told}),
+        OUTCOME.name: pd.DataFrame({"outcome": outcome}),
     }
 
 
-def compare(
+def _compare(
     hidden: Sequence[Mapping[str, Any]],
     gaps: Mapping[str, Mapping[str, float]],
     said: pd.DataFrame,
     channels: pd.DataFrame,
 ) -> list[dict[str, Any]]:
-    """Return a row for each muscle's channel."""
     rows = []
     for row in channels.to_dict("records"):
         channel, muscle = str(row["channel"]), str(row["muscle"])
@@ -101,13 +102,7 @@ def compare(
     return rows
 
 
-def describe_hidden(hidden: Sequence[Mapping[str, Any]], magnitude: str, digest: str) -> str:
-    """Return what was hidden, in a sentence."""
-    told = " and ".join(f"{in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
-    return f"The seal holds ({digest[:12]}). Hidden was {f'{told} ({magnitude})' if hidden else 'nothing'}."
-
-
-def describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, left: bool) -> str:
+def _describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, left: bool) -> str:
     """Return what was said, and whether it is right, in a sentence."""
     if left:
         return "Nothing was named: something that has no name in the library was found to be left."
@@ -116,7 +111,7 @@ def describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, l
     if first.empty:
         return f"Nothing was named, which is {'wrong' if true else 'right'}."
     names = " and ".join(
-        f"{in_words(name)} ({p:.2f})" for name, p in zip(first["name"], first["probability"], strict=True)
+        f"{_in_words(name)} ({p:.2f})" for name, p in zip(first["name"], first["probability"], strict=True)
     )
     like = set(str(first["indistinguishable_from"].iloc[0]).split(","))
     verdict = (
@@ -126,6 +121,5 @@ def describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, l
     return f"Named was {names}, which is {verdict or doubt}."
 
 
-def in_words(name: object) -> str:
-    """Return a name with spaces."""
+def _in_words(name: object) -> str:
     return str(name).replace("_", " ")

@@ -31,9 +31,12 @@ from stages.benchmark.blinded_rig.sensors import draw_noise
 from stages.benchmark.blinded_rig.session import build_session, observe
 from stages.benchmark.blinded_rig.sessions import HiddenSessions
 from stages.benchmark.blinded_rig.surroundings import LAW_CHANCES, LEVELS, SEED_OFFSET, draw_surroundings
+from tests.benchmark.test_blinded_rig import observe_quietly
 
 FOREIGN = ("foreign_building", "foreign_scoring")
 ONLY_PAM1 = np.array([1.0, 0.0, 0.0, 0.0])
+DISSIPATIVE = ("hysteresis", "creep", "coulomb_friction", "stribeck_friction", "capstan_friction", "viscous_friction")
+DISSIPATIVE += ("prandtl_ishlinskii", "duhem", "preisach", "pressed_friction", "bristle_friction")
 BEFORE = {  # standard deviations of pressure (kPa) and force (N) in two trials
     "none-1000": (116.158980682557, 945.887983479),
     "hysteresis-medium-7": (101.035638703145, 878.604803544114),
@@ -209,10 +212,10 @@ def test_a_rate_is_told_and_kept(rate_hz):
 # --- effects
 
 
-@pytest.mark.parametrize("key", FOREIGN_EFFECTS)
-def test_an_effect_changes_nothing_but_itself(key, still):
-    session, without = still
-    effect = FOREIGN_EFFECTS[key]
+@pytest.mark.parametrize("key", ALL_EFFECTS)
+def test_an_effect_changes_only_its_muscle_and_channel_and_nothing_without_a_size(key, still):
+    session, without = still if key in FOREIGN_EFFECTS else observe_quietly()
+    effect = ALL_EFFECTS[key]
     readings = observe(session, ((effect, 0.5 * effect.largest * ONLY_PAM1),))
     for channel in ("pressure_kpa", "force_n"):
         assert np.isfinite(getattr(readings, channel)).all()
@@ -226,16 +229,21 @@ def test_an_effect_changes_nothing_but_itself(key, still):
     assert np.abs(getattr(readings, effect.channel)[0] - getattr(without, effect.channel)[0]).max() > 1e-6
     if effect.channel == "force_n":
         np.testing.assert_array_equal(readings.pressure_kpa, without.pressure_kpa)
-    hardly = observe(session, ((effect, np.full(4, 1e-6 * effect.largest)),))
+    if effect.site == "pressure_wire":
+        np.testing.assert_array_equal(readings.force_n, without.force_n)
+    none, hardly = (observe(session, ((effect, np.full(4, size)),)) for size in (0.0, 1e-6 * effect.largest))
+    if key in EFFECTS:
+        np.testing.assert_array_equal(getattr(none, effect.channel), getattr(without, effect.channel))
     off = np.abs(getattr(hardly, effect.channel) - getattr(without, effect.channel)).max(axis=(1, 2))
     noise = session.machine.full_force_n * 8e-4 if effect.channel == "force_n" else np.full(4, 0.75)
     assert np.all(off < 0.2 * noise)
 
 
-@pytest.mark.parametrize("key", ["prandtl_ishlinskii", "duhem", "preisach", "pressed_friction", "bristle_friction"])
-def test_a_memory_takes_energy(key, still):
-    session, without = still
-    readings = observe(session, ((ALL_EFFECTS[key], np.full(4, 0.3 * ALL_EFFECTS[key].largest)),))
+@pytest.mark.parametrize("key", DISSIPATIVE)
+def test_friction_and_memory_take_energy(key, still):
+    session, without = still if key in FOREIGN_EFFECTS else observe_quietly()
+    size = (0.3 if key in FOREIGN_EFFECTS else 0.2) * ALL_EFFECTS[key].largest
+    readings = observe(session, ((ALL_EFFECTS[key], np.full(4, size)),))
     power = (readings.force_n - without.force_n) * session.contraction_velocity_per_s
     assert np.all(power.sum(axis=(1, 2)) < 0.0)
 
@@ -332,13 +340,11 @@ def test_the_rig_obeys_its_catalogue(name):
     assert not first.samples.equals(HiddenSessions(3, None, None, None, 1).record("none-5").samples)
 
 
-def test_nonsense_is_refused(capsys, tmp_path):
+def test_a_foreign_catalogue_is_taken_and_an_unknown_one_refused(tmp_path):
     with pytest.raises(ValueError, match="unknown catalogue 'foreign'"):
         HiddenSessions(3, None, None, None, 1, "foreign")
     with pytest.raises(ValueError, match="names no session"):
         named_scenario("alien:none-5")
-    assert command.main([str(tmp_path / "d"), "catalogue=alien"]) == 2
-    assert "foreign_scoring" in capsys.readouterr().err
     words = [str(tmp_path / "d"), "catalogue=foreign_scoring", "effect=backlash", "trials=1", "seed=2"]
     assert command.main(words) == 0
 

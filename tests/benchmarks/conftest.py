@@ -6,31 +6,11 @@ With --short each figure comes from fewer rounds and smaller sizes: it shows tha
 import statistics
 import time
 import tracemalloc
-from dataclasses import dataclass
 
 import pytest
 from threadpoolctl import threadpool_limits
 
 ROWS = pytest.StashKey[list]()
-
-
-@dataclass(frozen=True)
-class Row:
-    """One figure beside what was promised of it."""
-
-    name: str
-    figure: float
-    unit: str
-    limit: float | None
-    stretch: float | None
-
-    @property
-    def verdict(self) -> str:
-        if self.limit is None:
-            return ""
-        if self.figure > self.limit:
-            return "missed"
-        return "met" if self.stretch is None or self.figure > self.stretch else "met, and the stretch"
 
 
 def pytest_addoption(parser):
@@ -66,7 +46,7 @@ def tell(request, benchmark):
     rows = request.config.stash.setdefault(ROWS, [])
 
     def note(name, figure, unit="", limit=None, stretch=None):
-        rows.append(Row(name, figure, unit, limit, stretch))
+        rows.append((name, figure, unit, limit, stretch))
         benchmark.extra_info[name] = figure
 
     return note
@@ -80,17 +60,15 @@ def against(benchmark, sized):
         baseline()
         baselines, subjects = [], []
 
-        def time_baseline():
+        def timed(function, seconds):
             start = time.perf_counter()
-            baseline()
-            baselines.append(time.perf_counter() - start)
+            function()
+            seconds.append(time.perf_counter() - start)
 
-        def time_subject():
-            start = time.perf_counter()
-            subject()
-            subjects.append(time.perf_counter() - start)
-
-        benchmark.pedantic(time_subject, setup=time_baseline, rounds=sized(rounds, short), warmup_rounds=1)
+        rounds = sized(rounds, short)
+        benchmark.pedantic(
+            lambda: timed(subject, subjects), setup=lambda: timed(baseline, baselines), rounds=rounds, warmup_rounds=1
+        )
         subjects, baselines = subjects[1:], baselines[1:]
         benchmark.extra_info["baseline_median_s"] = statistics.median(baselines)
         return statistics.median(subjects) / statistics.median(baselines)
@@ -118,9 +96,11 @@ def pytest_terminal_summary(terminalreporter, config):
     if not rows:
         return
     terminalreporter.section("figures")
-    width = max(len(row.name) for row in rows)
-    for row in rows:
-        limit = "" if row.limit is None else f"at most {row.limit:g}"
-        stretch = "" if row.stretch is None else f"stretch {row.stretch:g}"
-        figure = f"{row.figure:.3g} {row.unit}".strip()
-        terminalreporter.write_line(f"{row.name:<{width}}  {figure:>12}  {limit:<14} {stretch:<12} {row.verdict}")
+    width = max(len(name) for name, *_ in rows)
+    for name, figure, unit, limit, stretch in rows:
+        verdict = "" if limit is None else "missed" if figure > limit else "met"
+        verdict += ", and the stretch" if verdict == "met" and stretch is not None and figure <= stretch else ""
+        at_most = "" if limit is None else f"at most {limit:g}"
+        further = "" if stretch is None else f"stretch {stretch:g}"
+        shown = f"{figure:.3g} {unit}".strip()
+        terminalreporter.write_line(f"{name:<{width}}  {shown:>12}  {at_most:<14} {further:<12} {verdict}")

@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from stages.science.output_channels.detection import DetectionSettings
+from stages.science.output_channels.output_channel import DetectionSettings
 from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.effect import list_effects, name_module
 

@@ -1,1 +1,35 @@
-"""Named effects, one file each; a plant lists those it has."""
+"""Physical effects, one small module each, and what several of them share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.science.plant.effect import State
+from stages.science.plant.presliding import slide_after_yielding
+from stages.science.signals.trajectories import Array
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Terms of a machine's integrator that are parameters as they are: pairs of a term and a parameter."""
+
+    names: tuple[tuple[str, str], ...]
+
+    def __call__(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Return the terms."""
+        return {term: parameters[name] for term, name in self.names}
+
+
+def name_terms(**names: str) -> Terms:
+    """Return what gives each term, by its name, the value of the parameter that is named there."""
+    return Terms(tuple(names.items()))
+
+
+def slide(state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the direction of a cable's friction, (T, K); where it is told how, the cable yields before it slides."""
+    if "presliding" in parameters:
+        return slide_after_yielding(state, parameters)
+    return np.tanh(state.velocity_per_s / parameters["sliding_per_s"])

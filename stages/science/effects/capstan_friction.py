@@ -11,21 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from stages.science.effects import slide
 from stages.science.plant.effect import ChainEffect, Parameter, State
-from stages.science.plant.presliding import PRESLIDING, slide_after_yielding
+from stages.science.plant.presliding import PRESLIDING
 from stages.science.signals.trajectories import Array
 
 
 def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     """Return the tension at the joint's end, N."""
-    slide = np.tanh(state.velocity_per_s / parameters["sliding_per_s"])
-    return signal * np.exp(-parameters["friction_times_wrap"] * slide)
-
-
-def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the tension at the joint's end, N; the cable yields a little before it slides."""
-    slide = slide_after_yielding(state, parameters)
-    return signal * np.exp(-parameters["friction_times_wrap"] * slide)
+    return signal * np.exp(-parameters["friction_times_wrap"] * slide(state, parameters))
 
 
 EFFECT = ChainEffect(
@@ -70,14 +64,10 @@ FORMS = (
     replace(
         EFFECT,
         form="presliding",
-        parameters=(
-            EFFECT.parameters[0],
-            PRESLIDING,
-        ),
+        parameters=(EFFECT.parameters[0], PRESLIDING),
         source=(
             "Do, Tjahjowidodo, Lau, Yamamoto, Phee, Hysteresis modeling and position control of tendon-sheath "
             "mechanism in flexible endoscopic systems, Mechatronics 24 (2014)"
         ),
-        apply=apply_with_presliding,
     ),
 )

@@ -12,33 +12,22 @@ from dataclasses import replace
 
 import numpy as np
 
+from stages.science.effects import name_terms, slide
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter, State
 from stages.science.plant.muscle import pull_at_rest
-from stages.science.plant.presliding import PRESLIDING, slide_after_yielding
+from stages.science.plant.presliding import PRESLIDING
 from stages.science.signals.trajectories import Array
-
-
-def terms(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the integrator's terms: size and smoothing of the friction torque."""
-    return {"coulomb_nm": parameters["torque_nm"], "coulomb_rad_per_s": parameters["sliding_rad_per_s"]}
 
 
 def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     """Return the tension at the joint's end, N."""
-    slide = np.tanh(state.velocity_per_s / parameters["sliding_per_s"])
-    return signal - parameters["share"] * state.muscles.full_force_n * slide
-
-
-def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the tension at the joint's end, N, less a spring that slides at a constant force."""
-    slide = slide_after_yielding(state, parameters)
-    return signal - parameters["share"] * state.muscles.full_force_n * slide
+    return signal - parameters["share"] * state.muscles.full_force_n * slide(state, parameters)
 
 
 def apply_in_sleeve(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     """Return the force, N, less a friction that the pressure presses."""
-    slide = slide_after_yielding(state, parameters)
-    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * slide
+    pressed = pull_at_rest(state.pressure_kpa, state.muscles)
+    return signal - parameters["share"] * pressed * slide(state, parameters)
 
 
 SOURCE = (
@@ -59,7 +48,7 @@ EFFECT = JointEffect(
     signature="the joint sticks at reversals and lags behind the torque by a constant amount",
     split_by="slow reversals of the joint at two pressures: the step at reversal stays the same",
     relatives=("stribeck_friction", "capstan_friction"),
-    terms=terms,
+    terms=name_terms(coulomb_nm="torque_nm", coulomb_rad_per_s="sliding_rad_per_s"),
 )
 
 CABLE = ChainEffect(
@@ -81,11 +70,6 @@ CABLE = ChainEffect(
 )
 
 
-def rub(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the oscillator's terms: friction over the spring's force at one scale, and where it turns."""
-    return {"coulomb": parameters["share"], "sliding": parameters["sliding"]}
-
-
 SLIDER = DynamicEffect(
     name="coulomb_friction",
     form="slider",
@@ -98,13 +82,8 @@ SLIDER = DynamicEffect(
     signature="small motions are damped more than large ones, and the motion sticks before it rests",
     split_by="free decay: the envelope falls by as much with every period",
     relatives=("hysteresis", "viscous_friction"),
-    terms=rub,
+    terms=name_terms(coulomb="share", sliding="sliding"),
 )
-
-
-def stick(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the motion's terms: friction, and the way in which it yields before it slides."""
-    return {"stiction": parameters["share"], "yielding": parameters["presliding"]}
 
 
 YIELDING_SLIDER = replace(
@@ -118,21 +97,14 @@ YIELDING_SLIDER = replace(
         "Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE Trans. Autom. Control 50 (2005): one "
         "element"
     ),
-    terms=stick,
+    terms=name_terms(stiction="share", yielding="presliding"),
 )
 
 YIELDING_CABLE = replace(
     CABLE,
     form="cable_presliding",
-    parameters=(
-        CABLE.parameters[0],
-        PRESLIDING,
-    ),
-    source=(
-        "Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE Trans. Autom. Control 50 (2005): one "
-        "element"
-    ),
-    apply=apply_with_presliding,
+    parameters=(CABLE.parameters[0], PRESLIDING),
+    source=YIELDING_SLIDER.source,
 )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from stages.science.effects import name_terms
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
 from stages.science.signals.trajectories import Array
 
@@ -39,11 +40,6 @@ EFFECT = ChainEffect(
 )
 
 
-def stiffen(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the oscillator's terms: force of the cubic spring over that of the linear one, at one scale of motion."""
-    return {"cubic": parameters["share"]}
-
-
 DUFFING = DynamicEffect(
     name="cubic_stiffness",
     form="duffing",
@@ -57,7 +53,7 @@ DUFFING = DynamicEffect(
     signature="the resonance bends towards higher frequency as the motion grows, and lower where the spring softens",
     split_by="a slow sweep through the resonance at a small and a large input",
     relatives=(),
-    terms=stiffen,
+    terms=name_terms(cubic="share"),
 )
 
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from stages.science.effects import name_terms
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
 from stages.science.plant.muscle import pull_at_rest
 from stages.science.plant.operators import follow_bouc_wen, follow_play, follow_stops
@@ -81,11 +82,6 @@ EFFECT = ChainEffect(
 )
 
 
-def yield_at_turns(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the oscillator's terms: largest hysteretic force over the spring's at one scale, and where it yields."""
-    return {"hysteretic": parameters["share"], "turning": parameters["turning"]}
-
-
 BOUC_WEN_SPRING = DynamicEffect(
     name="hysteresis",
     form="bouc_wen_spring",
@@ -98,7 +94,7 @@ BOUC_WEN_SPRING = DynamicEffect(
     signature="force over motion makes a loop that does not shrink with speed",
     split_by="a very slow cycle to both ends, twice as far the second time",
     relatives=("coulomb_friction", "viscous_friction"),
-    terms=yield_at_turns,
+    terms=name_terms(hysteretic="share", turning="turning"),
 )
 
 
@@ -167,11 +163,6 @@ TWO_PLAYS_ELEMENT = replace(
 )
 
 
-def hold_back(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the lag's term: half the width of a play between input and what fills."""
-    return {"play": parameters["half_width"]}
-
-
 PLAYING_LAG = DynamicEffect(
     name="hysteresis",
     form="lag",
@@ -183,7 +174,7 @@ PLAYING_LAG = DynamicEffect(
     signature="the output settles below the input after a rise and above it after a fall, and ignores small moves",
     split_by="a staircase of inputs up and down, each step held until it settles",
     relatives=("valve_asymmetry", "valve_lag"),
-    terms=hold_back,
+    terms=name_terms(play="half_width"),
 )
 
 FORMS = (

@@ -5,15 +5,8 @@ The magnitude is the inverse of the rim's height: at zero the rim is infinitely 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
+from stages.science.effects import name_terms
 from stages.science.plant.effect import DynamicEffect, Parameter
-
-
-def spill(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the tanks' terms: scale over the rim's height, and the share that the lower tank gets."""
-    return {"scale_over_rim": parameters["scale_over_rim"], "share_down": parameters["share_down"]}
-
 
 EFFECT = DynamicEffect(
     name="overflow",
@@ -39,7 +32,7 @@ EFFECT = DynamicEffect(
     signature="the level rises quicker than it should after the input was high for long, and falls earlier",
     split_by="a slow rise of the input beyond the overflow: the upper level stops",
     relatives=("saturation",),
-    terms=spill,
+    terms=name_terms(scale_over_rim="scale_over_rim", share_down="share_down"),
     scales=False,
 )
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from stages.science.effects import name_terms
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
 from stages.science.plant.reading import read
 from stages.science.signals.trajectories import Array
@@ -48,11 +49,6 @@ EFFECT = ChainEffect(
     relatives=(),
     apply=apply,
 )
-
-
-def cut_drive(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the oscillator's term: one scale of motion over the one that the largest drive holds at rest."""
-    return {"drive_cut": parameters["scale_over_level"]}
 
 
 FARTHEST = 1e6
@@ -97,7 +93,7 @@ DRIVE = DynamicEffect(
     signature="the response stays behind where the input is largest, at any frequency",
     split_by="a slow sweep of the input to its largest value",
     relatives=(),
-    terms=cut_drive,
+    terms=name_terms(drive_cut="scale_over_level"),
     scales=False,
 )
 
@@ -121,11 +117,6 @@ TANK_READING = replace(
 )
 
 
-def fill_tank(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the tanks' term: scale over the reading at which the lower tank is full."""
-    return {"level_cut": parameters["scale_over_level"]}
-
-
 FULL_TANK = replace(
     TANK_READING,
     form="full_tank",
@@ -135,7 +126,7 @@ FULL_TANK = replace(
         "PapersOnLine 50-1 (2017): the lower tank runs over, too"
     ),
     signature="the level stays at one value however much runs in, and falls from there as soon as less does",
-    terms=fill_tank,
+    terms=name_terms(level_cut="scale_over_level"),
 )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from stages.science.effects import name_terms
 from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.science.signals.trajectories import Array
 
@@ -37,11 +38,6 @@ EFFECT = ChainEffect(
 )
 
 
-def shift_reading(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the oscillator's term: what the sensor adds, in scales of motion."""
-    return {"sensor_offset": parameters["share"]}
-
-
 OSCILLATOR = DynamicEffect(
     name="sensor_offset",
     form="motion",
@@ -51,7 +47,7 @@ OSCILLATOR = DynamicEffect(
     signature="the response errs by the same amount at all times",
     split_by="a reading at rest without input",
     relatives=(),
-    terms=shift_reading,
+    terms=name_terms(sensor_offset="share"),
 )
 
 FORMS = (

@@ -10,24 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from stages.science.effects import slide
 from stages.science.plant.effect import ChainEffect, Parameter, State
-from stages.science.plant.presliding import PRESLIDING, slide_after_yielding
+from stages.science.plant.presliding import PRESLIDING
 from stages.science.signals.trajectories import Array
 
 
 def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     """Return the tension at the joint's end, N."""
-    velocity = state.velocity_per_s
-    fading = np.exp(-((velocity / parameters["stribeck_per_s"]) ** 2))
-    size = parameters["share"] * state.muscles.full_force_n * (1.0 + parameters["rise"] * fading)
-    return signal - size * np.tanh(velocity / parameters["sliding_per_s"])
-
-
-def apply_with_presliding(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the tension at the joint's end, N; the cable yields a little before it slides."""
     fading = np.exp(-((state.velocity_per_s / parameters["stribeck_per_s"]) ** 2))
     size = parameters["share"] * state.muscles.full_force_n * (1.0 + parameters["rise"] * fading)
-    return signal - size * slide_after_yielding(state, parameters)
+    return signal - size * slide(state, parameters)
 
 
 EFFECT = ChainEffect(
@@ -60,14 +53,10 @@ FORMS = (
     replace(
         EFFECT,
         form="presliding",
-        parameters=(
-            *EFFECT.parameters[:3],
-            PRESLIDING,
-        ),
+        parameters=(*EFFECT.parameters[:3], PRESLIDING),
         source=(
             "Canudas de Wit, Olsson, Astrom, Lischinsky, A new model for control of systems with friction, IEEE Trans. "
             "Autom. Control 40 (1995); its bristles here as one stop"
         ),
-        apply=apply_with_presliding,
     ),
 )

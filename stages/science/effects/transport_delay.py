@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from stages.science.effects import name_terms
 from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.science.signals.trajectories import Array
 
@@ -34,11 +35,6 @@ EFFECT = ChainEffect(
 )
 
 
-def retard(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the oscillator's term: time by which the input acts late, in natural periods."""
-    return {"delay": parameters["periods"]}
-
-
 LATE_INPUT = DynamicEffect(
     name="transport_delay",
     form="late_input",
@@ -50,13 +46,8 @@ LATE_INPUT = DynamicEffect(
     signature="the residual leads the response by the same time at every frequency",
     split_by="a chirp or steps of the input",
     relatives=(),
-    terms=retard,
+    terms=name_terms(delay="periods"),
 )
-
-
-def retard_lag(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the lag's term: time by which the input acts late, in paces."""
-    return {"delay": parameters["paces"]}
 
 
 LATE_LAG = DynamicEffect(
@@ -68,7 +59,7 @@ LATE_LAG = DynamicEffect(
     signature="the output answers to steps late, and then as it should",
     split_by="steps of the input",
     relatives=("valve_lag",),
-    terms=retard_lag,
+    terms=name_terms(delay="paces"),
 )
 
 FORMS = (EFFECT, LATE_INPUT, LATE_LAG)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from stages.science.effects import name_terms
 from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.science.plant.valve import respond
 from stages.science.signals.trajectories import Array
@@ -42,11 +43,6 @@ EFFECT = ChainEffect(
 )
 
 
-def unbalance(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the lag's term: by how much it rises more quickly than it falls."""
-    return {"asymmetry": parameters["asymmetry"]}
-
-
 UNEQUAL_LAG = DynamicEffect(
     name="valve_asymmetry",
     form="lag",
@@ -58,7 +54,7 @@ UNEQUAL_LAG = DynamicEffect(
     signature="the output errs after steps up and after steps down with the same sign: one is slow, the other quick",
     split_by="equal steps of the input up and down",
     relatives=("valve_rate_limit", "valve_lag"),
-    terms=unbalance,
+    terms=name_terms(asymmetry="asymmetry"),
 )
 
 FORMS = (EFFECT, UNEQUAL_LAG)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from stages.science.effects import name_terms
 from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.science.plant.filters import lag
 from stages.science.signals.trajectories import Array
@@ -34,11 +35,6 @@ EFFECT = ChainEffect(
 )
 
 
-def delay_again(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the lag's term: time constant of a second lag, in paces."""
-    return {"second_lag": parameters["paces"]}
-
-
 SECOND_LAG = DynamicEffect(
     name="valve_lag",
     form="lag",
@@ -48,7 +44,7 @@ SECOND_LAG = DynamicEffect(
     signature="the output starts later than the model after a step and then catches up more steeply",
     split_by="steps of the input, or a chirp: a lag loses amplitude, a delay does not",
     relatives=("transport_delay", "valve_rate_limit"),
-    terms=delay_again,
+    terms=name_terms(second_lag="paces"),
 )
 
 FORMS = (EFFECT, SECOND_LAG)

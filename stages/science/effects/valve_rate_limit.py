@@ -10,6 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from numba import njit
 
+from stages.science.effects import name_terms
 from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
 from stages.science.plant.valve import respond
 from stages.science.signals.trajectories import Array
@@ -62,11 +63,6 @@ EFFECT = ChainEffect(
 )
 
 
-def limit(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the lag's term: inverse of its largest rate."""
-    return {"rate_cut": parameters["slowness"]}
-
-
 LIMITED_LAG = DynamicEffect(
     name="valve_rate_limit",
     form="lag",
@@ -80,7 +76,7 @@ LIMITED_LAG = DynamicEffect(
     signature="the output climbs straight after large steps, late by more the larger the step",
     split_by="small and large steps of the input from one level",
     relatives=("valve_lag", "valve_asymmetry"),
-    terms=limit,
+    terms=name_terms(rate_cut="slowness"),
     scales=False,
 )
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from stages.science.effects import name_terms
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
 from stages.science.plant.muscle import pull_at_rest
 from stages.science.signals.trajectories import Array
@@ -58,11 +59,6 @@ EFFECT = ChainEffect(
 )
 
 
-def damp(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the motion's term: damping per pace."""
-    return {"damping": parameters["share"]}
-
-
 DAMPED_MOTION = DynamicEffect(
     name="viscous_friction",
     form="linear_damping",
@@ -74,13 +70,8 @@ DAMPED_MOTION = DynamicEffect(
     signature="the motion runs ahead in proportion to its velocity",
     split_by="coasting without force: velocity decays exponentially",
     relatives=("coulomb_friction",),
-    terms=damp,
+    terms=name_terms(damping="share"),
 )
-
-
-def drag(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the oscillator's term: force of the drag over the spring's, moving one scale per radian."""
-    return {"drag": parameters["share"]}
 
 
 QUADRATIC = DynamicEffect(
@@ -96,7 +87,7 @@ QUADRATIC = DynamicEffect(
     signature="the resonance flattens as the motion grows: damping lacks at high velocity",
     split_by="free decay from a large motion: its envelope bends",
     relatives=("coulomb_friction", "hysteresis"),
-    terms=drag,
+    terms=name_terms(drag="share"),
 )
 
 

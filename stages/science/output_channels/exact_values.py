@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stages.science.output_channels.detection import DetectionSettings
+from stages.science.output_channels.output_channel import DetectionSettings
 from stages.science.signals.trajectories import Array
 
 SAME = 1e-9

@@ -93,16 +93,11 @@ def _expand(inputs: Array, width: float, points: int) -> Array:
 
     flat = inputs.reshape(-1, inputs.shape[2])
     centres = _spread_out(flat[:: max(len(flat) // FARTHEST, 1)], points)
-    among, beside = (_correlate(each, centres, width) for each in (centres, flat))
+    apart = (((each[:, None] - centres[None]) ** 2).sum(axis=2) for each in (centres, flat))
+    among, beside = (np.exp(-0.5 * each / width**2) for each in apart)
     factor = np.linalg.cholesky(among + 1e-6 * np.eye(len(centres)))
     columns: Array = solve_triangular(factor, beside.T, lower=True).T
     return columns.reshape(*inputs.shape[:2], len(centres))
-
-
-def _correlate(first: Array, second: Array, width: float) -> Array:
-    apart = ((first[:, None] - second[None]) ** 2).sum(axis=2)
-    correlated: Array = np.exp(-0.5 * apart / width**2)
-    return correlated
 
 
 def _spread_out(places: Array, points: int) -> Array:
@@ -118,18 +113,9 @@ def _spread_out(places: Array, points: int) -> Array:
 def choose_family(fit: Fit, noise: Noise | TrialNoise, columns: Array, tried: Sequence[Sequence[Array]]) -> Family:
     """Return a family beside a fit, with the priors by which left-out trials are predicted best.
 
-    It is fitted under the noise, and judged by the shape of trials left out.
-
-    Parameters
-    ----------
-    fit : Fit
-        A model without a family.
-    noise : Noise or TrialNoise
-        Of the channel.
-    columns : (T, K, F) ndarray
-        Of the family.
-    tried : sequence of sequence of (F_b,) ndarray
-        Standard deviations of the weights of each of its blocks to choose from, block by block, twice.
+    It is fitted beside a model without one under the noise of its channel, and judged by the shape of trials left out.
+    `tried` are the standard deviations of the weights of each of its blocks, (F_b,), which are chosen block by block,
+    twice.
     """
     output, free = fit.model.output, np.flatnonzero(fit.free)
     together = np.concatenate([fit.slopes[:, :, free], columns, fit.residual[:, :, None]], axis=2)

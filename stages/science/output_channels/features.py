@@ -65,13 +65,11 @@ def list_memory(output: OutputChannel) -> Array:
     """Return what an output's own signals were, (T, K, F): recent means, stops that follow them up to a width."""
     step = output.step_s / output.time_scale_s
     own = [(each, _standardise(each.values)) for each in output.drivers() if each.own]
-    columns = [past for driver, signal in own if not driver.rate for past in _list_lags_and_stops(signal, step)]
+    columns: list[Array] = []
+    for signal in (signal for driver, signal in own if not driver.rate):
+        columns += [*(_lag(signal, tau, step) for tau in LAGS), *(_stop(signal, width) for width in WIDTHS)]
     columns += [_lag(signal, tau, step) for driver, signal in own if driver.rate for tau in LAGS[:2]]
     return np.stack([_standardise(column) for column in columns], axis=2)
-
-
-def _list_lags_and_stops(signal: Array, step: float) -> list[Array]:
-    return [*(_lag(signal, tau, step) for tau in LAGS), *(_stop(signal, width) for width in WIDTHS)]
 
 
 def list_histories(output: OutputChannel) -> list[Driver]:

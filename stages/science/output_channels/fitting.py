@@ -46,23 +46,12 @@ class Family:
     columns: Array
     sd: Array
 
-    def take(self, trials: Sequence[int]) -> Family:
-        """Return the family on some of its trials, by position."""
-        return Family(self.columns[:, list(trials)], self.sd)
-
 
 @dataclass(frozen=True)
 class Model:
     """The nominal model of an output channel with a list of effects; it names the entries of a parameter vector.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        What is simulated.
-    forms : tuple of EffectForm
-        Effects.
-    family : Family, optional
-        What is added to the simulated channel; its weights are the last entries.
+    A family is added to the simulated channel; its weights are the last entries.
     """
 
     output: OutputChannel
@@ -101,7 +90,7 @@ class Model:
 
     def take(self, trials: Sequence[int]) -> Model:
         """Return the model on some of its trials, by position."""
-        family = None if self.family is None else self.family.take(trials)
+        family = self.family and Family(self.family.columns[:, list(trials)], self.family.sd)
         return replace(self, output=self.output.take(trials), family=family)
 
     def name_values(self, values: Array) -> tuple[dict[str, float], list[tuple[EffectForm, dict[str, float]]]]:
@@ -129,13 +118,10 @@ class Model:
         high, sd = self.bounds[1][:named], self.prior[1][:named]
         steps = np.where(values + STEP * sd <= high, STEP * sd, -STEP * sd)
         moved = self.output.simulate_each([self.name_values(each) for each in values + np.diag(steps)])
-        if self.family is None:
-            moved -= simulated[:, :, None]
-            moved /= steps
-            return moved
-        moved -= (simulated - self.family.columns @ weights)[:, :, None]
+        bare = simulated if self.family is None else simulated - self.family.columns @ weights
+        moved -= bare[:, :, None]
         moved /= steps
-        return np.concatenate([moved, self.family.columns], axis=2)
+        return moved if self.family is None else np.concatenate([moved, self.family.columns], axis=2)
 
 
 @dataclass(frozen=True)
@@ -160,8 +146,6 @@ class Fit:
 
     Parameters
     ----------
-    model : Model
-        What was fitted.
     values : (P,) ndarray
         At the largest posterior density.
     residual : (T, K) ndarray
@@ -187,17 +171,9 @@ class Fit:
         return 1.0 / self.model.prior[1] ** 2
 
     def change_without(self, weights: Array) -> Array:
-        """Return the change of the fitted values when trials have weights other than one.
+        """Return the change of the fitted values, (B, P), when trials have weights, (B, K), other than one.
 
-        Parameters
-        ----------
-        weights : (B, K) ndarray
-            Of each trial, in each of B cases.
-
-        Returns
-        -------
-        (B, P) ndarray
-            Changes, within bounds; a value at a bound stays.
+        Changes are within bounds; a value at a bound stays.
         """
         mean, sd = self.model.prior
         low, high = self.model.bounds
@@ -219,10 +195,7 @@ class Fit:
 
     def cost(self, noise: Noise) -> float:
         """Return the whitened sum of squares under a noise, and that of the values' distances from their priors."""
-        output = self.model.output
-        white = weigh(self.residual[:, :, None], output, noise)
-        mean, sd = self.model.prior
-        return float((white**2).sum() + (((self.values - mean) / sd) ** 2).sum())
+        return _weigh_cost(self.model, self.values, self.residual, noise)
 
     def drawn_values(self, weights: Array) -> Array:
         """Return the fitted values, (B, P), under weights of resampled trials (B, K); equal weights give these values.
@@ -260,20 +233,14 @@ def weigh(signals: Array, output: OutputChannel, noise: Noise | TrialNoise) -> A
     return whiten(signals, output.present, noise, output.step_s)
 
 
-def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int = ITERATIONS) -> Fit:
-    """Fit a model.
+def _weigh_cost(model: Model, values: Array, residual: Array, noise: Noise | TrialNoise) -> float:
+    white = weigh(residual[:, :, None], model.output, noise)
+    mean, sd = model.prior
+    return float((white**2).sum() + (((values - mean) / sd) ** 2).sum())
 
-    Parameters
-    ----------
-    model : Model
-        What to fit.
-    noise : Noise or TrialNoise
-        Of the channel.
-    start : (P,) ndarray
-        Values to begin at.
-    iterations : int
-        Steps at most.
-    """
+
+def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int = ITERATIONS) -> Fit:
+    """Fit a model under a noise from values, (P,), in some steps at most."""
     low, high = model.bounds
     mean, sd = model.prior
     present = model.output.present
@@ -282,8 +249,7 @@ def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int =
     def look(at: Array) -> tuple[Array, Array, float]:
         simulated = model.simulate(at)
         residual = np.where(present, model.output.measured - simulated, 0.0)
-        white = weigh(residual[:, :, None], model.output, noise)
-        return simulated, residual, float((white**2).sum() + (((at - mean) / sd) ** 2).sum())
+        return simulated, residual, _weigh_cost(model, at, residual, noise)
 
     simulated, residual, cost = look(values)
     for _ in range(iterations):
@@ -325,15 +291,6 @@ def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high:
     return _find_least(curvature, white.cross.sum(axis=0) + pull, 1.0 / np.sqrt(precision), low, high)
 
 
-def _factorise(curvature: Array) -> Array:
-    """Return the lower triangular factor, with a small ridge where rounding makes the curvature singular."""
-    try:
-        factor = np.linalg.cholesky(curvature)
-    except np.linalg.LinAlgError:
-        factor = np.linalg.cholesky(curvature + 1e-9 * float(np.trace(curvature)) * np.eye(len(curvature)))
-    return factor.astype(np.float64, copy=False)
-
-
 def _find_least(curvature: Array, gradient: Array, scale: Array, low: Array, high: Array) -> Array:
     """Return the minimiser of half x' curvature x - gradient' x within bounds; `scale` conditions the problem.
 
@@ -341,7 +298,11 @@ def _find_least(curvature: Array, gradient: Array, scale: Array, low: Array, hig
     """
     from scipy.optimize import lsq_linear
 
-    factor = _factorise(curvature * scale * scale[:, None])
+    scaled = curvature * scale * scale[:, None]
+    try:
+        factor = np.linalg.cholesky(scaled)
+    except np.linalg.LinAlgError:  # singular but for rounding
+        factor = np.linalg.cholesky(scaled + 1e-9 * float(np.trace(scaled)) * np.eye(len(scaled)))
     target = np.linalg.solve(factor, scale * gradient)
     free: Array = np.linalg.solve(factor.T, target) * scale
     if ((free >= low) & (free <= high)).all():

@@ -57,16 +57,7 @@ def keep_least(
 ) -> Leftover:
     """Return the least of what several models leave, (T, K) each, without a spectral line, if it has one.
 
-    Parameters
-    ----------
-    left : sequence of (T, K) ndarray
-        Residuals of trials left out.
-    output : OutputChannel
-        Channel of the residuals.
-    learnt : (K,) ndarray of bool, optional
-        Trials by which the least is told; all, unless told.
-    by_memory : (T, K) ndarray, optional
-        What a linear memory of the inputs leaves, from `explain_by_memory`.
+    The least is told by all trials, or by those learnt, a (K,) mask; `by_memory` is that of `explain_by_memory`.
     """
     known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
     several = [*left, *([] if by_memory is None else [by_memory])]
@@ -85,10 +76,8 @@ def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
     """
     output = fit.model.output
     by_features = explain_by_features(fit, build_features(output), noise, learnt)
-    by_trees = explain_by_trees(output, fit.residual, learnt)
-    by_memory = explain_by_memory(output, fit.residual, learnt)
-    remembered = None if by_memory is fit.residual else by_memory
-    return keep_least([by_features, by_trees], output, learnt, remembered)
+    by_trees, by_memory = (explain(output, fit.residual, learnt) for explain in (explain_by_trees, explain_by_memory))
+    return keep_least([by_features, by_trees], output, learnt, None if by_memory is fit.residual else by_memory)
 
 
 def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Array:
@@ -101,7 +90,7 @@ def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: 
     features : (T, K, F) ndarray
         Of its output, zero where not present.
     noise : Noise or None
-        Of the channel; None takes the residual as white.
+        None takes the residual as white.
     learnt : (K,) ndarray of bool, optional
         Trials that it may be fitted to; all, unless told.
     """
@@ -121,16 +110,7 @@ def explain_by_trees(output: OutputChannel, residual: Array, learnt: Mask | None
     """Return what is left of each trial's residual, (T, K), when boosted trees are fitted to that of others.
 
     They see what happens at one place of several signals together, which sums of features miss, and nothing of the
-    past.
-
-    Parameters
-    ----------
-    output : OutputChannel
-        Whose drivers, time in trial and time in session are the inputs.
-    residual : (T, K) ndarray
-        Zero where not present.
-    learnt : (K,) ndarray of bool, optional
-        Trials that they may be fitted to; all, unless told.
+    past. Inputs are the output's drivers, time in trial and time in session; `learnt` is as in `explain_by_features`.
     """
     from sklearn.ensemble import HistGradientBoostingRegressor
 
@@ -147,25 +127,16 @@ def explain_by_trees(output: OutputChannel, residual: Array, learnt: Mask | None
         trees = HistGradientBoostingRegressor(**TREES, early_stopping=False, random_state=0)
         trees.fit(inputs[::stride][rows], residual[::stride][rows])
         told = output.present & out
-        if not told.any():
-            continue
-        left[told] -= trees.predict(inputs[told])
+        if told.any():
+            left[told] -= trees.predict(inputs[told])
     return left
 
 
 def explain_by_memory(output: OutputChannel, residual: Array, learnt: Mask | None = None) -> Array:
     """Return what is left of each trial's residual, (T, K), when others' is fitted by a linear memory of the inputs.
 
-    It sees an oscillation that an input sets off, which features that forget evenly and trees without a past do not.
-
-    Parameters
-    ----------
-    output : OutputChannel
-        Whose inputs are remembered.
-    residual : (T, K) ndarray
-        Zero where not present.
-    learnt : (K,) ndarray of bool, optional
-        Trials that it may be fitted to; all, unless told.
+    It sees an oscillation that an input sets off, which features that forget evenly and trees without a past do not;
+    `learnt` is as in `explain_by_features`.
     """
     past = output.recall(MEMORY_SAMPLES)
     if not past.shape[2]:

@@ -9,14 +9,20 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Self, cast
+from typing import Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.output_channels.detection import DetectionSettings
 from stages.science.output_channels.exact_values import find_levels
-from stages.science.output_channels.output_channel import Driver, EffectForm, OutputChannel, list_starts
+from stages.science.output_channels.output_channel import (
+    DetectionSettings,
+    Driver,
+    EffectForm,
+    OutputChannel,
+    Placed,
+    list_starts,
+)
 from stages.science.plant.actuator_path import Acting, ActuatorPath, predict_force, predict_pressure
 from stages.science.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
@@ -47,8 +53,6 @@ class Records:
 
     Parameters
     ----------
-    step_s : float
-        Time between samples, s.
     start_s : (K,) ndarray
         Start of each trial in the session, s.
     command_kpa, pressure_kpa, contraction, velocity_per_s, force_n : (T, K) ndarray
@@ -77,18 +81,19 @@ class Records:
         chosen = list(trials)
         signals = ("command_kpa", "pressure_kpa", "smooth_pressure_kpa", "contraction", "velocity_per_s", "force_n")
         taken: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, chosen]) for name in signals}
-        known = {name: values[:, chosen] for name, values in self.known.items()}
-        others = {name: values[:, chosen] for name, values in self.others.items()}
-        return replace(self, start_s=self.start_s[chosen], known=known, others=others, **taken)
+        for name in ("known", "others"):
+            taken[name] = {signal: values[:, chosen] for signal, values in getattr(self, name).items()}
+        return replace(self, start_s=self.start_s[chosen], **taken)
 
 
 @dataclass(frozen=True)
 class MuscleChannel(OutputChannel):
-    """A channel of one muscle."""
+    """A channel of one muscle, named as what is measured of it; the signals needed tell where it is present."""
 
+    needed: ClassVar[tuple[str, ...]]
     build: Build
     records: Records
-    tolerances: tuple[Parameter, ...]
+    constants: tuple[Parameter, ...]
     load_cell_site: Literal["muscle_tip", "joint_end"]
     limits: DetectionSettings
 
@@ -96,6 +101,18 @@ class MuscleChannel(OutputChannel):
     def element(self) -> str:  # type: ignore[override]
         """The muscle's name."""
         return self.build.name
+
+    @property
+    def measured(self) -> Array:  # type: ignore[override]
+        """What the sensor showed."""
+        signal: Array = getattr(self.records, self.channel)
+        return signal
+
+    @property
+    def present(self) -> NDArray[np.bool_]:  # type: ignore[override]
+        """Where all that it needs was measured."""
+        present: NDArray[np.bool_] = np.logical_and.reduce([self.records.known[name] for name in self.needed])
+        return present
 
     @property
     def step_s(self) -> float:  # type: ignore[override]
@@ -106,11 +123,6 @@ class MuscleChannel(OutputChannel):
     def start_s(self) -> Array:  # type: ignore[override]
         """Start of each trial in the session, s."""
         return self.records.start_s
-
-    @property
-    def constants(self) -> tuple[Parameter, ...]:
-        """Nominal constants of this channel."""
-        return self.tolerances
 
     def take(self, trials: Sequence[int]) -> Self:
         """Return the output with some of its trials."""
@@ -128,8 +140,7 @@ class MuscleChannel(OutputChannel):
         """Return starting values of a form; of saturation the level that repeated values show, or none."""
         if form.name != EXACT:
             return list_starts(form)
-        level = self._level
-        return [] if level is None else [self.name_level(level, constants)]
+        return [] if self._level is None else [self.name_level(self._level, constants)]
 
     def is_exact(self, form: EffectForm) -> bool:
         """Return whether the values show a form's parameter."""
@@ -146,21 +157,10 @@ class MuscleChannel(OutputChannel):
         return highest if highest is not None and highest > 0.0 else None
 
     def _collect(self, constants: Mapping[str, float]) -> MuscleConstants:
-        build = self.build
+        build = vars(self.build)
         a, b = braid_coefficients(constants.get("braid_angle_deg", 25.0))
-        area = build.area_n_per_kpa
-        given = {
-            "area_n_per_kpa": area,
-            "braid_a": a,
-            "braid_b": b,
-            "contraction_at_angle_0": build.contraction_at_angle_0,
-            "contraction_per_rad": build.contraction_per_rad,
-            "torque_arm_m": build.torque_arm_m,
-            "area_factor": 1.0,
-            "regulator_gain": 1.0,
-            "full_force_n": area * build.max_pressure_kpa * (a - b),
-            **constants,
-        }
+        full = {"full_force_n": self.build.area_n_per_kpa * self.build.max_pressure_kpa * (a - b)}
+        given = {**build, "braid_a": a, "braid_b": b, "area_factor": 1.0, "regulator_gain": 1.0, **full, **constants}
         columns = len(self.records.start_s)
         return MuscleConstants(*(np.full(columns, given.get(name, 0.0)) for name in MuscleConstants._fields))
 
@@ -170,16 +170,7 @@ class PressureChannel(MuscleChannel):
 
     channel = "pressure_kpa"
     unit = "kPa"
-
-    @property
-    def measured(self) -> Array:  # type: ignore[override]
-        """Sensed pressure, kPa."""
-        return self.records.pressure_kpa
-
-    @property
-    def present(self) -> NDArray[np.bool_]:  # type: ignore[override]
-        """Where command and pressure were measured."""
-        return self.records.known["command_kpa"] & self.records.known["pressure_kpa"]
+    needed = ("command_kpa", "pressure_kpa")
 
     def is_driven(self, least_kpa: float) -> bool:
         """Return whether the command varies by more than `least_kpa`, a sensor's noise."""
@@ -190,13 +181,10 @@ class PressureChannel(MuscleChannel):
         """Effects between command and sensed pressure."""
         return _offer(PRESSURE_SITES, "sensed_pressure_kpa")
 
-    def simulate(
-        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
-    ) -> Array:
+    def simulate(self, constants: Mapping[str, float], effects: Placed) -> Array:
         """Return the sensed pressure, kPa."""
-        placed = [(cast(ChainEffect, form.effect), values) for form, values in effects]
-        records = self.records
-        return predict_pressure(records.command_kpa, self._collect(constants), placed, records.step_s, records.start_s)
+        muscles, placed = self._collect(constants), _name_effects(effects)
+        return predict_pressure(self.records.command_kpa, muscles, placed, self.step_s, self.start_s)
 
     def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
         """Return the level of the pressure, inverted."""
@@ -217,19 +205,9 @@ class ForceChannel(MuscleChannel):
 
     channel = "force_n"
     unit = "N"
+    needed = ("force_n", "pressure_kpa", "contraction", "velocity_per_s")
     plane = ("contraction", "pressure_kpa")
     loop = ("contraction", "contraction_velocity_per_s")
-
-    @property
-    def measured(self) -> Array:  # type: ignore[override]
-        """Sensed force, N."""
-        return self.records.force_n
-
-    @property
-    def present(self) -> NDArray[np.bool_]:  # type: ignore[override]
-        """Where force, pressure, contraction and its velocity were measured."""
-        known = self.records.known
-        return known["force_n"] & known["pressure_kpa"] & known["contraction"] & known["velocity_per_s"]
 
     @property
     def forms(self) -> tuple[EffectForm, ...]:
@@ -239,22 +217,11 @@ class ForceChannel(MuscleChannel):
             return felt
         return tuple(each for each in felt if cast(ChainEffect, each.effect).signal != "tension_n")
 
-    def simulate(
-        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
-    ) -> Array:
+    def simulate(self, constants: Mapping[str, float], effects: Placed) -> Array:
         """Return the sensed force, N."""
-        placed = [(cast(ChainEffect, form.effect), values) for form, values in effects]
-        records = self.records
-        return predict_force(
-            records.smooth_pressure_kpa,
-            records.contraction,
-            records.velocity_per_s,
-            self._collect(constants),
-            placed,
-            records.step_s,
-            records.start_s,
-            self.load_cell_site,
-        )
+        records, muscles, placed = self.records, self._collect(constants), _name_effects(effects)
+        signals = records.smooth_pressure_kpa, records.contraction, records.velocity_per_s
+        return predict_force(*signals, muscles, placed, records.step_s, records.start_s, self.load_cell_site)
 
     def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceChannel:
         """Return the output with the true pressure, where the pressure's sensor has an effect."""
@@ -266,9 +233,8 @@ class ForceChannel(MuscleChannel):
         ]
         if not sensor:
             return self
-        records = self.records
-        path = ActuatorPath(self._collect({}), sensor, records.step_s, records.start_s)
-        return self.from_pressure(path.unsense_pressure(records.smooth_pressure_kpa))
+        path = ActuatorPath(self._collect({}), sensor, self.step_s, self.start_s)
+        return self.from_pressure(path.unsense_pressure(self.records.smooth_pressure_kpa))
 
     def from_pressure(self, pressure_kpa: Array) -> ForceChannel:
         """Return the output with another pressure, (T, K), than the measured one."""
@@ -295,6 +261,10 @@ class ForceChannel(MuscleChannel):
             if name.endswith("contraction"):
                 aside[f"{name} rate"] = np.gradient(values, records.step_s, axis=0)
         return own + [Driver(name, values, own=False) for name, values in aside.items()]
+
+
+def _name_effects(effects: Placed) -> list[tuple[ChainEffect, Mapping[str, float]]]:
+    return [(cast(ChainEffect, form.effect), values) for form, values in effects]
 
 
 def _offer(sites: Sequence[str], sensed: str) -> tuple[EffectForm, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stages.science.output_channels.detection import DetectionSettings
+from stages.science.output_channels.output_channel import DetectionSettings
 from stages.science.signals.trajectories import Array
 
 QUICK_S, SLOW_S = 0.03, 1.5
@@ -78,18 +78,13 @@ def whiten(values: Array, present: NDArray[np.bool_], noise: Noise, step_s: floa
     Parameters
     ----------
     values : (T, K, Q) ndarray
-        Q signals in K trials of T samples.
+        Q signals in K trials of T samples; the result is linear in them, without a unit.
     present : (T, K) ndarray of bool
         Where the channel was measured; elsewhere nothing is taken in and zero comes out.
     noise : Noise
         Of the channel.
     step_s : float
         Time between samples, s.
-
-    Returns
-    -------
-    (T, K, Q) ndarray
-        Dimensionless; linear in `values`.
     """
     white: Array = _whiten_trials(np.ascontiguousarray(values), present, np.array(noise), step_s)[0]
     return white
@@ -112,12 +107,8 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, l
     ----------
     residual : (T, K) ndarray
         What a flexible model leaves; ignored where not present.
-    present : (T, K) ndarray of bool
-        Where it counts.
-    step_s : float
-        Time between samples, s.
-    limits : DetectionSettings
-        Least white noise.
+    present, step_s
+        As in `whiten`.
 
     Raises
     ------
@@ -141,16 +132,11 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, l
         return float(0.5 * (((z - centre) / width) ** 2).sum() - log_density(values, present, build(z), step_s).sum())
 
     bounds = [(c - 4.0 * w, c + 4.0 * w) for c, w in zip(centre, width, strict=True)]
-    rough = limits.least_white * _roughness(values, present) / spread
-    least = math.log(max(rough, limits.least_white_share))
+    bends = values[2:] - 2.0 * values[1:-1] + values[:-2]
+    bends = bends[present[2:] & present[1:-1] & present[:-2]]
+    rough = float(np.sqrt((bends**2).mean() / 6.0)) if bends.size else 0.0  # white noise of such second differences
+    least = math.log(max(limits.least_white * rough / spread, limits.least_white_share))
     bounds[0] = (max(bounds[0][0], min(least, 0.0)), bounds[0][1])
     centre[0] = max(centre[0], bounds[0][0])
     found = minimize(cost, centre, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40, "ftol": 1e-6})
     return build(found.x)
-
-
-def _roughness(values: Array, present: NDArray[np.bool_]) -> float:
-    """Return the standard deviation of white noise that would have the second differences seen."""
-    bends = values[2:] - 2.0 * values[1:-1] + values[:-2]
-    whole = present[2:] & present[1:-1] & present[:-2]
-    return float(np.sqrt((bends[whole] ** 2).mean() / 6.0)) if whole.any() else 0.0

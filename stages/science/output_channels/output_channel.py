@@ -18,8 +18,9 @@ from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from stages.science.output_channels.detection import DetectionSettings
+from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import Parameter
 from stages.science.signals.trajectories import Array
 
@@ -28,16 +29,26 @@ LONG = 10000
 """Number of samples from which simulations run in threads."""
 
 
+class DetectionSettings(Declared):
+    """From where on measured values show something by themselves: saturation, quantisation, spectral lines, noise."""
+
+    saturation_share: float = Field(gt=0.0, lt=1.0)
+    saturation_samples: int = Field(ge=2)
+    saturation_ratio: float = Field(ge=1.0)
+    quantised_share: float = Field(gt=0.0, lt=1.0)
+    quantised_deviation: float = Field(gt=0.0, lt=0.5)
+    lowest_line_hz: float = Field(gt=0.0)
+    line_chance: float = Field(gt=0.0, lt=1.0)
+    least_white: float = Field(ge=0.0, le=1.0)
+    least_white_share: float = Field(gt=0.0, le=1.0)
+
+
 @dataclass(frozen=True)
 class EffectForm:
-    """One literature form of a named effect, as an output offers it.
+    """One literature form of a named effect, as an output offers it at a site.
 
     Parameters
     ----------
-    name, form : str
-        Of the effect and of its form.
-    site : str
-        Where it acts.
     parameters : tuple of Parameter
         The first is the magnitude.
     effect : object
@@ -57,8 +68,10 @@ class EffectForm:
     tried: bool = False
 
 
-Case = tuple[Mapping[str, float], Sequence[tuple[EffectForm, Mapping[str, float]]]]
-"""Constants by name, and effects with their parameters."""
+Placed = Sequence[tuple[EffectForm, Mapping[str, float]]]
+"""Effects with their parameters."""
+Case = tuple[Mapping[str, float], Placed]
+"""Constants by name, and effects."""
 THREADS = "channel"
 """Prefix of the names of threads."""
 Task = TypeVar("Task")
@@ -92,14 +105,10 @@ def list_starts(form: EffectForm, most: int = MOST_STARTS) -> list[dict[str, flo
 
 @dataclass(frozen=True)
 class Driver:
-    """A measured signal that may explain a residual.
+    """A measured signal, (T, K) without gaps, that may explain a residual; its name ends in its unit.
 
     Parameters
     ----------
-    name : str
-        With its unit.
-    values : (T, K) ndarray
-        Without gaps.
     own : bool
         Whether it belongs to this element; others' get fewer features.
     rate : bool
@@ -119,8 +128,6 @@ class OutputChannel(ABC):
     ----------
     channel, element : str
         Names as in the verdict, for example ``force_n`` and ``pam1``.
-    unit : str
-        Of the channel.
     step_s : float
         Time between samples, s.
     measured : (T, K) ndarray
@@ -131,6 +138,16 @@ class OutputChannel(ABC):
         Start of each trial in the session, s.
     limits : DetectionSettings
         From where on the values show saturation, a spectral line, or noise.
+    constants : tuple of Parameter
+        Nominal constants with bounds and priors; a fit begins at the priors' means.
+    time_scale_s : float
+        Time of a usual movement, s; regimes of time and frequency are told by it.
+    resolution : float
+        Numerical error of any simulation, in the channel's unit; the noise floor is never below it.
+    other_starts : sequence of mapping
+        Other starting values of some constants for the nominal fit; the best fit is taken.
+    jitters : bool
+        Whether each trial may have an offset and a gain of its own, as parts of one record have not.
     """
 
     channel: str
@@ -141,11 +158,11 @@ class OutputChannel(ABC):
     present: NDArray[np.bool_]
     start_s: Array
     limits: DetectionSettings
-
-    @property
-    @abstractmethod
-    def constants(self) -> tuple[Parameter, ...]:
-        """Nominal constants with bounds and priors; a fit begins at the priors' means."""
+    constants: tuple[Parameter, ...]
+    time_scale_s: float = 1.0
+    resolution: float = 0.0
+    other_starts: Sequence[dict[str, float]] = ()
+    jitters: bool = True
 
     @property
     @abstractmethod
@@ -153,9 +170,7 @@ class OutputChannel(ABC):
         """Effects that can act in this channel."""
 
     @abstractmethod
-    def simulate(
-        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
-    ) -> Array:
+    def simulate(self, constants: Mapping[str, float], effects: Placed) -> Array:
         """Return the channel, (T, K), under constants and effects."""
 
     def simulate_each(self, cases: Sequence[Case]) -> Array:
@@ -197,26 +212,6 @@ class OutputChannel(ABC):
         own = [driver for driver in self.drivers() if driver.own]
         state, rate = (next(driver.name for driver in own if driver.rate is rate) for rate in (False, True))
         return state, rate
-
-    @property
-    def time_scale_s(self) -> float:
-        """Time of a usual movement, s; regimes of time and frequency are told by it."""
-        return 1.0
-
-    @property
-    def resolution(self) -> float:
-        """Numerical error of any simulation, in the channel's unit; the noise floor is never below it."""
-        return 0.0
-
-    @property
-    def other_starts(self) -> list[dict[str, float]]:
-        """Other starting values of some constants for the nominal fit; the best fit is taken."""
-        return []
-
-    @property
-    def jitters(self) -> bool:
-        """Whether each trial may have an offset and a gain of its own, as parts of one record have not."""
-        return True
 
     def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return starting values of a form's parameters; none where the data exclude the form."""

@@ -23,13 +23,11 @@ def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[st
     ----------
     signals : DataFrame
         Columns ``record``, ``time_s``, ``signal`` and ``value``; times evenly spaced within a record.
-    names : sequence of str
-        Signals that are needed.
 
     Raises
     ------
     ValueError
-        When one of them is missing or has no values.
+        When one of the named signals is missing or has no values.
     """
     wide = signals.pivot(index=["record", "time_s"], columns="signal", values="value")
     for name in names:
@@ -62,27 +60,11 @@ def bridge(column: pd.Series) -> Array:
     return np.interp(np.arange(len(values)), known, values[known])
 
 
-def bridge_short(rows: pd.DataFrame, longest: int) -> pd.DataFrame:
-    """Return signals with gaps of at most `longest` samples interpolated linearly; longer gaps stay as they are.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        A record's signals, a column each, evenly in time.
-    longest : int
-        Samples.
-    """
-    missing = rows.isna().to_numpy()
-    if longest < 1 or not missing.any():
-        return rows
-    filled = rows.interpolate(limit_area="inside").to_numpy(copy=True)
-    for column in range(rows.shape[1]):
-        ends = np.diff(np.concatenate([[0], missing[:, column], [0]]).astype(int))
-        firsts, lasts = np.flatnonzero(ends == 1), np.flatnonzero(ends == -1)
-        for first, last in zip(firsts, lasts, strict=True):
-            if last - first > longest:
-                filled[first:last, column] = np.nan
-    return pd.DataFrame(filled, index=rows.index, columns=rows.columns)
+def bridge_short(column: pd.Series, longest: int) -> pd.Series:
+    """Return evenly sampled values with gaps of at most `longest` samples interpolated linearly."""
+    missing = column.isna()
+    lengths = missing.groupby((~missing).cumsum()).transform("sum")
+    return column.interpolate(limit_area="inside").mask(missing & (lengths > longest))
 
 
 def thin_out(rows: pd.DataFrame, stride: int, pushing: Sequence[str] = ()) -> pd.DataFrame:
@@ -90,10 +72,6 @@ def thin_out(rows: pd.DataFrame, stride: int, pushing: Sequence[str] = ()) -> pd
 
     Parameters
     ----------
-    rows : DataFrame
-        A record's signals, a column each.
-    stride : int
-        Samples that become one.
     pushing : sequence of str
         Signals that push a motion. It adds their noise up twice, so that not only how much they push matters but when:
         their means are weighted by triangles, which keep both.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.output_channels.detection import DetectionSettings
+from stages.science.output_channels.output_channel import DetectionSettings
 from stages.science.signals.trajectories import Array
 
 HIGHEST = 0.95
@@ -27,13 +27,9 @@ def find_line(residual: Array, present: NDArray[np.bool_], step_s: float, limits
     Parameters
     ----------
     residual : (T, K) ndarray
-        In any unit.
-    present : (T, K) ndarray of bool
-        Where it counts.
+        In any unit; it counts where present.
     step_s : float
         Time between samples, s.
-    limits : DetectionSettings
-        Lowest frequency of a line, and probability that noise alone has one.
 
     Notes
     -----

@@ -55,7 +55,7 @@ def split_signals(signals: Array, output: OutputChannel) -> tuple[Array, Array, 
     bare = np.where(present, signals, 0.0)
     if not output.jitters:
         return bare, np.zeros(bare.shape[1:]), np.zeros_like(bare)
-    measured = centre_measured(output)
+    measured = _centre_measured(output)
     offset = bare.sum(axis=0) / np.maximum(present.sum(axis=0), 1)
     moving = np.where(present, bare - offset, 0.0)
     share = np.einsum("tk,tkq->kq", measured, moving) / np.maximum((measured**2).sum(axis=0), 1e-300)[:, None]
@@ -63,7 +63,7 @@ def split_signals(signals: Array, output: OutputChannel) -> tuple[Array, Array, 
     return moving - along, offset, along
 
 
-def centre_measured(output: OutputChannel) -> Array:
+def _centre_measured(output: OutputChannel) -> Array:
     """Return the measured signal less its mean in each trial, (T, K); zero where not present."""
     measured = np.where(output.present, output.measured, 0.0)
     mean = measured.sum(axis=0) / np.maximum(output.present.sum(axis=0), 1)
@@ -83,7 +83,7 @@ def split_residual(residual: Array, output: OutputChannel) -> tuple[Array, Array
 def bound_jitter(output: OutputChannel, largest: float) -> float:
     """Return the largest offset or gain of a trial, as a root mean square: a share of the measured signal's."""
     count = np.maximum(output.present.sum(axis=0), 1)
-    return largest * float(np.sqrt(((centre_measured(output) ** 2).sum(axis=0) / count).mean()))
+    return largest * float(np.sqrt(((_centre_measured(output) ** 2).sum(axis=0) / count).mean()))
 
 
 def estimate_trial_noise(residual: Array, output: OutputChannel, largest: float) -> TrialNoise:

@@ -16,16 +16,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.science.output_channels.detection import DetectionSettings
 from stages.science.output_channels.exact_values import Levels, find_levels
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import (
     LONG,
     Case,
+    DetectionSettings,
     Driver,
     EffectForm,
     OutputChannel,
+    Placed,
     list_starts,
     map_in_threads,
 )
@@ -66,28 +67,16 @@ class WholeRecordChannel(OutputChannel):
     ----------
     plant : RecordPlant
         Resolved from the data; effects that it lists already act.
-    step_s : float
-        Time between samples, s.
     records : tuple of mapping of str to (N_r,) ndarray
         Inputs and output of each record, gaps bridged.
     places : tuple of (int, int)
         Record and first sample of each block.
-    measured : (T, K) ndarray
-        Answer, gaps bridged.
-    present : (T, K) ndarray of bool
-        Where the answer and all inputs were measured.
-    start_s : (K,) ndarray
-        Start of each block, s.
-    element : str
-        What the machine is called.
     begun : tuple of InitialState
         How each record begins.
     head : int
         Samples by which that may be refined.
     averaged : int
         Samples of the record in one of the output.
-    limits : DetectionSettings
-        From where on the values show saturation, a spectral line, or noise.
     """
 
     plant: RecordPlant
@@ -102,6 +91,7 @@ class WholeRecordChannel(OutputChannel):
     head: int
     averaged: int
     limits: DetectionSettings
+    jitters = False
 
     @property
     def channel(self) -> str:  # type: ignore[override]
@@ -114,22 +104,22 @@ class WholeRecordChannel(OutputChannel):
         return own_unit(self.channel)
 
     @property
-    def time_scale_s(self) -> float:
+    def time_scale_s(self) -> float:  # type: ignore[override]
         """Time of a usual movement, s."""
         return self.plant.movement_s
 
     @property
-    def constants(self) -> tuple[Parameter, ...]:
+    def constants(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """Constants of the plant."""
         return self.plant.parameters
 
     @property
-    def resolution(self) -> float:
+    def resolution(self) -> float:  # type: ignore[override]
         """What averaging samples may change in a motion, and rounding in any, as a share of its range."""
         return (AVERAGED if self.averaged > 1 else ROUNDED) * self.range
 
     @property
-    def other_starts(self) -> list[dict[str, float]]:
+    def other_starts(self) -> list[dict[str, float]]:  # type: ignore[override]
         """The plant's."""
         return self.plant.other_starts
 
@@ -137,13 +127,11 @@ class WholeRecordChannel(OutputChannel):
     def forms(self) -> tuple[EffectForm, ...]:
         """Effects at the plant's site that it does not list yet; a level that exact values show is theirs."""
         taken = {entry.name for entry in self.plant.effects}
-        names = [name for name in list_effects() if name not in taken]
-        found = list_effects_at(self.plant.SITE, names)
-        forms = [
-            EffectForm(each.name, each.form, each.site, each.parameters, each, scales, tried=True)
-            for each in found
-            for scales in [getattr(each, "scales", True) and not self.plant.drifts]
-        ]
+        found = list_effects_at(self.plant.SITE, [name for name in list_effects() if name not in taken])
+        forms = []
+        for each in found:
+            scales = getattr(each, "scales", True) and not self.plant.drifts
+            forms.append(EffectForm(each.name, each.form, each.site, each.parameters, each, scales, tried=True))
         return tuple(self._read_level(form) for form in forms)
 
     def _read_level(self, form: EffectForm) -> EffectForm:
@@ -172,9 +160,7 @@ class WholeRecordChannel(OutputChannel):
         """Levels at which the output is clipped, as far as its exact values show them."""
         return find_levels(self.measured[self.present], self.limits)
 
-    def simulate(
-        self, constants: Mapping[str, float], effects: Sequence[tuple[EffectForm, Mapping[str, float]]]
-    ) -> Array:
+    def simulate(self, constants: Mapping[str, float], effects: Placed) -> Array:
         """Return the answer of the blocks, (T, K)."""
         return self.simulate_each([(constants, effects)])[:, :, 0]
 
@@ -207,19 +193,19 @@ class WholeRecordChannel(OutputChannel):
         lengths: dict[int, list[int]] = {}
         for record in self._used:
             lengths.setdefault(len(self.records[record][self.plant.output]), []).append(record)
-        return [self._gather(tuple(records), length) for length, records in lengths.items()]
+        groups = []
+        for length, records in lengths.items():
+            names = self.records[records[0]]
+            signals = {name: np.stack([self.records[record][name] for record in records], axis=1) for name in names}
+            output = signals[self.plant.output]
+            signals[self.plant.output] = np.where(np.arange(length)[:, None] < self.head, output, np.nan)
+            begun = InitialState(*np.concatenate([self.begun[record] for record in records], axis=1))
+            groups.append(_Group(tuple(records), self.plant.refine(signals, self.step_s), begun))
+        return groups
 
     @property
     def _used(self) -> list[int]:
         return sorted({record for record, _ in self.places})
-
-    def _gather(self, records: tuple[int, ...], length: int) -> _Group:
-        names = self.records[records[0]]
-        signals = {name: np.stack([self.records[record][name] for record in records], axis=1) for name in names}
-        output = signals[self.plant.output]
-        signals[self.plant.output] = np.where(np.arange(length)[:, None] < self.head, output, np.nan)
-        begun = InitialState(*np.concatenate([self.begun[record] for record in records], axis=1))
-        return _Group(records, self.plant.refine(signals, self.step_s), begun)
 
     @cached_property
     def _linear(self) -> dict[str, float]:
@@ -235,24 +221,17 @@ class WholeRecordChannel(OutputChannel):
             )
             for record in self._used
         }
-        self._check_watched([(name, rate) for name, _, rate in watched[self._used[0]]])
-        return [
-            Driver(name, self._cut({k: each[place].samples[:, 0] for k, each in watched.items()}), rate=rate)
-            for place, (name, _, rate) in enumerate(watched[self._used[0]])
-        ]
-
-    def _check_watched(self, watched: Sequence[tuple[str, bool]]) -> None:
-        if len({rate for _, rate in watched}) < 2:
-            told = ", ".join(f"{name} (rate={rate})" for name, rate in watched) or "none"
+        first = watched[self._used[0]]
+        if len({rate for *_, rate in first}) < 2:
+            told = ", ".join(f"{name} (rate={rate})" for name, _, rate in first) or "none"
             raise ValueError(
                 f"{type(self.plant).__name__}.watch: expected a state, Watched(name, samples, False), and a rate whose "
                 f"sign is a direction, Watched(name, samples, True); got {told}"
             )
-
-    @property
-    def jitters(self) -> bool:
-        """Parts of a record share its sensors' offsets and gains."""
-        return False
+        return [
+            Driver(name, self._cut({k: each[place].samples[:, 0] for k, each in watched.items()}), rate=rate)
+            for place, (name, _, rate) in enumerate(first)
+        ]
 
     def respond(self, features: Array) -> Array:
         """Return the features of a flexible model as the plant's output answers to them."""
@@ -317,10 +296,6 @@ def build_whole_records(
         Columns ``record``, ``time_s``, ``signal`` and ``value``; times evenly spaced within a record.
     trials : DataFrame
         Columns ``record``, ``start_s`` and ``samples``: the blocks, in the order of the arrays' last axis.
-    plant : RecordPlant
-        Names the signals.
-    limits : DetectionSettings
-        Of the output channel.
 
     Raises
     ------
@@ -336,10 +311,10 @@ def build_whole_records(
     )
     stride = max(int(resolved.finest_s / step_s), 1)
     order = {name: k for k, name in enumerate(records)}
-    thinned = [
-        thin_out(_bridge_short(rows[list(names)], plant.output, stride), stride, resolved.pushing)
-        for rows in records.values()
-    ]
+    thinned = []
+    for rows in records.values():  # of inputs, also gaps of `stride` samples are bridged
+        short = {name: bridge_short(rows[name], stride - (name == plant.output)) for name in names}
+        thinned.append(thin_out(pd.DataFrame(short), stride, resolved.pushing))
     first_s, step_s = step_s, step_s * stride
     filled = [{name: bridge(rows[name]) for name in names} for rows in thinned]
     known = [_find_known(rows, plant, resolved.memory_s / step_s) for rows in thinned]
@@ -354,7 +329,13 @@ def build_whole_records(
         places.append((record, first))
         measured.append(filled[record][plant.output][at])
         present.append(inside & known[record][at])
-    _check_present(np.stack(present, axis=1), records, resolved)
+    if np.sum(present) < FEWEST:
+        lost = [name for name in plant.inputs if any(rows[name].isna().any() for rows in records.values())]
+        lacking = f"; {', '.join(lost)} lack values, after which none counts for {resolved.memory_s:.3g} s"
+        raise ValueError(
+            f"signal {plant.output}: expected {FEWEST} samples or more with all that they are simulated from, got "
+            f"{np.sum(present)}{lacking if lost else ''}"
+        )
     return WholeRecordChannel(
         resolved.thin_out(stride),
         step_s,
@@ -396,29 +377,12 @@ def _check_records(records: Mapping[str, pd.DataFrame], trials: pd.DataFrame, pl
     if np.abs(values).max() > LARGEST:
         raise ValueError(f"signal {output}: expected values below {LARGEST:g}, got {np.abs(values).max():g}")
     longest, samples = max(len(rows) for rows in records.values()), int(trials["samples"].max())
-    most = longest // FEWEST
     if samples < FEWEST:
+        most = longest // FEWEST
         raise ValueError(
             f"expected blocks of {FEWEST} samples or more, got {samples}: the longest record has {longest} samples; "
             "record more" + (f", or set measurement.blocks={most} or fewer" if most >= LEAST_BLOCKS else "")
         )
-
-
-def _bridge_short(rows: pd.DataFrame, output: str, stride: int) -> pd.DataFrame:
-    """Return signals with gaps shorter than `stride` samples interpolated; of inputs, also gaps of `stride` samples."""
-    own = {name: bridge_short(rows[[name]], stride - (name == output)) for name in rows}
-    return pd.concat(own.values(), axis=1)
-
-
-def _check_present(present: NDArray[np.bool_], records: Mapping[str, pd.DataFrame], plant: RecordPlant) -> None:
-    if present.sum() >= FEWEST:
-        return
-    lost = [name for name in plant.inputs if any(rows[name].isna().any() for rows in records.values())]
-    after = f"; {', '.join(lost)} lack values, after which none counts for {plant.memory_s:.3g} s" if lost else ""
-    raise ValueError(
-        f"signal {plant.output}: expected {FEWEST} samples or more with all that they are simulated from, got "
-        f"{int(present.sum())}{after}"
-    )
 
 
 def _find_known(rows: pd.DataFrame, plant: RecordPlant, memory: float) -> NDArray[np.bool_]:

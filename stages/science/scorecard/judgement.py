@@ -23,23 +23,7 @@ from stages.science.signals.trajectories import Array
 
 @dataclass(frozen=True)
 class Judgement:
-    """What was found in a dataset, and what is said of it.
-
-    Parameters
-    ----------
-    outputs : list of OutputChannel
-        With all trials.
-    test : list of int
-        Positions of the trials that nothing was fitted to.
-    prepared : list of FittedChannel
-        After the nominal fit.
-    found : Search
-        Ended.
-    decision : Decision
-        As in the verdict.
-    settings : DiscrepancySettings
-        Of the workflow.
-    """
+    """What was found in outputs with all trials, nothing being fitted to the test trials, and what is said of it."""
 
     outputs: list[OutputChannel]
     test: list[int]
@@ -59,8 +43,8 @@ class Judgement:
         for recorded, each in zip(self.outputs, fits, strict=True):
             output = correct_inputs(recorded, fits)
             if output.channel in channels:
-                simulated = replace(each.fit.model, output=output).simulate(each.fit.values)
-                squares.append(_mean_square(output, output.measured - simulated, self.test))
+                means, counts = _square_residual(output, each, self.test)
+                squares.append(means[counts > 0].mean() / output.range**2 if counts.any() else 0.0)
         return float(np.sqrt(np.mean(squares)))
 
     def compare_further(
@@ -79,8 +63,8 @@ class Judgement:
         """
         before, after = (
             sum(
-                _weigh_trials(correct_inputs(output, fits), each, trials)
-                for output, each in zip(outputs, fits, strict=True)
+                _square_residual(output, each, trials)[0] / output.range**2
+                for output, each in zip([correct_inputs(output, fits) for output in outputs], fits, strict=True)
             )
             for fits in (self.decision.steps[0], self.decision.steps[-1])
         )
@@ -155,19 +139,10 @@ def _restrict(output: OutputChannel, names: Collection[str]) -> OutputChannel:
     return narrow
 
 
-def _weigh_trials(output: OutputChannel, fitted: Fitted, trials: Sequence[int]) -> Array:
-    """Return the mean square of the residual of each of some trials, over the range squared; zero without samples."""
+def _square_residual(output: OutputChannel, fitted: Fitted, trials: Sequence[int]) -> tuple[Array, Array]:
+    """Return the mean square of the residual of each of some trials, zero without samples, and the samples of each."""
     simulated = replace(fitted.fit.model, output=output).simulate(fitted.fit.values)
     present = output.present[:, trials]
+    counts = present.sum(axis=0)
     squares = np.where(present, output.measured[:, trials] - simulated[:, trials], 0.0) ** 2
-    weighed: Array = squares.sum(axis=0) / np.maximum(present.sum(axis=0), 1) / output.range**2
-    return weighed
-
-
-def _mean_square(output: OutputChannel, residual: Array, trials: Sequence[int]) -> float:
-    """Return the mean square over trials with samples, over the range squared; each trial counts alike."""
-    present = output.present[:, trials]
-    count = present.sum(axis=0)
-    squares = np.where(present, residual[:, trials], 0.0)
-    each = (squares**2).sum(axis=0)[count > 0] / count[count > 0]
-    return float(each.mean() / output.range**2) if each.size else 0.0
+    return squares.sum(axis=0) / np.maximum(counts, 1), counts

@@ -54,13 +54,12 @@ class Rules:
         imitated = rows["absorbed_share"].min() > self.absorbed_share
         if imitated or rows["gap_over_floor"].max() < self.smallest_gap:
             return ABSORBED
-        gap = root_mean_square(rows["gap_over_floor"])
+        gap = _root_mean_square(rows["gap_over_floor"])
         reached = [name for name, least in self.magnitudes.items() if gap >= least]
         return reached[-1] if reached else ABSORBED
 
 
-def root_mean_square(values: pd.Series) -> float:
-    """Return the root mean square."""
+def _root_mean_square(values: pd.Series) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
@@ -77,8 +76,6 @@ def score(
         A row per session, effect in its order, and muscle.
     ranking : DataFrame
         Candidates of each session by place.
-    rules : Rules
-        What counts as right.
     """
     rows = [{str(name): value for name, value in row.items()} for row in sessions.to_dict("records")]
     by = [dict(tuple(frame.groupby("session"))) for frame in (truth, named, ranking)]
@@ -86,18 +83,19 @@ def score(
     found = []
     for row in rows:
         hidden, said, listed = (some.get(row["session"], none) for some, none in zip(by, bare, strict=True))
-        found.append(judge_one(row, hidden, said, listed, rules))
+        found.append(_judge(row, hidden, said, listed, rules))
     return found
 
 
-def judge_one(
+def _judge(
     row: Mapping[str, Any], truth: pd.DataFrame, named: pd.DataFrame, ranking: pd.DataFrame, rules: Rules
 ) -> dict[str, Any]:
-    """Return the row of one session."""
-    hidden, said = by_name(truth), by_name(named)
+    hidden, said = _by_name(truth), _by_name(named)
     first = next(iter(said), "")
     right = [(name, true) for name in said for true in hidden if rules.alike(name, true)]
     kept = ("session", "kind", "asked", "status", "before", "after", "oracle", "floor", "further_gain")
+    best = ranking.sort_values("place").head(SHOWN)
+    closable, least = row["before"] - row["oracle"], rules.least_closable * row["before"]
     probable = named["probability"].iloc[0] if len(named) else ranking.loc[ranking["name"] == NONE, "probability"].sum()
     return {
         **{name: row[name] for name in kept},
@@ -105,37 +103,30 @@ def judge_one(
         "muscles": "+".join(dict.fromkeys(truth["muscle"])),
         "channel": "+".join(dict.fromkeys(truth["channel"])),
         "magnitude": rules.size(truth),
-        "gap_over_floor": root_mean_square(truth["gap_over_floor"]) if len(truth) else 1.0,
+        "gap_over_floor": _root_mean_square(truth["gap_over_floor"]) if len(truth) else 1.0,
         "absorbed_share": float(truth["absorbed_share"].min()) if len(truth) else 0.0,
         "named": "+".join(said),
         "named_muscles": ";".join("+".join(muscles) for muscles in said.values()),
         "probability": float(probable),
-        "top": format_top_candidates(ranking),
+        "top": ", ".join(f"{name} {p:.2f}" for name, p in zip(best["name"], best["probability"], strict=True)),
         "listed_absorbed": bool(ranking.loc[ranking["absorbed"], "name"].isin(list(hidden)).any()),
         "right_name": first in hidden,
         "right_class": any(rules.alike(first, true) for true in hidden),
         "right_muscles": bool(right) and set(said[right[0][0]]) == set(hidden[right[0][1]]),
         "all_named": bool(hidden) and all(any(rules.alike(name, true) for name in said) for true in hidden),
         "unexplained_channel": row["unexplained_channel"] if row["status"] == "unexplained" else "",
-        "closed_share": close(row, rules.least_closable),
+        "closed_share": (row["before"] - row["after"]) / closable if closable > least else math.nan,
         "worse": row["further_gain_high"] < 0.0,
     }
 
 
 def list_said(truth: pd.DataFrame, named: pd.DataFrame, rules: Rules) -> pd.DataFrame:
-    """Return every name that was said, once a session.
+    """Return every name that was said, once a session, under ``session name probability right``.
 
     Parameters
     ----------
     truth, named : DataFrame
         A row per session, effect in its order, and muscle.
-    rules : Rules
-        Which names are alike.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``session name probability right``.
     """
     hidden = truth.groupby("session")["name"].unique()
     said = named.drop_duplicates(["session", "order"])[["session", "name", "probability"]]
@@ -146,21 +137,7 @@ def list_said(truth: pd.DataFrame, named: pd.DataFrame, rules: Rules) -> pd.Data
     return said.assign(right=np.array(right, dtype=bool)).reset_index(drop=True)
 
 
-def by_name(effects: pd.DataFrame) -> dict[str, list[str]]:
+def _by_name(effects: pd.DataFrame) -> dict[str, list[str]]:
     """Return the muscles of each effect, in the effects' order."""
     ordered = effects.sort_values("order", kind="stable")
     return {str(name): list(rows["muscle"]) for name, rows in ordered.groupby("name", sort=False)}
-
-
-def close(row: Mapping[str, Any], least: float) -> float:
-    """Return the closed share of the closable gap; nan where too little is closable, or the truth has no name."""
-    closable = row["before"] - row["oracle"]
-    if not closable > least * row["before"]:
-        return math.nan
-    return float((row["before"] - row["after"]) / closable)
-
-
-def format_top_candidates(ranking: pd.DataFrame) -> str:
-    """Return the most probable candidates with their probabilities as text."""
-    best = ranking.sort_values("place").head(SHOWN)
-    return ", ".join(f"{name} {p:.2f}" for name, p in zip(best["name"], best["probability"], strict=True))

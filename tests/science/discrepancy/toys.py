@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.science.output_channels.detection import DetectionSettings
-from stages.science.output_channels.output_channel import Driver, EffectForm, OutputChannel
+from stages.science.output_channels.output_channel import DetectionSettings, Driver, EffectForm, OutputChannel
 from stages.science.plant.effect import Parameter
 from tests.science.discrepancy.searches import DISCREPANCY
 

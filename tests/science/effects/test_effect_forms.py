@@ -22,6 +22,7 @@ ALL = [effect for name in list_effects() for effect in list_forms(name)]
 MACHINES = [importlib.import_module(f"stages.science.plant.machines.{kind}").PLANT for kind in list_kinds()]
 SITES = {*get_args(Site), *(machine.SITE for machine in MACHINES)}
 STEPPED = ("quantisation",)
+START_S = np.array([0.0, 50.0, 300.0])
 
 every_form = pytest.mark.parametrize("effect", CHAIN_FORMS, ids=label)
 
@@ -65,18 +66,17 @@ def test_parameters_begin_and_are_expected_within_their_bounds(effect):
 @every_form
 def test_zero_magnitude_is_the_textbook_to_the_bit(effect, generator):
     signals = rough(generator)
-    start = np.array([0.0, 50.0, 300.0])
-    plain = np.stack(predict(signals, [], start_s=start))
+    plain = np.stack(predict(signals, [], start_s=START_S))
     for shape in ({}, {p.name: p.starts[-1] for p in effect.parameters[1:]}):
-        absent = both(effect, with_magnitude(effect, 0.0) | shape, signals, start_s=start)
+        absent = both(effect, with_magnitude(effect, 0.0) | shape, signals, start_s=START_S)
         assert absent.tobytes() == plain.tobytes()
 
 
 @every_form
 def test_an_effect_does_something_where_it_acts(effect, generator):
-    signals, start = rough(generator), np.array([0.0, 50.0, 300.0])
+    signals = rough(generator)
     largest = with_magnitude(effect, effect.parameters[0].starts[-1])
-    pressure, force = both(effect, largest, signals, start_s=start) - np.stack(predict(signals, []))
+    pressure, force = both(effect, largest, signals, start_s=START_S) - np.stack(predict(signals, []))
     upstream = effect.signal in ("pressure_command_kpa", "pressure_kpa")
     if upstream or effect.signal == "sensed_pressure_kpa":
         assert np.abs(pressure).max() > 0.1
@@ -103,13 +103,14 @@ def test_the_effect_is_continuous_in_every_parameter(effect, generator):
     if effect.name in STEPPED:
         pytest.skip("counts jump; that they never err by more than half of one is tested beside their physics")
     signals = rough(generator)
-    start = np.array([0.0, 50.0, 300.0])
     for parameter in effect.parameters:
         at = begin(effect)[parameter.name]
         changes = []
         for step in (1e-3, 1e-5):
             nearby = begin(effect, **{parameter.name: at * (1.0 + step)})
-            change = both(effect, nearby, signals, start_s=start) - both(effect, begin(effect), signals, start_s=start)
+            change = both(effect, nearby, signals, start_s=START_S) - both(
+                effect, begin(effect), signals, start_s=START_S
+            )
             changes.append(np.abs(change).max())
         assert changes[1] <= 0.02 * changes[0] + 1e-9
         assert changes[0] < 50.0
@@ -127,12 +128,11 @@ def test_the_effect_fades_with_its_magnitude(effect, generator):
 
 @every_form
 def test_columns_do_not_know_each_other(effect, generator):
-    command, pressure, contraction, velocity = rough(generator)
-    start = np.array([0.0, 50.0, 300.0])
-    together = both(effect, begin(effect), (command, pressure, contraction, velocity), start_s=start)
+    signals = rough(generator)
+    together = both(effect, begin(effect), signals, start_s=START_S)
     for column in range(3):
-        one = [each[:, column : column + 1] for each in (command, pressure, contraction, velocity)]
-        alone = both(effect, begin(effect), one, start_s=start[column : column + 1])
+        one = [each[:, column : column + 1] for each in signals]
+        alone = both(effect, begin(effect), one, start_s=START_S[column : column + 1])
         assert np.array_equal(together[:, :, column : column + 1], alone)
 
 

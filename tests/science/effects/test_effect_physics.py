@@ -105,12 +105,6 @@ def test_a_law_is_that_of_the_muscles_own_size():
     assert bent - plain == pytest.approx([0.02 * full, 0.0, -0.02 * full])
 
 
-def test_stribeck_friction_nests_coulombs():
-    nested = force("stribeck_friction", 300.0, 0.1, V, rise=0.0, **STRIBECK)[0]
-    coulomb = force("coulomb_friction-cable", 300.0, 0.1, V, share=0.02, sliding_per_s=0.0005)[0]
-    assert np.array_equal(nested, coulomb)
-
-
 @pytest.mark.parametrize("form", ["capstan_friction", "coulomb_friction-cable", "stribeck_friction"])
 def test_the_joints_end_alone_sees_cable_friction(form):
     at_tip, plain = force(form, 300.0, 0.1, V, site="muscle_tip")
@@ -192,37 +186,30 @@ def test_a_regulators_play_holds_half_its_loop_off():
     assert held == pytest.approx([100.0, 195.0, 295.0, 205.0, 105.0, 105.0])
 
 
+SINCE_STEP = np.arange(2500) * STEP_S
+BEFORE_STEP = np.arange(3000) < 500
+MOVES = {"pressure": 300.0, "contraction": np.where(BEFORE_STEP, 0.06, 0.08)}
+FILLS = {"pressure": np.where(BEFORE_STEP, 100.0, 200.0), "contraction": 0.1}
+TWICE = {"tau_s": 0.5, "ratio": 8.0}
+
+
+def fade(*taus):
+    return np.mean([np.exp(-SINCE_STEP / tau) for tau in taus], axis=0)
+
+
 @pytest.mark.parametrize(
-    ("form", "values", "fading"),
+    ("form", "where", "values", "lost"),
     [
-        ("creep", {"tau_s": 0.8}, lambda since: np.exp(-since / 0.8)),
-        ("creep-pressure_scaled", {"tau_s": 0.8}, lambda since: 0.5 * np.exp(-since / 0.8)),
-        (
-            "creep-two_branches",
-            {"tau_s": 0.5, "ratio": 8.0},
-            lambda since: 0.5 * (np.exp(-since / 0.5) + np.exp(-since / 4.0)),
-        ),
+        ("creep", MOVES, {"tau_s": 0.8}, lambda plain: 0.2 * FULL * 0.02 * fade(0.8)),
+        ("creep-pressure_scaled", MOVES, {"tau_s": 0.8}, lambda plain: 0.1 * FULL * 0.02 * fade(0.8)),
+        ("creep-two_branches", MOVES, TWICE, lambda plain: 0.2 * FULL * 0.02 * fade(0.5, 4.0)),
+        ("creep-force_relaxation", FILLS, {"tau_s": 0.8}, lambda plain: 0.2 * np.ptp(plain) * fade(0.8)),
+        ("creep-stress_relaxation", FILLS, TWICE, lambda plain: -0.2 * np.ptp(plain) * fade(0.5, 4.0)),
     ],
 )
-def test_creep_relaxes_exponentially_and_as_stiff_as_pressure_makes_it(form, values, fading):
-    bent, plain = force(form, 300.0, np.where(np.arange(3000) < 500, 0.06, 0.08), share=0.2, **values)
-    expected = 0.2 * FULL * 0.02 * fading(np.arange(2500) * STEP_S)
-    assert (plain - bent)[500:] == pytest.approx(expected, rel=0.01, abs=1e-3)
-
-
-def test_force_relaxes_after_a_step_of_pressure():
-    step = np.where(np.arange(3000) < 500, 100.0, 200.0)
-    bent, plain = force("creep-force_relaxation", step, 0.1, share=0.2, tau_s=0.8)
-    expected = 0.2 * (plain[-1] - plain[0]) * np.exp(-np.arange(2500) * STEP_S / 0.8)
-    assert (plain - bent)[500:] == pytest.approx(expected, rel=0.01)
-
-
-def test_stress_overshoots_after_a_step_of_pressure_and_fades_twice():
-    step = np.where(np.arange(3000) < 500, 100.0, 200.0)
-    bent, plain = force("creep-stress_relaxation", step, 0.1, share=0.2, tau_s=0.1, ratio=8.0)
-    since = np.arange(2500) * STEP_S
-    expected = 0.1 * (plain[-1] - plain[0]) * (np.exp(-since / 0.1) + np.exp(-since / 0.8))
-    assert (bent - plain)[500:] == pytest.approx(expected, rel=0.03, abs=1e-3)
+def test_what_creeps_fades_exponentially_after_a_step(form, where, values, lost):
+    bent, plain = force(form, **where, share=0.2, **values)
+    assert (plain - bent)[500:] == pytest.approx(lost(plain), rel=0.01, abs=1e-3)
 
 
 def test_a_muscle_behind_a_play_stands_still_after_a_reversal():
