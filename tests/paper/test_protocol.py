@@ -85,6 +85,11 @@ def test_pairs_of_pressures_fill_their_square(shares):
         assert qmc.discrepancy(pairs) < 0.02
 
 
+def test_is_slow(shares):
+    rate = np.abs(np.diff(shares, axis=2)).max() * 250.0
+    assert rate <= 15 / 8 / 2.0 + 1e-6  # minimum jerk over the whole range in two seconds
+
+
 @pytest.mark.parametrize("sweeps", [1, 2, 3, 5])
 @pytest.mark.parametrize(("levels", "share"), [(1, 1.0), (2, 0.1), (3, 1.0), (7, 0.5)])
 def test_nothing_is_quicker_than_it_says_nor_much_slower(sweeps, levels, share, generator):
