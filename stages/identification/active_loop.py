@@ -228,7 +228,7 @@ def active_loop(
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
     rig.check_bank(references, "trajectory")
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
-    loops: list[Loop] = []
+    loops: dict[str, tuple[Loop]] = {}
     for (participant, experiment), initial in experiments:
         executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
         start = spread_evenly(keep_usable(executed), cfg.active_loop.initial_points, muscles.names)
@@ -237,12 +237,9 @@ def active_loop(
         for arm in arms if most is None or int(str(experiment)) <= most else arms[:1]:
             number = len(initial_trials) + len(loops) * cfg.active_loop.trials
             who = str(participant), int(str(experiment))
-            loops.append(Loop(cfg, ctx, muscles, references, start, used, *who, arm, number))
-    with ctx.progress("experiments", len(loops)) as advance:
-        for loop, keys in zip(loops, ctx.spread(Loop.run, loops), strict=True):
-            ctx.record.include(keys)
-            advance(f"{loop.participant} experiment {loop.experiment} {loop.arm}")
-    tables = ctx.record.collect()
+            loop = Loop(cfg, ctx, muscles, references, start, used, *who, arm, number)
+            loops["{} experiment {} {}".format(*who, arm)] = (loop,)
+    tables = ctx.land("experiments", Loop.run, loops)
     first = tables["trials"].iloc[0]
     chosen = tables["trials"].query("participant == @first.participant and experiment == @first.experiment")
     chosen = chosen[chosen["arm"] == arms[0]]

@@ -8,7 +8,6 @@ Experiments are paired: both models begin with the same initial trials. This sta
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import pandas as pd
@@ -114,7 +113,7 @@ def sparse_comparison(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Draw the learning curves of sparse and exact models and test what keeping and choosing gain."""
     tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
-    jobs, who = [], ["participant", "experiment"]
+    jobs, who = {}, ["participant", "experiment"]
     for muscle in sparse_models["muscle"].unique():
         constants = Scaling.of_muscle(scaling, muscle)
         its_tests = {}
@@ -124,12 +123,9 @@ def sparse_comparison(
         its_models, its_pseudo = (each[each["muscle"] == muscle] for each in (sparse_models, sparse_pseudo_inputs))
         pseudo_of: dict[Any, pd.DataFrame] = dict(list(its_pseudo.groupby(who, sort=False)))
         for key, found in its_models.groupby(who, sort=False):
-            jobs.append(Job(str(key[0]), int(str(key[1])), str(muscle), constants, its_tests, found, pseudo_of[key]))
-    rows: list[tuple[Any, ...]] = []
-    with ctx.progress("experiments", len(jobs)) as advance:
-        for job, measured in zip(jobs, ctx.spread(measure_errors, jobs), strict=True):
-            rows += measured
-            advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
+            where = str(key[0]), int(str(key[1])), str(muscle)
+            jobs["{} experiment {} {}".format(*where)] = (*where, constants, its_tests, found, pseudo_of[key])
+    rows = ctx.gather("experiments", measure_errors, jobs)
     curve = pd.DataFrame(rows, columns=list(SPARSE_CURVE.columns))
     if curve.empty:
         return curve, pd.DataFrame(columns=list(SPARSE_COMPARISON.columns))
@@ -149,29 +145,24 @@ def sparse_comparison(
     return curve, compare_ways(curve, cfg.sparse_comparison.margin)
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """The sparse models of one muscle in one experiment, in all arms and after all trials, and what tests them."""
-
-    participant: str
-    experiment: int
-    muscle: str
-    scaling: Scaling
-    tests: Mapping[str, tuple[Array, Array]]
-    models: pd.DataFrame
-    pseudo: pd.DataFrame
-
-
-def measure_errors(job: Job) -> list[tuple[Any, ...]]:
-    """Return the rows of `sparse_curve` of one muscle's sparse models in one experiment."""
+def measure_errors(
+    participant: str,
+    experiment: int,
+    muscle: str,
+    scaling: Scaling,
+    tests: Mapping[str, tuple[Array, Array]],
+    models: pd.DataFrame,
+    pseudo_inputs: pd.DataFrame,
+) -> list[tuple[Any, ...]]:
+    """Return the rows of `sparse_curve` of one muscle's sparse models in one experiment, in all arms and trials."""
     rows = []
-    pseudo_of: dict[Any, pd.DataFrame] = dict(list(job.pseudo.groupby(["arm", "trial"], sort=False)))
-    for key, model in job.models.groupby(["arm", "trial"], sort=False):
+    pseudo_of: dict[Any, pd.DataFrame] = dict(list(pseudo_inputs.groupby(["arm", "trial"], sort=False)))
+    for key, model in models.groupby(["arm", "trial"], sort=False):
         pseudo, theta = pseudo_of[key], model["value"].to_numpy()
-        at, weights = job.scaling.inputs_of(pseudo), pseudo["weight"].to_numpy()
-        for tested_on, (inputs, force_n) in job.tests.items():
-            rate = error_rate(job.scaling.restore_force(predict_weighted(at, weights, theta, inputs)), force_n)
-            where = (job.participant, job.experiment, "sparse", *key, tested_on, job.muscle)
+        at, weights = scaling.inputs_of(pseudo), pseudo["weight"].to_numpy()
+        for tested_on, (inputs, force_n) in tests.items():
+            rate = error_rate(scaling.restore_force(predict_weighted(at, weights, theta, inputs)), force_n)
+            where = participant, experiment, "sparse", *key, tested_on, muscle
             rows.append((*where, rate * float(force_n.max()), rate))
     return rows
 

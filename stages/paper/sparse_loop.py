@@ -212,22 +212,19 @@ def sparse_loop(
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     check_movements(section, len(muscles.trajectories), int(initial_trials["position"].max()))
     rig.check_bank(references, "trajectory")
-    experiments = []
+    experiments: dict[str, tuple[Experiment]] = {}
     for (participant, number), initial in initial_trials.groupby(["participant", "experiment"], sort=False):
         if int(str(number)) > section.experiments:
             continue
         executed = hardware_recordings.query("participant == @participant and experiment == @number")
         start = thin(executed, section.every, ["position"])
         used = [int(each) for each in initial["trajectory"]]
-        experiments.append(
-            Experiment(cfg, ctx, muscles, references, start, used, str(participant), int(str(number)), arms)
-        )
-    with ctx.progress("experiments", len(experiments)) as advance:
-        for each, keys in zip(experiments, ctx.spread(Experiment.run, experiments), strict=True):
-            ctx.record.include(keys)
-            advance(f"{each.participant} experiment {each.number}")
-    tables = ctx.record.collect()
-    ctx.document("cost", experiments[0].measure_costs(tables))
+        who = str(participant), int(str(number))
+        job = Experiment(cfg, ctx, muscles, references, start, used, *who, arms)
+        experiments["{} experiment {}".format(*who)] = (job,)
+    tables = ctx.land("experiments", Experiment.run, experiments)
+    (first,) = next(iter(experiments.values()))
+    ctx.document("cost", first.measure_costs(tables))
     return tables
 
 
