@@ -43,8 +43,7 @@ class CommandsWithinLimits(View):
 
     @model_validator(mode="after")
     def _keep_limits(self) -> Self:
-        ranges = self.bank.pressure.range_kpa
-        check_levels(ranges, self.exoskeleton, self.rig.limits, "bank.pressure.range_kpa")
+        check_levels(self.bank.pressure.range_kpa, self.exoskeleton, self.rig.limits, "bank.pressure.range_kpa")
         return self
 
 

@@ -7,7 +7,8 @@ Experiments are paired: both models begin with the same initial trials. This sta
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from itertools import product
 from typing import Annotated, Any
 
 import pandas as pd
@@ -202,26 +203,16 @@ def pair_lines(curve: pd.DataFrame) -> list[tuple[str, str, str]]:
 
 def compare_ways(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
     """Return the rows of `sparse_comparison`, from a curve with the design's arm first for either model."""
-    pairs = pair_lines(curve)
-    frames = [
-        compare_family(label_lines(curve[curve["tested_on"] == tested_on]), pairs, margin).assign(tested_on=tested_on)
-        for tested_on in curve["tested_on"].unique()
-    ]
-    return pd.concat(frames, ignore_index=True)[list(SPARSE_COMPARISON.columns)]
-
-
-def compare_family(labelled: pd.DataFrame, pairs: Sequence[tuple[str, str, str]], margin: float) -> pd.DataFrame:
-    """Return the rows of one test set, whose p-values are adjusted together."""
-    table = average_muscles(labelled).pivot_table(
-        index=["participant", "experiment"], columns=["line", "trial"], values="error_rate"
-    )
-    rows: list[dict[str, Any]] = []
-    for measure in ("final", "curve"):
-        for question, first, second in pairs:
+    frames = []
+    for tested_on, its in average_muscles(label_lines(curve)).groupby("tested_on", sort=False):
+        table = its.pivot_table(index=["participant", "experiment"], columns=["line", "trial"], values="error_rate")
+        rows = []
+        for measure, (question, first, second) in product(("final", "curve"), pair_lines(curve)):
             last = min(int(table[line].columns.max()) for line in (first, second))
             trials = [last] if measure == "final" else list(range(1, last + 1))
             both = pd.DataFrame({line: table[line][trials].to_numpy().mean(axis=1) for line in (first, second)})
             values = both.dropna()[first].to_numpy(), both.dropna()[second].to_numpy()
-            compared = vars(compare_pairs(*values)) | vars(judge_paired_equivalence(*values, margin))
-            rows.append({"question": question, "measure": measure, "first": first, "second": second, **compared})
-    return judge_with_equivalence(pd.DataFrame(rows), "p_t", "first better", "second better")
+            where = {"tested_on": tested_on, "question": question, "measure": measure, "first": first, "second": second}
+            rows.append(where | vars(compare_pairs(*values)) | vars(judge_paired_equivalence(*values, margin)))
+        frames.append(judge_with_equivalence(pd.DataFrame(rows), "p_t", "first better", "second better"))
+    return pd.concat(frames, ignore_index=True)[list(SPARSE_COMPARISON.columns)]
