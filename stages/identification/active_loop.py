@@ -155,42 +155,30 @@ class TrialsFit(View):
     participants: dict[str, Any]
 
     @model_validator(mode="after")
-    def _find_movements(self) -> Self:
-        check_budget(self.active_loop, self.bank.trajectories, self.subsampling.initial_trials)
-        return self
-
-    @model_validator(mode="after")
-    def _take_samples(self) -> Self:
-        samples, initial_trials = self.exoskeleton.samples, self.subsampling.initial_trials
-        if self.active_loop.points_per_trial > samples:
+    def _fit(self) -> Self:
+        section, initial_trials, samples = self.active_loop, self.subsampling.initial_trials, self.exoskeleton.samples
+        check_budget(section, self.bank.trajectories, initial_trials)
+        if section.points_per_trial > samples:
             raise ValueError(
                 f"active_loop.points_per_trial: expected at most the {samples} samples of a trial, "
-                f"got {self.active_loop.points_per_trial}; lower it or raise exoskeleton.trial_s or "
+                f"got {section.points_per_trial}; lower it or raise exoskeleton.trial_s or "
                 "exoskeleton.sampling_rate_hz"
             )
-        if self.active_loop.initial_points > initial_trials * samples:
+        if section.initial_points > initial_trials * samples:
             raise ValueError(
                 f"active_loop.initial_points: expected at most the {initial_trials * samples} samples of the "
-                f"{initial_trials} initial trials, got {self.active_loop.initial_points}; lower it or raise "
+                f"{initial_trials} initial trials, got {section.initial_points}; lower it or raise "
                 "subsampling.initial_trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _join_samples(self) -> Self:
-        kept = -(-self.exoskeleton.samples // self.subsampling.every)
-        if "log_det" in choose_arms(self.active_loop, False) and self.active_loop.log_det_every >= kept:
+        arms, kept = choose_arms(section, False), -(-samples // self.subsampling.every)
+        if "log_det" in arms and section.log_det_every >= kept:
             raise ValueError(
                 f"active_loop.log_det_every: expected less than the {kept} samples that a trajectory keeps "
                 f"(subsampling.every={self.subsampling.every}), so that more than one is joined, "
-                f"got {self.active_loop.log_det_every}; lower it"
+                f"got {section.log_det_every}; lower it"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _fit_memory(self) -> Self:
-        trials = len(choose_arms(self.active_loop, False)) * self.active_loop.trials * len(self.participants)
-        most = MOST_ROWS // (trials * self.exoskeleton.samples * len(self.exoskeleton.muscles))
+        trials = len(arms) * section.trials * len(self.participants)
+        most = MOST_ROWS // (trials * samples * len(self.exoskeleton.muscles))
         if self.subsampling.experiments > most:
             raise ValueError(
                 f"subsampling.experiments: expected at most {most} for each participant, as {MOST_ROWS} rows of "
@@ -369,12 +357,9 @@ class Loop:
         told = declined.trial.proposal.trajectory, declined.decision, declined.note, declined.stopped
         return {**nothing(), DECISIONS.name: self.describe_decision(trial, attempt, *told)}
 
-    def describe_decision(
-        self, trial: int, attempt: int, trajectory: int | float | None, decision: str, note: str, stopped: str
-    ) -> pd.DataFrame:
-        """Return a decision's row."""
-        row = {"attempt": attempt, "trajectory": trajectory, "decision": decision, "note": note, "stopped": stopped}
-        return self.label(pd.DataFrame([row]), trial)
+    def describe_decision(self, trial: int, *told: object) -> pd.DataFrame:
+        """Return a decision's row: attempt, trajectory, decision, the operator's note, and why it was stopped."""
+        return self.label(pd.DataFrame([told], columns=list(DECISIONS.columns)[len(WHERE) :]), trial)
 
     def resume(self, landed: Parts) -> Interaction:
         """Return the state by what the trials so far left on disk, or by the initial points, and by nothing else."""

@@ -115,12 +115,8 @@ class TrialsEnough(View):
     time_shift: TimeShift
 
     @model_validator(mode="after")
-    def _find_movements(self) -> Self:
+    def _fit(self) -> Self:
         self.time_shift.loop.check_against("time_shift", self.bank.trajectories, self.exoskeleton.samples)
-        return self
-
-    @model_validator(mode="after")
-    def _shift_within_trials(self) -> Self:
         amplitudes_s, sample_s = self.time_shift.amplitudes_s, 1 / self.exoskeleton.sampling_rate_hz
         if amplitudes_s[0] < sample_s or amplitudes_s[-1] > self.exoskeleton.trial_s:
             raise ValueError(
