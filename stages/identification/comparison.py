@@ -238,33 +238,25 @@ def pair_arms(curve: pd.DataFrame, arms: Sequence[str], sizes: Sequence[int | No
     ranks = curve.groupby("participant")["experiment"].rank(method="dense")
     taken = [ranks <= (ranks.max() if size is None else size) for size in sizes]
     distinct = {int(rows.sum()): rows for rows in taken}
-    frames = [
-        pair_family(curve[rows & (curve["tested_on"] == tested_on)], arms, str(tested_on))
-        for tested_on in curve["tested_on"].unique()
-        for rows in distinct.values()
-    ]
+    frames = []
+    for tested_on, chosen in product(curve["tested_on"].unique(), distinct.values()):
+        family = average_muscles(curve[chosen & (curve["tested_on"] == tested_on)])
+        table = family.pivot_table(index=["participant", "experiment"], columns=["arm", "trial"], values="error_rate")
+        last = family["trial"].max()
+        measures = {
+            "final": {arm: table[arm][last].to_numpy() for arm in arms},
+            "curve": {arm: table[arm].drop(columns=0).to_numpy().mean(axis=1) for arm in arms},
+        }
+        where = {"tested_on": tested_on, "design": arms[0]}
+        rows = [
+            {**where, "measure": measure, "control": control}
+            | compare_pairs(values[arms[0]], values[control]).tabulate("design", "control")
+            for measure, values in measures.items()
+            for control in arms[1:]
+        ]
+        frame = pd.DataFrame(rows, columns=list(PAIRED_COMPARISON.columns)[:-2])
+        frames.append(judge_differences(frame, "p_t", "design better", "control better"))
     return pd.concat(frames, ignore_index=True)
-
-
-def pair_family(curve: pd.DataFrame, arms: Sequence[str], tested_on: str) -> pd.DataFrame:
-    """Return the rows of one test set and number of experiments, whose p-values are adjusted together."""
-    table = average_muscles(curve).pivot_table(
-        index=["participant", "experiment"], columns=["arm", "trial"], values="error_rate"
-    )
-    last = curve["trial"].max()
-    measures = {
-        "final": {arm: table[arm][last].to_numpy() for arm in arms},
-        "curve": {arm: table[arm].drop(columns=0).to_numpy().mean(axis=1) for arm in arms},
-    }
-    where = {"tested_on": tested_on, "design": arms[0]}
-    rows = [
-        {**where, "measure": measure, "control": control}
-        | compare_pairs(values[arms[0]], values[control]).tabulate("design", "control")
-        for measure, values in measures.items()
-        for control in arms[1:]
-    ]
-    frame = pd.DataFrame(rows, columns=list(PAIRED_COMPARISON.columns)[:-2])
-    return judge_differences(frame, "p_t", "design better", "control better")
 
 
 def recommend(compared: pd.DataFrame, design: str) -> pd.DataFrame:

@@ -458,9 +458,7 @@ def compare_models(family: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame
         row = {"muscle": muscle, "trial": trial, "wider": its["wider"].mean(), **vars(told)}
         row |= {"marginal_gap": told.first_mean, "plain_gap": told.second_mean}
         for name in (PLAIN, MARGINAL):
-            row |= dict(
-                zip((f"{name}_share", f"{name}_low", f"{name}_high"), average(its[f"{name}_share"]), strict=True)
-            )
+            row[f"{name}_share"], row[f"{name}_low"], row[f"{name}_high"] = average(its[f"{name}_share"])
         found.append(row)
     return judge_differences(pd.DataFrame(found), "p_t", "marginal closer", "plain closer")
 
