@@ -72,8 +72,8 @@ class Record:
     def part(self, key: tuple[object, ...], make: Callable[[], Mapping[str, pd.DataFrame]]) -> dict[str, pd.DataFrame]:
         """Return the tables of one part of the loop: read if an earlier process wrote them, else made and written.
 
-        What `make` returned, a frame for each table that the stage writes, is read back from disk in either case, so
-        that a resumed loop sees what an unbroken one saw.
+        What `make` returned, a frame for each table that has rows, is read back from disk in either case, so that a
+        resumed loop sees what an unbroken one saw.
         """
         name = self.name(key)
         place = self.folder / name
@@ -89,12 +89,13 @@ class Record:
             if kept is not None:
                 error.add_note(f"what was measured until then: {kept}")
             raise
-        if set(frames) != set(self.tables):
-            raise TableError(f"a part needs tables {', '.join(self.tables)}; got {', '.join(frames)}")
+        if set(frames) - set(self.tables):
+            raise TableError(f"a part may have tables {', '.join(self.tables)}; got {', '.join(frames)}")
         temporary = self.folder / f".{name}.{os.getpid()}{TEMPORARY_SUFFIX}"
         shutil.rmtree(temporary, ignore_errors=True)
-        for table_name, frame in frames.items():
-            self.tables[table_name].write(frame, temporary / f"{table_name}.parquet")
+        for table in self.tables.values():
+            rows = frames.get(table.name, pd.DataFrame(columns=list(table.columns)))
+            table.write(rows, temporary / f"{table.name}.parquet")
         try:
             temporary.rename(place)
         except OSError:

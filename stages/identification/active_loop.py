@@ -9,7 +9,7 @@ the same initial data; controls differ from the design in how they choose trajec
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
@@ -299,7 +299,8 @@ class Loop:
 
     def land(self, trial: int, landed: Parts, declined: list[pd.DataFrame], keys: list[str], rig: Rig) -> Part:
         """Return the part of a trial once the operator, if there is one, keeps it; note those that were declined."""
-        record, note = self.ctx.record, nothing
+        record = self.ctx.record
+        note: Callable[[], Part] = dict
         for attempt in count(1):
             aside = self.key(trial, attempt)
             if not record.holds(aside):
@@ -339,23 +340,22 @@ class Loop:
         told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(usable), self.starts(trial))
         points.append(self.label(take(usable, picks, self.muscles.names), trial))
         models.append(self.label(describe_models(told.models, self.muscles), trial))
-        decisions = nothing()[DECISIONS.name]
-        if rig.attendance is not None:
-            note = rig.attendance.note
-            decisions = self.describe_decision(trial, attempt, described["trajectory"], "keep", note, "")
-        return {
+        part = {
             TRIALS.name: self.label(pd.DataFrame([{**described, "surprise": surprise}]), trial),
             ACTIVE_RECORDINGS.name: self.label(samples, trial),
             MODELS.name: pd.concat(models, ignore_index=True),
             POINTS.name: pd.concat(points, ignore_index=True)[list(POINTS.columns)],
-            DECISIONS.name: decisions,
         }
+        if rig.attendance is not None:
+            decision = attempt, described["trajectory"], "keep", rig.attendance.note, ""
+            part[DECISIONS.name] = self.describe_decision(trial, *decision)
+        return part
 
     def note_declined(self, trial: int, attempt: int, declined: TrialDeclined) -> Part:
         """Return the part of a trial that the operator declined: the decision, and nothing to learn from."""
         assert declined.trial.proposal is not None
         told = declined.trial.proposal.trajectory, declined.decision, declined.note, declined.stopped
-        return {**nothing(), DECISIONS.name: self.describe_decision(trial, attempt, *told)}
+        return {DECISIONS.name: self.describe_decision(trial, attempt, *told)}
 
     def describe_decision(self, trial: int, *told: object) -> pd.DataFrame:
         """Return a decision's row: attempt, trajectory, decision, the operator's note, and why it was stopped."""
@@ -415,11 +415,6 @@ class Loop:
         """Put participant, experiment, arm and trial before a frame's columns."""
         where: dict[str, Any] = {"participant": self.participant, "experiment": self.experiment, "arm": self.arm}
         return frame.assign(**where, trial=trial)[[*WHERE, *(name for name in frame if name not in WHERE)]]
-
-
-def nothing() -> Part:
-    """Return a part without rows."""
-    return {table.name: pd.DataFrame(columns=list(table.columns)) for table in active_loop.writes}
 
 
 def list_declined(declined: Sequence[pd.DataFrame], trial: int) -> tuple[list[int], list[int]]:

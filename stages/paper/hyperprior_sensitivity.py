@@ -235,7 +235,6 @@ def land(
         return {
             SENSITIVITY_HYPERPRIORS.name: pd.DataFrame(set_out, columns=list(SENSITIVITY_HYPERPRIORS.columns)),
             SENSITIVITY_ERRORS.name: pd.DataFrame(errors, columns=list(SENSITIVITY_ERRORS.columns)),
-            SENSITIVITY_COMPARISON.name: pd.DataFrame(columns=list(SENSITIVITY_COMPARISON.columns)),
         }
 
     name = f"{experiment:04d}"

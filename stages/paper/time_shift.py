@@ -180,10 +180,7 @@ def land(section: TimeShift, ctx: Context, replay: Replay, tests: Sequence[Force
                         (amplitude_s, experiment, trial, test.name, name, rate * largest, rate)
                         for name, rate, largest in zip(muscles.names, rates, test.largest_n, strict=True)
                     ]
-        return {
-            SHIFT_CURVE.name: pd.DataFrame(rows, columns=list(SHIFT_CURVE.columns)),
-            SHIFT_COMPARISON.name: pd.DataFrame(columns=list(SHIFT_COMPARISON.columns)),
-        }
+        return {SHIFT_CURVE.name: pd.DataFrame(rows, columns=list(SHIFT_CURVE.columns))}
 
     name = f"{experiment:04d}"
     ctx.record.part((name,), make)
