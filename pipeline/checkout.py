@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import subprocess
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,22 +27,13 @@ DIFF = ("diff", "HEAD", "--no-ext-diff", "--no-textconv", "--no-color", "--src-p
 UNTRACKED = ("ls-files", "--others", "--exclude-standard", "-z")
 
 
-@dataclass(frozen=True)
-class Checkout:
-    """What is worth knowing of a checkout.
+@cache
+def look_at_checkout(root: Path = ROOT) -> tuple[dict[str, Any], bytes] | None:
+    """Return facts of a checkout and a patch for ``git apply``, or None outside of one, or of one without a commit.
 
     The facts are ``commit``, ``clean`` and, where it is not clean, ``changes``: of the patch its ``file``, ``sha256``,
-    ``bytes``, ``complete``, and the number of ``untracked`` files; None where git could not tell. The patch is what
-    ``git apply`` takes.
+    ``bytes``, ``complete``, and the number of ``untracked`` files; None where git could not tell.
     """
-
-    facts: dict[str, Any]
-    patch: bytes = b""
-
-
-@cache
-def look_at_checkout(root: Path = ROOT) -> Checkout | None:
-    """Return what is worth knowing of a checkout, or None outside of one, or of one without a commit."""
     try:
         status = _ask_git(root, STATUS)
         entries = [each.decode(errors="replace") for each in status.split(b"\0") if each]
@@ -54,23 +44,23 @@ def look_at_checkout(root: Path = ROOT) -> Checkout | None:
         return None
     entries = [each for each in entries if not each.startswith("# ")]
     if not entries:
-        return Checkout({"commit": commit, "clean": True})
+        return {"commit": commit, "clean": True}, b""
     facts: dict[str, Any] = {"commit": commit, "clean": False, "changes": None}
     try:
         diff, complete = _read_diff(root)
         untracked = _ask_git(root, UNTRACKED).split(b"\0")[:-1] if any(each[0] == "?" for each in entries) else []
     except (OSError, subprocess.SubprocessError):
-        return Checkout(facts)
+        return facts, b""
     patch = _introduce(commit, complete, untracked) + diff
     digest = hashlib.sha256(patch).hexdigest()
     told = {"sha256": digest, "bytes": len(patch), "complete": complete, "untracked": len(untracked)}
-    return Checkout({**facts, "changes": {"file": FILE_NAME, **told}}, patch)
+    return {**facts, "changes": {"file": FILE_NAME, **told}}, patch
 
 
 def git_state() -> dict[str, Any] | None:
     """Return the facts of the checkout that this code lies in, or None outside of one."""
     found = look_at_checkout()
-    return None if found is None else dict(found.facts)
+    return None if found is None else dict(found[0])
 
 
 def describe_commit(git: Mapping[str, Any] | None) -> str:
@@ -88,25 +78,25 @@ def keep_changes(folder: Path, facts: dict[str, Any]) -> None:
 
     What a run was begun with stays; if it is continued with other code, facts of that are added to its ledger's.
     """
-    found = look_at_checkout()
+    found, patch = look_at_checkout() or (None, b"")
     kept = facts.get("git")
-    if found and kept != found.facts:
+    if found and kept != found:
         later = facts.setdefault("git_when_continued", [])
-        kept = later[-1] if later and _is_same(later[-1], found) else dict(found.facts)
+        kept = later[-1] if later and _is_same(later[-1], found) else dict(found)
         if kept not in later:
-            if found.patch:
+            if patch:
                 kept["changes"] = {**kept["changes"], "file": f"changes-{len(later) + 2}.patch"}
             later.append(kept)
-    if found and found.patch and kept:
+    if found and patch and kept:
         path = folder / kept["changes"]["file"]
-        write_atomically(path, lambda temporary: temporary.write_bytes(found.patch), final=True)
+        write_atomically(path, lambda temporary: temporary.write_bytes(patch), final=True)
     elif kept is facts.get("git") and not (kept or {}).get("changes"):
         (folder / FILE_NAME).unlink(missing_ok=True)  # of another run that had this folder
 
 
-def _is_same(facts: dict[str, Any], found: Checkout) -> bool:
-    changes, others = facts.get("changes") or {}, found.facts.get("changes") or {}
-    return bool(facts["commit"] == found.facts["commit"] and changes.get("sha256") == others.get("sha256"))
+def _is_same(facts: dict[str, Any], found: dict[str, Any]) -> bool:
+    changes, others = facts.get("changes") or {}, found.get("changes") or {}
+    return bool(facts["commit"] == found["commit"] and changes.get("sha256") == others.get("sha256"))
 
 
 def _read_diff(root: Path) -> tuple[bytes, bool]:

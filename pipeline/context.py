@@ -72,8 +72,8 @@ class Record:
     def part(self, key: tuple[object, ...], make: Callable[[], Mapping[str, pd.DataFrame]]) -> dict[str, pd.DataFrame]:
         """Return the tables of one part of the loop: read if an earlier process wrote them, else made and written.
 
-        What `make` returned, a frame for each table that the stage writes, is read back from disk in either case, so
-        that a resumed loop sees what an unbroken one saw.
+        What `make` returned, a frame for each table that has rows, is read back from disk in either case, so that a
+        resumed loop sees what an unbroken one saw.
         """
         name = self.name(key)
         place = self.folder / name
@@ -89,12 +89,13 @@ class Record:
             if kept is not None:
                 error.add_note(f"what was measured until then: {kept}")
             raise
-        if set(frames) != set(self.tables):
-            raise TableError(f"a part needs tables {', '.join(self.tables)}; got {', '.join(frames)}")
+        if set(frames) - set(self.tables):
+            raise TableError(f"a part may have tables {', '.join(self.tables)}; got {', '.join(frames)}")
         temporary = self.folder / f".{name}.{os.getpid()}{TEMPORARY_SUFFIX}"
         shutil.rmtree(temporary, ignore_errors=True)
-        for table_name, frame in frames.items():
-            self.tables[table_name].write(frame, temporary / f"{table_name}.parquet")
+        for table in self.tables.values():
+            rows = frames.get(table.name, pd.DataFrame(columns=list(table.columns)))
+            table.write(rows, temporary / f"{table.name}.parquet")
         try:
             temporary.rename(place)
         except OSError:
@@ -152,32 +153,13 @@ class Record:
 
 @dataclass
 class Context:
-    """Given to every stage as ``ctx``.
+    """Given to every stage, by its name, as ``ctx``, with the run's folder and the record for long loops.
 
-    A copy in another process draws the same random numbers and writes parts to the same record; it shows nothing.
-
-    Parameters
-    ----------
-    stage : str
-        Name of the stage.
-    folder : Path
-        The run's folder.
-    seed : int or None
-        Root of the stage's generators; None for a stage that declares no seed.
-    record : Record
-        For long loops.
-    console : Console
-        Where progress is drawn, if it is a terminal.
-    device : object
-        What the stage asked for through a ``_target_`` section, else None.
-    interactive : bool
-        Whether people follow the device through an interface.
-    workers : int
-        Processes over which `spread` spreads a loop.
-    formats : sequence of str
-        In which figures are kept: png, pdf, svg.
-    stream : str or None
-        That of the stage.
+    The seed is None for a stage that declares none. The device is what the stage asked for through a ``_target_``
+    section, else None; it is `interactive` where people follow it through an interface. Progress is drawn on the
+    console if it is a terminal, loops are spread over so many worker processes, and figures are kept in the formats
+    (png, pdf, svg). A copy in another process draws the same random numbers and writes parts to the same record; it
+    shows nothing.
     """
 
     stage: str
@@ -234,6 +216,27 @@ class Context:
         workers = 1 if getattr(self.device, "real", False) or self.interactive else self.workers
         yield from spread(function, jobs, workers, self.record.check)
 
+    def gather(
+        self, description: str, function: Callable[..., Iterable[Result]], jobs: Mapping[str, tuple[Any, ...]]
+    ) -> list[Result]:
+        """Return what ``function(*job)`` gives for each job, one after the other, spread as by `spread`.
+
+        Each job is named by the note that is shown when it is done.
+        """
+        gathered: list[Result] = []
+        with self.progress(description, len(jobs)) as advance:
+            for note, found in zip(jobs, self.spread(partial(_call, function), list(jobs.values())), strict=True):
+                gathered += found
+                advance(note)
+        return gathered
+
+    def land(
+        self, description: str, function: Callable[..., Iterable[str]], jobs: Mapping[str, tuple[Any, ...]]
+    ) -> dict[str, pd.DataFrame]:
+        """Return the whole tables of a loop: ``function(*job)`` writes parts of its record and returns their names."""
+        self.record.include(self.gather(description, function, jobs))
+        return self.record.collect()
+
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "console": None, "workers": 1}
 
@@ -283,6 +286,10 @@ class Context:
     def _note(self, path: Path, **facts: str) -> None:
         name = path.relative_to(self.folder).as_posix()
         self.files[name] = {"sha256": hash_file(path), "bytes": path.stat().st_size, **facts}
+
+
+def _call(function: Callable[..., Result], job: tuple[Any, ...]) -> Result:
+    return function(*job)
 
 
 def _digest(name: str) -> int:

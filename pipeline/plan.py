@@ -66,49 +66,32 @@ class Ingredients:
             counted.update(code=self.code, libraries=self.libraries)
         return hash_json(counted)
 
+    def differences(self, record: Mapping[str, Any]) -> dict[str, list[str]]:
+        """Say which keys, inputs, source files and versions differ from an earlier record's, most telling kind first.
+
+        The kinds are ``config``, ``input``, ``code`` and ``library``.
+        """
+        inputs, old, code = [], record["inputs"], record["code"]
+        for name in [*self.inputs, *(each for each in old if each not in self.inputs and each not in self.waiting)]:
+            if old.get(name) != self.inputs.get(name):
+                word = "changed" if name in self.inputs else "is no longer there"
+                inputs.append(f"input {name} {word if name in old else 'is new'}")
+        return {
+            "config": _config_differences(record["config"], self.config),
+            "input": inputs,
+            "code": [name for name in sorted({**code, **self.code}) if code.get(name) != self.code.get(name)],
+            "library": _config_differences(record["libraries"], self.libraries),
+        }
+
     def changes(self, record: Mapping[str, Any]) -> list[str]:
-        """Say how these ingredients differ from those of an earlier record, most telling first."""
+        """Say in phrases how these ingredients differ from those of an earlier record, most telling first."""
         told = []
-        differences = _config_differences(record["config"], self.config)
-        if differences:
-            told.append(f"config changed ({join_some(differences, MOST_NAMED)})")
-        return [*told, *self.input_changes(record), *self.code_changes(record)]
-
-    def input_changes(self, record: Mapping[str, Any]) -> list[str]:
-        """Say how tables and files differ from those of an earlier record."""
-        told = []
-        for name in self._changed_inputs(record):
-            word = "changed" if name in self.inputs else "is no longer there"
-            told.append(f"input {name} {word if name in record['inputs'] else 'is new'}")
+        for kind, found in self.differences(record).items():
+            if kind == "input":
+                told += found
+            elif found:
+                told.append(f"{kind} changed ({join_some(found, MOST_NAMED)})")
         return told
-
-    def count_changes(self, record: Mapping[str, Any]) -> int:
-        """Count the keys, inputs, source files and versions that differ from those of an earlier record."""
-        return (
-            len(_config_differences(record["config"], self.config))
-            + len(self._changed_inputs(record))
-            + len(_differing(record["code"], self.code))
-            + len(_differing(record["libraries"], self.libraries))
-        )
-
-    def code_changes(self, record: Mapping[str, Any]) -> list[str]:
-        """Say how code and libraries differ from those of an earlier record."""
-        told = []
-        files = _differing(record["code"], self.code)
-        if files:
-            told.append(f"code changed ({join_some(files, MOST_NAMED)})")
-        versions = [
-            f"{name} {record['libraries'].get(name, 'absent')} -> {self.libraries.get(name, 'absent')}"
-            for name in _differing(record["libraries"], self.libraries)
-        ]
-        if versions:
-            told.append(f"library changed ({join_some(versions, MOST_NAMED)})")
-        return told
-
-    def _changed_inputs(self, record: Mapping[str, Any]) -> list[str]:
-        gone = [name for name in record["inputs"] if name not in self.inputs and name not in self.waiting]
-        names = [*self.inputs, *gone]
-        return [name for name in names if record["inputs"].get(name) != self.inputs.get(name)]
 
 
 def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
@@ -143,8 +126,8 @@ def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) ->
             continue
         damaged = ledger.damage(record)
         if damaged is None:
-            changed = ingredients.code_changes(record)
-            if changed:
+            changed = ingredients.changes(record)
+            if changed:  # of what was measured, code or libraries alone
                 return Step(stage, "kept", f"measured in {record['origin']}; since then {changed[0]}", ledger)
             return Step(stage, "fresh", f"made in {record['origin']}", ledger)
         damage = damage or damaged
@@ -158,7 +141,8 @@ def _describe_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[
     records = [record for each in ledgers if (record := each.finished(stage.name))]
     if not records:
         return "not made before"
-    return "; ".join(ingredients.changes(min(records, key=ingredients.count_changes))[:2])
+    nearest = min(records, key=lambda record: sum(map(len, ingredients.differences(record).values())))
+    return "; ".join(ingredients.changes(nearest)[:2])
 
 
 def choose_stages(study: Study, stages: Sequence[Stage]) -> list[Stage]:
@@ -191,8 +175,7 @@ def make_plan(study: Study, stages: Sequence[Stage], ledgers: Sequence[Ledger]) 
             stale.append(step)
         steps.append(step)
         for table in each.writes:
-            known = step.source.records[each.name]["tables"][table.name]["sha256"] if step.source else None
-            hashes[table.name] = known
+            hashes[table.name] = step.source.records[each.name]["tables"][table.name]["sha256"] if step.source else None
     if asked is not None and stale:
         needed = [each.name for each in stages if each.name in {*asked, *(step.stage.name for step in stale)}]
         raise ConfigError(
@@ -213,10 +196,6 @@ def _plan_one(study: Study, stage: Stage, ledgers: Sequence[Ledger], hashes: Map
     if own:
         return Step(stage, "run", own)
     return Step(stage, "wait", f"fresh if {' and '.join(waiting)} come out unchanged")
-
-
-def _differing(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
-    return sorted(name for name in {**old, **new} if old.get(name) != new.get(name))
 
 
 def _config_differences(old: Any, new: Any, path: str = "") -> list[str]:

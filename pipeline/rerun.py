@@ -51,7 +51,7 @@ class Rerun(Runner):
         for stage in choose_stages(self.study, self.stages):
             ingredients = replace(gather(self.study, stage, {}), waiting=stage.reads)
             record = self.origin.records.get(stage.name)
-            for each in ingredients.input_changes(record) if record else []:
+            for each in ingredients.differences(record)["input"] if record else []:
                 self._say(f"note: {each} since {label}")
             if self._was_measured(stage, ingredients):
                 self._check_measured(stage)

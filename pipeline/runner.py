@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import math
 import os
 import shutil
 import time
@@ -30,13 +31,12 @@ from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import link, link_folder, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
 from pipeline.ledger import FILE_NAME, Ledger, files_of, now
-from pipeline.metrics import read_metrics
 from pipeline.plan import Ingredients, Step, decide, gather, make_plan
 from pipeline.report import PAGE_NAME, is_whole_page, print_headline, try_report, write_report
 from pipeline.runs import Claim, claim, list_ledgers, make_exclusively, sweeps_folder
 from pipeline.stage import Stage
 from pipeline.sweeps.launch import name_job
-from pipeline.table import measure_file
+from pipeline.table import measure_file, read_frame
 from pipeline.terminal import complain, open_console, say
 from pipeline.workers import count_cores
 
@@ -130,7 +130,7 @@ class Runner:
             for stage in stages:
                 self._process_stage(stage, ledger, signals)
                 signals.check()
-            ledger.facts["metrics"] = read_metrics(ledger, self.study, self.stages)
+            ledger.facts["metrics"] = _read_metrics(ledger, self.study, self.stages)
             write_report(ledger, self.study, self.stages, "done")
             shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
             self._conclude(ledger)
@@ -382,6 +382,37 @@ def run_study(
         runner.show_plan()
         return 0
     return runner.run()
+
+
+def _read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[str, dict[str, Any]]:
+    """Return ``value``, None without one, and ``unit`` of each metric of the workflow whose table the run has."""
+    contracts = {table.name: table for each in stages if ledger.finished(each.name) for table in each.writes}
+    found = {}
+    for name, metric in study.settings.workflow.metrics.items():
+        if metric.table not in contracts:
+            continue
+        frame = read_frame(ledger.folder / "tables" / f"{metric.table}.parquet")
+        for wanted, rules in ((True, metric.where), (False, metric.but)):
+            for column, value in rules.items():
+                frame = frame[frame[column].isin(value if isinstance(value, list) else [value]) == wanted]
+        found[name] = {
+            "value": _reduce(frame[metric.column].dropna(), metric.by),
+            "unit": contracts[metric.table].columns[metric.column].metadata["unit"],
+        }
+    return found
+
+
+def _reduce(values: pd.Series, by: str) -> float | str | None:
+    """Return one value of many, None where there is none that JSON can hold."""
+    if values.empty:
+        return None
+    if by in ("first", "last") or not pd.api.types.is_numeric_dtype(values):
+        found = values.iloc[-1 if by == "last" else 0]
+    else:
+        found = values.agg(by)
+    if isinstance(found, str):
+        return found
+    return float(found) if math.isfinite(found) else None
 
 
 def _parts_folder(ledger: Ledger, stage: Stage, fingerprint: str) -> Path:

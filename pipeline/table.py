@@ -42,22 +42,10 @@ def column(
     among: Iterable[Any] | None = None,
     nullable: bool = False,
 ) -> pa.Column:
-    """Declare one column of a table.
+    """Declare one column of a table: of int, float, str or bool, with one line for the report and the Parquet file.
 
-    Parameters
-    ----------
-    dtype : type
-        ``int``, ``float``, ``str`` or ``bool``.
-    description : str
-        One line for the report and the Parquet file.
-    unit : str
-        Unit of the values; ``"1"`` for ratios, counts and names.
-    low, high : float, optional
-        Closed range of the values.
-    among : iterable, optional
-        The only values allowed.
-    nullable : bool
-        Whether a value may be missing.
+    The unit is ``"1"`` for ratios, counts and names. Values lie in the closed range from `low` to `high`, or `among`
+    the only ones allowed; they may be missing where the column is `nullable`.
     """
     allowed = None if among is None else list(among)
     limits = ((pa.Check.ge, low), (pa.Check.le, high), (pa.Check.isin, allowed))
@@ -67,20 +55,10 @@ def column(
 
 @dataclass(frozen=True)
 class Table:
-    """The contract of one table.
+    """The contract of one table: the name of its file and of the parameter by which stages read it, what a row is.
 
-    Parameters
-    ----------
-    name : str
-        Name of the file and of the parameter by which stages read it.
-    title : str
-        One line: what a row is.
-    columns : mapping of str to pandera.Column
-        In the order of the file.
-    key : tuple of str
-        Columns whose values together name a row once; empty for no such promise.
-    brief : tuple of str
-        Columns that the terminal shows of a headline table; empty for all.
+    The columns are in the order of the file. The values of the `key` columns together name a row once, where there are
+    such columns. Of a headline table the terminal shows the `brief` columns, or all where there are none.
     """
 
     name: str

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from pipeline.config import Settings, read_study
 from pipeline.context import Context, Record
+from pipeline.errors import ConfigError
 from tests.composing import compose_values
 
 
@@ -20,6 +21,14 @@ def read_stages(stages, *overrides):
     composed.workflow.quoted = [str(name) for name in composed if name not in Settings.model_fields]
     study, ordered = read_study(composed)
     return study, {stage.name: stage for stage in ordered}
+
+
+def assert_refused(stages, told, *overrides):
+    """Check that a configuration is refused in one line that begins so."""
+    with pytest.raises(ConfigError) as refusal:
+        read_stages(stages, *overrides)
+    assert str(refusal.value).startswith(told)
+    assert "\n" not in str(refusal.value)
 
 
 class PickledContext(Context):

@@ -15,7 +15,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime
 from itertools import product
 from pathlib import Path
@@ -53,15 +52,6 @@ BEGINNING = ("not begun", "failed", "killed", "interrupted", "paused")
 """States of jobs that a launch runs."""
 
 
-@dataclass(frozen=True)
-class Planned:
-    """A job of a sweep before it runs: its folder's name, its overrides, and a run's status or ``not begun``."""
-
-    name: str
-    overrides: tuple[str, ...]
-    state: str
-
-
 def name_sweep(arguments: Sequence[str]) -> list[str]:
     """Return the command line with a name for its sweep: the present time where none was typed."""
     if any(each.startswith("sweep=") for each in arguments):
@@ -92,13 +82,13 @@ def run_sweep(
     if base.get(name) is not None:
         raise ConfigError(f"{name}: expected null in a sweep, whose jobs run at the same time; leave {name}= or -m out")
     folder = sweeps_folder(settings.outputs) / settings.sweep
-    jobs = [Planned(name, tuple(each), _state(folder / name)) for each in lists for name in [name_job(each)]]
-    twice = [name for name, count in Counter(each.name for each in jobs).items() if count > 1]
+    jobs = tuple(map(name_job, lists))
+    twice = [name for name, count in Counter(jobs).items() if count > 1]
     if twice:
         raise ConfigError(
             f"sweep: {len(jobs)} jobs but '{twice[0]}' more than once; vary keys that change what a job computes"
         )
-    for line in describe_plan(folder, jobs, settings.on_finished):
+    for line in describe_plan(folder, dict(zip(jobs, lists, strict=True)), settings.on_finished):
         say(line)
     if settings.plan:
         say(f"to run it: {command_line([each for each in typed if not each.startswith('plan=')])}")
@@ -107,14 +97,14 @@ def run_sweep(
         folder,
         new_launch_name(),
         os.getpid(),
-        tuple(each.name for each in jobs),
+        jobs,
         settings.on_failure,
         settings.on_finished,
         files,
         tuple(each for each in typed if each not in overrides_typed and each not in MULTIRUN),
     )
     try:
-        launch.begin(command_line(list(typed)), typed, [each.overrides for each in jobs])
+        launch.begin(command_line(list(typed)), typed, lists)
     except OSError as error:
         raise ConfigError(
             f"cannot write to {folder} ({error.strerror}); free the folder, or choose another with sweep=NAME or "
@@ -125,20 +115,22 @@ def run_sweep(
     return _print_end(launch, list(typed), stopped)
 
 
-def describe_plan(folder: Path, jobs: Sequence[Planned], on_finished: str) -> Iterator[str]:
-    """Yield what a launch of a sweep would do, in lines."""
-    counts = Counter(each.state for each in jobs)
+def describe_plan(folder: Path, jobs: Mapping[str, Sequence[str]], on_finished: str) -> Iterator[str]:
+    """Yield what a launch of a sweep would do, in lines, from the overrides of its jobs by their folders' names."""
+    states = {name: _state(folder / name) for name in jobs}
+    counts = Counter(states.values())
     told = ", ".join(f"{count} {state}" for state, count in counts.items())
     yield f"sweep {folder}: {format_count(len(jobs), 'job')} ({told})"
     axes: dict[str, dict[str, None]] = {}
-    for key, _, value in (each.partition("=") for job in jobs for each in job.overrides):
+    for key, _, value in (each.partition("=") for job in jobs.values() for each in job):
         axes.setdefault(key, {})[value] = None
     for key, values in axes.items():
         if len(values) > 1:
             yield f"  {key}: {', '.join(values)}"
-    waiting = [each for each in jobs if each.state in BEGINNING or (each.state == "done" and on_finished == "refresh")]
-    for job in waiting[:MOST_LISTED]:
-        yield f"  run   {job.name}{'' if job.state == 'not begun' else f'  ({job.state} before)'}"
+    beginning = (*BEGINNING, "done") if on_finished == "refresh" else BEGINNING
+    waiting = [name for name, state in states.items() if state in beginning]
+    for name in waiting[:MOST_LISTED]:
+        yield f"  run   {name}{'' if states[name] == 'not begun' else f'  ({states[name]} before)'}"
     if len(waiting) > MOST_LISTED:
         yield f"  run   ... and {len(waiting) - MOST_LISTED} more"
     if counts["done"] and on_finished == "keep":

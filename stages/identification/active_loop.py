@@ -9,7 +9,7 @@ the same initial data; controls differ from the design in how they choose trajec
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
@@ -155,42 +155,30 @@ class TrialsFit(View):
     participants: dict[str, Any]
 
     @model_validator(mode="after")
-    def _find_movements(self) -> Self:
-        check_budget(self.active_loop, self.bank.trajectories, self.subsampling.initial_trials)
-        return self
-
-    @model_validator(mode="after")
-    def _take_samples(self) -> Self:
-        samples, initial_trials = self.exoskeleton.samples, self.subsampling.initial_trials
-        if self.active_loop.points_per_trial > samples:
+    def _fit(self) -> Self:
+        section, initial_trials, samples = self.active_loop, self.subsampling.initial_trials, self.exoskeleton.samples
+        check_budget(section, self.bank.trajectories, initial_trials)
+        if section.points_per_trial > samples:
             raise ValueError(
                 f"active_loop.points_per_trial: expected at most the {samples} samples of a trial, "
-                f"got {self.active_loop.points_per_trial}; lower it or raise exoskeleton.trial_s or "
+                f"got {section.points_per_trial}; lower it or raise exoskeleton.trial_s or "
                 "exoskeleton.sampling_rate_hz"
             )
-        if self.active_loop.initial_points > initial_trials * samples:
+        if section.initial_points > initial_trials * samples:
             raise ValueError(
                 f"active_loop.initial_points: expected at most the {initial_trials * samples} samples of the "
-                f"{initial_trials} initial trials, got {self.active_loop.initial_points}; lower it or raise "
+                f"{initial_trials} initial trials, got {section.initial_points}; lower it or raise "
                 "subsampling.initial_trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _join_samples(self) -> Self:
-        kept = -(-self.exoskeleton.samples // self.subsampling.every)
-        if "log_det" in choose_arms(self.active_loop, False) and self.active_loop.log_det_every >= kept:
+        arms, kept = choose_arms(section, False), -(-samples // self.subsampling.every)
+        if "log_det" in arms and section.log_det_every >= kept:
             raise ValueError(
                 f"active_loop.log_det_every: expected less than the {kept} samples that a trajectory keeps "
                 f"(subsampling.every={self.subsampling.every}), so that more than one is joined, "
-                f"got {self.active_loop.log_det_every}; lower it"
+                f"got {section.log_det_every}; lower it"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _fit_memory(self) -> Self:
-        trials = len(choose_arms(self.active_loop, False)) * self.active_loop.trials * len(self.participants)
-        most = MOST_ROWS // (trials * self.exoskeleton.samples * len(self.exoskeleton.muscles))
+        trials = len(arms) * section.trials * len(self.participants)
+        most = MOST_ROWS // (trials * samples * len(self.exoskeleton.muscles))
         if self.subsampling.experiments > most:
             raise ValueError(
                 f"subsampling.experiments: expected at most {most} for each participant, as {MOST_ROWS} rows of "
@@ -228,7 +216,7 @@ def active_loop(
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
     rig.check_bank(references, "trajectory")
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
-    loops: list[Loop] = []
+    loops: dict[str, tuple[Loop]] = {}
     for (participant, experiment), initial in experiments:
         executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
         start = spread_evenly(keep_usable(executed), cfg.active_loop.initial_points, muscles.names)
@@ -237,12 +225,9 @@ def active_loop(
         for arm in arms if most is None or int(str(experiment)) <= most else arms[:1]:
             number = len(initial_trials) + len(loops) * cfg.active_loop.trials
             who = str(participant), int(str(experiment))
-            loops.append(Loop(cfg, ctx, muscles, references, start, used, *who, arm, number))
-    with ctx.progress("experiments", len(loops)) as advance:
-        for loop, keys in zip(loops, ctx.spread(Loop.run, loops), strict=True):
-            ctx.record.include(keys)
-            advance(f"{loop.participant} experiment {loop.experiment} {loop.arm}")
-    tables = ctx.record.collect()
+            loop = Loop(cfg, ctx, muscles, references, start, used, *who, arm, number)
+            loops["{} experiment {} {}".format(*who, arm)] = (loop,)
+    tables = ctx.land("experiments", Loop.run, loops)
     first = tables["trials"].iloc[0]
     chosen = tables["trials"].query("participant == @first.participant and experiment == @first.experiment")
     chosen = chosen[chosen["arm"] == arms[0]]
@@ -314,7 +299,8 @@ class Loop:
 
     def land(self, trial: int, landed: Parts, declined: list[pd.DataFrame], keys: list[str], rig: Rig) -> Part:
         """Return the part of a trial once the operator, if there is one, keeps it; note those that were declined."""
-        record, note = self.ctx.record, nothing
+        record = self.ctx.record
+        note: Callable[[], Part] = dict
         for attempt in count(1):
             aside = self.key(trial, attempt)
             if not record.holds(aside):
@@ -354,30 +340,26 @@ class Loop:
         told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(usable), self.starts(trial))
         points.append(self.label(take(usable, picks, self.muscles.names), trial))
         models.append(self.label(describe_models(told.models, self.muscles), trial))
-        decisions = nothing()[DECISIONS.name]
-        if rig.attendance is not None:
-            note = rig.attendance.note
-            decisions = self.describe_decision(trial, attempt, described["trajectory"], "keep", note, "")
-        return {
+        part = {
             TRIALS.name: self.label(pd.DataFrame([{**described, "surprise": surprise}]), trial),
             ACTIVE_RECORDINGS.name: self.label(samples, trial),
             MODELS.name: pd.concat(models, ignore_index=True),
             POINTS.name: pd.concat(points, ignore_index=True)[list(POINTS.columns)],
-            DECISIONS.name: decisions,
         }
+        if rig.attendance is not None:
+            decision = attempt, described["trajectory"], "keep", rig.attendance.note, ""
+            part[DECISIONS.name] = self.describe_decision(trial, *decision)
+        return part
 
     def note_declined(self, trial: int, attempt: int, declined: TrialDeclined) -> Part:
         """Return the part of a trial that the operator declined: the decision, and nothing to learn from."""
         assert declined.trial.proposal is not None
         told = declined.trial.proposal.trajectory, declined.decision, declined.note, declined.stopped
-        return {**nothing(), DECISIONS.name: self.describe_decision(trial, attempt, *told)}
+        return {DECISIONS.name: self.describe_decision(trial, attempt, *told)}
 
-    def describe_decision(
-        self, trial: int, attempt: int, trajectory: int | float | None, decision: str, note: str, stopped: str
-    ) -> pd.DataFrame:
-        """Return a decision's row."""
-        row = {"attempt": attempt, "trajectory": trajectory, "decision": decision, "note": note, "stopped": stopped}
-        return self.label(pd.DataFrame([row]), trial)
+    def describe_decision(self, trial: int, *told: object) -> pd.DataFrame:
+        """Return a decision's row: attempt, trajectory, decision, the operator's note, and why it was stopped."""
+        return self.label(pd.DataFrame([told], columns=list(DECISIONS.columns)[len(WHERE) :]), trial)
 
     def resume(self, landed: Parts) -> Interaction:
         """Return the state by what the trials so far left on disk, or by the initial points, and by nothing else."""
@@ -433,11 +415,6 @@ class Loop:
         """Put participant, experiment, arm and trial before a frame's columns."""
         where: dict[str, Any] = {"participant": self.participant, "experiment": self.experiment, "arm": self.arm}
         return frame.assign(**where, trial=trial)[[*WHERE, *(name for name in frame if name not in WHERE)]]
-
-
-def nothing() -> Part:
-    """Return a part without rows."""
-    return {table.name: pd.DataFrame(columns=list(table.columns)) for table in active_loop.writes}
 
 
 def list_declined(declined: Sequence[pd.DataFrame], trial: int) -> tuple[list[int], list[int]]:

@@ -43,8 +43,7 @@ class CommandsWithinLimits(View):
 
     @model_validator(mode="after")
     def _keep_limits(self) -> Self:
-        ranges = self.bank.pressure.range_kpa
-        check_levels(ranges, self.exoskeleton, self.rig.limits, "bank.pressure.range_kpa")
+        check_levels(self.bank.pressure.range_kpa, self.exoskeleton, self.rig.limits, "bank.pressure.range_kpa")
         return self
 
 
@@ -70,10 +69,6 @@ class UnseenBankFits(View):
     def _keep_limits(self) -> Self:
         ranges = self.unseen_bank.pressure.range_kpa
         check_levels(ranges, self.exoskeleton, self.rig.limits, "unseen_bank.pressure.range_kpa")
-        return self
-
-    @model_validator(mode="after")
-    def _draw_anew(self) -> Self:
         if self.unseen_bank.seed == self.bank.seed:
             raise ValueError(
                 f"unseen_bank.seed: expected another seed than bank.seed, as its movements are to be new, "

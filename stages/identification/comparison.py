@@ -8,7 +8,6 @@ This stage only reads: it chooses and measures nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from typing import Annotated, Any
 
@@ -147,7 +146,7 @@ def comparison(
     """Draw the learning curves of every arm and test the design against each control."""
     muscles, arms = list(hyperprior["muscle"].unique()), list(models["arm"].unique())
     tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
-    jobs, who = [], ["participant", "experiment"]
+    jobs, who = {}, ["participant", "experiment"]
     for muscle in muscles:
         recorded = RecordedModels.read(hyperprior, scaling, muscle)
         its_tests = {}
@@ -156,13 +155,9 @@ def comparison(
             its_tests[name] = (recorded.scaling.inputs_of(its), its["force_n"].to_numpy())
         its_points: dict[Any, pd.DataFrame] = dict(list(points[points["muscle"] == muscle].groupby(who, sort=False)))
         for key, its_models in models[models["muscle"] == muscle].groupby(who, sort=False):
-            job = Job(str(key[0]), int(str(key[1])), muscle, recorded, its_tests, its_models, its_points[key])
-            jobs.append(job)
-    rows: list[tuple[Any, ...]] = []
-    with ctx.progress("experiments", len(jobs)) as advance:
-        for job, found in zip(jobs, ctx.spread(measure_errors, jobs), strict=True):
-            rows += found
-            advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
+            where = str(key[0]), int(str(key[1])), muscle
+            jobs["{} experiment {} {}".format(*where)] = (*where, recorded, its_tests, its_models, its_points[key])
+    rows = ctx.gather("experiments", measure_errors, jobs)
     order = {name: position for position, name in enumerate(arms)}
     curve = pd.DataFrame(rows, columns=list(LEARNING_CURVE.columns)).sort_values(
         list(LEARNING_CURVE.key),
@@ -186,29 +181,23 @@ def comparison(
     return curve, summary, final, compared, recommend(compared, arms[0])
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """The models of one muscle in one experiment, in all arms and after all trials, and what they are tested on."""
-
-    participant: str
-    experiment: int
-    muscle: str
-    recorded: RecordedModels
-    tests: Mapping[str, tuple[Array, Array]]
-    models: pd.DataFrame
-    points: pd.DataFrame
-
-
-def measure_errors(job: Job) -> list[tuple[Any, ...]]:
-    """Return the rows of `learning_curve` of one muscle in one experiment."""
+def measure_errors(
+    participant: str,
+    experiment: int,
+    muscle: str,
+    recorded: RecordedModels,
+    tests: Mapping[str, tuple[Array, Array]],
+    models: pd.DataFrame,
+    points: pd.DataFrame,
+) -> list[tuple[Any, ...]]:
+    """Return the rows of `learning_curve` of one muscle in one experiment, in all arms and after all trials."""
     rows = []
-    points_of: dict[Any, pd.DataFrame] = dict(list(job.points.groupby("arm", sort=False)))
-    for (arm, trial), model in job.models.groupby(["arm", "trial"], sort=False):
-        gp = job.recorded.rebuild(model, points_of[arm])
-        for tested_on, (test_inputs, test_force) in job.tests.items():
-            rate = error_rate(job.recorded.scaling.restore_force(gp.predict_mean(test_inputs)), test_force)
-            rmse_n = rate * float(test_force.max())
-            rows.append((job.participant, job.experiment, arm, trial, tested_on, job.muscle, rmse_n, rate))
+    points_of: dict[Any, pd.DataFrame] = dict(list(points.groupby("arm", sort=False)))
+    for (arm, trial), model in models.groupby(["arm", "trial"], sort=False):
+        gp = recorded.rebuild(model, points_of[arm])
+        for tested_on, (inputs, force_n) in tests.items():
+            rate = error_rate(recorded.scaling.restore_force(gp.predict_mean(inputs)), force_n)
+            rows.append((participant, experiment, arm, trial, tested_on, muscle, rate * float(force_n.max()), rate))
     return rows
 
 
@@ -249,33 +238,25 @@ def pair_arms(curve: pd.DataFrame, arms: Sequence[str], sizes: Sequence[int | No
     ranks = curve.groupby("participant")["experiment"].rank(method="dense")
     taken = [ranks <= (ranks.max() if size is None else size) for size in sizes]
     distinct = {int(rows.sum()): rows for rows in taken}
-    frames = [
-        pair_family(curve[rows & (curve["tested_on"] == tested_on)], arms, str(tested_on))
-        for tested_on in curve["tested_on"].unique()
-        for rows in distinct.values()
-    ]
+    frames = []
+    for tested_on, chosen in product(curve["tested_on"].unique(), distinct.values()):
+        family = average_muscles(curve[chosen & (curve["tested_on"] == tested_on)])
+        table = family.pivot_table(index=["participant", "experiment"], columns=["arm", "trial"], values="error_rate")
+        last = family["trial"].max()
+        measures = {
+            "final": {arm: table[arm][last].to_numpy() for arm in arms},
+            "curve": {arm: table[arm].drop(columns=0).to_numpy().mean(axis=1) for arm in arms},
+        }
+        where = {"tested_on": tested_on, "design": arms[0]}
+        rows = [
+            {**where, "measure": measure, "control": control}
+            | compare_pairs(values[arms[0]], values[control]).tabulate("design", "control")
+            for measure, values in measures.items()
+            for control in arms[1:]
+        ]
+        frame = pd.DataFrame(rows, columns=list(PAIRED_COMPARISON.columns)[:-2])
+        frames.append(judge_differences(frame, "p_t", "design better", "control better"))
     return pd.concat(frames, ignore_index=True)
-
-
-def pair_family(curve: pd.DataFrame, arms: Sequence[str], tested_on: str) -> pd.DataFrame:
-    """Return the rows of one test set and number of experiments, whose p-values are adjusted together."""
-    table = average_muscles(curve).pivot_table(
-        index=["participant", "experiment"], columns=["arm", "trial"], values="error_rate"
-    )
-    last = curve["trial"].max()
-    measures = {
-        "final": {arm: table[arm][last].to_numpy() for arm in arms},
-        "curve": {arm: table[arm].drop(columns=0).to_numpy().mean(axis=1) for arm in arms},
-    }
-    where = {"tested_on": tested_on, "design": arms[0]}
-    rows = [
-        {**where, "measure": measure, "control": control}
-        | compare_pairs(values[arms[0]], values[control]).tabulate("design", "control")
-        for measure, values in measures.items()
-        for control in arms[1:]
-    ]
-    frame = pd.DataFrame(rows, columns=list(PAIRED_COMPARISON.columns)[:-2])
-    return judge_differences(frame, "p_t", "design better", "control better")
 
 
 def recommend(compared: pd.DataFrame, design: str) -> pd.DataFrame:

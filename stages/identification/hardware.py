@@ -113,7 +113,8 @@ def execute_tracked(
     trial = tracked_trial(samples, rig, row["participant"], label, number, proposal)
     recording = rig.execute(trial, ctx.generator(*key), ctx.record.watch(key))
     where = {str(name): value for name, value in row.items()}
-    return make_part(HARDWARE_RECORDINGS, pd.DataFrame(tidy(recording, rig)).assign(**where))
+    rows = pd.DataFrame(tidy(recording, rig)).assign(**where)
+    return {HARDWARE_RECORDINGS.name: rows[list(HARDWARE_RECORDINGS.columns)]}
 
 
 def split_turns(commands: pd.DataFrame | None, singly: bool) -> dict[tuple[int, ...], pd.DataFrame]:
@@ -140,10 +141,4 @@ def execute_passive(
         label = "protocol experiment {} trial {}".format(*turn)
         recording = rig.execute(passive_trial(samples, rig, label, number), ctx.generator(NOBODY, *turn), watch)
         frames.append(pd.DataFrame(tidy(recording, rig)).assign(experiment=turn[0], trial=turn[1]))
-    return make_part(PROTOCOL_RECORDINGS, pd.concat(frames, ignore_index=True))
-
-
-def make_part(table: Table, frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return the part of a trial: its rows for the table they belong to, none for the others."""
-    empty = {each.name: pd.DataFrame(columns=list(each.columns)) for each in hardware.writes}
-    return {**empty, table.name: frame[list(table.columns)]}
+    return {PROTOCOL_RECORDINGS.name: pd.concat(frames, ignore_index=True)[list(PROTOCOL_RECORDINGS.columns)]}

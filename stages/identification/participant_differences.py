@@ -7,8 +7,8 @@ of equivalence for a stated margin, with the power that it had.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
-from typing import Annotated, Any
+from itertools import combinations, product
+from typing import Annotated
 
 import pandas as pd
 from pydantic import Field, PositiveInt
@@ -100,25 +100,16 @@ def compare_participants(
     rank = last.groupby("participant")["experiment"].rank(method="dense")
     taken = [rank <= (rank.max() if size is None else size) for size in sizes]
     distinct = {int(rows.sum()): rows for rows in taken}
-    frames = [
-        compare_family(last[rows & (last["tested_on"] == tested_on)], people, muscles, margin).assign(
-            tested_on=tested_on
-        )
-        for tested_on in last["tested_on"].unique()
-        for rows in distinct.values()
-    ]
-    return pd.concat(frames, ignore_index=True)[list(PARTICIPANT_COMPARISON.columns)]
-
-
-def compare_family(last: pd.DataFrame, people: list[str], muscles: list[str], margin: float) -> pd.DataFrame:
-    """Return the rows of one test set and number of experiments, whose p-values are adjusted together."""
-    values = {key: rows["error_rate"].to_numpy() for key, rows in last.groupby(["participant", "muscle"])}
-    rows: list[dict[str, Any]] = []
-    for first, second in combinations(people, 2):
-        for muscle in muscles:
-            pair = values[(first, muscle)], values[(second, muscle)]
-            compared = vars(compare_groups(*pair)) | vars(judge_equivalence(*pair, margin))
-            rows.append({"first": first, "second": second, "muscle": muscle, **compared})
-    if not rows:
+    if len(people) < 2:
         return pd.DataFrame(columns=list(PARTICIPANT_COMPARISON.columns))
-    return judge_with_equivalence(pd.DataFrame(rows), "p_welch", "different", "different")
+    frames = []
+    for tested_on, chosen in product(last["tested_on"].unique(), distinct.values()):
+        family = last[chosen & (last["tested_on"] == tested_on)].groupby(["participant", "muscle"])
+        values = {key: its["error_rate"].to_numpy() for key, its in family}
+        rows = []
+        for (first, second), muscle in product(combinations(people, 2), muscles):
+            pair = values[(first, muscle)], values[(second, muscle)]
+            where = {"first": first, "second": second, "tested_on": tested_on, "muscle": muscle}
+            rows.append(where | vars(compare_groups(*pair)) | vars(judge_equivalence(*pair, margin)))
+        frames.append(judge_with_equivalence(pd.DataFrame(rows), "p_welch", "different", "different"))
+    return pd.concat(frames, ignore_index=True)[list(PARTICIPANT_COMPARISON.columns)]

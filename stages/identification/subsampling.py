@@ -69,29 +69,21 @@ class TrialsFit(View):
     exoskeleton: Exoskeleton
 
     @model_validator(mode="after")
-    def _find_initial_trials(self) -> Self:
-        check_initial_trials(self.subsampling.initial_trials, self.bank.trajectories)
-        return self
-
-    @model_validator(mode="after")
-    def _keep_two_samples(self) -> Self:
-        samples = self.exoskeleton.samples
-        if self.subsampling.every >= samples:
+    def _fit(self) -> Self:
+        section, samples = self.subsampling, self.exoskeleton.samples
+        check_initial_trials(section.initial_trials, self.bank.trajectories)
+        if section.every >= samples:
             raise ValueError(
                 f"subsampling.every: expected less than the {samples} samples of a trial, so that a trajectory keeps "
-                f"more than one, got {self.subsampling.every}; lower it or raise exoskeleton.trial_s or "
+                f"more than one, got {section.every}; lower it or raise exoskeleton.trial_s or "
                 "exoskeleton.sampling_rate_hz"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _fit_memory(self) -> Self:
-        rows = self.exoskeleton.samples * len(self.exoskeleton.muscles) * self.subsampling.initial_trials
+        rows = samples * len(self.exoskeleton.muscles) * section.initial_trials
         most = MOST_ROWS // (rows * len(self.participants))
-        if self.subsampling.experiments > most:
+        if section.experiments > most:
             raise ValueError(
                 f"subsampling.experiments: expected at most {most} for each participant, as {MOST_ROWS} rows of "
-                f"recordings of the initial trials still fit in memory, got {self.subsampling.experiments}; lower it, "
+                f"recordings of the initial trials still fit in memory, got {section.experiments}; lower it, "
                 "subsampling.initial_trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
         return self

@@ -134,19 +134,16 @@ def baselines(
     interactive = active_recordings[active_recordings["arm"] == design]
     muscles = list(hyperprior["muscle"].unique())
     count, columns = count_points(points, design), [*MODEL_INPUTS, MODEL_OUTPUT]
-    jobs = []
+    jobs = {}
     for name in muscles:
         its_tests = {test: frame.loc[frame["muscle"] == name, columns] for test, frame in tests.items()}
         known = name, RecordedModels.read(hyperprior, scaling, name), its_tests, count
         for frame in (passive.assign(participant=NOBODY), interactive):  # the protocol's first, as they take longest
             samples = frame.loc[frame["muscle"] == name, ["participant", "experiment", "trial", *columns]]
             for key, rows_of_one in samples.groupby(["participant", "experiment"], sort=False):
-                jobs.append(Job(cfg.baselines, ctx, *known, str(key[0]), int(str(key[1])), rows_of_one))
-    rows: list[tuple[Any, ...]] = []
-    with ctx.progress("models", len(jobs)) as advance:
-        for job, found in zip(jobs, ctx.spread(Job.run, jobs), strict=True):
-            rows += found
-            advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
+                job = Job(cfg.baselines, ctx, *known, str(key[0]), int(str(key[1])), rows_of_one)
+                jobs[f"{job.participant} experiment {job.experiment} {name}"] = (job,)
+    rows = ctx.gather("models", Job.run, jobs)
     order = {name: position for position, name in enumerate(DESCRIBED)}
     curve = pd.DataFrame(rows, columns=list(BASELINE_CURVE.columns)).sort_values(
         list(BASELINE_CURVE.key),
@@ -261,14 +258,9 @@ def predict_law(model: LinearMuscleModel, samples: pd.DataFrame) -> Array:
 
 
 def compare_baselines(design: pd.DataFrame, curve: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
-    """Return the rows of `baseline_comparison`, of each test set the muscles' average first.
+    """Return the rows of `baseline_comparison`, of each test set the muscles' average first, then one by one.
 
-    Parameters
-    ----------
-    design, curve : DataFrame
-        Rows of `learning_curve` of the design, and of `baseline_curve`.
-    muscles : sequence of str
-        To be compared one by one.
+    They come from the rows of `learning_curve` of the design, and of `baseline_curve`.
     """
     frames = [
         compare_family(design[design["tested_on"] == each], curve[curve["tested_on"] == each], muscles, str(each))

@@ -79,20 +79,10 @@ class Config(Section):
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a comparison says about a claim.
+    """What a comparison says about a claim, with n units in the smaller group.
 
-    Parameters
-    ----------
-    statistic : str
-        Test and effect size.
-    n : int
-        Units of the smaller group.
-    estimate, low, high : float
-        Difference with its 95 % interval; negative = as claimed to be better.
-    effect : float
-        Effect size.
-    p_different, p_equivalent : float
-        Of the test of difference, adjusted where it is one of many, and of that of equivalence; NaN without one.
+    The estimate is a difference with its 95 % interval, negative = as claimed to be better. The p-value of the test of
+    difference is adjusted where it is one of many; that of equivalence is NaN without such a test.
     """
 
     statistic: str

@@ -182,17 +182,14 @@ def hyperprior_sensitivity(
     """Replay experiments under Table 1 and other hyperpriors and compare their errors."""
     section = cfg.hyperprior_sensitivity
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
-    tests = [ForceTest.read("bank", bank, muscles)]
-    if unseen_bank is not None:
-        tests.append(ForceTest.read("unseen_bank", unseen_bank, muscles))
-    run, parts = partial(land, section, ctx, Replay.read(muscles, bank), tests), []
-    with ctx.progress("experiments", section.experiments) as advance:
-        for part in ctx.spread(run, range(1, section.experiments + 1)):
-            parts.append(part)
-            advance(f"experiment {len(parts)}")
+    banks = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
+    tests = [ForceTest.read(name, frame, muscles) for name, frame in banks.items()]
+    replay = partial(land, section, ctx, Replay.read(muscles, bank), tests)
+    jobs = {f"experiment {each}": (each,) for each in range(1, section.experiments + 1)}
+    tables = ctx.land("experiments", replay, jobs)
     rank = {each: position for position, each in enumerate(section.settings)}
     priors, errors = (
-        pd.concat([part[table.name] for part in parts], ignore_index=True)
+        tables[table.name]
         .assign(rank=lambda rows: [rank[each] for each in zip(rows["kind"], rows["setting"], strict=True)])
         .sort_values(["rank", "experiment"], kind="stable", ignore_index=True)
         .drop(columns="rank")
@@ -212,8 +209,8 @@ def hyperprior_sensitivity(
 
 def land(
     section: HyperpriorSensitivity, ctx: Context, replay: Replay, tests: Sequence[ForceTest], experiment: int
-) -> dict[str, pd.DataFrame]:
-    """Replay one experiment of every setting, or read what an earlier process landed."""
+) -> list[str]:
+    """Replay one experiment of every setting, unless an earlier process landed it; return the part's name."""
 
     def make() -> dict[str, pd.DataFrame]:
         muscles, loop = replay.muscles, section.loop
@@ -238,10 +235,11 @@ def land(
         return {
             SENSITIVITY_HYPERPRIORS.name: pd.DataFrame(set_out, columns=list(SENSITIVITY_HYPERPRIORS.columns)),
             SENSITIVITY_ERRORS.name: pd.DataFrame(errors, columns=list(SENSITIVITY_ERRORS.columns)),
-            SENSITIVITY_COMPARISON.name: pd.DataFrame(columns=list(SENSITIVITY_COMPARISON.columns)),
         }
 
-    return ctx.record.part((f"{experiment:04d}",), make)
+    name = f"{experiment:04d}"
+    ctx.record.part((name,), make)
+    return [name]
 
 
 def change_prior(prior: Hyperprior, kind: str, setting: float, generator: np.random.Generator) -> Hyperprior:

@@ -9,7 +9,6 @@ measured force. This stage only reads: it chooses and measures nothing.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -246,12 +245,8 @@ def learned_models(
     show_forces(section.surfaces, forces, its_models.sort_values("trial").iloc[-1], known, ctx)
 
     tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
-    jobs = list(gather(recorded, tests, models, points, section.reliability))
-    rows: list[tuple[Any, ...]] = []
-    with ctx.progress("experiments", len(jobs)) as advance:
-        for job, found in zip(jobs, ctx.spread(measure_coverage, jobs), strict=True):
-            rows += found
-            advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
+    jobs = gather(recorded, tests, models, points, section.reliability)
+    rows = ctx.gather("experiments", measure_coverage, jobs)
     coverage = pd.DataFrame(rows, columns=list(COVERAGE.columns))
     told = tabulate_reliability(coverage, muscles)
     its = told[told["arm"] == design]
@@ -360,27 +355,18 @@ def show_forces(cfg: Surfaces, forces: pd.DataFrame, last: pd.Series[Any], point
     ctx.figure("force_surfaces", draw_force_surfaces(its, known, SECTIONS, near), caption)
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """The models of one muscle in one experiment, of all arms, and what they are tested on."""
-
-    participant: str
-    experiment: int
-    muscle: str
-    recorded: RecordedModels
-    tests: Mapping[str, pd.DataFrame]
-    models: pd.DataFrame
-    points: pd.DataFrame
-
-
 def gather(
     recorded: Mapping[str, RecordedModels],
     tests: Mapping[str, pd.DataFrame],
     models: pd.DataFrame,
     points: pd.DataFrame,
     section: ReliabilitySettings,
-) -> Iterator[Job]:
-    """Yield the job of every muscle in the first experiments, after trials 0, the middle and the last."""
+) -> dict[str, tuple[Any, ...]]:
+    """Return what `measure_coverage` takes, of every muscle in the first experiments, by a note of which it is.
+
+    The models are those after trials 0, the middle and the last.
+    """
+    jobs = {}
     last = int(models["trial"].max())
     chosen = models[(models["experiment"] <= section.experiments) & models["trial"].isin([0, last // 2, last])]
     who = ["participant", "experiment"]
@@ -391,40 +377,48 @@ def gather(
         }
         its_points: dict[Any, pd.DataFrame] = dict(list(points[points["muscle"] == muscle].groupby(who, sort=False)))
         for key, its_models in chosen[chosen["muscle"] == muscle].groupby(who, sort=False):
-            participant, experiment = str(key[0]), int(str(key[1]))
-            known = its_points[(participant, experiment)]
-            yield Job(participant, experiment, muscle, its, its_tests, its_models, known)
+            where = str(key[0]), int(str(key[1])), muscle
+            jobs["{} experiment {} {}".format(*where)] = (*where, its, its_tests, its_models, its_points[key])
+    return jobs
 
 
-def measure_coverage(job: Job) -> list[tuple[Any, ...]]:
-    """Return the rows of `coverage` of one muscle in one experiment."""
-    points_of: dict[Any, pd.DataFrame] = dict(list(job.points.groupby("arm", sort=False)))
+def measure_coverage(
+    participant: str,
+    experiment: int,
+    muscle: str,
+    recorded: RecordedModels,
+    tests: Mapping[str, pd.DataFrame],
+    models: pd.DataFrame,
+    points: pd.DataFrame,
+) -> list[tuple[Any, ...]]:
+    """Return the rows of `coverage` of one muscle in one experiment, of all arms."""
+    points_of: dict[Any, pd.DataFrame] = dict(list(points.groupby("arm", sort=False)))
     found: dict[bytes, list[tuple[Any, ...]]] = {}
     rows: list[tuple[Any, ...]] = []
-    for (arm, trial), model in job.models.groupby(["arm", "trial"], sort=False):
-        gp = job.recorded.rebuild(model, points_of[arm])
+    for (arm, trial), model in models.groupby(["arm", "trial"], sort=False):
+        gp = recorded.rebuild(model, points_of[arm])
         same = gp.theta.tobytes() + gp.inputs.tobytes() + gp.posterior.outputs.tobytes()
         if same not in found:  # arms share the model of the initial data
-            found[same] = list(cover_forces(gp, job))
-        where = (job.participant, job.experiment, arm, trial)
-        rows += [(*where, *told) for told in found[same]]
+            found[same] = list(cover_forces(gp, muscle, recorded.scaling, tests))
+        rows += [(participant, experiment, arm, trial, *told) for told in found[same]]
     return rows
 
 
-def cover_forces(gp: MarginalGP, job: Job) -> Iterator[tuple[Any, ...]]:
+def cover_forces(
+    gp: MarginalGP, muscle: str, scaling: Scaling, tests: Mapping[str, pd.DataFrame]
+) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of `coverage` of one model, from the test set on: half widths are those of measured forces."""
-    scaling = job.recorded.scaling
-    inputs = np.concatenate([scaling.inputs_of(test) for test in job.tests.values()])
+    inputs = np.concatenate([scaling.inputs_of(test) for test in tests.values()])
     mean, plain = gp.predict(inputs)
     mean_n, variances = scaling.restore_force(mean), {PLAIN: plain, MARGINAL: gp.predict_marginal(inputs)[1]}
     start = 0
-    for tested_on, test in job.tests.items():
+    for tested_on, test in tests.items():
         its, force_n = slice(start, start + len(test)), test[MODEL_OUTPUT].to_numpy()
         start = its.stop
         for name, variance in variances.items():
             half_n = QUANTILE * scaling.force_scale_n * np.sqrt(variance[its] + gp.noise_variance)
             told = cover_blocks(force_n, mean_n[its] - half_n, mean_n[its] + half_n, test["trajectory"])
-            yield (tested_on, job.muscle, name, *vars(told).values(), float(half_n.mean()))
+            yield (tested_on, muscle, name, *vars(told).values(), float(half_n.mean()))
 
 
 def tabulate_reliability(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
@@ -464,9 +458,7 @@ def compare_models(family: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame
         row = {"muscle": muscle, "trial": trial, "wider": its["wider"].mean(), **vars(told)}
         row |= {"marginal_gap": told.first_mean, "plain_gap": told.second_mean}
         for name in (PLAIN, MARGINAL):
-            row |= dict(
-                zip((f"{name}_share", f"{name}_low", f"{name}_high"), average(its[f"{name}_share"]), strict=True)
-            )
+            row[f"{name}_share"], row[f"{name}_low"], row[f"{name}_high"] = average(its[f"{name}_share"])
         found.append(row)
     return judge_differences(pd.DataFrame(found), "p_t", "marginal closer", "plain closer")
 

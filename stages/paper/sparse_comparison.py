@@ -7,8 +7,8 @@ Experiments are paired: both models begin with the same initial trials. This sta
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from itertools import product
 from typing import Annotated, Any
 
 import pandas as pd
@@ -114,7 +114,7 @@ def sparse_comparison(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Draw the learning curves of sparse and exact models and test what keeping and choosing gain."""
     tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
-    jobs, who = [], ["participant", "experiment"]
+    jobs, who = {}, ["participant", "experiment"]
     for muscle in sparse_models["muscle"].unique():
         constants = Scaling.of_muscle(scaling, muscle)
         its_tests = {}
@@ -124,12 +124,9 @@ def sparse_comparison(
         its_models, its_pseudo = (each[each["muscle"] == muscle] for each in (sparse_models, sparse_pseudo_inputs))
         pseudo_of: dict[Any, pd.DataFrame] = dict(list(its_pseudo.groupby(who, sort=False)))
         for key, found in its_models.groupby(who, sort=False):
-            jobs.append(Job(str(key[0]), int(str(key[1])), str(muscle), constants, its_tests, found, pseudo_of[key]))
-    rows: list[tuple[Any, ...]] = []
-    with ctx.progress("experiments", len(jobs)) as advance:
-        for job, measured in zip(jobs, ctx.spread(measure_errors, jobs), strict=True):
-            rows += measured
-            advance(f"{job.participant} experiment {job.experiment} {job.muscle}")
+            where = str(key[0]), int(str(key[1])), str(muscle)
+            jobs["{} experiment {} {}".format(*where)] = (*where, constants, its_tests, found, pseudo_of[key])
+    rows = ctx.gather("experiments", measure_errors, jobs)
     curve = pd.DataFrame(rows, columns=list(SPARSE_CURVE.columns))
     if curve.empty:
         return curve, pd.DataFrame(columns=list(SPARSE_COMPARISON.columns))
@@ -149,29 +146,24 @@ def sparse_comparison(
     return curve, compare_ways(curve, cfg.sparse_comparison.margin)
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """The sparse models of one muscle in one experiment, in all arms and after all trials, and what tests them."""
-
-    participant: str
-    experiment: int
-    muscle: str
-    scaling: Scaling
-    tests: Mapping[str, tuple[Array, Array]]
-    models: pd.DataFrame
-    pseudo: pd.DataFrame
-
-
-def measure_errors(job: Job) -> list[tuple[Any, ...]]:
-    """Return the rows of `sparse_curve` of one muscle's sparse models in one experiment."""
+def measure_errors(
+    participant: str,
+    experiment: int,
+    muscle: str,
+    scaling: Scaling,
+    tests: Mapping[str, tuple[Array, Array]],
+    models: pd.DataFrame,
+    pseudo_inputs: pd.DataFrame,
+) -> list[tuple[Any, ...]]:
+    """Return the rows of `sparse_curve` of one muscle's sparse models in one experiment, in all arms and trials."""
     rows = []
-    pseudo_of: dict[Any, pd.DataFrame] = dict(list(job.pseudo.groupby(["arm", "trial"], sort=False)))
-    for key, model in job.models.groupby(["arm", "trial"], sort=False):
+    pseudo_of: dict[Any, pd.DataFrame] = dict(list(pseudo_inputs.groupby(["arm", "trial"], sort=False)))
+    for key, model in models.groupby(["arm", "trial"], sort=False):
         pseudo, theta = pseudo_of[key], model["value"].to_numpy()
-        at, weights = job.scaling.inputs_of(pseudo), pseudo["weight"].to_numpy()
-        for tested_on, (inputs, force_n) in job.tests.items():
-            rate = error_rate(job.scaling.restore_force(predict_weighted(at, weights, theta, inputs)), force_n)
-            where = (job.participant, job.experiment, "sparse", *key, tested_on, job.muscle)
+        at, weights = scaling.inputs_of(pseudo), pseudo["weight"].to_numpy()
+        for tested_on, (inputs, force_n) in tests.items():
+            rate = error_rate(scaling.restore_force(predict_weighted(at, weights, theta, inputs)), force_n)
+            where = participant, experiment, "sparse", *key, tested_on, muscle
             rows.append((*where, rate * float(force_n.max()), rate))
     return rows
 
@@ -211,26 +203,16 @@ def pair_lines(curve: pd.DataFrame) -> list[tuple[str, str, str]]:
 
 def compare_ways(curve: pd.DataFrame, margin: float) -> pd.DataFrame:
     """Return the rows of `sparse_comparison`, from a curve with the design's arm first for either model."""
-    pairs = pair_lines(curve)
-    frames = [
-        compare_family(label_lines(curve[curve["tested_on"] == tested_on]), pairs, margin).assign(tested_on=tested_on)
-        for tested_on in curve["tested_on"].unique()
-    ]
-    return pd.concat(frames, ignore_index=True)[list(SPARSE_COMPARISON.columns)]
-
-
-def compare_family(labelled: pd.DataFrame, pairs: Sequence[tuple[str, str, str]], margin: float) -> pd.DataFrame:
-    """Return the rows of one test set, whose p-values are adjusted together."""
-    table = average_muscles(labelled).pivot_table(
-        index=["participant", "experiment"], columns=["line", "trial"], values="error_rate"
-    )
-    rows: list[dict[str, Any]] = []
-    for measure in ("final", "curve"):
-        for question, first, second in pairs:
+    frames = []
+    for tested_on, its in average_muscles(label_lines(curve)).groupby("tested_on", sort=False):
+        table = its.pivot_table(index=["participant", "experiment"], columns=["line", "trial"], values="error_rate")
+        rows = []
+        for measure, (question, first, second) in product(("final", "curve"), pair_lines(curve)):
             last = min(int(table[line].columns.max()) for line in (first, second))
             trials = [last] if measure == "final" else list(range(1, last + 1))
             both = pd.DataFrame({line: table[line][trials].to_numpy().mean(axis=1) for line in (first, second)})
             values = both.dropna()[first].to_numpy(), both.dropna()[second].to_numpy()
-            compared = vars(compare_pairs(*values)) | vars(judge_paired_equivalence(*values, margin))
-            rows.append({"question": question, "measure": measure, "first": first, "second": second, **compared})
-    return judge_with_equivalence(pd.DataFrame(rows), "p_t", "first better", "second better")
+            where = {"tested_on": tested_on, "question": question, "measure": measure, "first": first, "second": second}
+            rows.append(where | vars(compare_pairs(*values)) | vars(judge_paired_equivalence(*values, margin)))
+        frames.append(judge_with_equivalence(pd.DataFrame(rows), "p_t", "first better", "second better"))
+    return pd.concat(frames, ignore_index=True)[list(SPARSE_COMPARISON.columns)]

@@ -148,24 +148,16 @@ class SamplesEnough(View):
     participants: dict[str, Any]
 
     @model_validator(mode="after")
-    def _find_movements(self) -> Self:
-        check_movements(self.sparse_loop, self.bank.trajectories, self.subsampling.initial_trials)
-        return self
-
-    @model_validator(mode="after")
-    def _find_samples(self) -> Self:
-        section, initial = self.sparse_loop, self.subsampling.initial_trials
-        kept = initial * count_kept(self.exoskeleton.samples, section.every)
+    def _fit(self) -> Self:
+        section, initial, samples = self.sparse_loop, self.subsampling.initial_trials, self.exoskeleton.samples
+        check_movements(section, self.bank.trajectories, initial)
+        kept_of_one = -(-samples // section.every)
+        kept = initial * kept_of_one
         if section.pseudo_inputs > kept:
             raise ValueError(
                 f"sparse_loop.pseudo_inputs: expected at most the {kept} samples that are kept of the {initial} "
                 f"initial trials, got {section.pseudo_inputs}; lower it or sparse_loop.every"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _fit_memory(self) -> Self:
-        section, samples = self.sparse_loop, self.exoskeleton.samples
         experiments = len(self.participants) * min(section.experiments, self.subsampling.experiments)
         rows = len(choose_arms(section, False)) * section.trials * samples * len(self.exoskeleton.muscles)
         if rows * experiments > MOST_ROWS:
@@ -173,7 +165,7 @@ class SamplesEnough(View):
                 f"sparse_loop.experiments: expected recordings of at most {MOST_ROWS} rows in all, which still fit in "
                 f"memory, got {rows * experiments}; lower it, sparse_loop.trials or exoskeleton.sampling_rate_hz"
             )
-        kept = (self.subsampling.initial_trials + section.trials) * count_kept(samples, section.every)
+        kept = (initial + section.trials) * kept_of_one
         if kept * section.pseudo_inputs > MOST_NUMBERS:
             raise ValueError(
                 f"sparse_loop.every: expected at most {MOST_NUMBERS} pseudo-inputs x samples, which still fit in "
@@ -212,22 +204,19 @@ def sparse_loop(
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     check_movements(section, len(muscles.trajectories), int(initial_trials["position"].max()))
     rig.check_bank(references, "trajectory")
-    experiments = []
+    experiments: dict[str, tuple[Experiment]] = {}
     for (participant, number), initial in initial_trials.groupby(["participant", "experiment"], sort=False):
         if int(str(number)) > section.experiments:
             continue
         executed = hardware_recordings.query("participant == @participant and experiment == @number")
         start = thin(executed, section.every, ["position"])
         used = [int(each) for each in initial["trajectory"]]
-        experiments.append(
-            Experiment(cfg, ctx, muscles, references, start, used, str(participant), int(str(number)), arms)
-        )
-    with ctx.progress("experiments", len(experiments)) as advance:
-        for each, keys in zip(experiments, ctx.spread(Experiment.run, experiments), strict=True):
-            ctx.record.include(keys)
-            advance(f"{each.participant} experiment {each.number}")
-    tables = ctx.record.collect()
-    ctx.document("cost", experiments[0].measure_costs(tables))
+        who = str(participant), int(str(number))
+        job = Experiment(cfg, ctx, muscles, references, start, used, *who, arms)
+        experiments["{} experiment {}".format(*who)] = (job,)
+    tables = ctx.land("experiments", Experiment.run, experiments)
+    (first,) = next(iter(experiments.values()))
+    ctx.document("cost", first.measure_costs(tables))
     return tables
 
 
@@ -236,11 +225,6 @@ def choose_arms(section: SparseLoop, real: bool) -> list[str]:
     if real and not section.real:
         return []
     return [section.utility, *(each for each in section.controls if each != section.utility)]
-
-
-def count_kept(samples: int, every: int) -> int:
-    """Return how many samples thinning leaves of a trial."""
-    return -(-samples // every)
 
 
 def check_movements(section: SparseLoop, movements: int, initial: int) -> None:

@@ -115,12 +115,8 @@ class TrialsEnough(View):
     time_shift: TimeShift
 
     @model_validator(mode="after")
-    def _find_movements(self) -> Self:
+    def _fit(self) -> Self:
         self.time_shift.loop.check_against("time_shift", self.bank.trajectories, self.exoskeleton.samples)
-        return self
-
-    @model_validator(mode="after")
-    def _shift_within_trials(self) -> Self:
         amplitudes_s, sample_s = self.time_shift.amplitudes_s, 1 / self.exoskeleton.sampling_rate_hz
         if amplitudes_s[0] < sample_s or amplitudes_s[-1] > self.exoskeleton.trial_s:
             raise ValueError(
@@ -152,17 +148,12 @@ def time_shift(
     """Replay experiments with and without time shifts and compare their errors."""
     section = cfg.time_shift
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
-    tests = [ForceTest.read("bank", bank, muscles)]
-    if unseen_bank is not None:
-        tests.append(ForceTest.read("unseen_bank", unseen_bank, muscles))
-    run, frames = partial(land, section, ctx, Replay.read(muscles, bank), tests), []
-    with ctx.progress("experiments", section.experiments) as advance:
-        for part in ctx.spread(run, range(1, section.experiments + 1)):
-            frames.append(part[SHIFT_CURVE.name])
-            advance(f"experiment {len(frames)}")
-    curve = pd.concat(frames, ignore_index=True).sort_values(
-        ["amplitude_s", "experiment", "trial"], kind="stable", ignore_index=True
-    )
+    banks = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
+    tests = [ForceTest.read(name, frame, muscles) for name, frame in banks.items()]
+    replay = partial(land, section, ctx, Replay.read(muscles, bank), tests)
+    jobs = {f"experiment {each}": (each,) for each in range(1, section.experiments + 1)}
+    curve = ctx.land("experiments", replay, jobs)[SHIFT_CURVE.name]
+    curve = curve.sort_values(["amplitude_s", "experiment", "trial"], kind="stable", ignore_index=True)
     caption = (
         "Error rate averaged over muscles after each trial, where the samples taken are shifted in time by up to so "
         f"much, on each set of recordings: mean and SD over {section.experiments} replayed experiments."
@@ -171,10 +162,8 @@ def time_shift(
     return curve, compare_shifts(curve, section.margin)
 
 
-def land(
-    section: TimeShift, ctx: Context, replay: Replay, tests: Sequence[ForceTest], experiment: int
-) -> dict[str, pd.DataFrame]:
-    """Replay one experiment without shift and with each, or read what an earlier process landed."""
+def land(section: TimeShift, ctx: Context, replay: Replay, tests: Sequence[ForceTest], experiment: int) -> list[str]:
+    """Replay one experiment without shift and with each, unless its part is there; return the part's name."""
 
     def make() -> dict[str, pd.DataFrame]:
         generator = partial(ctx.generator, "experiment", experiment)
@@ -191,12 +180,11 @@ def land(
                         (amplitude_s, experiment, trial, test.name, name, rate * largest, rate)
                         for name, rate, largest in zip(muscles.names, rates, test.largest_n, strict=True)
                     ]
-        return {
-            SHIFT_CURVE.name: pd.DataFrame(rows, columns=list(SHIFT_CURVE.columns)),
-            SHIFT_COMPARISON.name: pd.DataFrame(columns=list(SHIFT_COMPARISON.columns)),
-        }
+        return {SHIFT_CURVE.name: pd.DataFrame(rows, columns=list(SHIFT_CURVE.columns))}
 
-    return ctx.record.part((f"{experiment:04d}",), make)
+    name = f"{experiment:04d}"
+    ctx.record.part((name,), make)
+    return [name]
 
 
 def summarise(curve: pd.DataFrame) -> pd.DataFrame:

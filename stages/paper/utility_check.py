@@ -7,8 +7,7 @@ Laplace approximation: of a trajectory's samples one by one, added up, and of al
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 from typing import Annotated, Any
 
@@ -112,17 +111,6 @@ class Config(Section):
     seed: int
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """The models of all muscles in one experiment after one trial."""
-
-    participant: str
-    experiment: int
-    trial: int
-    thetas: list[Array]
-    points: pd.DataFrame
-
-
 @stage(UTILITY_AGREEMENT, UTILITY_SUMMARY, stream="utility_check")
 def utility_check(
     cfg: Config,
@@ -137,13 +125,17 @@ def utility_check(
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     design = models["arm"].iloc[0]
     models, points = models[models["arm"] == design], points[points["arm"] == design]
-    jobs = list(gather(muscles, models, points, cfg.utility_check.experiments))
-    check = partial(check_models, cfg.utility_check, ctx, muscles)
-    rows: list[tuple[Any, ...]] = []
-    with ctx.progress("models", len(jobs)) as advance:
-        for job, found in zip(jobs, ctx.spread(check, jobs), strict=True):
-            rows += found
-            advance(f"{job.participant} experiment {job.experiment} trial {job.trial}")
+    last = int(models["trial"].max())
+    first = models["experiment"] <= cfg.utility_check.experiments
+    chosen = models[first & models["trial"].isin([0, last // 2, last])]
+    jobs = {}
+    for key, its in chosen.groupby(["participant", "experiment", "trial"], sort=False):
+        where = participant, experiment, trial = str(key[0]), int(str(key[1])), int(str(key[2]))
+        thetas = [its.loc[its["muscle"] == name, "value"].to_numpy() for name in muscles.names]
+        known = points[(points["participant"] == participant) & (points["experiment"] == experiment)]
+        note = f"{participant} experiment {experiment} trial {trial}"
+        jobs[note] = where, thetas, known[known["trial"] <= trial]
+    rows = ctx.gather("models", partial(check_models, cfg.utility_check, ctx, muscles), jobs)
     agreement = pd.DataFrame(rows, columns=list(UTILITY_AGREEMENT.columns))
     caption = (
         "Share of the most telling trajectory's information that the choice of each utility forgoes, by Monte Carlo "
@@ -153,29 +145,24 @@ def utility_check(
     return agreement, summarise(agreement)
 
 
-def gather(muscles: MuscleSet, models: pd.DataFrame, points: pd.DataFrame, experiments: int) -> Iterator[Job]:
-    """Yield the models of the first experiments of each participant, after trials 0, the middle and the last."""
-    last = int(models["trial"].max())
-    trials = sorted({0, last // 2, last})
-    chosen = models[(models["experiment"] <= experiments) & models["trial"].isin(trials)]
-    for key, its in chosen.groupby(["participant", "experiment", "trial"], sort=False):
-        participant, experiment, trial = str(key[0]), int(str(key[1])), int(str(key[2]))
-        thetas = [its.loc[its["muscle"] == name, "value"].to_numpy() for name in muscles.names]
-        known = points[(points["participant"] == participant) & (points["experiment"] == experiment)]
-        yield Job(participant, experiment, trial, thetas, known[known["trial"] <= trial])
-
-
-def check_models(cfg: UtilityCheck, ctx: Context, muscles: MuscleSet, job: Job) -> list[tuple[Any, ...]]:
-    """Return the rows of `utility_agreement` of one set of models."""
-    inputs, outputs = muscles.standardise(job.points)
-    data = zip(inputs, outputs, job.thetas, muscles.priors, strict=True)
+def check_models(
+    cfg: UtilityCheck,
+    ctx: Context,
+    muscles: MuscleSet,
+    where: tuple[str, int, int],
+    thetas: Sequence[Array],
+    points: pd.DataFrame,
+) -> list[tuple[Any, ...]]:
+    """Return the rows of `utility_agreement` of the models of all muscles in one experiment after one trial."""
+    inputs, outputs = muscles.standardise(points)
+    data = zip(inputs, outputs, thetas, muscles.priors, strict=True)
     models = [condition(x, y, theta, prior, mean=muscles.mean) for x, y, theta, prior in data]
     paths = [each[:, :: cfg.every] for each in muscles.candidates]
     trajectories, samples, dimensions = paths[0].shape
     # each trajectory's information densities, (S, R), over all muscles: one by one, and together
     alone, together = np.zeros((2, cfg.draws, trajectories))
     for name, model, its in zip(muscles.names, models, paths, strict=True):
-        generator = ctx.generator(job.participant, job.experiment, job.trial, name)
+        generator = ctx.generator(*where, name)
         drawn = draw_models(model, cfg.draws, generator)
         densities = point_information(drawn, its.reshape(-1, dimensions))
         alone += densities.reshape(cfg.draws, trajectories, samples).sum(axis=2)
@@ -190,7 +177,7 @@ def check_models(cfg: UtilityCheck, ctx: Context, muscles: MuscleSet, job: Job) 
         for name in CHOICES:
             random = 0.0, forgo(information.mean(), information)
             agreement = random if name == RANDOM else agree(scores[name], information)
-            rows.append((job.participant, job.experiment, job.trial, target, name, *agreement, *yardstick))
+            rows.append((*where, target, name, *agreement, *yardstick))
     return rows
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from tests.conftest import TINY, Command
 from tests.faults import find_parts, tables_of, wait_until
+from tests.studies import read_stages, run_stage
 
 BEFORE = ["bank", "subsampling", "hyperprior", "hardware"]
 STAGES = [*BEFORE, "active_loop", "comparison", "participant_differences", "tracking_delay"]
@@ -76,9 +77,10 @@ def test_error_rates_are_those_of_a_model_rebuilt_from_the_tables(run):
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-    row = read(run, "learning_curve").query("arm == 'y_y' and muscle == 'pam3' and trial == 2").iloc[0]
-    theta = read(run, "models").query("arm == 'y_y' and muscle == 'pam3' and trial == 2")["value"].to_numpy()
-    points = read(run, "points").query("arm == 'y_y' and muscle == 'pam3' and trial <= 2")
+    its = "arm == 'y_y' and muscle == 'pam3' and trial"
+    row = read(run, "learning_curve").query(f"{its} == 2").iloc[0]
+    theta = read(run, "models").query(f"{its} == 2")["value"].to_numpy()
+    points = read(run, "points").query(f"{its} <= 2")
     scaling = read(run, "scaling").query("muscle == 'pam3'").set_index("quantity")
     test = read(run, "bank").query("muscle == 'pam3'")
     inputs = ["pressure_kpa", "contraction", "contraction_velocity_per_s"]
@@ -89,12 +91,22 @@ def test_error_rates_are_those_of_a_model_rebuilt_from_the_tables(run):
     kernel = ConstantKernel(np.exp(2 * theta[3])) * RBF(np.exp(theta[:3])) + WhiteKernel(np.exp(2 * theta[4]))
     model = GaussianProcessRegressor(kernel, optimizer=None, alpha=0.0)
     model.fit(standard(points, inputs), standard(points, ["force_n"])[:, 0])
-    predicted = (
-        model.predict(standard(test, inputs)) * scaling.loc["force_n", "scale"] + scaling.loc["force_n", "centre"]
-    )
+    centre, scale = scaling.loc["force_n", ["centre", "scale"]]
+    predicted = model.predict(standard(test, inputs)) * scale + centre
     rmse_n = np.sqrt(np.mean((predicted - test["force_n"]) ** 2))
     assert row["rmse_n"] == pytest.approx(rmse_n, rel=1e-6)
     assert row["error_rate"] == pytest.approx(rmse_n / test["force_n"].max(), rel=1e-6)
+
+
+def test_picks_are_the_same_with_the_force_of_the_bank_set_to_nan(run, tmp_path):
+    until_chosen = [*BEFORE[1:], "active_loop"]
+    study, stages = read_stages(["bank", *until_chosen])
+    tables = {"bank": read(run, "bank").assign(force_n=np.nan)}
+    for name in until_chosen:
+        tables.update(run_stage(study, stages[name], tmp_path, tables))
+    assert tables["bank"]["force_n"].isna().all()
+    for name in ("trials", "points", "models"):
+        pd.testing.assert_frame_equal(tables[name], read(run, name), check_exact=True)
 
 
 @pytest.mark.slow

@@ -1,9 +1,14 @@
-"""The comparison of arms against SciPy, with verdicts and advice that planted data turn either way."""
+"""Comparisons of arms and of participants against SciPy and statsmodels, with verdicts that planted data turn."""
 
+import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
+from statsmodels.stats.weightstats import ttost_ind
 
 from stages.identification.comparison import describe_final_errors, keep_common, pair_arms, recommend, summarise
+from stages.identification.participant_differences import compare_participants
+from stages.science.muscle_models.error_rates import add_average
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 
 ARMS = ["y_y", "variance", "random"]
@@ -39,18 +44,24 @@ def test_planted_data_turn_verdict_and_advice(means, verdict, recommended, word,
     assert advised["advice"].str.contains(word, regex=False).all()
 
 
-def test_each_size_and_test_set_is_a_family_and_the_largest_advises(generator):
+def check_families(compare, curve, sizes, n, rows, p_value):
+    """Check that each size and test set is a family of its own; return the comparison of all that there are."""
+    told = compare(curve, [4, None, 99])
+    assert told.groupby(["tested_on", n]).size().to_dict() == {
+        (name, size): rows for name in ("bank", "unseen_bank") for size in sizes
+    }
+    for _, family in told.groupby(["tested_on", n]):
+        assert_holm(family, rows, p_value)
+    few = compare(curve[(curve["experiment"] <= 4) & (curve["tested_on"] == "bank")], [None])
+    its = told[(told[n] == sizes[0]) & (told["tested_on"] == "bank")]
+    pd.testing.assert_frame_equal(its.reset_index(drop=True), few)
+    return told
+
+
+def test_each_size_and_test_set_is_a_family_of_arms_and_the_largest_advises(generator):
     means = {"y_y": 0.036, "variance": 0.0362, "random": 0.0364}
     curve = make_curve(generator, means, experiments=10, tests=("bank", "unseen_bank"))
-    told = pair_arms(curve, ARMS, [4, None, 99])
-    assert told.groupby(["tested_on", "n"]).size().to_dict() == {
-        (name, n): 4 for name in ("bank", "unseen_bank") for n in (8, 20)
-    }
-    for _, family in told.groupby(["tested_on", "n"]):
-        assert_holm(family, 4)
-    few = pair_arms(curve[(curve["experiment"] <= 4) & (curve["tested_on"] == "bank")], ARMS, [None])
-    its = told[(told["n"] == 8) & (told["tested_on"] == "bank")].reset_index(drop=True)
-    pd.testing.assert_frame_equal(its, few)
+    told = check_families(lambda its, sizes: pair_arms(its, ARMS, sizes), curve, (8, 20), "n", 4, "p_t")
     assert (recommend(told, "y_y")["n"] == 20).all()
 
 
@@ -70,3 +81,57 @@ def test_without_controls_there_is_nothing_to_compare_or_advise(generator):
     told = pair_arms(make_curve(generator, {"y_y": 0.036}), ["y_y"], [None])
     assert told.empty
     assert recommend(told, "y_y").empty
+
+
+def make_people(generator, means, experiments=8, sd=0.002):
+    """Return error rates of each participant around a mean of their own, with their average over muscles."""
+    return add_average(make_curve(generator, {"y_y": 0.0}, experiments, sd, ("bank",), tuple(means), 0.05, means))
+
+
+def compare_people(curve, sizes=(None,), margin=0.01):
+    return compare_participants(curve, list(curve["participant"].unique()), ["mean", "pam1", "pam2"], margin, sizes)
+
+
+def test_participants_are_compared_as_by_scipy_and_statsmodels_on_the_last_trial(generator):
+    curve = make_people(generator, {"p1": 0.036, "p2": 0.039})
+    told = compare_people(curve).set_index(["first", "second", "muscle"])
+    row = told.loc[("p1", "p2", "pam1")]
+    last = curve[(curve["trial"] == 2) & (curve["muscle"] == "pam1")]
+    first, second = (last.loc[last["participant"] == who, "error_rate"].to_numpy() for who in ("p1", "p2"))
+    expected = stats.ttest_ind(first, second, equal_var=False)
+    assert row["p_welch"] == pytest.approx(expected.pvalue, rel=1e-9)
+    assert (row["low"], row["high"]) == pytest.approx(tuple(expected.confidence_interval(0.95)), rel=1e-9)
+    assert row["p_tost"] == pytest.approx(ttost_ind(first, second, -0.01, 0.01, usevar="unequal")[0], rel=1e-9)
+    assert (row["n_first"], row["n_second"]) == (8, 8)
+    its = curve[(curve["trial"] == 2) & (curve["muscle"] != "mean") & (curve["participant"] == "p1")]
+    assert told.loc[("p1", "p2", "mean"), "first_mean"] == pytest.approx(its["error_rate"].mean(), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("means", "sd", "margin", "verdict"),
+    [
+        ({"p1": 0.03, "p2": 0.06}, 0.002, 0.01, "different"),
+        ({"p1": 0.03, "p2": 0.03}, 0.002, 0.01, "equivalent"),
+        ({"p1": 0.030, "p2": 0.036}, 0.001, 0.01, "different within the margin"),
+        ({"p1": 0.03, "p2": 0.03}, 0.03, 0.01, "undecided"),
+    ],
+)
+def test_planted_data_turn_the_verdict_on_participants(means, sd, margin, verdict, generator):
+    told = compare_people(make_people(generator, means, sd=sd), margin=margin)
+    assert (told["verdict"] == verdict).all()
+
+
+def test_each_size_and_test_set_is_a_family_of_participants(generator):
+    curve = make_people(generator, {"p1": 0.036, "p2": 0.037, "p3": 0.038})
+    both = pd.concat([curve, curve.assign(tested_on="unseen_bank", error_rate=curve["error_rate"] + 0.01)])
+    told = check_families(compare_people, both, (4, 8), "n_first", 9, "p_welch")
+    seen, unseen = (told[(told["tested_on"] == name) & (told["n_first"] == 8)] for name in ("bank", "unseen_bank"))
+    np.testing.assert_allclose(unseen["first_mean"], seen["first_mean"] + 0.01)
+    np.testing.assert_allclose(unseen["p_welch"], seen["p_welch"])
+
+
+def test_one_experiment_decides_nothing_and_one_person_has_no_row(generator):
+    told = compare_people(make_people(generator, {"p1": 0.03, "p2": 0.06}, experiments=1))
+    assert (told["verdict"] == "undecided").all()
+    assert told[["low", "p_welch", "p_tost", "power", "n_needed"]].isna().all(axis=None)
+    assert compare_people(make_people(generator, {"p1": 0.03})).empty

@@ -63,12 +63,9 @@ def check_executor(tables, rig, real):
     assert row == {"rig": rig, "real": real, "sampling_rate_hz": 250.0, **KEPT_PACE}
 
 
-def test_says_what_executed_the_trials(without, passive):
+def test_initial_trials_are_the_same_with_and_without_and_it_is_said_what_executed_them(without, passive):
     for tables in (without, passive[2]):
         check_executor(tables, "SimulatedRig", False)
-
-
-def test_initial_trials_are_the_same_with_and_without(without, passive):
     pd.testing.assert_frame_equal(passive[2]["hardware_recordings"], without["hardware_recordings"])
     assert without["hardware_recordings"]["participant"].eq("p1").all()
 
@@ -78,6 +75,21 @@ def test_every_commanded_trial_is_recorded_as_commanded(passive):
     assert recordings.groupby("experiment")["trial"].unique().map(list).to_dict() == {1: [1, 2, 3], 2: [1, 2, 3]}
     for name in ("experiment", "trial", "time_s", "muscle", "pressure_command_kpa"):
         np.testing.assert_array_equal(recordings[name], commands[name])
+
+
+def test_recordings_are_sane(passive):
+    study, _, tables = passive
+    recordings, machine = tables["protocol_recordings"], study.build("rig").exoskeleton
+    lag = (recordings["pressure_kpa"] - recordings["pressure_command_kpa"]).abs()
+    assert lag.max() < 60.0
+    for muscle in machine.muscles:
+        rows, joint = (
+            recordings[recordings["muscle"] == muscle.name],
+            machine.joints[machine.joint_names.index(muscle.joint)],
+        )
+        assert rows["joint_angle_rad"].between(joint.lower_rad, joint.upper_rad).all()
+        assert rows["force_n"].gt(0).mean() > 0.9
+        assert np.ptp(rows["joint_angle_rad"]) > 0.5
 
 
 def test_is_what_the_rig_returns_for_a_passive_trial_with_nobody(passive, tmp_path):
@@ -116,12 +128,10 @@ def test_an_operator_is_asked_for_passive_trials_and_told_that_nobody_moves(pass
         except TrialRequested as request:
             asked.append(request.asks)
             execute_by_hand(request.asks)
-    assert [each["trial"] for each in asked] == [
-        "p1 experiment 1 initial 1",
-        "p1 experiment 1 initial 2",
-        "protocol experiment 1 trial 1",
-        "protocol experiment 1 trial 2",
+    names = [
+        f"{name} {number}" for name in ("p1 experiment 1 initial", "protocol experiment 1 trial") for number in (1, 2)
     ]
+    assert [each["trial"] for each in asked] == names
     last = asked[-1]
     assert (last["kind"], last["participant"], last["reference_rad"]) == ("passive", "nobody", {})
     rows = few["protocol_commands"].query("trial == 2 and muscle == 'pam3'")

@@ -54,11 +54,8 @@ def test_baselines_are_worse_or_better(baseline, verdict, generator):
     curve = pd.concat([make_baseline(generator, baseline), make_baseline(generator, baseline, "sparse_gp")])
     compared = compare_family(make_curve(generator, {"y_y": 0.03}, 6), curve, ["pam1", "pam2"], "bank")
     told = judged(baseline_comparison=compared)
-    assert list(told.index.get_level_values(0)) == [
-        "beats_linear",
-        "beats_linear_all_along",
-        "beats_sparse_gp",
-    ]
+    names = ["beats_linear", "beats_linear_all_along", "beats_sparse_gp"]
+    assert list(told.index.get_level_values(0)) == names
     assert (told["verdict"] == verdict).all()
     assert (told["n"] == 6).all()
 
@@ -108,9 +105,8 @@ def test_a_shift_matters_or_not(p_holm, p_tost, verdict):
     [(0.004, 0.01, "holds"), (0.004, 0.2, "does not hold"), (-0.004, 0.01, "does not hold")],
 )
 def test_no_shift_is_best_or_not(difference, p_holm, verdict):
-    row = judged(shift_comparison=make_shift(difference, p_holm, np.nan, "curve")).loc[
-        ("best_without_shift", "up to 0.3 s")
-    ]
+    told = judged(shift_comparison=make_shift(difference, p_holm, np.nan, "curve"))
+    row = told.loc[("best_without_shift", "up to 0.3 s")]
     assert (row["verdict"], row["p"]) == (verdict, p_holm)
     assert row["estimate"] == pytest.approx(-difference)
     assert row["low"] <= row["estimate"] <= row["high"]

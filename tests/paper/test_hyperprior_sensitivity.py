@@ -10,14 +10,8 @@ from scipy import stats
 from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 
 from pipeline.context import Context
-from stages.paper.hyperprior_sensitivity import (
-    Config,
-    HyperpriorSensitivity,
-    add_average,
-    change_prior,
-    compare_settings,
-    hyperprior_sensitivity,
-)
+from stages.paper import hyperprior_sensitivity as module
+from stages.paper.hyperprior_sensitivity import add_average, change_prior, compare_settings
 from stages.science.figures.sensitivity import draw_sensitivity
 from stages.science.gp.hyperprior import Hyperprior
 from tests.planted import assert_holm
@@ -164,8 +158,8 @@ def test_the_figure_has_a_point_for_each_experiment(generator):
 
 
 def run(folder, tables, context=PickledContext, **section):
-    cfg = Config(hyperprior_sensitivity=HyperpriorSensitivity(**{**SECTION, **section}), seed=0)
-    return list(run_alone(hyperprior_sensitivity, cfg, folder, tables, context=context).values())
+    cfg = module.Config(hyperprior_sensitivity=module.HyperpriorSensitivity(**{**SECTION, **section}), seed=0)
+    return list(run_alone(module.hyperprior_sensitivity, cfg, folder, tables, context=context).values())
 
 
 @pytest.fixture(scope="module")

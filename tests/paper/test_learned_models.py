@@ -321,9 +321,9 @@ def test_only_the_first_experiments_count(study):
         pd.concat([tables[name], tables[name].assign(experiment=section.experiments + 1)], ignore_index=True)
         for name in ("models", "points")
     )
-    (job,) = gather(recorded, {"bank": tables["bank"]}, models, points, section)
+    (job,) = gather(recorded, {"bank": tables["bank"]}, models, points, section).values()
     expected = tables["coverage"].query("muscle == 'pam2' and tested_on == 'bank'")
-    assert [row[9] for row in measure_coverage(job)] == list(expected["share"])
+    assert [row[9] for row in measure_coverage(*job)] == list(expected["share"])
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,9 @@ def change(stated, key, value):
     return OmegaConf.to_container(changed)
 
 
+PER_ITEM = r"each value once.*hyperprior_sensitivity.mean_shifts=\[0.5"
+
+
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
@@ -50,11 +53,7 @@ def change(stated, key, value):
         ("baselines.sparse_best_iterations", -1, "greater than or equal to 0"),
         ("baselines.starts", -1, "greater than or equal to 0"),
         ("baselines.pseudo_inputs", 30, "Extra inputs"),
-        (
-            "hyperprior_sensitivity.mean_shifts",
-            [0.5, 0.5],
-            r"each value once.*hyperprior_sensitivity.mean_shifts=\[0.5",
-        ),
+        ("hyperprior_sensitivity.mean_shifts", [0.5, 0.5], PER_ITEM),
         ("hyperprior_sensitivity.mean_shifts", [6.0], "less than or equal to 5"),
         ("hyperprior_sensitivity.mean_shifts", [], "at least 1 item"),
         ("hyperprior_sensitivity.variance_factors", [1.0], "less than 1"),

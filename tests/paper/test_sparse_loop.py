@@ -3,6 +3,7 @@
 import json
 import re
 from types import SimpleNamespace
+from unittest.mock import DEFAULT, Mock
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from stages.paper.sparse_comparison import compare_ways, join_exact
 from stages.science.gp.sparse_marginal import condition_sparse
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import thin
+from stages.science.rig.reference import track
 from stages.science.signals.measures import error_rate
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 from tests.studies import read_stages, run_stage
@@ -55,10 +57,7 @@ def after(before, tmp_path_factory):
 
 def test_the_loop_never_sees_the_banks_force(before):
     _, stages, tables = before
-    loop = stages["sparse_loop"]
-    assert "bank" not in loop.reads
-    with_force = {name for name in loop.reads if "force_n" in tables[name]}
-    assert with_force == {"hardware_recordings"}
+    assert {name for name in stages["sparse_loop"].reads if "force_n" in tables[name]} == {"hardware_recordings"}
 
 
 def test_every_sample_of_every_trial_is_kept(after):
@@ -119,31 +118,17 @@ def test_costs_of_both_models_are_measured(after):
         assert each["peak_memory_mb"] > 0
 
 
-class Stopped(Exception):
-    """Stands for a kill between two trials."""
-
-
 def test_a_killed_loop_goes_on_from_its_parts(before, after, tmp_path, monkeypatch):
     study, stages, tables = before
     loop = stages["sparse_loop"]
-    left = [3]
-
-    def stop_in_time(*arguments, **keywords):
-        left[0] -= 1
-        if left[0] < 0:
-            raise Stopped
-        return tracked(*arguments, **keywords)
-
-    module = __import__(loop.module, fromlist=["track"])
-    tracked = module.track
-    monkeypatch.setattr(module, "track", stop_in_time)
-    with pytest.raises(Stopped):
+    tracked = Mock(wraps=track, side_effect=[DEFAULT, DEFAULT, DEFAULT, KeyboardInterrupt, DEFAULT])
+    monkeypatch.setattr(f"{loop.module}.track", tracked)
+    with pytest.raises(KeyboardInterrupt):
         run_stage(study, loop, tmp_path, tables)
     parts = sorted(path.name for path in (tmp_path / "parts" / "sparse_loop").iterdir())
     assert parts == ["p1~1~random~01", "p1~1~y_y~01", "p1~1~y_y~02"]
-    left[0] = 1
     resumed = run_stage(study, loop, tmp_path, tables)
-    assert left[0] == 0
+    assert tracked.call_count == 5
     for name, frame in resumed.items():
         pd.testing.assert_frame_equal(frame, after[0][name])
 

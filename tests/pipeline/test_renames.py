@@ -34,6 +34,7 @@ def test_a_measurement_of_the_first_version_has_the_fingerprint_of_today(name):
 
 MACHINE = "kind: first_order\ninput: u\noutput: y\noutput_scale: null\npace_s: null\nconstants: {}\neffects: []\n"
 METRIC = "{table:disguise,column:x,where:{},but:{},by:mean}"
+SIMULATED_RIG, GAP = "stages.science.rig.sim.SimulatedRig", "workflow=discrepancy measured={folder}"
 WORKFLOW = "defaults:\n  - identification\n  - /rivals: stated\n"
 
 
@@ -50,22 +51,13 @@ WORKFLOW = "defaults:\n  - identification\n  - /rivals: stated\n"
         ("workflow.stages=[sealed_session]", "no stage 'sealed_session' in stages; {blinded_session}"),
         ("workflow.headline=[rival_curve]", "writes 'rival_curve'; {baseline_curve}"),
         ("+workflow.metrics.x=" + METRIC, "writes 'disguise'; {inverse_crime_check}"),
+        ("rig._target_=stages.rig.sim.SimulatedRig", "_target_ stages.rig.sim.SimulatedRig: {" + SIMULATED_RIG + "}"),
+        (f"{GAP} plant=first_order +plant.pace_s=1", "unknown key 'plant.pace_s': {plant.time_scale_s}"),
         (
-            "rig._target_=stages.rig.sim.SimulatedRig",
-            "_target_ stages.rig.sim.SimulatedRig: {stages.science.rig.sim.SimulatedRig}",
+            f"{GAP} discrepancy.search.absorbed=0.9",
+            "discrepancy.search.absorbed': {discrepancy.search.most_confounded}",
         ),
-        (
-            "workflow=discrepancy measured={folder} plant=first_order +plant.pace_s=1",
-            "unknown key 'plant.pace_s': {plant.time_scale_s}",
-        ),
-        (
-            "workflow=discrepancy measured={folder} discrepancy.search.absorbed=0.9",
-            "unknown key 'discrepancy.search.absorbed': {discrepancy.search.most_confounded}",
-        ),
-        (
-            "workflow=discrepancy measured={folder} plant={folder}/machine.yaml",
-            "unknown key 'plant.pace_s': {plant.time_scale_s}",
-        ),
+        (f"{GAP} plant={{folder}}/machine.yaml", "unknown key 'plant.pace_s': {plant.time_scale_s}"),
         ("--config-dir={folder} workflow=mine", "unknown group 'rivals': {baselines}"),
     ],
 )

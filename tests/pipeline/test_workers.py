@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from pipeline.workers import count_cores, spread
+from pipeline.workers import spread
 from tests.faults import find_parts, ledger_of, tables_of, wait_until
 from tests.pipeline.conftest import CONFIG, Toy, children_of, end, success, the_only_line, wait_for_the_end_of
 
@@ -30,10 +30,6 @@ def test_what_a_job_raises_is_raised_here_after_the_results_before_it(workers):
     assert [next(results) for _ in range(3)] == [0, 1, 2]
     with pytest.raises(ValueError, match="math domain error"):
         next(results)
-
-
-def test_counts_the_cores_that_may_be_used():
-    assert 1 <= count_cores() <= (os.cpu_count() or 1)
 
 
 def test_a_fault_in_a_worker_is_told_with_its_traceback_and_mended_runs_go_on(split):

@@ -53,18 +53,14 @@ class Config(Section):
 @stage(DOUBLES, HALVES)
 def doubling(cfg: Config, numbers, ctx):
     """Double and halve each number, one part each, wherever there is a worker."""
-    rows = list(zip(numbers["number"], numbers["draw"], strict=True))
-    with ctx.progress("doubling", len(rows)) as advance:
-        for key in ctx.spread(partial(land, cfg.doubling, ctx), rows):
-            ctx.record.include([key])
-            advance(key)
-    return ctx.record.collect()
+    jobs = {str(row[0]): row for row in zip(numbers["number"], numbers["draw"], strict=True)}
+    return ctx.land("doubling", partial(land, cfg.doubling, ctx), jobs)
 
 
-def land(cfg: Doubling, ctx, row):
+def land(cfg: Doubling, ctx, *row):
     """Land one number's part."""
-    ctx.record.part((row[0],), partial(double, cfg, ctx, *row))
-    return ctx.record.name((row[0],))
+    ctx.record.part(row[:1], partial(double, cfg, ctx, *row))
+    return [ctx.record.name(row[:1])]
 
 
 def double(cfg: Doubling, ctx, number, draw):
