@@ -47,16 +47,7 @@ class Policy:
 
 @dataclass(frozen=True)
 class Choice:
-    """What `Knowledge.ask` answers.
-
-    Parameters
-    ----------
-    trajectory : int
-        Index into the bank.
-    scores : (R,) float array or None
-        Utility of each trajectory (nats for the information utilities); minus infinity where excluded. None when the
-        choice was random.
-    """
+    """A trajectory's index in the bank, and the (R,) utilities, minus infinity where excluded; None at random."""
 
     trajectory: int
     scores: Array | None

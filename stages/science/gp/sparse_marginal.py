@@ -111,16 +111,9 @@ class SparseMarginalGP(MarginalModel):
 
 @dataclass(frozen=True)
 class Slopes:
-    """What the slopes of all points share.
+    """What the slopes of all points share: Q_d, (D, M, M); rows of M numbers; 2 sn^2 B^-1 V Lam^-2 V' B^-1, (M, M).
 
-    Parameters
-    ----------
-    quadratic : (D, M, M) float array
-        Q_d.
-    linear : (D + 1 (+ 1), M) float array
-        c_d of each length, c_s and, with a constant mean, -B^-1 V Lam^-1 1.
-    noise : (M, M) float array
-        2 sn^2 B^-1 V Lam^-2 V' B^-1.
+    The rows are c_d of each length, c_s and, with a constant mean, -B^-1 V Lam^-1 1.
     """
 
     quadratic: Array
