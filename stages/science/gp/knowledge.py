@@ -117,7 +117,7 @@ class Knowledge(ABC):
         outputs: Sequence[Array],
         generators: Sequence[np.random.Generator],
     ) -> Self:
-        """Return what is known with a trial's samples appended."""
+        """Return what is known with samples of a trial of the bank appended."""
         x, y = (
             tuple(np.concatenate(each) for each in zip(known, new, strict=True))
             for known, new in ((self.inputs, inputs), (self.outputs, outputs))

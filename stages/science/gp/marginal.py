@@ -25,21 +25,9 @@ LARGEST_SLOPE = 1e150
 
 
 class MarginalGP(MarginalModel):
-    """An exact GP at given hyperparameters, with their Laplace approximation.
+    """An exact GP at given hyperparameters, (P,), usually the MAP, with their Laplace approximation.
 
-    Parameters
-    ----------
-    posterior : LogPosterior
-        Data and hyperprior.
-    theta : (P,) float array
-        Where to condition, usually the MAP.
-    covariance : (P, P) float array, optional
-        S, instead of the Laplace approximation at theta.
-
-    Raises
-    ------
-    ValueError
-        When theta or covariance has the wrong shape or is not finite.
+    S, (P, P), may be given instead. A `ValueError` tells a shape of theta or S that does not fit, or no finite value.
     """
 
     def __init__(self, posterior: LogPosterior, theta: Array, covariance: Array | None = None):

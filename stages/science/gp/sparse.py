@@ -54,21 +54,8 @@ class SparseSlopes:
 class SparsePosterior:
     """The log marginal likelihood of a sparse GP, plus a hyperprior's log density if there is one.
 
-    One thread at a time may ask: all calls share working memory of 2 N M numbers.
-
-    Parameters
-    ----------
-    inputs, outputs : (N, D) and (N,) float arrays
-        Standardised.
-    prior : Hyperprior, optional
-        Of D + 2 hyperparameters, D + 3 with a constant mean.
-    mean : str
-        ``zero`` or ``constant``.
-
-    Raises
-    ------
-    ValueError
-        When a shape does not fit or a value is not finite.
+    Takes and refuses what `LogPosterior` does. One thread at a time may ask: all calls share working memory of 2 N M
+    numbers.
     """
 
     def __init__(self, inputs: Array, outputs: Array, prior: Hyperprior | None = None, mean: str = "zero"):

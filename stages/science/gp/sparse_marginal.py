@@ -42,23 +42,8 @@ STEP = 1e-4
 class SparseMarginalGP(MarginalModel):
     """A sparse GP at given pseudo-inputs and hyperparameters, with the Laplace approximation of the latter.
 
-    Parameters
-    ----------
-    posterior : SparsePosterior
-        Data and hyperprior.
-    pseudo : (M, D) float array
-        Pseudo-inputs, in the units of the data's inputs.
-    theta : (P,) float array
-        Where to condition, usually the MAP.
-    covariance : (P, P) float array, optional
-        S, instead of the Laplace approximation at theta.
-
-    Raises
-    ------
-    ValueError
-        When there is no hyperprior, a shape does not fit or a value is not finite.
-    FactorisationError
-        When theta is out of range or the noise too low.
+    Takes and refuses what `SparseGP` does, a posterior without a hyperprior too; S, (P, P), may be given instead of the
+    Laplace approximation at theta.
     """
 
     def __init__(self, posterior: SparsePosterior, pseudo: Array, theta: Array, covariance: Array | None = None):
@@ -99,7 +84,7 @@ class SparseMarginalGP(MarginalModel):
     @cached_property
     def slopes(self) -> Slopes:
         """What the slopes of all points share."""
-        return find_slopes(self.posterior, self.pseudo, self.theta)
+        return _find_slopes(self.posterior, self.pseudo, self.theta)
 
     def _predictor(self, size: int) -> SparsePredictor:
         return SparsePredictor(self, size)
@@ -121,8 +106,8 @@ class Slopes:
     noise: Array
 
 
-def find_slopes(posterior: SparsePosterior, pseudo: Array, theta: Array) -> Slopes:
-    """Return what the slopes of all points share, from one pass over the data for each length."""
+def _find_slopes(posterior: SparsePosterior, pseudo: Array, theta: Array) -> Slopes:
+    """Pass over the data once for each length."""
     with np.errstate(all="ignore"):
         at = posterior.condition(pseudo, theta)
     read, whiten, inner = at.read, at.factor.inverse, at.inner
@@ -213,5 +198,5 @@ class SparsePredictor:
 def condition_sparse(
     inputs: Array, outputs: Array, pseudo: Array, theta: Array, prior: Hyperprior, mean: str = "zero"
 ) -> SparseMarginalGP:
-    """Return the model at given pseudo-inputs and theta, without a search; takes what `SparseMarginalGP` does."""
+    """Return the model at given pseudo-inputs and theta, without a search."""
     return SparseMarginalGP(SparsePosterior(inputs, outputs, prior, mean), pseudo, theta)
