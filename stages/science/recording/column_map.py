@@ -62,12 +62,7 @@ class ColumnMap:
     def part_columns(self, names: Sequence[str]) -> dict[str, dict[str, str]]:
         """Return for each ending the file's columns and their names without it, as far as they are wanted.
 
-        A column without any of the endings belongs to all parts.
-
-        Raises
-        ------
-        RecordingError
-            When no wanted column has one of the endings.
+        A column without any of the endings belongs to all parts. A `RecordingError` tells an ending of no column.
         """
         wanted, found = list(self.sources.values()), {}
         for end in self.endings:
@@ -93,19 +88,8 @@ class ColumnMap:
     def adopt(self, frame: pd.DataFrame, names: Sequence[str], stated_units: Mapping[str, str]) -> pd.DataFrame:
         """Return this project's columns of a file's rows, a row for each muscle and time where the file is wide.
 
-        Parameters
-        ----------
-        frame : DataFrame
-            As read, with the columns that the map names.
-        names : sequence of str
-            All columns of the file.
-        stated_units : mapping of str to str
-            Units from a row of their own, by column.
-
-        Raises
-        ------
-        RecordingError
-            As of `columns.adopt` and `check_headings`, and where there are no rows.
+        The frame has the columns that the map names, `names` all of the file, and the stated units are from a row of
+        their own. Raises as `columns.adopt` and `check_headings`, and a `RecordingError` where there are no rows.
         """
         columns = {**self.columns, **({"part": "part"} if self.endings else {})}
         for muscle in self.muscles["muscle"] if is_wide(columns) else [""]:
