@@ -29,7 +29,6 @@ import numpy as np
 from stages.science.gp.cross import choose_cross
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.kernel import Array, covariance_among, squared_differences
-from stages.science.gp.laplace import Laplace, accept, approximate
 from stages.science.gp.marginal_model import MarginalModel
 from stages.science.gp.prediction import Moments, limit_chunk
 from stages.science.gp.sparse import SparsePosterior, blocks, replace_lengths
@@ -49,10 +48,8 @@ class SparseMarginalGP(MarginalModel):
     def __init__(self, posterior: SparsePosterior, pseudo: Array, theta: Array, covariance: Array | None = None):
         if posterior.prior is None:
             raise ValueError("expected a hyperprior, without which hyperparameters have no distribution")
-        self.posterior, self.prior = posterior, posterior.prior
-        self.sparse = SparseGP(posterior, pseudo, theta)
-        self.theta, self.hyperparameters = self.sparse.theta, self.sparse.hyperparameters
-        self._given = None if covariance is None else accept(covariance, self.theta.size)
+        self.posterior, self.sparse = posterior, SparseGP(posterior, pseudo, theta)
+        super().__init__(self.sparse.theta, self.sparse.hyperparameters, posterior.prior, covariance)
 
     @property
     def pseudo(self) -> Array:
@@ -64,22 +61,19 @@ class SparseMarginalGP(MarginalModel):
         """At pseudo-inputs and theta (nats)."""
         return self.sparse.log_posterior
 
-    @cached_property
-    def laplace(self) -> Laplace:
-        """The Laplace approximation at theta, pseudo-inputs held, or the covariance that was given."""
-        if self._given:
-            return self._given
+    def _curvature(self) -> Array:
+        """Return the Hessian with pseudo-inputs held."""
         steps = STEP * np.eye(self.theta.size)
         above, below = (
             np.array([self.posterior.derivatives(self.pseudo, self.theta + sign * each).theta for each in steps])
             for sign in (1.0, -1.0)
         )
-        return approximate((above - below) / (2.0 * STEP), self.prior)
+        curvature: Array = (above - below) / (2.0 * STEP)
+        return curvature
 
     @property
-    def repair(self) -> str:
-        """What was repaired, for the record; empty when nothing was."""
-        return "; ".join(each for each in (self.laplace.repair, self.sparse.repair) if each)
+    def _jitter_repair(self) -> str:
+        return self.sparse.repair
 
     @cached_property
     def slopes(self) -> Slopes:
