@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from stages.science.gp.kernel import MEANS
 from stages.science.gp.marginal import condition
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.sparse import SparsePosterior
@@ -14,8 +15,6 @@ from stages.science.gp.sparse_marginal import SparseMarginalGP, condition_sparse
 from stages.science.gp.sparse_model import predict_weighted
 from stages.science.gp.utilities import UTILITIES
 from tests.science.gp.data import Dense, Textbook, assert_sound, differences, make_data, make_prior
-
-MEANS = ("zero", "constant")
 
 
 class Exact:

@@ -1,24 +1,15 @@
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
 import stages.science.gp.sparse
 from stages.science.gp.cross import DirectCross
 from stages.science.gp.factor import FactorisationError
+from stages.science.gp.kernel import MEANS
 from stages.science.gp.marginal import fit
 from stages.science.gp.sparse import SparsePosterior
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
 from tests.science.gp.data import Dense, differences, make_data, make_prior
-
-MEANS = ("zero", "constant")
-
-
-@pytest.fixture(autouse=True, scope="module")
-def one_thread():
-    """The pipeline's own setting."""
-    with threadpool_limits(1):
-        yield
 
 
 def draw(generator, mean, count=40, pseudo_count=6):
