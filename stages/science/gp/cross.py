@@ -17,17 +17,7 @@ from stages.science.gp.kernel import Array
 
 
 class ExpandedCross:
-    """By matrix products.
-
-    Parameters
-    ----------
-    pseudo : (M, D) float array
-        Pseudo-inputs in units of the lengths.
-    columns : (D, N) float array
-        Data in units of the lengths, centred like the pseudo-inputs.
-    signal_variance : float
-        sf^2.
-    """
+    """By matrix products, from (M, D) pseudo-inputs and (D, N) data that are centred alike."""
 
     def __init__(self, pseudo: Array, columns: Array, signal_variance: float):
         d, n = columns.shape

@@ -26,19 +26,9 @@ BLOCKS = 3
 
 
 class Triangle:
-    """Products of M triangular matrices with many columns, in blocks that leave most of the zeros out.
+    """Products of M (N, N) triangular matrices, all lower or all upper, with columns, most of the zeros left out.
 
-    Parameters
-    ----------
-    matrices : (N, N) float arrays
-        All lower or all upper triangular.
-    lower : bool
-        Which.
-
-    Attributes
-    ----------
-    height : int
-        Rows of the tallest block, in which those of all matrices stand below each other.
+    `height` is that of the tallest block, in which the rows of all matrices stand below each other.
     """
 
     def __init__(self, *matrices: Array, lower: bool):
@@ -68,28 +58,16 @@ class Triangle:
 
 
 def keeps_digits(scaled: Array, signal_variance: float, noise_variance: float) -> bool:
-    """Return whether expanding the square loses few digits."""
+    """Return whether expanding the square of (N, D) data, in units of the lengths, loses few digits."""
     radius = float(np.einsum("nd,nd->n", scaled, scaled).max())
     return radius * np.sqrt(signal_variance) <= LOST_DIGITS * np.sqrt(min(noise_variance, signal_variance))
 
 
 class Expanded:
-    """Distances from N data to points by matrix products, in chunks of at most `size`.
+    """Distances from (N, D) centred data, in units of the lengths, to points by matrix products, `size` at a time.
 
-    Parameters
-    ----------
-    scaled : (N, D) float array
-        Centred data in units of the lengths.
-    signal_variance : float
-        sf^2.
-    factor : Factor
-        Of the noisy covariance.
-    rows : (1 + E, N) float array
-        a, and whatever else is to be multiplied with k.
-    corrections : (D, N) float array
-        c_d.
-    size : int
-        Largest chunk.
+    The factor is that of the noisy covariance; rows, (1 + E, N), are a and what else is to be multiplied with k;
+    corrections, (D, N), are c_d.
     """
 
     def __init__(

@@ -27,20 +27,9 @@ SAME = 0.1
 
 @dataclass(frozen=True)
 class Place:
-    """Where a climb stands or ends.
+    """Where a climb stands or ends: theta, (P,), the log posterior (nats), its gradient, and its Hessian's eigenvalues.
 
-    Parameters
-    ----------
-    theta : (P,) float array
-        Hyperparameters.
-    value : float
-        Log posterior (nats).
-    gradient : (P,) float array
-        Of the log posterior.
-    curvature : (P,) float array
-        Eigenvalues of its Hessian, ascending.
-    axes : (P, P) float array
-        Eigenvectors, in columns.
+    The eigenvalues, ascending, are the curvature along the (P, P) axes, in columns.
     """
 
     theta: Array
@@ -68,21 +57,12 @@ class Place:
         """Whether the gradient is zero to tolerance."""
         return self.gradient_norm <= GRADIENT_TOLERANCE * max(1.0, abs(self.value))
 
-    @property
-    def is_peak_shaped(self) -> bool:
-        """Whether no direction curves upwards."""
-        return bool(self.curvature[-1] <= CURVATURE_TOLERANCE * np.abs(self.curvature).max())
-
     def step(self) -> Array:
         """Return the saddle-free Newton step, (P,); from a saddle, a step along its steepest way out."""
         if self.is_flat:
             return 0.1 * self.axes[:, -1]
         along = self.axes.T @ self.gradient
         return np.asarray(self.axes @ (along / np.maximum(np.abs(self.curvature), 1e-10)))
-
-    def predict_gain(self, step: Array) -> float:
-        """Return what the quadratic model gains by a step (nats)."""
-        return float(self.gradient @ step + 0.5 * self.curvature @ (self.axes.T @ step) ** 2)
 
     def is_below(self, other: Place) -> bool:
         """Return whether another place is higher, or as high to rounding and flatter."""
@@ -98,16 +78,7 @@ def find_map(
 ) -> Place:
     """Return the highest local maximum found.
 
-    Parameters
-    ----------
-    posterior : LogPosterior
-        To be maximised.
-    generator : Generator
-        Draws starts from the hyperprior.
-    starts : int
-        Draws, beside the prior's mean and the warm starts.
-    warm_starts : sequence of (P,) float arrays
-        Always climbed.
+    The generator draws so many starts from the hyperprior, beside its mean; the (P,) warm starts are always climbed.
 
     Raises
     ------
@@ -140,18 +111,20 @@ def climb(posterior: LogPosterior, start: Array, known: Sequence[Array] = ()) ->
         return None
     radius = 1.0
     for _ in range(ITERATIONS):
-        if here.is_flat and here.is_peak_shaped:
+        is_peak_shaped = here.curvature[-1] <= CURVATURE_TOLERANCE * np.abs(here.curvature).max()
+        if here.is_flat and is_peak_shaped:
             break
         step = here.step()
         length = float(np.linalg.norm(step))
         to_known = [float(np.linalg.norm(here.theta + step - each)) for each in known]
-        if length <= radius and here.is_peak_shaped and min(to_known, default=np.inf) <= SAME:
+        if length <= radius and is_peak_shaped and min(to_known, default=np.inf) <= SAME:
             return None
         if length > radius:
             step *= radius / length
         there = Place.at(posterior, here.theta + step)
         if there is not None and here.is_below(there):
-            if there.value - here.value > 0.5 * here.predict_gain(step):
+            predicted = float(here.gradient @ step + 0.5 * here.curvature @ (here.axes.T @ step) ** 2)
+            if there.value - here.value > 0.5 * predicted:
                 radius = min(LARGEST_STEP, max(radius, 2.0 * length))
             here = there
         else:

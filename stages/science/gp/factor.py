@@ -23,17 +23,7 @@ class FactorisationError(ValueError):
 
 @dataclass(frozen=True)
 class Factor:
-    """C + jitter I = lower lower'.
-
-    Parameters
-    ----------
-    lower : (N, N) float array
-        Lower triangular.
-    jitter : float
-        What was added to the diagonal; 0 when nothing was.
-    repair : str
-        Says so and names the rows that made it necessary; empty when nothing was.
-    """
+    """C + jitter I = lower lower', (N, N) each; `repair` names the rows that made jitter necessary, or is empty."""
 
     lower: Array
     jitter: float
@@ -63,17 +53,8 @@ def factorise(covariance: Array, scaled: Array) -> Factor:
 
     A pivot that is no more than rounding counts as a failure: what follows from it would be noise.
 
-    Parameters
-    ----------
-    covariance : (N, N) float array
-        Symmetric.
-    scaled : (N, D) float array
-        Its rows' inputs in units of the kernel's lengths, for the message.
-
-    Raises
-    ------
-    FactorisationError
-        When the covariance is not finite or no jitter suffices.
+    The covariance is (N, N); its rows' (N, D) inputs, in units of the kernel's lengths, are for the message of a
+    `FactorisationError`: the covariance is not finite, or no jitter suffices.
     """
     if not np.isfinite(covariance).all():
         raise FactorisationError(f"the covariance of {len(scaled)} points is not finite: hyperparameters out of range")

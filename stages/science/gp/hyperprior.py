@@ -15,19 +15,9 @@ SMALLEST_VARIANCE, LARGEST_VARIANCE = 1e-100, 1e100
 
 @dataclass(frozen=True)
 class Hyperprior:
-    """p(theta) = N(mean, diag(variance)).
+    """p(theta) = N(mean, diag(variance)), (P,) each: log lengths 1 to D, log signal SD, log noise SD and any mean.
 
-    Parameters
-    ----------
-    mean : (P,) float array
-        In the order log lengths 1 to D, log signal SD, log noise SD and, with a constant mean, that mean.
-    variance : (P,) float array
-        Positive.
-
-    Raises
-    ------
-    ValueError
-        When the shapes differ, a value is not finite or absurdly large, or a variance is not positive.
+    A `ValueError` tells shapes that differ, a value that is not finite or absurdly large, a variance not positive.
     """
 
     mean: Array

@@ -17,17 +17,7 @@ MEANS = ("zero", "constant")
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """A hyperparameter vector, read.
-
-    Parameters
-    ----------
-    lengths : (D,) float array
-        In units of the inputs.
-    signal_variance, noise_variance : float
-        sf^2 and sn^2.
-    mean : float
-        Of the prior; 0 without a constant mean.
-    """
+    """A hyperparameter vector, read: (D,) lengths, sf^2, sn^2, and the mean, 0 without a constant one."""
 
     lengths: Array
     signal_variance: float
@@ -43,13 +33,7 @@ class Hyperparameters:
 
 
 def count_hyperparameters(dimensions: int, mean: str) -> int:
-    """Return the length of theta.
-
-    Raises
-    ------
-    ValueError
-        When the mean is neither zero nor constant.
-    """
+    """Return the length of theta; a `ValueError` tells a mean that is neither zero nor constant."""
     if mean not in MEANS:
         raise ValueError(f"mean: expected one of {', '.join(MEANS)}, got {mean!r}")
     return dimensions + 2 + (mean == "constant")

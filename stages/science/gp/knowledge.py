@@ -47,16 +47,7 @@ class Policy:
 
 @dataclass(frozen=True)
 class Choice:
-    """What `Knowledge.ask` answers.
-
-    Parameters
-    ----------
-    trajectory : int
-        Index into the bank.
-    scores : (R,) float array or None
-        Utility of each trajectory (nats for the information utilities); minus infinity where excluded. None when the
-        choice was random.
-    """
+    """A trajectory's index in the bank, and the (R,) utilities, minus infinity where excluded; None at random."""
 
     trajectory: int
     scores: Array | None
@@ -126,7 +117,7 @@ class Knowledge(ABC):
         outputs: Sequence[Array],
         generators: Sequence[np.random.Generator],
     ) -> Self:
-        """Return what is known with a trial's samples appended."""
+        """Return what is known with samples of a trial of the bank appended."""
         x, y = (
             tuple(np.concatenate(each) for each in zip(known, new, strict=True))
             for known, new in ((self.inputs, inputs), (self.outputs, outputs))

@@ -20,28 +20,14 @@ TOLERANCE = 1e-8
 
 @dataclass(frozen=True)
 class Laplace:
-    """A Gaussian around the maximum.
-
-    Parameters
-    ----------
-    covariance : (P, P) float array
-        S.
-    repair : str
-        What was done when minus the Hessian was not positive definite; empty when nothing was.
-    """
+    """A Gaussian of covariance S, (P, P), around the maximum; `repair` says what was done to S, empty for nothing."""
 
     covariance: Array
     repair: str
 
     @cached_property
     def root(self) -> Array:
-        """A (P, P) matrix R with S = R R'.
-
-        Raises
-        ------
-        ValueError
-            When a covariance that was given has a negative eigenvalue.
-        """
+        """A (P, P) matrix R with S = R R'; a `ValueError` says that a given S has a negative eigenvalue."""
         variances, axes = np.linalg.eigh(self.covariance)
         if variances[0] < -TOLERANCE * np.abs(variances).max():
             raise ValueError(f"covariance: expected positive semi-definite, got smallest eigenvalue {variances[0]:.3g}")
@@ -49,17 +35,10 @@ class Laplace:
 
 
 def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
-    """Return the Laplace approximation from the Hessian of the log posterior.
+    """Return the Laplace approximation from the (P, P) Hessian of the log posterior, at its maximum or elsewhere.
 
     Where minus the Hessian is not positive definite, the posterior has no peak along some eigenvectors. Those
     directions get the hyperprior's precision: what is known there without data. All others stay as they are.
-
-    Parameters
-    ----------
-    hessian : (P, P) float array
-        Of the log posterior, at its maximum or elsewhere.
-    prior : Hyperprior
-        For the repair.
     """
     precision = -0.5 * (hessian + hessian.T)
     curvature, axes = np.linalg.eigh(precision)
@@ -74,13 +53,7 @@ def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
 
 
 def accept(covariance: Array, size: int) -> Laplace:
-    """Return a (P, P) covariance that was given, as it is.
-
-    Raises
-    ------
-    ValueError
-        When it is not of size P, is not finite or not symmetric.
-    """
+    """Return a given covariance as it is; a `ValueError` says that it is not (P, P), finite and symmetric."""
     given = np.array(covariance, dtype=float)
     if given.shape != (size, size):
         raise ValueError(f"covariance: expected shape ({size}, {size}), got {given.shape}")

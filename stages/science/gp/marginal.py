@@ -15,7 +15,6 @@ from stages.science.gp.estimation import find_map
 from stages.science.gp.factor import Factor, factorise
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.kernel import Array, covariance_among, squared_differences
-from stages.science.gp.laplace import Laplace, accept, approximate
 from stages.science.gp.marginal_model import MarginalModel
 from stages.science.gp.posterior import LogPosterior
 from stages.science.gp.prediction import Predictor, limit_chunk
@@ -25,28 +24,14 @@ LARGEST_SLOPE = 1e150
 
 
 class MarginalGP(MarginalModel):
-    """An exact GP at given hyperparameters, with their Laplace approximation.
+    """An exact GP at given hyperparameters, (P,), usually the MAP, with their Laplace approximation.
 
-    Parameters
-    ----------
-    posterior : LogPosterior
-        Data and hyperprior.
-    theta : (P,) float array
-        Where to condition, usually the MAP.
-    covariance : (P, P) float array, optional
-        S, instead of the Laplace approximation at theta.
-
-    Raises
-    ------
-    ValueError
-        When theta or covariance has the wrong shape or is not finite.
+    S, (P, P), may be given instead. A `ValueError` tells a shape of theta or S that does not fit, or no finite value.
     """
 
     def __init__(self, posterior: LogPosterior, theta: Array, covariance: Array | None = None):
         self.posterior = posterior
-        self.theta = np.array(theta, dtype=float)
-        self.hyperparameters = posterior.read(self.theta)
-        self._given = None if covariance is None else accept(covariance, self.theta.size)
+        super().__init__(np.array(theta, dtype=float), posterior.read(theta), posterior.prior, covariance)
 
     @property
     def inputs(self) -> Array:
@@ -71,15 +56,12 @@ class MarginalGP(MarginalModel):
         """At theta (nats)."""
         return self._derivatives[0]
 
-    @cached_property
-    def laplace(self) -> Laplace:
-        """The Laplace approximation at theta, or the covariance that was given."""
-        return self._given or approximate(self._derivatives[2], self.posterior.prior)
+    def _curvature(self) -> Array:
+        return self._derivatives[2]
 
     @property
-    def repair(self) -> str:
-        """What was repaired, for the record; empty when nothing was."""
-        return "; ".join(each for each in (self.laplace.repair, self._factor.repair) if each)
+    def _jitter_repair(self) -> str:
+        return self._factor.repair
 
     @cached_property
     def _weights(self) -> Array:

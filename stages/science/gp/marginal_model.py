@@ -12,13 +12,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from stages.science.gp.factor import FactorisationError
+from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.kernel import Array, Hyperparameters
-from stages.science.gp.laplace import Laplace
+from stages.science.gp.laplace import Laplace, accept, approximate
 from stages.science.gp.posterior import check_points, find_bad_row
 from stages.science.gp.prediction import Moments
 from stages.science.gp.utilities import PredictiveTerms, find_utility
@@ -44,31 +46,26 @@ class ChunkPredictor(Protocol):
 class MarginalModel(ABC):
     """A GP at given hyperparameters that knows how uncertain they are; a subclass says how it predicts a chunk.
 
-    Attributes
-    ----------
-    theta : (P,) float array
-        Hyperparameters.
-    hyperparameters : Hyperparameters
-        The same, read.
+    Its (P,) hyperparameters are theta; S may be given instead of their Laplace approximation.
     """
 
-    theta: Array
-    hyperparameters: Hyperparameters
-
-    @property
-    @abstractmethod
-    def laplace(self) -> Laplace:
-        """The Laplace approximation at theta, or the covariance that was given."""
+    def __init__(self, theta: Array, hyperparameters: Hyperparameters, prior: Hyperprior, covariance: Array | None):
+        self.theta, self.hyperparameters, self.prior = theta, hyperparameters, prior
+        self._given = None if covariance is None else accept(covariance, theta.size)
 
     @property
     @abstractmethod
     def log_posterior(self) -> float:
         """At theta (nats)."""
 
+    @abstractmethod
+    def _curvature(self) -> Array:
+        """Return the Hessian of the log posterior at theta, (P, P)."""
+
     @property
     @abstractmethod
-    def repair(self) -> str:
-        """What was repaired, for the record; empty when nothing was."""
+    def _jitter_repair(self) -> str:
+        """What jitter repaired; empty when nothing."""
 
     @abstractmethod
     def _predictor(self, size: int) -> ChunkPredictor:
@@ -77,6 +74,16 @@ class MarginalModel(ABC):
     @abstractmethod
     def _chunk_size(self, memory_mb: float) -> int:
         """Return how many points fit; depends on the model's size and the memory alone."""
+
+    @cached_property
+    def laplace(self) -> Laplace:
+        """The Laplace approximation at theta, or the covariance that was given."""
+        return self._given or approximate(self._curvature(), self.prior)
+
+    @property
+    def repair(self) -> str:
+        """What was repaired, for the record; empty when nothing was."""
+        return "; ".join(each for each in (self.laplace.repair, self._jitter_repair) if each)
 
     @property
     def noise_variance(self) -> float:

@@ -26,15 +26,7 @@ LARGEST_BLOCK = 200_000
 
 @dataclass(frozen=True)
 class Information:
-    """An estimate by draws.
-
-    Parameters
-    ----------
-    value : float
-        Nats.
-    standard_error : float
-        Over the draws.
-    """
+    """An estimate by draws (nats), and its standard error over them."""
 
     value: float
     standard_error: float
@@ -46,14 +38,9 @@ class Information:
 
 
 def draw_models(model: MarginalGP, draws: int, generator: np.random.Generator) -> list[Draw]:
-    """Return the model at each of many draws of theta from its Laplace approximation.
+    """Return the model at each of at least two draws of theta from its Laplace approximation.
 
-    Raises
-    ------
-    ValueError
-        With fewer than two draws.
-    FactorisationError
-        When a draw is out of a range that keeps all that follows from it finite.
+    A `FactorisationError` tells a draw that is out of a range that keeps all that follows from it finite.
     """
     if draws < 2:
         raise ValueError(f"draws: expected at least 2, got {draws}")
@@ -137,19 +124,7 @@ def _compare_outputs(means: Array, roots: Array, inverses: Array, noise: Array) 
 
 @dataclass(frozen=True)
 class Draw:
-    """What a model at one draw of theta predicts with.
-
-    Parameters
-    ----------
-    inputs : (N, D) float array
-        Standardised.
-    read : Hyperparameters
-        The draw.
-    factor : Factor
-        Of the noisy covariance, L.
-    residual : (N,) float array
-        L^-1 (y - m).
-    """
+    """What a model of (N, D) inputs predicts with at one draw of theta: L of C, and L^-1 (y - m), (N,)."""
 
     inputs: Array
     read: Hyperparameters

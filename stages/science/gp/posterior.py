@@ -29,23 +29,10 @@ LARGEST_VALUE = 1e50
 
 
 class LogPosterior:
-    """log N(y | m, K + sn^2 I) + log p(theta) as a function of theta.
+    """log N(y | m, K + sn^2 I) + log p(theta) as a function of theta, for standardised data.
 
-    One thread at a time may ask for derivatives: they share working memory of (D + 3) N^2 numbers.
-
-    Parameters
-    ----------
-    inputs, outputs : (N, D) and (N,) float arrays
-        Standardised.
-    prior : Hyperprior
-        Of D + 2 hyperparameters, D + 3 with a constant mean.
-    mean : str
-        ``zero`` or ``constant``.
-
-    Raises
-    ------
-    ValueError
-        When a shape does not fit or a value is not finite.
+    One thread at a time may ask for derivatives: they share working memory of (D + 3) N^2 numbers. A `ValueError` tells
+    a shape that does not fit (N, D) inputs, (N,) outputs and the hyperprior, or a value that is not finite.
     """
 
     def __init__(self, inputs: Array, outputs: Array, prior: Hyperprior, mean: str = "zero"):
@@ -94,10 +81,7 @@ class LogPosterior:
     def likelihood_derivatives(self, theta: Array) -> tuple[float, Array, Array]:
         """Return value, gradient (P,) and Hessian (P, P) of the log marginal likelihood at theta (P,).
 
-        Raises
-        ------
-        FactorisationError
-            When rows nearly coincide, or a derivative is out of floating-point range.
+        A `FactorisationError` tells rows that nearly coincide, or derivatives out of floating-point range.
         """
         with np.errstate(all="ignore"):
             found = self._differentiate(self.read(theta))
@@ -165,14 +149,9 @@ def _log_likelihood(factor: Factor, z: Array) -> float:
 
 
 def read_theta(theta: Array, dimensions: int, size: int) -> Hyperparameters:
-    """Return a hyperparameter vector of `size` entries for D inputs, read.
+    """Return a hyperparameter vector of `size` entries for D inputs, read; a `ValueError` tells another shape.
 
-    Raises
-    ------
-    ValueError
-        When theta has the wrong shape.
-    FactorisationError
-        When it is out of a range that keeps all that follows from it finite.
+    A `FactorisationError` tells that it is out of a range that keeps all that follows from it finite.
     """
     theta = np.asarray(theta, dtype=float)
     if theta.shape != (size,):
@@ -208,12 +187,9 @@ def check_points(points: Array, dimensions: int, name: str = "points") -> Array:
 
 
 def check_data(inputs: Array, outputs: Array) -> tuple[Array, Array]:
-    """Return data as float64 arrays.
+    """Return (N, D) inputs and (N,) outputs as float64 arrays.
 
-    Raises
-    ------
-    ValueError
-        When the shapes are not (N, D) and (N,) with N and D at least 1, or a value is not finite or absurdly large.
+    A `ValueError` tells other shapes, N or D of 0, and a value that is not finite or absurdly large.
     """
     x, y = np.asarray(inputs, dtype=float), np.asarray(outputs, dtype=float)
     if x.ndim != 2 or y.shape != x.shape[:1] or not x.size:

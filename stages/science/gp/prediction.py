@@ -29,14 +29,9 @@ LARGEST_CHUNK = 1024
 
 @dataclass(frozen=True)
 class Moments:
-    """Mean and variance of f at B points, with their derivatives by theta.
+    """Mean and variance of f at B points, (B,), with their derivatives by theta, (P, B).
 
-    Parameters
-    ----------
-    mean, variance : (B,) float arrays
-        m and V; V is at least its rounding error, `Predictor.floor`.
-    mean_slope, variance_slope : (P, B) float arrays
-        dm/dtheta and dV/dtheta.
+    The variance is at least its rounding error, `Predictor.floor`.
     """
 
     mean: Array
@@ -51,20 +46,9 @@ def limit_chunk(numbers_per_point: int, memory_mb: float) -> int:
 
 
 class Predictor:
-    """Predicts chunks of points, with working memory of its own.
+    """Predicts chunks of at most `size` points, with working memory of its own.
 
-    Parameters
-    ----------
-    posterior : LogPosterior
-        Data.
-    theta : (P,) float array
-        Hyperparameters.
-    factor : Factor
-        Of the noisy covariance at theta.
-    weights : (N,) float array
-        a.
-    size : int
-        Largest chunk.
+    The factor is that of the noisy covariance of the posterior's N data at theta, (P,); the (N,) weights are a.
     """
 
     def __init__(self, posterior: LogPosterior, theta: Array, factor: Factor, weights: Array, size: int):

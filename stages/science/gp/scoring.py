@@ -29,10 +29,8 @@ def trajectory_utility(
 
     Parameters
     ----------
-    models : sequence over M muscles of MarginalModel
-        One for each muscle, exact or sparse; ``log_det`` takes exact ones.
-    candidates : sequence over M muscles of (R, T, D) float arrays
-        Inputs along each trajectory, standardised.
+    models, candidates : sequences over M muscles of MarginalModel and of (R, T, D) float arrays
+        Exact or sparse, ``log_det`` takes exact ones; standardised inputs along each trajectory.
     utility : str
         A point utility, added up over muscles and samples, or ``log_det``, the joint information of a trajectory.
     reduce : str

@@ -44,17 +44,7 @@ BLOCK = 2000
 
 @dataclass(frozen=True)
 class SparseSlopes:
-    """The log density and its gradient.
-
-    Parameters
-    ----------
-    value : float
-        Nats.
-    pseudo : (M, D) float array
-        Its slope by the pseudo-inputs.
-    theta : (P,) float array
-        Its slope by the hyperparameters.
-    """
+    """The log density (nats) and its slopes by (M, D) pseudo-inputs and (P,) hyperparameters."""
 
     value: float
     pseudo: Array
@@ -64,21 +54,8 @@ class SparseSlopes:
 class SparsePosterior:
     """The log marginal likelihood of a sparse GP, plus a hyperprior's log density if there is one.
 
-    One thread at a time may ask: all calls share working memory of 2 N M numbers.
-
-    Parameters
-    ----------
-    inputs, outputs : (N, D) and (N,) float arrays
-        Standardised.
-    prior : Hyperprior, optional
-        Of D + 2 hyperparameters, D + 3 with a constant mean.
-    mean : str
-        ``zero`` or ``constant``.
-
-    Raises
-    ------
-    ValueError
-        When a shape does not fit or a value is not finite.
+    Takes and refuses what `LogPosterior` does. One thread at a time may ask: all calls share working memory of 2 N M
+    numbers.
     """
 
     def __init__(self, inputs: Array, outputs: Array, prior: Hyperprior | None = None, mean: str = "zero"):
@@ -197,24 +174,10 @@ class SparsePosterior:
 
 @dataclass(frozen=True)
 class Conditioned:
-    """The likelihood's parts at given pseudo-inputs and theta.
+    """The likelihood's parts at theta and (M, D) pseudo-inputs, `scaled`: centred like the data, in units of lengths.
 
-    Parameters
-    ----------
-    read : Hyperparameters
-        theta.
-    scaled : (M, D) float array
-        Pseudo-inputs, centred like the data, in units of the lengths.
-    cross : Cross
-        Covariance between pseudo-inputs and data.
-    factor, inner : Factor
-        L of K_mm and that of B.
-    k, v : (M, N) float arrays
-        K_mn and V, in working memory that the next call overwrites.
-    lam, residual : (N,) float arrays
-        Diagonal of Lam, and r.
-    projected : (M,) float array
-        V Lam^-1 r.
+    `factor` is L of K_mm and `inner` that of B; k and v are K_mn and V, (M, N), in working memory that the next call
+    overwrites; the (N,) lam and residual are the diagonal of Lam and r; projected, (M,), is V Lam^-1 r.
     """
 
     read: Hyperparameters

@@ -53,18 +53,12 @@ def fit_sparse(
 
     Parameters
     ----------
-    inputs, outputs : (N, D) and (N,) float arrays
-        Standardised.
+    inputs, outputs, prior, mean
+        As of `fit`; no hyperprior for the largest likelihood.
     pseudo_count : int
         M, at most N.
-    prior : Hyperprior or None
-        Counted once; None for the largest likelihood.
-    mean : str
-        ``zero`` or ``constant``.
-    generator : Generator
-        Draws the starts.
-    starts : int
-        How many, beside the warm ones; every one is climbed.
+    generator, starts : Generator, int
+        Draws so many starts, beside the warm ones; every one is climbed.
     warm_starts : sequence of ((M, D), (P,)) pairs of float arrays
         Pseudo-inputs and theta to climb from too.
     hold_pseudo : bool

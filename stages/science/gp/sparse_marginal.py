@@ -29,7 +29,6 @@ import numpy as np
 from stages.science.gp.cross import choose_cross
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.kernel import Array, covariance_among, squared_differences
-from stages.science.gp.laplace import Laplace, accept, approximate
 from stages.science.gp.marginal_model import MarginalModel
 from stages.science.gp.prediction import Moments, limit_chunk
 from stages.science.gp.sparse import SparsePosterior, blocks, replace_lengths
@@ -42,32 +41,15 @@ STEP = 1e-4
 class SparseMarginalGP(MarginalModel):
     """A sparse GP at given pseudo-inputs and hyperparameters, with the Laplace approximation of the latter.
 
-    Parameters
-    ----------
-    posterior : SparsePosterior
-        Data and hyperprior.
-    pseudo : (M, D) float array
-        Pseudo-inputs, in the units of the data's inputs.
-    theta : (P,) float array
-        Where to condition, usually the MAP.
-    covariance : (P, P) float array, optional
-        S, instead of the Laplace approximation at theta.
-
-    Raises
-    ------
-    ValueError
-        When there is no hyperprior, a shape does not fit or a value is not finite.
-    FactorisationError
-        When theta is out of range or the noise too low.
+    Takes and refuses what `SparseGP` does, a posterior without a hyperprior too; S, (P, P), may be given instead of the
+    Laplace approximation at theta.
     """
 
     def __init__(self, posterior: SparsePosterior, pseudo: Array, theta: Array, covariance: Array | None = None):
         if posterior.prior is None:
             raise ValueError("expected a hyperprior, without which hyperparameters have no distribution")
-        self.posterior, self.prior = posterior, posterior.prior
-        self.sparse = SparseGP(posterior, pseudo, theta)
-        self.theta, self.hyperparameters = self.sparse.theta, self.sparse.hyperparameters
-        self._given = None if covariance is None else accept(covariance, self.theta.size)
+        self.posterior, self.sparse = posterior, SparseGP(posterior, pseudo, theta)
+        super().__init__(self.sparse.theta, self.sparse.hyperparameters, posterior.prior, covariance)
 
     @property
     def pseudo(self) -> Array:
@@ -79,27 +61,24 @@ class SparseMarginalGP(MarginalModel):
         """At pseudo-inputs and theta (nats)."""
         return self.sparse.log_posterior
 
-    @cached_property
-    def laplace(self) -> Laplace:
-        """The Laplace approximation at theta, pseudo-inputs held, or the covariance that was given."""
-        if self._given:
-            return self._given
+    def _curvature(self) -> Array:
+        """Return the Hessian with pseudo-inputs held."""
         steps = STEP * np.eye(self.theta.size)
         above, below = (
             np.array([self.posterior.derivatives(self.pseudo, self.theta + sign * each).theta for each in steps])
             for sign in (1.0, -1.0)
         )
-        return approximate((above - below) / (2.0 * STEP), self.prior)
+        curvature: Array = (above - below) / (2.0 * STEP)
+        return curvature
 
     @property
-    def repair(self) -> str:
-        """What was repaired, for the record; empty when nothing was."""
-        return "; ".join(each for each in (self.laplace.repair, self.sparse.repair) if each)
+    def _jitter_repair(self) -> str:
+        return self.sparse.repair
 
     @cached_property
     def slopes(self) -> Slopes:
         """What the slopes of all points share."""
-        return find_slopes(self.posterior, self.pseudo, self.theta)
+        return _find_slopes(self.posterior, self.pseudo, self.theta)
 
     def _predictor(self, size: int) -> SparsePredictor:
         return SparsePredictor(self, size)
@@ -111,16 +90,9 @@ class SparseMarginalGP(MarginalModel):
 
 @dataclass(frozen=True)
 class Slopes:
-    """What the slopes of all points share.
+    """What the slopes of all points share: Q_d, (D, M, M); rows of M numbers; 2 sn^2 B^-1 V Lam^-2 V' B^-1, (M, M).
 
-    Parameters
-    ----------
-    quadratic : (D, M, M) float array
-        Q_d.
-    linear : (D + 1 (+ 1), M) float array
-        c_d of each length, c_s and, with a constant mean, -B^-1 V Lam^-1 1.
-    noise : (M, M) float array
-        2 sn^2 B^-1 V Lam^-2 V' B^-1.
+    The rows are c_d of each length, c_s and, with a constant mean, -B^-1 V Lam^-1 1.
     """
 
     quadratic: Array
@@ -128,8 +100,8 @@ class Slopes:
     noise: Array
 
 
-def find_slopes(posterior: SparsePosterior, pseudo: Array, theta: Array) -> Slopes:
-    """Return what the slopes of all points share, from one pass over the data for each length."""
+def _find_slopes(posterior: SparsePosterior, pseudo: Array, theta: Array) -> Slopes:
+    """Pass over the data once for each length."""
     with np.errstate(all="ignore"):
         at = posterior.condition(pseudo, theta)
     read, whiten, inner = at.read, at.factor.inverse, at.inner
@@ -220,5 +192,5 @@ class SparsePredictor:
 def condition_sparse(
     inputs: Array, outputs: Array, pseudo: Array, theta: Array, prior: Hyperprior, mean: str = "zero"
 ) -> SparseMarginalGP:
-    """Return the model at given pseudo-inputs and theta, without a search; takes what `SparseMarginalGP` does."""
+    """Return the model at given pseudo-inputs and theta, without a search."""
     return SparseMarginalGP(SparsePosterior(inputs, outputs, prior, mean), pseudo, theta)

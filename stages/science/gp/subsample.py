@@ -21,28 +21,9 @@ def subsample(
 
     theta_MAP and S are held; V and its derivatives need no output, the mean's derivatives use the picks' recorded one.
 
-    Parameters
-    ----------
-    model : MarginalGP
-        Before the recording.
-    inputs, outputs : (T, D) and (T,) float arrays
-        The recording, standardised.
-    count : int
-        How many to pick.
-    utility : str
-        A point utility.
-    displace : callable, optional
-        Takes another row in place of each pick; the later picks are then given that row.
-
-    Returns
-    -------
-    (count,) int array
-        Rows of the recording that were taken, in the order of picking.
-
-    Raises
-    ------
-    ValueError
-        When there are fewer samples than picks, a shape does not fit, or a value that is needed is not finite.
+    The standardised recording is (T, D) inputs and (T,) outputs. `displace` may take another row in place of each
+    pick, which the later picks are then given. Returns the (count,) rows that were taken, in the order of picking. A
+    `ValueError` tells too few samples, a shape that does not fit, or a needed value that is not finite.
     """
     inputs, outputs = np.asarray(inputs, dtype=float), np.asarray(outputs, dtype=float)
     if inputs.ndim != 2 or outputs.shape != inputs.shape[:1]:

@@ -16,17 +16,7 @@ from stages.science.gp.kernel import Array
 
 @dataclass(frozen=True)
 class PredictiveTerms:
-    """Predictive terms of B points.
-
-    Parameters
-    ----------
-    variance : (B,) float array
-        V, of f.
-    hyperparameter_variance : (B,) float array
-        q.
-    noise_variance : float
-        sn^2.
-    """
+    """Predictive terms of B points: V and q, (B,) each, and sn^2."""
 
     variance: Array
     hyperparameter_variance: Array

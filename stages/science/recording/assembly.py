@@ -28,21 +28,8 @@ def choose_muscles(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return samples and descriptions of the muscles that have data; samples by trial, muscle and time.
 
-    Parameters
-    ----------
-    samples : DataFrame
-        From `adopt`.
-    muscles : DataFrame
-        Under `MUSCLE_COLUMNS`, in the order wanted.
-    described_in : str
-        What describes the muscles, for messages.
-    notes : list
-        Receives the muscles that are left out.
-
-    Raises
-    ------
-    RecordingError
-        When a muscle is not described, or none has data.
+    The muscles are under `MUSCLE_COLUMNS`, in the order wanted; the notes receive those that are left out. A
+    `RecordingError` tells a muscle that is not described, or that none has data.
     """
     known = list(muscles["muscle"])
     strange = ~samples["muscle"].isin(known)
@@ -76,13 +63,7 @@ def order_rows(samples: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
 
 
 def read_parts(samples: pd.DataFrame, without: str) -> pd.Series:
-    """Return the part of each trial, which is `without` where the file has no parts.
-
-    Raises
-    ------
-    RecordingError
-        When a trial belongs to two.
-    """
+    """Return each trial's part, `without` where the file has none; a `RecordingError` tells a trial of two."""
     if "part" not in samples:
         return pd.Series(without, index=samples["trial"].unique())
     parts = samples.groupby("trial")["part"]
@@ -103,23 +84,9 @@ def complete(
 ) -> pd.DataFrame:
     """Return the samples with all readings, derived where that is possible and empty where it is not.
 
-    Parameters
-    ----------
-    samples : DataFrame
-        On a uniform clock.
-    muscles : DataFrame
-        Under `MUSCLE_COLUMNS`.
-    readings : sequence of str
-        All columns that there are to be.
-    rate_hz, window_s, order : float, float, int
-        As of `differentiate`.
-    notes : list
-        Receives what was derived or is missing.
-
-    Raises
-    ------
-    RecordingError
-        When there is neither contraction nor an angle.
+    The samples are on a uniform clock, the muscles under `MUSCLE_COLUMNS`; rate, window and order are those of
+    `differentiate`. The notes receive what was derived or is missing; a `RecordingError` tells that there is neither
+    contraction nor an angle.
     """
     if "contraction" not in samples:
         if "joint_angle_rad" not in samples:
@@ -144,18 +111,9 @@ def complete(
 def derive_velocity(
     frame: pd.DataFrame, name: str, stream: list[str], rate_hz: float, window_s: float, order: int
 ) -> Array:
-    """Return the filtered derivative of a column, per s, in each unbroken stretch of each stream.
+    """Return the filtered derivative of a column, per s, in each unbroken stretch of each stream of a uniform clock.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        On a uniform clock, with the column.
-    name : str
-        The column to differentiate.
-    stream : list of str
-        Columns that tell streams apart.
-    rate_hz, window_s, order : float, float, int
-        As of `differentiate`; a stretch shorter than the window has no derivative.
+    Rate, window and order are those of `differentiate`; a stretch shorter than the window has no derivative.
     """
     values = frame[name].to_numpy(dtype=float)
     velocity = np.full(len(values), np.nan)

@@ -38,15 +38,10 @@ def split_records(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def number_blocks(frame: pd.DataFrame, blocks: int) -> Array:
-    """Return for each row the number of its block, counted through all records.
+    """Return for each row the number of its block, counted through all records, whose rows are in the order of time.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        With ``record`` and ``part``, the rows of each record together and in the order of time.
-    blocks : int
-        Of each part, shared among its records by their lengths, at least one for each. Those of a record differ by a
-        sample at most; a record with fewer samples has as many blocks.
+    The blocks of each part are shared among its records by their lengths, at least one for each. Those of a record
+    differ by a sample at most; a record with fewer samples has as many blocks.
     """
     records = frame.groupby("record", sort=False)
     sizes, parts = records.size(), records["part"].first()
@@ -67,25 +62,9 @@ def arrange_records(
 ) -> tuple[pd.DataFrame, float]:
     """Return records on one clock, cut into blocks, and samples per second.
 
-    A sample has a row with ``record``, ``part``, ``trial``, ``time_s`` and the signals.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        From `split_records`, its clocks from `even_out`.
-    signals : sequence of str
-        Columns that were measured.
-    blocks : int
-        As of `number_blocks`.
-    stated_hz, largest_jitter
-        As of `find_rates` and `regularise`.
-    notes : list
-        Receives what was resampled, and how many rows were missing.
-
-    Raises
-    ------
-    RecordingError
-        When a clock is not uniform.
+    The frame is from `split_records`, its clocks from `even_out`; a sample has a row with ``record``, ``part``,
+    ``trial``, ``time_s`` and the signals. The notes receive what was resampled, and how many rows were missing; a
+    `RecordingError` tells a clock that is not uniform.
     """
     parts = frame.groupby("record", sort=False)["part"].first()
     rates = find_rates(frame, stated_hz)

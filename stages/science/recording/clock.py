@@ -28,10 +28,7 @@ def count_time(frame: pd.DataFrame, stream: Sequence[str], rate_hz: float) -> pd
 def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | None) -> float:
     """Return samples per second: as stated, if the times agree, else what the times say.
 
-    Raises
-    ------
-    RecordingError
-        When time stands still or contradicts what is stated; the unit that would agree is offered.
+    A `RecordingError` tells time that stands still or contradicts what is stated, and offers a unit that would agree.
     """
     steps = frame.groupby(list(stream), sort=False)["time_s"].diff().dropna()
     if steps.empty:
@@ -56,33 +53,12 @@ def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | Non
 def regularise(
     frame: pd.DataFrame, group: str, member: Sequence[str], rate_hz: float, largest_jitter: float
 ) -> tuple[pd.DataFrame, pd.Series]:
-    """Put every stream on its group's uniform clock.
+    """Return every stream on its group's uniform clock, and the time at which each group starts, s.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        With ``time_s``; its rows are in the order of time within each stream.
-    group : str
-        Column whose rows share a clock and a start, such as the trial.
-    member : sequence of str
-        Columns that tell streams of a group apart, such as the muscle.
-    rate_hz : float
-        Samples per second.
-    largest_jitter : float
-        Deviation of a step from whole periods that is borne, in periods.
-
-    Returns
-    -------
-    DataFrame
-        The same columns, rectangular: every member in every group has all samples, with values or without; ``time_s``
-        counts from the group's start.
-    Series
-        Time at which each group starts, s, in the recording's own time.
-
-    Raises
-    ------
-    RecordingError
-        Naming the rows where the clock is not uniform, or stands still for longer than it was recorded.
+    Rows of a `group`, such as a trial, share a clock and a start; `member` columns, such as the muscle, tell apart its
+    streams, whose rows are in the order of time. Every member in every group then has all samples, with values or
+    without; ``time_s`` counts from the group's start. A `RecordingError` names the rows where a step deviates by more
+    than `largest_jitter`, in periods, from whole ones, or time stands still for longer than was recorded.
     """
     stream = [group, *member]
     starts = frame.groupby(group, sort=False)["time_s"].min()
@@ -105,17 +81,14 @@ def regularise(
             f"was recorded; tell what begins there apart by {group}"
         )
     sample = whole.groupby([frame[name] for name in stream], sort=False).cumsum().astype(np.int64)
-    return _fill(frame.assign(sample=sample), group, member, rate_hz), starts
-
-
-def _fill(frame: pd.DataFrame, group: str, member: Sequence[str], rate_hz: float) -> pd.DataFrame:
+    frame = frame.drop(columns="time_s").assign(sample=sample)
     lengths = frame.groupby(group, sort=False)["sample"].max() + 1
     grid = pd.concat(
         [pd.DataFrame({group: key, "sample": np.arange(count)}) for key, count in lengths.items()], ignore_index=True
     )
     if member:
         grid = frame[list(member)].drop_duplicates().merge(grid, how="cross")
-    filled = grid.merge(frame.drop(columns="time_s"), how="left", on=[group, *member, "sample"], sort=False)
+    filled = grid.merge(frame, how="left", on=[*stream, "sample"], sort=False)
     order = filled[group].map({key: index for index, key in enumerate(lengths.index)})
     filled = filled.iloc[np.argsort(order.to_numpy(), kind="stable")].reset_index(drop=True)
-    return filled.assign(time_s=filled.pop("sample") / rate_hz)
+    return filled.assign(time_s=filled.pop("sample") / rate_hz), starts

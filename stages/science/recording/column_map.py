@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeGuard
 
 import pandas as pd
 
@@ -62,12 +61,7 @@ class ColumnMap:
     def part_columns(self, names: Sequence[str]) -> dict[str, dict[str, str]]:
         """Return for each ending the file's columns and their names without it, as far as they are wanted.
 
-        A column without any of the endings belongs to all parts.
-
-        Raises
-        ------
-        RecordingError
-            When no wanted column has one of the endings.
+        A column without any of the endings belongs to all parts. A `RecordingError` tells an ending of no column.
         """
         wanted, found = list(self.sources.values()), {}
         for end in self.endings:
@@ -93,24 +87,12 @@ class ColumnMap:
     def adopt(self, frame: pd.DataFrame, names: Sequence[str], stated_units: Mapping[str, str]) -> pd.DataFrame:
         """Return this project's columns of a file's rows, a row for each muscle and time where the file is wide.
 
-        Parameters
-        ----------
-        frame : DataFrame
-            As read, with the columns that the map names.
-        names : sequence of str
-            All columns of the file.
-        stated_units : mapping of str to str
-            Units from a row of their own, by column.
-
-        Raises
-        ------
-        RecordingError
-            As of `columns.adopt` and `check_headings`, and where there are no rows.
+        The frame has the columns that the map names, `names` all of the file, and the stated units are from a row of
+        their own. Raises as `columns.adopt` and `check_headings`, and a `RecordingError` where there are no rows.
         """
         columns = {**self.columns, **({"part": "part"} if self.endings else {})}
-        for muscle in self.muscles["muscle"] if is_wide(columns) else [""]:
-            patterns = {name: column for name, column in columns.items() if _is_pattern(column)}
-            own = columns | {name: _expand(column, self.muscles)[muscle] for name, column in patterns.items()}
+        for muscle in _list_muscles(self.muscles):
+            own = {name: column and _expand(column, *muscle) for name, column in columns.items()}
             check_headings(own, self.units, stated_units, set(names))
         if frame.empty:
             raise RecordingError("expected samples, got no rows")
@@ -164,7 +146,7 @@ def join_parts(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 
 def is_wide(columns: Columns) -> bool:
     """Return whether some column of a map is a pattern."""
-    return any(map(_is_pattern, columns.values()))
+    return any(column is not None and (MUSCLE in column or JOINT in column) for column in columns.values())
 
 
 def is_one_trial(columns: Columns, names: Collection[str]) -> bool:
@@ -172,20 +154,18 @@ def is_one_trial(columns: Columns, names: Collection[str]) -> bool:
     return is_wide(columns) and "trial" in columns and columns["trial"] is None and "trial" not in names
 
 
-def _is_pattern(column: str | None) -> TypeGuard[str]:
-    return column is not None and (MUSCLE in column or JOINT in column)
+def _expand(column: str, muscle: str, joint: str) -> str:
+    """Return the column of a muscle that a pattern stands for; any other column stands for itself."""
+    return column.replace(MUSCLE, muscle).replace(JOINT, joint)
 
 
-def _expand(column: str, muscles: pd.DataFrame) -> dict[str, str]:
-    """Return for each muscle the column that a pattern stands for."""
-    pairs = zip(muscles["muscle"], muscles["joint"], strict=True)
-    return {muscle: column.replace(MUSCLE, muscle).replace(JOINT, joint) for muscle, joint in pairs}
+def _list_muscles(muscles: pd.DataFrame) -> list[tuple[str, str]]:
+    return list(zip(muscles["muscle"], muscles["joint"], strict=True))
 
 
 def _list_sources(columns: Iterable[str], muscles: pd.DataFrame) -> list[str]:
     """Return columns, and in the place of each pattern all that it stands for."""
-    told = [list(_expand(each, muscles).values()) if _is_pattern(each) else [each] for each in columns]
-    return list(dict.fromkeys(name for each in told for name in each))
+    return list(dict.fromkeys(_expand(each, *muscle) for each in columns for muscle in _list_muscles(muscles)))
 
 
 def _lengthen(frame: pd.DataFrame, columns: Columns, muscles: pd.DataFrame) -> pd.DataFrame:
@@ -193,14 +173,13 @@ def _lengthen(frame: pd.DataFrame, columns: Columns, muscles: pd.DataFrame) -> p
 
     The index counts the rows of the file; one that has no column of trials is one trial.
     """
-    patterns = [each for each in columns.values() if _is_pattern(each)]
+    patterns = [each for each in columns.values() if each and is_wide({"": each})]
     spent = set(_list_sources(patterns, muscles))
     shared = frame[[name for name in frame if name not in spent]]
     if is_one_trial(columns, list(map(str, frame))):
         shared = shared.assign(trial=0)
     long = []
-    for muscle in muscles["muscle"]:
-        own = {each: _expand(each, muscles)[muscle] for each in patterns}
-        told = {each: frame[source] for each, source in own.items() if source in frame}
-        long.append(shared.assign(**{columns.get("muscle") or "muscle": muscle}, **told))
+    for muscle in _list_muscles(muscles):
+        told = {each: frame[source] for each in patterns if (source := _expand(each, *muscle)) in frame}
+        long.append(shared.assign(**{columns.get("muscle") or "muscle": muscle[0]}, **told))
     return pd.concat(long)

@@ -41,25 +41,10 @@ def adopt(
 ) -> pd.DataFrame:
     """Return the columns of this project that a recorded frame has, as numbers in this project's units.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        As read; each row has its number.
-    columns : mapping of str to str or None
-        Of this project's columns, the file's column that holds it; one of the same name where there is none.
-    units : mapping of str to str or None
-        Of this project's columns, the unit in which it is recorded; its own where there is none.
-    names : sequence of str
-        Columns that are wanted, whose values are text.
-    needed : sequence of str
-        Columns that must be there; those of `columns` that are neither are taken where they are.
-    header : sequence of str
-        Columns of the file, where the frame holds some of them only; for messages.
-
-    Raises
-    ------
-    RecordingError
-        For a column that is missing or holds something else than numbers, and for a unit that is unknown.
+    By this project's name, `columns` and `units` give the file's column, by default one of the same name, and its
+    unit, by default the name's own. The values of `names` are text; `needed` columns must be there, others of `columns`
+    are taken where they are. The file's header is for messages, where the frame holds some of its columns only. A
+    `RecordingError` tells a column that is missing or holds something else than numbers, or an unknown unit.
     """
     found = {}
     there = list(header) or [str(each) for each in frame.columns]
@@ -80,19 +65,9 @@ def adopt(
 
 
 def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
-    """Check that each row is named once and that time goes on.
+    """Check that each row is named once by its key, the columns that name a stream and then the time, which goes on.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        From `adopt`.
-    key : sequence of str
-        Columns that name a stream of samples, then the time.
-
-    Raises
-    ------
-    RecordingError
-        Naming the rows that have no time, repeat another or go back in time.
+    A `RecordingError` names the rows that have no time, repeat another or go back in time.
     """
     *stream, time = key
     anew = f", or tell what begins anew there apart: set columns.{stream[0]}=NAME" if stream else ""

@@ -20,10 +20,7 @@ TIME_OF_DAY = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?(?: ?[AaPp]\.?[Mm]\.?)?| ?[AaP
 def read_dates(values: pd.Series) -> pd.Series | None:
     """Return seconds from the first of dates, or of times of day; None where the values are neither.
 
-    Raises
-    ------
-    ValueError
-        When day and month may be either way round, and time would differ.
+    A `ValueError` tells that day and month may be either way round, and time would differ.
     """
     if values.dtype.kind in "mM":
         return _count(values)

@@ -40,21 +40,9 @@ def describe(
 ) -> tuple[list[str], Guess]:
     """Return all that can be told of a file, as lines, and the map that its headings and values make plain.
 
-    Parameters
-    ----------
-    columns : mapping of str to Series
-        As they were read.
-    header : Header
-        What the file says of them.
-    largest_jitter : float
-        Deviation of a step of time from whole periods that is borne, in periods.
-    machines : mapping of str to mapping of str to int
-        By kind that could have been recorded, the keys that name its signals, each with how many it names.
-
-    Raises
-    ------
-    RecordingError
-        When no column has values.
+    A step of time may deviate from whole periods by `largest_jitter` of one. The machines are those that could have
+    been recorded: by kind, the keys that name its signals, each with how many it names. A `RecordingError` tells that
+    no column has values.
     """
     rows = sorted({len(values) for values in columns.values()})
     if not rows or rows[-1] == 0:

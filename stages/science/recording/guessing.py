@@ -41,26 +41,11 @@ COMMANDED = re.compile(r"command|cmd|ref|set|target|desired")
 
 @dataclass
 class Guess:
-    """A map as far as it is plain.
+    """A map as far as it is plain: by this project's name, the file's column, and its unit if that is another.
 
-    Parameters
-    ----------
-    columns, units : dict of str to str
-        The file's column and its unit, by this project's name; a unit is there where it is not the name's own.
-    muscles : bool
-        Whether the file tells muscles apart.
-    input, output : str or None
-        Names of what drives and what answers.
-    endings : tuple of str
-        Ends of names that tell parts.
-    parts : tuple of str
-        Parts to be fitted and to be opened at the end, where their names say so.
-    assumed : list of str
-        Names whose unit nothing tells.
-    left : list of str
-        Columns of numbers that nothing tells enough about.
-    rate_hz : float or None
-        Samples per second, where a single number tells them.
+    `muscles` says whether the file tells muscles apart, `input` and `output` what drives and what answers. Parts are
+    told by the `endings` of columns, or are the two to be fitted and to be opened at the end. The unit of names in
+    `assumed` is told by nothing, and of columns in `left` nothing is; a single number may tell the rate.
     """
 
     columns: dict[str, str] = field(default_factory=dict)
@@ -112,18 +97,10 @@ def guess_map(
     single: Mapping[str, float],
     dates: Sequence[str] = (),
 ) -> Guess:
-    """Return the map that the headings make plain.
+    """Return the map that the headings of columns of numbers and of text make plain.
 
-    Parameters
-    ----------
-    numbers, texts : sequence of str
-        Columns of numbers or dates, and of text.
-    units : mapping of str to str
-        From a row of their own, by column.
-    single : mapping of str to float
-        Numbers that stand alone.
-    dates : sequence of str
-        Those of the columns that hold dates or times of day, the likeliest for time first.
+    Units are those from a row of their own, `single` the numbers that stand alone, and `dates` those of the numbers
+    that are dates or times of day, the likeliest for time first.
     """
     guess = Guess()
     everything = [*numbers, *texts]

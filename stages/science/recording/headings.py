@@ -44,15 +44,7 @@ class Heading(NamedTuple):
 
 
 def read_heading(text: str, told: str = "") -> Heading:
-    """Return what a heading says.
-
-    Parameters
-    ----------
-    text : str
-        The column's name, such as ``Force (kN)``, ``p1_kPa`` or ``v_m_s``.
-    told : str
-        Its unit from a row of units, if there is one.
-    """
+    """Return what a heading such as ``Force (kN)``, ``p1_kPa`` or ``v_m_s`` says, with any unit from a row of units."""
     if told and (unit := read_unit(told)) is not None:
         return Heading(read_heading(text).name, unit, True)
     found = BRACKETED.match(text)
@@ -94,19 +86,8 @@ def check_headings(
 ) -> None:
     """Refuse a column whose heading states another unit than the one in which it would be read.
 
-    Parameters
-    ----------
-    columns, units : mapping of str to str or None
-        As of `adopt`; a unit that is given is believed.
-    told : mapping of str to str
-        Units from a row of their own, by column of the file.
-    present : set of str
-        Columns that the file has.
-
-    Raises
-    ------
-    RecordingError
-        Naming the unit to set.
+    Columns and units are those of `adopt`, and a unit that is given is believed; `told` has the units from a row of
+    their own, by column of the file. A `RecordingError` names the unit to set.
     """
     for name, column in columns.items():
         source = column or name

@@ -25,13 +25,6 @@ def list_labels(columns: Mapping[str, pd.Series], time: str | None) -> list[str]
 
     They are whole numbers or text, each of them in rows that follow each other, and change wherever time goes back.
     The number of an array of structs, which has the array's name, is one whatever time does.
-
-    Parameters
-    ----------
-    columns : mapping of str to Series
-        As they were read.
-    time : str or None
-        The column of time, if there is one.
     """
     arrays = [name for name in columns if any(FIELD.fullmatch(each.removeprefix(name)) for each in columns)]
     back = set() if time is None else _find_restarts(columns[time])

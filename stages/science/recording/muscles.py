@@ -100,10 +100,7 @@ class Session(MetaSection):
     def starts_of(self, trials: list[int]) -> list[float]:
         """Return when each trial started in the session, s; nan where meta.json does not say.
 
-        Raises
-        ------
-        RecordingError
-            When there are starts, but not for these trials.
+        A `RecordingError` tells that there are starts, but not for these trials.
         """
         told = self.trial_start_s
         if told is None:
@@ -123,13 +120,7 @@ class Session(MetaSection):
 
 
 def read_session(meta: Any) -> Session:
-    """Check what meta.json holds.
-
-    Raises
-    ------
-    RecordingError
-        For the first key that is missing or wrong.
-    """
+    """Return what meta.json holds, checked; a `RecordingError` tells the first key that is missing or wrong."""
     if not isinstance(meta, Mapping):
         raise RecordingError("expected a mapping with sampling_rate_hz and muscles")
     try:

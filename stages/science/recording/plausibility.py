@@ -29,43 +29,27 @@ def check_readings(
 ) -> None:
     """Check columns, which may be missing, against what any machine of this kind can show.
 
-    Parameters
-    ----------
-    samples : DataFrame
-        In this project's units; its index counts the rows of the file.
-    names : iterable of str
-        The columns.
-    columns : mapping of str to Column
-        Declare their ranges.
-    units : mapping of str to str or None
-        The units that were stated.
-
-    Raises
-    ------
-    RecordingError
-        Naming the rows, the bounds and the unit that would fit.
+    The samples are in this project's units, and the columns declare their ranges. A stated unit is believed where the
+    values are merely small. A `RecordingError` names the rows, the bounds and the unit that would fit.
     """
     for name in names:
-        if name in samples:
-            low, high = (check.statistics for check in columns[name].checks)
-            _check_plausible(samples[name], name, low["min_value"], high["max_value"], units.get(name))
-
-
-def _check_plausible(values: pd.Series, name: str, low: float, high: float, unit: str | None) -> None:
-    """Check a column against what bounds it; a unit that is stated is believed where the values are merely small."""
-    outside = (values < low) | (values > high)
-    if outside.any():
-        largest = values[outside].iloc[0]
-        raise RecordingError(
-            f"column {name}: expected {low:g} to {high:g} {own_unit(name)}, got {largest:g} in {name_rows(outside)}; "
-            f"{_offer(values, name, low, high, unit)}"
-        )
-    top = float(np.nanmax(np.abs(values))) if values.notna().any() else 0.0
-    if unit is None and 0.0 < top < LARGE_ENOUGH.get(name, 0.0):
-        raise RecordingError(
-            f"column {name}: expected values in {own_unit(name)}, got none above {top:.3g} in {len(values)} rows; "
-            f"{_offer(values, name, low, high, unit)}, or units.{name}={own_unit(name)} if they are right"
-        )
+        if name not in samples:
+            continue
+        values, unit, own = samples[name], units.get(name), own_unit(name)
+        least, most = (check.statistics for check in columns[name].checks)
+        low, high = least["min_value"], most["max_value"]
+        outside = (values < low) | (values > high)
+        if outside.any():
+            raise RecordingError(
+                f"column {name}: expected {low:g} to {high:g} {own}, got {values[outside].iloc[0]:g} in "
+                f"{name_rows(outside)}; {_offer(values, name, low, high, unit)}"
+            )
+        top = float(np.nanmax(np.abs(values))) if values.notna().any() else 0.0
+        if unit is None and 0.0 < top < LARGE_ENOUGH.get(name, 0.0):
+            raise RecordingError(
+                f"column {name}: expected values in {own}, got none above {top:.3g} in {len(values)} rows; "
+                f"{_offer(values, name, low, high, unit)}, or units.{name}={own} if they are right"
+            )
 
 
 def _offer(values: pd.Series, name: str, low: float, high: float, unit: str | None) -> str:

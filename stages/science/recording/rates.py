@@ -51,14 +51,9 @@ def equalise(
 ) -> tuple[pd.DataFrame, float]:
     """Return all records at the lowest of their rates, and that rate.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        With ``record``, ``time_s`` from 0 in each and the signals; nan where nothing was measured.
-    rates_hz, signals, notes
-        From `find_rates`; the columns to resample; receives what was resampled.
-    largest_drift : float
-        By which a record's last sample may be off, in samples, as its rate is taken for a simple multiple.
+    The frame has ``record``, ``time_s`` from 0 in each and the signals, nan where nothing was measured. As a rate is
+    taken for a simple multiple, a record's last sample may be off by `largest_drift` samples. The notes receive what
+    was resampled.
     """
     lowest = min(rates_hz.values())
     if max(rates_hz.values()) == lowest:

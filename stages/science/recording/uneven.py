@@ -34,21 +34,9 @@ MOST_LOST = 0.5
 def even_out(frame: pd.DataFrame, signals: Sequence[str], largest_jitter: float, notes: Notes) -> pd.DataFrame:
     """Return the frame with every record on an even clock, but for rows that are missing.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        With ``record``, ``part``, ``time_s`` in the order of time, and the signals.
-    signals : sequence of str
-        Columns that were measured.
-    largest_jitter : float
-        Deviation of a step from whole periods that is borne, in periods; a record that keeps to it stays as it is.
-    notes : list
-        Receives what was done to which record.
-
-    Raises
-    ------
-    RecordingError
-        When a record's steps differ so much that most of an even clock's samples would have no values.
+    The frame has ``record``, ``part``, ``time_s`` in the order of time, and the signals. A record whose steps deviate
+    from whole periods by `largest_jitter` of one at most stays as it is; the notes receive what was done to the others.
+    A `RecordingError` tells that most of a record's samples on an even clock would have no values.
     """
     pieces, known = [], len(notes)
     for name, rows in frame.groupby("record", sort=False):

@@ -132,13 +132,7 @@ def find_kind(unit: str) -> str:
 
 
 def choose_unit(name: str, unit: str | None) -> str:
-    """Return the unit in which a column is recorded; its own where none is given.
-
-    Raises
-    ------
-    ValueError
-        When it is no spelling of a unit that `known_units` lists.
-    """
+    """Return the unit in which a column is recorded, its own where none is given; a `ValueError` tells another."""
     known = known_units(name)
     meant = own_unit(name) if unit is None else unit if unit in known else read_unit(unit)
     if meant in known:

@@ -39,6 +39,7 @@ def assert_sound(model, points, ask=lambda evaluate, *given: evaluate(*given)):
         assert np.isfinite(plain[0]).all()
         assert (plain[1] > 0).all()
         assert (plain[1] <= signal * (1 + 1e-14)).all()
+        assert ask(model.predict_mean, points).shape == (count,)
     if marginal is not None:
         assert np.isfinite(marginal).all()
         assert (marginal[1] >= 4 / 3 * plain[1] * (1 - 1e-14)).all()

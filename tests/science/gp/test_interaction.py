@@ -158,14 +158,6 @@ def test_telling_leaves_a_state_alone_and_one_rebuilt_from_its_record_tells_the_
     np.testing.assert_equal(first[1], second[1])
 
 
-def test_telling_never_ends_below_the_sparse_models_that_it_began_with(bank, recordings):
-    before = begin(Sparse, bank)
-    after = before.tell(0, *recordings[0], generators(1))
-    for m in range(MUSCLES):
-        held = condition_sparse(after.inputs[m], after.outputs[m], before.pseudo[m], before.thetas[m], make_prior())
-        assert after.models[m].log_posterior > held.log_posterior
-
-
 def test_used_trajectories_are_excluded_unless_they_may_be_used_again(bank):
     free = begin(Exact, bank).ask(np.random.default_rng(0))
     barred = begin(Exact, bank, [free.trajectory, 0]).ask(np.random.default_rng(0))

@@ -24,29 +24,19 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def points(model):
-    """Three points, the last the best of 40."""
+def paths(model):
+    """Three points, the last the best of 40, and a path of five."""
     points = np.random.default_rng(20260702).uniform(-1.5, 1.5, (40, 3))
-    return points[np.argsort(model.utility(points, "y_y_theta"))[[5, 20, 39]]]
-
-
-@pytest.fixture(scope="module")
-def estimates(model, points):
-    """The textbook's estimates at these points, with standard errors."""
-    source = np.random.default_rng(20260703)
-    return [estimate_information(model, point[None], source) for point in points]
-
-
-@pytest.fixture(scope="module")
-def path():
     time = np.linspace(0, 1, 5)
-    return 0.8 * np.stack([np.sin(2 * time), np.cos(2 * time), time], axis=1)
+    path = 0.8 * np.stack([np.sin(2 * time), np.cos(2 * time), time], axis=1)
+    return [*points[np.argsort(model.utility(points, "y_y_theta"))[[5, 20, 39]], None], path]
 
 
 @pytest.fixture(scope="module")
-def along(model, path):
-    """The textbook's estimate of measurements along the path, with its standard error."""
-    return estimate_information(model, path, np.random.default_rng(20260704))
+def estimates(model, paths):
+    """The textbook's estimates of measurements along these, with standard errors."""
+    sources = [np.random.default_rng(20260703)] * 3 + [np.random.default_rng(20260704)]
+    return [estimate_information(model, *each) for each in zip(paths, sources, strict=True)]
 
 
 def hold(model, covariance):
@@ -86,47 +76,37 @@ def estimate_information(model, path, generator):
     return told.mean(), told.std() / np.sqrt(DRAWS)
 
 
-def test_y_y_theta_is_mutual_information_of_a_measurement(model, points, estimates):
-    for score, (expected, error) in zip(model.utility(points, "y_y_theta"), estimates, strict=True):
-        assert score == pytest.approx(expected, abs=3 * error + 0.03 * expected)
+def test_y_y_theta_is_mutual_information_of_a_measurement(model, paths, estimates):
+    for point, (expected, error) in zip(paths[:3], estimates, strict=False):
+        assert model.utility(point, "y_y_theta") == pytest.approx(expected, abs=3 * error + 0.03 * expected)
         assert error < 0.1 * expected
 
 
-def test_y_y_is_that_information_plus_what_a_third_of_v_adds(model, points, estimates):
-    best, (expected, error) = points[-1:], estimates[-1]
+def test_y_y_is_that_information_plus_what_a_third_of_v_adds(model, paths, estimates):
+    best, (expected, error) = paths[2], estimates[2]
     variance = model.predict(best)[1][0]
     noisy = variance + model.noise_variance
     with_third = 0.5 * np.log(np.exp(2 * expected) + variance / 3 / noisy)
     assert model.utility(best, "y_y")[0] == pytest.approx(with_third, abs=3 * error + 0.03 * with_third)
 
 
-def test_log_det_is_mutual_information_of_correlated_measurements(model, path, along):
-    expected, error = along
-    assert model.joint_information(path) == pytest.approx(expected, abs=3 * error + 0.03 * expected)
-    assert model.utility(path, "y_y_theta").sum() > expected + 5 * error
+def test_log_det_is_mutual_information_of_correlated_measurements(model, paths, estimates):
+    expected, error = estimates[3]
+    assert model.joint_information(paths[3]) == pytest.approx(expected, abs=3 * error + 0.03 * expected)
+    assert model.utility(paths[3], "y_y_theta").sum() > expected + 5 * error
 
 
-def test_estimates_by_draws_agree_with_the_textbook_estimate(model, points, estimates, path, along, generator):
+def test_estimates_by_draws_agree_with_the_textbook_estimate(model, paths, estimates, generator):
     with pytest.raises(ValueError, match="draws: expected at least 2, got 1"):
         draw_models(model, 1, generator)
     models = draw_models(model, 600, generator)
-    densities = point_information(models, points)
+    densities = point_information(models, np.vstack(paths[:3]))
     assert densities.shape == (600, 3)
-    for index, (expected, error) in enumerate(estimates):
-        found = Information.of(densities[:, index])
+    along = path_information(models, paths[3][None], generator.standard_normal((4, 600, 5)))
+    for own, (expected, error) in zip(np.hstack([densities, along]).T, estimates, strict=True):
+        found = Information.of(own)
         assert found.value == pytest.approx(expected, abs=4 * np.hypot(error, found.standard_error))
-    expected, error = along
-    found = Information.of(path_information(models, path[None], generator.standard_normal((4, 600, 5)))[:, 0])
-    assert found.value == pytest.approx(expected, abs=4 * np.hypot(error, found.standard_error))
     assert found.standard_error < 0.1 * found.value
-
-
-def test_information_of_one_point_is_the_same_alone_and_as_a_path(model, generator):
-    models = draw_models(model, 500, generator)
-    point = generator.uniform(-1.5, 1.5, (1, 3))
-    alone = Information.of(point_information(models, point)[:, 0])
-    path = Information.of(path_information(models, point[None], generator.standard_normal((40, 500, 1)))[:, 0])
-    assert path.value == pytest.approx(alone.value, abs=3 * path.standard_error)
 
 
 def test_log_det_of_one_point_is_its_information_through_the_mean(model, generator):
@@ -139,7 +119,8 @@ def test_log_det_of_one_point_is_its_information_through_the_mean(model, generat
         assert once < twice < 2 * once
 
 
-def test_a_singular_covariance_tells_what_its_directions_tell(model, path, generator):
+def test_a_singular_covariance_tells_what_its_directions_tell(model, paths, generator):
+    path = paths[3]
     known = hold(model, np.zeros((5, 5)))
     assert known.joint_information(path) == 0.0
     assert (known.utility(path, "y_y_theta") == 0.0).all()

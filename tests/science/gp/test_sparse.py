@@ -1,25 +1,15 @@
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
 import stages.science.gp.sparse
 from stages.science.gp.cross import DirectCross
 from stages.science.gp.factor import FactorisationError
+from stages.science.gp.kernel import MEANS
 from stages.science.gp.marginal import fit
 from stages.science.gp.sparse import SparsePosterior
 from stages.science.gp.sparse_fit import fit_sparse
-from stages.science.gp.sparse_marginal import SparseMarginalGP
 from stages.science.gp.sparse_model import SparseGP
 from tests.science.gp.data import Dense, differences, make_data, make_prior
-
-MEANS = ("zero", "constant")
-
-
-@pytest.fixture(autouse=True, scope="module")
-def one_thread():
-    """The pipeline's own setting."""
-    with threadpool_limits(1):
-        yield
 
 
 def draw(generator, mean, count=40, pseudo_count=6):
@@ -29,26 +19,10 @@ def draw(generator, mean, count=40, pseudo_count=6):
     return x, y, pseudo, make_prior(mean=mean).draw(1, generator)[0]
 
 
-def test_blocks_add_up_to_the_whole(generator, monkeypatch):
-    monkeypatch.setattr(stages.science.gp.sparse, "BLOCK", 200)
-    x, y, pseudo, theta = draw(generator, "constant", 410)
-    dense, posterior = Dense(x, y, pseudo, theta), SparsePosterior(x, y, make_prior(mean="constant"), "constant")
-    model = SparseMarginalGP(posterior, pseudo, theta)
-    assert model.sparse.log_likelihood == pytest.approx(dense.log_likelihood, rel=1e-10)
-    for ours, theirs in zip(model.predict(x), dense.predict(x), strict=True):
-        np.testing.assert_allclose(ours, theirs, atol=1e-8)
-    found = posterior.derivatives(pseudo, theta)
-    slopes = differences(lambda at: posterior.value(pseudo, at), theta, 1e-5)
-    np.testing.assert_allclose(found.theta, slopes, rtol=1e-5, atol=1e-5 * np.abs(slopes).max())
-    points = np.vstack([x[:20], pseudo, generator.uniform(-2, 2, (20, 3))])
-    slopes = differences(lambda at: SparseGP(posterior, pseudo, at).predict(points), theta, 1e-5)
-    for ours, theirs in zip(model.sensitivities(points), (slopes[:, 0].T, slopes[:, 1].T), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
-
-
 @pytest.mark.parametrize("with_prior", [True, False])
 @pytest.mark.parametrize("mean", MEANS)
-def test_gradient_is_the_slope_of_the_value(mean, with_prior, generator):
+def test_gradient_is_the_slope_of_the_value_and_blocks_of_data_add_up(mean, with_prior, generator, monkeypatch):
+    monkeypatch.setattr(stages.science.gp.sparse, "BLOCK", 16)
     for _ in range(6):
         x, y, pseudo, theta = draw(generator, mean)
         posterior = SparsePosterior(x, y, make_prior(mean=mean) if with_prior else None, mean)

@@ -36,16 +36,9 @@ Message = tuple[str, int, Any]
 
 @dataclass(frozen=True)
 class Topic:
-    """All messages of one topic.
+    """All messages of one topic: their (N,) times, ns, in their order in the file, and a table with a row for each.
 
-    Parameters
-    ----------
-    times : (N,) ndarray
-        Of the messages, ns, in their order in the file.
-    table : DataFrame
-        A row for each, columns under their full names.
-    stamped : bool
-        Whether the times are those in the messages' headers, not those of the log.
+    `stamped` says whether the times are those in the messages' headers, not those of the log.
     """
 
     times: Nanoseconds
@@ -55,15 +48,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Bag:
-    """What a recording holds.
-
-    Parameters
-    ----------
-    topics : dict of str to Topic
-        Those with columns, by name.
-    remarks : tuple of str
-        How times are taken and topics joined, and what is left alone.
-    """
+    """The topics with columns, by name, and remarks: how times are taken and topics joined, and what is left alone."""
 
     topics: dict[str, Topic]
     remarks: tuple[str, ...]
@@ -93,13 +78,7 @@ def is_bag(path: Path) -> bool:
 
 
 def read_bag(path: Path) -> Bag:
-    """Read an MCAP file, or the folder of a ROS 2 bag.
-
-    Raises
-    ------
-    ValueError
-        When it holds no message with numbers; of the library that reads it, whatever its bytes lead to.
-    """
+    """Read an MCAP file, or the folder of a ROS 2 bag; a `ValueError` tells that no message holds numbers."""
     files = [path] if path.is_file() else sorted(path.iterdir())
     return _read(path, tuple((each.name, each.stat().st_size, each.stat().st_mtime_ns) for each in files))
 
@@ -167,29 +146,27 @@ def _decode(schema: Any, data: bytes, stores: dict[int, Any]) -> Any:
     return stores[schema.id].deserialize_cdr(data, name)
 
 
-def _fields(message: Any) -> dict[str, Any]:
-    if isinstance(message, Mapping):
-        return {str(name): value for name, value in message.items()}
-    names = [each.name for each in dataclasses.fields(message) if not each.name.startswith("__")]
-    return {name: getattr(message, name) for name in names}
-
-
-def _is_message(value: Any) -> bool:
-    return isinstance(value, Mapping) or dataclasses.is_dataclass(value)
+def _fields(value: Any) -> dict[str, Any] | None:
+    """Return the fields of a message, from JSON or a library's dataclass; None of what is no message."""
+    if isinstance(value, Mapping):
+        return {str(name): each for name, each in value.items()}
+    if not dataclasses.is_dataclass(value):
+        return None
+    names = [each.name for each in dataclasses.fields(value) if not each.name.startswith("__")]
+    return {name: getattr(value, name) for name in names}
 
 
 def _read_stamp(message: Any) -> int:
     """Return the stamp in a message's header, ns; 0 where there is none."""
-    header = _fields(message).get("header") if _is_message(message) else None
-    stamp = _fields(header).get("stamp") if _is_message(header) else None
-    told = _fields(stamp) if _is_message(stamp) else {}
+    header = (_fields(message) or {}).get("header")
+    told = _fields((_fields(header) or {}).get("stamp")) or {}
     return int(told.get("sec", 0)) * 1_000_000_000 + int(told.get("nanosec", told.get("nsec", 0)))
 
 
 def _flatten(name: str, value: Any, left: dict[str, str]) -> Iterator[tuple[str, Any]]:
     """Yield the numbers and texts in a value under their full names."""
-    if _is_message(value):
-        fields = _fields(value)
+    fields = _fields(value)
+    if fields is not None:
         named: Any = fields.get("name")
         texts = isinstance(named, list | tuple) and all(isinstance(each, str) for each in named)
         named = named if texts and len(set(named)) == len(named) else []

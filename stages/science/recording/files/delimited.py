@@ -26,22 +26,10 @@ NOTHING = ("", "nan", "na", "n/a", "null", "none")
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a text file is to be read.
+    """How a text file is to be read: its characters, what separates columns and decimals, and what heads the columns.
 
-    Parameters
-    ----------
-    encoding : str
-        Of its characters.
-    separator, decimal : str
-        Between columns, and within numbers.
-    first_line : int
-        Lines before the first row of values.
-    names : tuple of str
-        Of the columns, each once.
-    units : tuple of str
-        Of the columns, from a row of their own; empty where there is none.
-    remarks : tuple of str
-        What is out of the ordinary, in words.
+    `first_line` counts the lines before the first row of values; units are those of a row of their own, if there is
+    one; remarks tell what is out of the ordinary.
     """
 
     encoding: str
@@ -54,13 +42,7 @@ class Dialect:
 
 
 def find_dialect(path: Path) -> Dialect:
-    """Return how a text file is to be read, from its first lines.
-
-    Raises
-    ------
-    ValueError
-        When it holds no table of values.
-    """
+    """Return how a text file is to be read, from its first lines; a `ValueError` tells that it holds no table."""
     text, encoding, whole = _read_sample(path)
     lines = text.splitlines()[: None if whole else -1][:SAMPLE_LINES]
     kept = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENTS)]
@@ -88,13 +70,7 @@ def find_dialect(path: Path) -> Dialect:
 
 
 def read_delimited(path: Path, dialect: Dialect, names: Collection[str] | None) -> pd.DataFrame:
-    """Return the rows of a text file, of all columns or of those of these names.
-
-    Raises
-    ------
-    ValueError
-        When a row has more values than there are columns.
-    """
+    """Return the rows of a text file, of all columns or of those of these names; a `ValueError` tells a longer row."""
     try:
         frame = _read(path, dialect, dialect.encoding)
     except UnicodeDecodeError:

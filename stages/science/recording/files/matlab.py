@@ -23,16 +23,9 @@ Vector = NDArray[Any]
 
 @dataclass
 class Variables:
-    """What a MAT file holds.
+    """The vectors of a MAT file, (N,), its numbers that stand alone, and why the rest cannot be read as columns.
 
-    Parameters
-    ----------
-    vectors : dict of str to (N,) ndarray
-        Numbers or text; a struct's are named ``struct.field``, a matrix's columns ``matrix_1``, ``matrix_2``.
-    single : dict of str to float
-        Numbers that stand alone.
-    left : dict of str to str
-        What cannot be read as columns, and why.
+    Vectors of a struct are named ``struct.field``, the columns of a matrix ``matrix_1``, ``matrix_2``.
     """
 
     vectors: dict[str, Vector] = field(default_factory=dict)
@@ -41,13 +34,7 @@ class Variables:
 
 
 def read_variables(path: Path) -> Variables:
-    """Read a MAT file.
-
-    Raises
-    ------
-    ValueError
-        When it is one of version 7.3; of scipy, whatever its bytes lead to where it is none.
-    """
+    """Read a MAT file; a `ValueError` tells one of version 7.3."""
     with path.open("rb") as handle:
         head = handle.read(520)
     if head.startswith((b"MATLAB 7.3", HDF5)) or head[512:] == HDF5:

@@ -33,18 +33,9 @@ class UnequalColumns(FileError):
 
 @dataclass(frozen=True)
 class Header:
-    """What a file says of its columns before its values are looked at.
+    """What a file says of its columns: their names, units from a row of their own, and numbers that stand alone.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the columns.
-    units : mapping of str to str
-        Told in a row of their own, by column.
-    single : mapping of str to float
-        Numbers that stand alone in the file.
-    remarks : sequence of str
-        How it is read, where that is out of the ordinary, and what cannot be read.
+    Remarks tell how it is read, where that is out of the ordinary, and what cannot be read.
     """
 
     names: Sequence[str]
@@ -54,13 +45,7 @@ class Header:
 
 
 def read_header(path: Path) -> Header:
-    """Return what a file that others wrote says of its columns.
-
-    Raises
-    ------
-    FileError
-        As of `read_samples`.
-    """
+    """Return what a file that others wrote says of its columns; raises as `read_samples`."""
     with _explained(path):
         if is_bag(path):
             bag = read_bag(path)
@@ -109,13 +94,7 @@ def read_samples(path: Path, names: Collection[str] | None = None) -> pd.DataFra
 
 
 def read_columns(path: Path) -> dict[str, pd.Series]:
-    """Return every column of a file by itself, as those of a MAT file may differ in length.
-
-    Raises
-    ------
-    FileError
-        As of `read_samples`.
-    """
+    """Return every column of a file by itself, as those of a MAT file may differ in length."""
     if path.suffix.lower() != ".mat":
         frame = read_samples(path)
         return {str(name): frame[name] for name in frame}
