@@ -1,6 +1,6 @@
 """Modbus/TCP on sockets: frames in, the device's words out, with faults put into the bytes.
 
-Functions 3, 4, 6, 16 and 23; everything else is answered with an exception.
+Functions 3, 6 and 16; everything else is answered with an exception.
 """
 
 from __future__ import annotations
@@ -103,8 +103,11 @@ class ModbusServer:
             return bytes([function | 0x80, 3])
 
     def _perform(self, function: int, body: bytes) -> bytes:
-        if function in (3, 4):
-            return self._read(*struct.unpack(">HH", body))
+        if function == 3:
+            address, count = struct.unpack(">HH", body)
+            if not 1 <= count <= 125:
+                raise Refused(3)
+            return struct.pack(f">B{count}H", 2 * count, *self.device.read(address, count))
         if function == 6:
             address, word = struct.unpack(">HH", body)
             self.device.write(address, [word])
@@ -112,15 +115,7 @@ class ModbusServer:
         if function == 16:
             self._write(body)
             return body[:4]
-        if function == 23:
-            self._write(body[4:])
-            return self._read(*struct.unpack(">HH", body[:4]))
         raise Refused(1)
-
-    def _read(self, address: int, count: int) -> bytes:
-        if not 1 <= count <= 125:
-            raise Refused(3)
-        return struct.pack(f">B{count}H", 2 * count, *self.device.read(address, count))
 
     def _write(self, body: bytes) -> None:
         address, count, size = struct.unpack(">HHB", body[:5])

@@ -93,7 +93,7 @@ class Person:
         if told:
             with open(told[2], "a") as file:
                 file.write(f"{told[1]},{self.shown_kpa:.3f}\n")
-        self.emulator.mend()
+        self.emulator.ask("mend")
         for channel in asks.get("channels", []):
             owner, _, kind = channel.rpartition(".")
             if kind in ("force", "encoder"):
@@ -137,16 +137,9 @@ class PersonAtTheCommand(Person):
 
 
 def list_overrides(emulator):
-    return (
-        "workflow=calibration",
-        "rig=festo_cpx",
-        "rig.device.host=127.0.0.1",
-        f"rig.device.port={emulator.port}",
-        "figures=[png]",
-        "calibration.record_s=0.3",
-        "calibration.settle_s=0.5",
-        "calibration.ramp_s=0.2",
-    )
+    chosen = ("workflow=calibration", "rig=festo_cpx", "rig.device.host=127.0.0.1", "figures=[png]")
+    times = ("calibration.record_s=0.3", "calibration.settle_s=0.5", "calibration.ramp_s=0.2")
+    return (*chosen, *times, f"rig.device.port={emulator.port}")
 
 
 def choose(points):
@@ -242,7 +235,7 @@ def test_a_ceiling_or_a_sensor_at_its_end_lets_the_muscle_down(emulator, section
         emulator.fault("sensor", channel="pam2.pressure", mode="counts", counts=25000, after_s=0.3)
         stopped = rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4).stopped
         assert stopped == "pam2.pressure at 781 kPa, ceiling 780.0 kPa"
-        emulator.mend()
+        emulator.ask("mend")
         emulator.fault("sensor", channel="pam2.pressure", mode="counts", counts=32767)
         recording = rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4)
         assert emulator.state()["outputs_kpa"][1] == 0.0

@@ -57,7 +57,7 @@ def emulator(section):
 @pytest.fixture
 def rig(emulator, section):
     yield build_rig(section, emulator.port, emulator.control_port)
-    emulator.end()
+    emulator.ask("end")
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_a_hundred_turns_a_second_are_held(emulator, section):
     rig = build_rig(longer, emulator.port, emulator.control_port)
     before_s = wake_late_s()
     recording = execute(rig, wave(rig))
-    emulator.end()
+    emulator.ask("end")
     bare_s = np.concatenate([before_s, wake_late_s()])
     measured = measure_pace(pd.DataFrame(tidy(recording, rig)), [])
     assert measured.p50_s == pytest.approx(0.01, abs=0.0005)
