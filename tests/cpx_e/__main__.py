@@ -14,7 +14,7 @@ from tests.cpx_e.emulator import Emulation
 def _warm(emulation: Emulation) -> None:
     """Compile all that a trial takes."""
     plant = emulation.plant
-    plant.announce({"do": "trial", "kind": "passive", "samples": 3, "lead_samples": 0}, clock.now_s())
+    plant.announce({"do": "trial", "kind": "passive", "samples": 3, "lead_samples": 0, "seed": 0}, clock.now_s())
     for _ in range(4):
         clock.sleep(plant.tick())
 

@@ -127,7 +127,7 @@ class Device:
         if kpa == self.outputs_kpa:
             return
         self.outputs_kpa = kpa
-        self.plant.order(now, kpa)
+        self.plant.commands.append((now, kpa))
         self.vented_at_s = None if any(kpa) else now if self.vented_at_s is None else self.vented_at_s
         self.log.append((now, kpa))
 

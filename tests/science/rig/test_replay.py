@@ -46,17 +46,12 @@ def replay(rig, paths, kind="tracked", columns=(), units=(), **changed):
     return ReplayRig.model_validate(DEFAULTS | same | its | changed)
 
 
-def same(found, told, but=()):
+def same(found, told, rounded=()):
     for name in vars(told):
-        if name not in but:
+        if name in rounded:
+            np.testing.assert_allclose(getattr(found, name), getattr(told, name), atol=1e-9, err_msg=name)
+        else:
             np.testing.assert_array_equal(getattr(found, name), getattr(told, name), err_msg=name)
-
-
-def same_but_derived(found, told):
-    """Compare recordings; what follows from the encoder agrees as far as rounding goes."""
-    same(found, told, DERIVED)
-    for name in DERIVED:
-        np.testing.assert_allclose(getattr(found, name), getattr(told, name), atol=1e-9, err_msg=name)
 
 
 def refusal(rig, trial):
@@ -185,7 +180,7 @@ def test_a_folder_holds_a_trial_in_each_file_by_name(tmp_path, told):
 def test_what_follows_from_the_encoder_may_be_missing(play, told):
     rig, recordings, rows = told
     player = play(rows.drop(columns=[*DERIVED, "status", "clipped_by", "late_s"]))
-    same_but_derived(execute(player, make_trial(rig)), recordings[0])
+    same(execute(player, make_trial(rig)), recordings[0], DERIVED)
 
 
 def test_units_and_names_are_those_of_the_file(play, told):
@@ -279,18 +274,6 @@ def test_resampling_changes_rate_and_length(tmp_path):
     assert "nothing for 0.5 s, first from 2 s" in message
 
 
-def make_topics(rig, recording):
-    """Return a recording as messages of muscles and of joints."""
-    times = np.round(recording.time_s * 1e9).astype(int)
-    muscles = {
-        "position": recording.pressure_kpa,
-        "velocity": recording.pressure_command_kpa,
-        "effort": recording.force_n,
-    }
-    joints = {"position": recording.joint_angle_rad}
-    return {"/muscles": (list(rig.muscles), times, muscles), "/joints": (list(rig.joints), times, joints)}
-
-
 BAG_COLUMNS = {
     "pressure_kpa": "/muscles.position[{muscle}]",
     "pressure_command_kpa": "/muscles.velocity[{muscle}]",
@@ -304,7 +287,11 @@ BAG_COLUMNS = {
 def test_bags_are_replayed(tmp_path, machine, storage):
     rig = MACHINES[machine]()
     (recording,), _ = record(rig, make_trial(rig))
-    topics = make_topics(rig, recording)
+    times = np.round(recording.time_s * 1e9).astype(int)
+    fields = {"position": "pressure_kpa", "velocity": "pressure_command_kpa", "effort": "force_n"}
+    muscles = {name: getattr(recording, each) for name, each in fields.items()}
+    joints = {"position": recording.joint_angle_rad}
+    topics = {"/muscles": (list(rig.muscles), times, muscles), "/joints": (list(rig.joints), times, joints)}
     if storage == "json":
         messages = {
             topic: [
@@ -317,7 +304,7 @@ def test_bags_are_replayed(tmp_path, machine, storage):
     else:
         path = write_bag(tmp_path / "one", topics, storage)
     found = execute(replay(rig, path, columns=BAG_COLUMNS), make_trial(rig))
-    same_but_derived(found, recording)
+    same(found, recording, DERIVED)
 
 
 def test_some_recordings_are_needed_and_names_are_known(tmp_path, told):
