@@ -46,7 +46,6 @@ class ModbusServer:
                 self._drop(each)
 
     def close(self) -> None:
-        """Let go of all connections and the port, as a process that ends."""
         if self.listener is not None:
             self.listener.close()
             self.listener = None
@@ -129,10 +128,7 @@ class ModbusServer:
 
 
 def _receive(client: socket.socket, size: int) -> bytes:
-    data = b""
-    while len(data) < size:
-        more = client.recv(size - len(data))
-        if not more:
-            raise OSError("closed")
-        data += more
+    data = client.recv(size, socket.MSG_WAITALL)
+    if len(data) < size:
+        raise OSError("closed")
     return data

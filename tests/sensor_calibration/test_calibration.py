@@ -1,6 +1,5 @@
 """A calibration whose points a person sets, against a device whose channels mean other than is configured."""
 
-import copy
 import json
 import multiprocessing
 import os
@@ -41,22 +40,12 @@ REFUSED = {
 }
 
 
-@pytest.fixture(scope="module")
-def section():
-    return describe_rig()
-
-
-@pytest.fixture(scope="module")
-def machine(section):
-    """A machine whose channels differ from what the configuration says."""
-    told = copy.deepcopy(describe_machine(section))
-    for name, values in TRUE.items():
-        find_place(told, name).update(values)
-    return told
-
-
 @pytest.fixture
-def emulator(machine):
+def emulator():
+    """A machine whose channels differ from what the configuration says."""
+    machine = describe_machine(describe_rig())
+    for name, values in TRUE.items():
+        find_place(machine, name).update(values)
     with emulate(machine) as emulator:
         yield emulator
 
@@ -107,8 +96,7 @@ class Person:
     def load(self, channel, value, count=None):
         """Bring a true value about on a channel of the emulated machine, or a count whatever the value."""
         if count is None:
-            place = Channel.model_validate(find_place(self.emulator.machine, channel))
-            count = place.to_count(value)
+            count = Channel.model_validate(find_place(self.emulator.machine, channel)).to_count(value)
         self.emulator.fault("sensor", channel=channel, mode="counts", counts=count)
 
     def carry_out(self):
@@ -192,8 +180,8 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configure
     assert emulator.state()["outputs_kpa"] == [0.0] * 4
 
 
-def test_pressure_is_there_only_while_its_point_is_recorded(emulator, section):
-    with build_rig(section, emulator.port) as rig:
+def test_pressure_is_there_only_while_its_point_is_recorded(emulator):
+    with build_rig(describe_rig(), emulator.port) as rig:
         begun_s, states = emulator.state()["now_s"], []
         emulator.clock.after(0.5, lambda: states.append(emulator.state()))
         recording = rig.hold("pam2", 300.0, 0.3, ramp_s=0.3, settle_s=0.2)
@@ -216,8 +204,8 @@ def test_pressure_is_there_only_while_its_point_is_recorded(emulator, section):
         rig.read_counts(0.1)
 
 
-def test_a_ceiling_or_a_sensor_at_its_end_lets_the_muscle_down(emulator, section):
-    with build_rig(section, emulator.port) as rig:
+def test_a_ceiling_or_a_sensor_at_its_end_lets_the_muscle_down(emulator):
+    with build_rig(describe_rig(), emulator.port) as rig:
         emulator.fault("sensor", channel="pam2.pressure", mode="counts", counts=25000, after_s=0.3)
         stopped = rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4).stopped
         assert stopped == "pam2.pressure at 781 kPa, ceiling 780.0 kPa"

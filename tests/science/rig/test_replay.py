@@ -6,18 +6,24 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
+from pipeline.plan import gather
 from stages.science.rig.contract import RigError, tidy
 from stages.science.rig.replay import ReplayRig
 from stages.science.rig.trial import Trial
 from tests.bags import write_bag, write_mcap
 from tests.science.plant.machines import CONF, configured, other_machine, other_rig
 from tests.science.rig.watching import execute
+from tests.studies import read_stages, run_stage
 
 DEFAULTS = {
     name: value
     for name, value in yaml.safe_load((CONF / "rig" / "replay.yaml").read_text()).items()
     if name not in ("_target_", "exoskeleton", "participants", "recordings")
 }
+STAGES = ["bank", "subsampling", "hardware", "protocol"]
+ORDER = ["bank", "subsampling", "protocol", "hardware"]
+SMALL = ["+protocol=default", "protocol.experiments=2", "bank.trajectories=3", "exoskeleton.trial_s=1"]
+TABLES = {"free": "bank", "tracked": "hardware_recordings", "passive": "protocol_recordings"}
 DERIVED = ["contraction", "contraction_velocity_per_s", "joint_velocity_rad_per_s"]
 
 
@@ -316,3 +322,51 @@ def test_some_recordings_are_needed_and_names_are_known(tmp_path, told):
         replay(rig, tmp_path / "gone.parquet")
     with pytest.raises(ValidationError, match="columns: no column 'force'; "):
         replay(rig, tmp_path / "a.parquet", columns={"force": "F"})
+
+
+def run_study(folder, *overrides):
+    study, stages = read_stages(STAGES, *SMALL, *overrides)
+    tables = {}
+    for name in ORDER:
+        tables.update(run_stage(study, stages[name], folder, tables))
+    return tables
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Tables of a simulated study, and the overrides that replay it."""
+    folder = tmp_path_factory.mktemp("recorded")
+    tables = run_study(folder)
+    paths = {kind: folder / f"{name}.parquet" for kind, name in TABLES.items()}
+    for kind, path in paths.items():
+        tables[TABLES[kind]].to_parquet(path)
+    return tables, ["rig=replay", *(f"rig.recordings.{kind}={path}" for kind, path in paths.items())]
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        ["rig.match=command"],
+        ["rig.match={free: order, tracked: order, passive: order}", "bank.seed=99"],  # so that other ones are asked for
+    ],
+)
+def test_a_study_is_replayed_from_its_own_tables(recorded, tmp_path, chosen):
+    told, overrides = recorded
+    found = run_study(tmp_path, *overrides, *chosen)
+    for name in TABLES.values():
+        pd.testing.assert_frame_equal(found[name], told[name])
+    executed_by = told["executed_by"].assign(rig="ReplayRig", real=True)
+    pd.testing.assert_frame_equal(found["executed_by"], executed_by)
+
+
+def test_the_bytes_of_recordings_count_in_freshness(recorded, tmp_path):
+    told, overrides = recorded
+    path = tmp_path / "movements.parquet"
+    told["bank"].to_parquet(path)
+    study, stages = read_stages(STAGES, *SMALL, *overrides, f"rig.recordings.free=[{path}]")
+    before = gather(study, stages["bank"], {})
+    told["bank"].iloc[:-1].to_parquet(path)
+    after = gather(study, stages["bank"], {})
+    key = "rig.recordings.free.0/movements.parquet"
+    assert before.inputs[key] != after.inputs[key]
+    assert before.measured
