@@ -266,7 +266,7 @@ def test_the_speed_is_that_of_the_real_time_between_samples(generator):
 
 def test_a_sample_that_is_late_by_more_than_a_period_says_so_unless_a_sensor_is_amiss():
     command = np.full((60, 4), 100.0)
-    logbook = Logbook(RIG.exoskeleton, 0, command, np.full(command.shape, ""), None)
+    logbook = Logbook(RIG, 0, command, np.full(command.shape, ""), None)
     sample = Sample(np.ones(4), np.ones(4), np.zeros(2), np.zeros(2), np.array(["ok", "ok", "ok", "held"]), "")
     late_s = 0.01 * np.array([0.5, 1.5, *[0.0] * 58])
     for index, late in enumerate(late_s):

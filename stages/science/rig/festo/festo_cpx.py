@@ -145,7 +145,7 @@ class FestoCpx(FillingRig):
         filling = fill(applied[0], self._lead_samples, self.filling_share)
         command = np.concatenate([filling, applied])
         clipped = np.concatenate([np.full(filling.shape, "ramp", dtype=clipped.dtype), clipped])
-        book = Logbook(self.exoskeleton, len(filling), command, clipped, watch)
+        book = Logbook(self, len(filling), command, clipped, watch)
         with hold_signals() as signals, undisturbed():
             reason = self._conduct(trial, command, book, signals)
         if reason:
