@@ -25,18 +25,9 @@ HANDED_OVER = 10
 
 
 class Logbook:
-    """The samples of one trial.
+    """The samples of one trial on a rig's machine, under commands (L + T, M), kPa gauge, clipped by what is told.
 
-    Parameters
-    ----------
-    rig : Rig
-        Whose machine it is.
-    lead : int
-        Samples of the lead-in, which have times below 0 and are no part of what is collected.
-    command_kpa, clipped_by : (L + T, M) ndarray
-        What is commanded, kPa gauge, and what made it differ from what was asked.
-    watch : callable or None
-        Is handed rows as of `tidy`.
+    The samples L of the lead-in have times below 0 and are no part of what is collected.
     """
 
     def __init__(self, rig: Rig, lead: int, command_kpa: Array, clipped_by: NDArray[Any], watch: Watch | None):
