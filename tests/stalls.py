@@ -26,31 +26,25 @@ class StallWatch:
 
     def __init__(self) -> None:
         self._longest_s: list[Synchronized[float]] = []
-        self._processes: list[BaseProcess] = []
+        self.processes: list[BaseProcess] = []
 
     def begin(self) -> None:
         """Forget what was, and watch from now on; the processes that do end with this one."""
-        if not self._processes:
+        if not self.processes:
             context = multiprocessing.get_context("spawn")
             for core in sorted(os.sched_getaffinity(0)):
                 self._longest_s.append(context.Value(ctypes.c_double, 0.0))
-                self._processes.append(context.Process(target=_beat, args=(core, self._longest_s[-1]), daemon=True))
-                self._processes[-1].start()
+                self.processes.append(context.Process(target=_beat, args=(core, self._longest_s[-1]), daemon=True))
+                self.processes[-1].start()
             while not all(longest_s.value for longest_s in self._longest_s):
                 time.sleep(BEAT_S)
         for longest_s in self._longest_s:
             longest_s.value = 0.0
 
     def close(self) -> None:
-        """End the processes, if there are any."""
-        for process in self._processes:
+        for process in self.processes:
             process.kill()
             process.join()
-
-    @property
-    def pids(self) -> list[int]:
-        """Of the processes, one for each core."""
-        return [process.pid for process in self._processes]
 
     def longest_s(self) -> float:
         """Return the longest time that a core stood still since."""

@@ -97,11 +97,11 @@ def test_a_core_that_stood_still_is_seen_and_forgotten():
     watch = StallWatch()
     try:
         watch.begin()
-        assert len(watch.pids) == len(os.sched_getaffinity(0))
-        for pid in watch.pids:
-            os.kill(pid, signal.SIGSTOP)
+        assert len(watch.processes) == len(os.sched_getaffinity(0))
+        for process in watch.processes:
+            os.kill(process.pid, signal.SIGSTOP)
             time.sleep(0.5)
-            os.kill(pid, signal.SIGCONT)
+            os.kill(process.pid, signal.SIGCONT)
             assert happens(lambda: watch.longest_s() > 0.4)
             assert happens(lambda: watch.begin() or watch.longest_s() < 0.4)  # but for what this machine stands still
     finally:

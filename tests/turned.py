@@ -52,16 +52,13 @@ class TurnedClock(clock.Clock):
         self._moved_at_s = time.monotonic()
 
     def now_s(self) -> float:
-        """Return the time, s."""
         return self._now_s
 
     def sleep(self, for_s: float) -> None:
-        """Sleep until the clock was turned that far."""
-        if for_s <= 0.0:
-            return
-        with self._resting(Rest(self._now_s + for_s)) as rest:
-            while self._now_s <= rest.until_s:
-                self._turn()
+        if for_s > 0.0:
+            with self._resting(Rest(self._now_s + for_s)) as rest:
+                while self._now_s <= rest.until_s:
+                    self._turn()
 
     def wait(self, condition: threading.Condition, for_s: float | None) -> bool:
         """Wait as `Condition.wait`, but return whenever the clock was turned, too: who waits looks again."""
@@ -85,7 +82,6 @@ class TurnedClock(clock.Clock):
             each.start()
 
     def join(self, *threads: threading.Thread, within_s: float = 60.0) -> None:
-        """Wait for the end of threads for a time of this clock."""
         end_s = self._now_s + within_s
         for each in threads:
             while each.is_alive():

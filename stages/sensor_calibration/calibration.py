@@ -42,7 +42,6 @@ from stages.science.rig.festo.known_points import (
 log = logging.getLogger("pamid")
 
 STATUSES = ("calibrated", "refused")
-
 TURN = {
     "point": column(int, "number of the point, in the order of asking", low=1),
     "attempt": column(int, "how often it was asked for", low=1),
@@ -130,14 +129,8 @@ CALIBRATION_CHANGES = Table(
     },
     key=("channel",),
 )
-TABLES = (
-    CALIBRATION_SAMPLES,
-    CALIBRATION_TURNS,
-    CALIBRATION_READINGS,
-    CALIBRATION_POINTS,
-    CALIBRATION_LINES,
-    CALIBRATION_CHANGES,
-)
+TABLES = (CALIBRATION_SAMPLES, CALIBRATION_TURNS, CALIBRATION_READINGS)
+TABLES += (CALIBRATION_POINTS, CALIBRATION_LINES, CALIBRATION_CHANGES)
 
 
 class PointsFit(View):

@@ -8,13 +8,13 @@ import sys
 from multiprocessing.connection import Connection, wait
 
 from stages.science.rig import clock
-from tests.cpx_e.emulation import Emulation
+from tests.cpx_e.emulator import Emulation
 
 
 def _warm(emulation: Emulation) -> None:
     """Compile all that a trial takes."""
     plant = emulation.plant
-    plant.announce({"do": "trial", "kind": "passive", "samples": 3, "lead_samples": 0}, clock.now_s())
+    plant.announce({"do": "trial", "kind": "passive", "samples": 3, "lead_samples": 0, "seed": 0}, clock.now_s())
     for _ in range(4):
         clock.sleep(plant.tick())
 
@@ -23,12 +23,7 @@ def _answer(client: Connection, emulation: Emulation) -> bool:
     """Answer a control request; return whether the client may ask more."""
     heard_s = clock.now_s()
     try:
-        asked = client.recv()
-        try:
-            reply = emulation.do(asked, heard_s)
-        except (ValueError, KeyError, TypeError) as error:
-            reply = {"error": f"{type(error).__name__}: {error}"}
-        client.send(reply)
+        client.send(emulation.do(client.recv(), heard_s))
     except (EOFError, OSError):
         client.close()
         return False
@@ -36,7 +31,6 @@ def _answer(client: Connection, emulation: Emulation) -> bool:
 
 
 def main(machine: str) -> None:
-    """Serve a machine."""
     _warm(Emulation(json.loads(machine)))
     emulation = Emulation(json.loads(machine))
     listener = socket.create_server(("127.0.0.1", 0))

@@ -31,8 +31,7 @@ class Device:
         self.machine, self.plant, self.faults = machine, plant, faults
         modules = machine.device["modules"]
         outputs, inputs = (sum(each) for each in zip(*(WIDTHS[name] for name in modules), strict=True))
-        fixed = (CONTROL, VALUE, TIMEOUT)
-        self.written = dict.fromkeys((*fixed, *range(OUTPUTS_FROM, OUTPUTS_FROM + outputs)), 0)
+        self.written = dict.fromkeys((CONTROL, VALUE, TIMEOUT, *range(OUTPUTS_FROM, OUTPUTS_FROM + outputs)), 0)
         count = (1 << len(modules)) - 1
         self.fixed = {MODULES + place: count >> 16 * place & 0xFFFF for place in range(3)}
         self.fixed[ANSWERED + 1] = 0
@@ -42,31 +41,29 @@ class Device:
         self.commands, self.sensors = machine.commands(), machine.sensors()
         self.outputs = [at for at, name in zip(machine.first_registers, modules, strict=True) if name == "4AO"]
         self.held: dict[str, int] = {}
-        now = clock.now_s()
-        self.requested_s = now
-        self.messages = self.fired = 0
+        self.requested_s = clock.now_s()
+        self.fired, self.silent = 0, False
         self.fired_at_s: float | None = None
-        self.fired_for: float | None = None
         self.vented_at_s: float | None = None
         self.outputs_kpa: list[float] = []
         self.log: deque[tuple[float, list[float]]] = deque(maxlen=REMEMBERED)
-        self._vent()
-        self._apply_outputs(now)
+        self._vent(self.requested_s)
 
     def note_request(self) -> None:
-        """Count a request and wind the watchdog up, after it had its chance to fire."""
+        """Wind the watchdog up, after it had its chance to fire."""
         now = clock.now_s()
         self._watch(now)
-        self.requested_s = now
-        self.fired_for = None
-        self.messages += 1
+        self.requested_s, self.silent = now, False
 
     def read(self, address: int, count: int) -> list[int]:
         """Return words; raises Refused."""
-        words: dict[int, int] = {}
+        known = self.written | self.fixed | {ANSWER: self.answer, ANSWERED: self.answered}
         if address + count > self.inputs.start and address < self.inputs.stop:
-            words = self._read_inputs()
-        return [self._read_one(each, words) for each in range(address, address + count)]
+            known |= dict.fromkeys(self.inputs, 0) | self._read_inputs()
+        places = range(address, address + count)
+        if any(each not in known for each in places):
+            raise Refused(NO_REGISTER)
+        return [known[each] for each in places]
 
     def write(self, address: int, words: list[int]) -> None:
         """Set words; raises Refused, then nothing was written."""
@@ -80,35 +77,27 @@ class Device:
             self.plant.written_s = clock.now_s()
             self._apply_outputs(self.plant.written_s)
 
-    def state(self) -> dict[str, Any]:
-        """Return what the device knows of itself."""
+    def state(self, log: int) -> dict[str, Any]:
+        """Return what the device knows of itself, with its last changes of outputs."""
         return {
-            "messages": self.messages,
+            "now_s": clock.now_s(),
             "outputs_kpa": self.outputs_kpa,
             "watchdog_ms": self.written[TIMEOUT],
             "watchdog_fired_at_s": self.fired_at_s,
             "watchdog_count": self.fired,
             "last_request_at_s": self.requested_s,
             "vented_at_s": self.vented_at_s,
-            "log": list(self.log),
+            "log": list(self.log)[-log:] if log else [],
         }
 
     def tend(self) -> float:
         """Do what is due without a request; return after how many seconds to do so again."""
         now = clock.now_s()
         self._watch(now)
-        if self.written[TIMEOUT] <= 0 or self.fired_for is not None:
+        if self.written[TIMEOUT] <= 0 or self.silent:
             return TEND_S
         due = self.requested_s + self.written[TIMEOUT] / 1000.0 - now
         return min(max(due + 1e-4, 2e-4), TEND_S)
-
-    def _read_one(self, address: int, words: dict[int, int]) -> int:
-        if address in self.inputs:
-            return words.get(address, 0)
-        known = self.written | self.fixed | {ANSWER: self.answer, ANSWERED: self.answered}
-        if address not in known:
-            raise Refused(NO_REGISTER)
-        return known[address]
 
     def _read_inputs(self) -> dict[int, int]:
         words = {into + channel: self.written[out + channel] for out, into in self.outputs for channel in range(4)}
@@ -124,14 +113,11 @@ class Device:
         return words
 
     def _exchange_parameter(self, order: int) -> None:
-        number = order & NUMBER_BITS
-        if not order & CONTROL_BIT:
-            self.answer = 0
-            return
-        if order & WRITE_BIT:
-            self.parameters[number] = self.written[VALUE]
-        self.answered = self.parameters.get(number, 0)
-        self.answer = CONTROL_BIT | number
+        number, self.answer = order & NUMBER_BITS, 0
+        if order & CONTROL_BIT:
+            if order & WRITE_BIT:
+                self.parameters[number] = self.written[VALUE]
+            self.answered, self.answer = self.parameters.get(number, 0), CONTROL_BIT | number
 
     def _apply_outputs(self, now: float) -> None:
         kpa = []
@@ -141,19 +127,19 @@ class Device:
         if kpa == self.outputs_kpa:
             return
         self.outputs_kpa = kpa
-        self.plant.order(now, kpa)
+        self.plant.commands.append((now, kpa))
         self.vented_at_s = None if any(kpa) else now if self.vented_at_s is None else self.vented_at_s
         self.log.append((now, kpa))
 
-    def _vent(self) -> None:
+    def _vent(self, now: float) -> None:
         for register, channel in self.commands:
             self.written[register] = channel.to_count(0.0) & 0xFFFF
+        self._apply_outputs(now)
 
     def _watch(self, now: float) -> None:
         limit_s = self.written[TIMEOUT] / 1000.0
-        if limit_s <= 0.0 or now - self.requested_s <= limit_s or self.fired_for == self.requested_s:
+        if limit_s <= 0.0 or now - self.requested_s <= limit_s or self.silent:
             return
-        self.fired_for, self.fired_at_s = self.requested_s, now
+        self.silent, self.fired_at_s = True, now
         self.fired += 1
-        self._vent()
-        self._apply_outputs(now)
+        self._vent(now)

@@ -71,22 +71,20 @@ class Machine(BaseModel):
 
     def commands(self) -> list[tuple[int, Channel]]:
         """Register and channel of each muscle's command, in the exoskeleton's order."""
-        first = self.first_registers
-        return [(first[each.module][0] + each.channel, each) for each in self._list("command")]
+        first, its = self.first_registers, (self.channels[name]["command"] for name in self.exoskeleton.muscle_names)
+        return [(first[each.module][0] + each.channel, each) for each in its]
 
     def sensors(self) -> dict[str, tuple[int, Channel]]:
         """Register and channel of every sensor by name: pressures, then forces, then encoders."""
         first = self.first_registers
         found: dict[str, tuple[int, Channel]] = {}
         for kind in ("pressure", "force"):
-            for name, each in zip(self.exoskeleton.muscle_names, self._list(kind), strict=True):
+            for name in self.exoskeleton.muscle_names:
+                each = self.channels[name][kind]
                 found[f"{name}.{kind}"] = (first[each.module][1] + each.channel, each)
         for joint in self.exoskeleton.joint_names:
             found[f"{joint}.encoder"] = (first[self.encoders[joint].module][1], self.encoders[joint])
         return found
-
-    def _list(self, kind: str) -> list[Any]:
-        return [self.channels[name][kind] for name in self.exoskeleton.muscle_names]
 
 
 class Faults:
@@ -96,19 +94,14 @@ class Faults:
         self._asked: list[dict[str, Any]] = []
 
     def add(self, fault: Mapping[str, Any]) -> None:
-        """Take a fault; raises ValueError for one that is not known."""
-        if fault["name"] not in FAULTS:
-            raise ValueError(f"no fault '{fault['name']}'; there are {', '.join(FAULTS)}")
+        assert fault["name"] in FAULTS, fault
         begins = clock.now_s() + fault.get("after_s", 0.0)
         self._asked.append({**fault, "begins_s": begins, "ends_s": begins + fault.get("for_s", float("inf"))})
 
     def mend(self) -> None:
-        """End all faults."""
         self._asked = []
 
     def now(self, name: str) -> list[dict[str, Any]]:
         """Return the faults of a name that are there now."""
-        if not self._asked:
-            return []
         now = clock.now_s()
         return [each for each in self._asked if each["name"] == name and each["begins_s"] <= now < each["ends_s"]]

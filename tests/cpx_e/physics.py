@@ -67,18 +67,17 @@ class Moving:
 
     def __init__(self, machine: Machine, trial: dict[str, Any], angle_rad: Array, command_kpa: Array):
         exoskeleton = machine.exoskeleton
-        lead, samples = int(trial["lead_samples"]), int(trial["samples"])
-        generator = np.random.default_rng(trial.get("seed", 0))
+        lead, samples = trial["lead_samples"], trial["samples"]
+        generator = np.random.default_rng(trial["seed"])
         start = _middle(machine)
         if trial["kind"] == "passive":
             intention, person = rest(exoskeleton, lead + samples), nobody(exoskeleton)
         else:
             name = trial["participant"]
             who = machine.experimenter if name == "experimenter" else machine.participants[name]
-            shown = trial.get("reference_rad")
+            shown = trial["reference_rad"]
             if shown is None:
                 shown = move_freely(machine.movement, exoskeleton, samples, generator)
-            shown = np.asarray(shown, dtype=float)
             held = np.concatenate([np.repeat(shown[:1], lead, axis=0), shown])
             intention = intend(who, exoskeleton, held, generator)
             person = embody(who, exoskeleton)
@@ -121,8 +120,7 @@ class Plant:
         self.machine, self.faults = machine, faults
         self.generator = np.random.default_rng(machine.seed)
         models = [machine.plant.model_of(muscle) for muscle in machine.exoskeleton.muscles]
-        self.pressure_noise_kpa = np.array([each.pressure_noise_kpa for each in models])
-        self.force_noise_n = np.array([each.force_noise_n for each in models])
+        self.noise = np.array([(each.pressure_noise_kpa, each.force_noise_n) for each in models]).T
         self.channels = [channel for _, channel in machine.sensors().values()]
         self.step_s = 1.0 / machine.exoskeleton.sampling_rate_hz
         self.due_s, self.apart, self.written_s = clock.now_s(), 0.0, 0.0
@@ -131,12 +129,7 @@ class Plant:
         self.now: Idle | Moving = Idle(machine, _middle(machine), np.zeros(len(models)))
         self._show()
 
-    def order(self, now_s: float, command_kpa: list[float]) -> None:
-        """Command pressures, kPa gauge."""
-        self.commands.append((now_s, command_kpa))
-
     def announce(self, trial: dict[str, Any], heard_s: float) -> None:
-        """Begin a trial, or end one."""
         if trial["do"] == "trial":
             self.now = Moving(self.machine, trial, self.now.angle, self._ordered_at(heard_s))
         elif isinstance(self.now, Moving):
@@ -167,9 +160,9 @@ class Plant:
 
     def _show(self) -> None:
         """Have sensors count anew; an encoder that runs away does so at a speed."""
-        draw = self.generator.standard_normal
-        pressure = self.now.pressure + draw(len(self.pressure_noise_kpa)) * self.pressure_noise_kpa
-        force = self.now.force + draw(len(self.force_noise_n)) * self.force_noise_n
+        draw, (pressure_noise_kpa, force_noise_n) = self.generator.standard_normal, self.noise
+        pressure = self.now.pressure + draw(len(pressure_noise_kpa)) * pressure_noise_kpa
+        force = self.now.force + draw(len(force_noise_n)) * force_noise_n
         given = {each["joint"]: each["rad_per_s"] for each in self.faults.now("overspeed")}
         runs = np.array([given.get(name, 0.0) for name in self.machine.exoskeleton.joint_names])
         self.run_rad = np.where(runs == 0.0, 0.0, self.run_rad + runs * self.step_s)
@@ -180,12 +173,11 @@ class Plant:
     def _nudge(self) -> float:
         """Return by how much of a sample the next tick moves away from a client's writes."""
         age = (self.due_s - self.written_s) / self.step_s
-        nudge = 0.0
+        moved = self.apart
         if abs(age) < 1.0 and not NEWEST <= age % 1.0 <= OLDEST:
-            nudge = NUDGE if age % 1.0 < NEWEST else -NUDGE
-        nudge = min(max(nudge, FURTHEST[0] - self.apart), FURTHEST[1] - self.apart)
-        self.apart += nudge
-        return nudge
+            moved += NUDGE if age % 1.0 < NEWEST else -NUDGE
+        before, self.apart = self.apart, min(max(moved, FURTHEST[0]), FURTHEST[1])
+        return self.apart - before
 
 
 def _middle(machine: Machine) -> Array:

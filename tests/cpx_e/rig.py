@@ -5,24 +5,22 @@ The configuration of rig=festo_cpx flows in, with the port by which the emulator
 
 from __future__ import annotations
 
-import functools
 import hashlib
-import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Client
-from pathlib import Path
 from typing import Any
 
-from hydra import compose, initialize_config_dir
+import pytest
 from omegaconf import OmegaConf
 from pydantic import TypeAdapter
 
 from stages.science.rig.festo.festo_cpx import FestoCpx
 from stages.science.rig.trial import Trial
+from tests.composing import compose_values
 from tests.cpx_e.emulator import ask
-from tests.cpx_e.turned import TurnedEmulator
+from tests.cpx_e.turned import TurnedEmulator, emulate
 from tests.science.plant.machines import configured
-
-CONF = Path(__file__).resolve().parents[2] / "conf"
 
 
 class ToldFestoCpx(FestoCpx):
@@ -43,23 +41,15 @@ class ToldFestoCpx(FestoCpx):
         }
         here = {each.control_port: each for each in TurnedEmulator.serving}
         if self.control_port in here:
-            here[self.control_port].trial(**request)
+            here[self.control_port].ask("trial", **request)
             return
         with Client(("127.0.0.1", self.control_port)) as control:
             ask(control, "trial", **request)
 
 
-@functools.cache
-def _compose(overrides: tuple[str, ...]) -> dict[str, Any]:
-    chosen = ["+exoskeleton=upper_limb", "+participant=both", "+rig=festo_cpx", *overrides]
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        values: dict[str, Any] = OmegaConf.to_container(compose(overrides=chosen), resolve=True)
-    return values
-
-
-def describe_rig(*overrides: str) -> dict[str, Any]:
-    """Return the section of rig=festo_cpx under overrides, as plain values, on this computer."""
-    section = json.loads(json.dumps(_compose(overrides)["rig"]))
+def describe_rig(*overrides: str, rig: str = "festo_cpx") -> dict[str, Any]:
+    """Return the section of a rig's option under overrides, as plain values, on this computer."""
+    section: dict[str, Any] = OmegaConf.to_container(compose_values(f"rig={rig}", *overrides)["rig"], resolve=True)
     section.pop("_target_")
     section["device"]["host"] = "127.0.0.1"
     return section
@@ -81,3 +71,12 @@ def build_rig(section: dict[str, Any], port: int, control_port: int | None = Non
     if control_port is None:
         return TypeAdapter(FestoCpx).validate_python(values)
     return TypeAdapter(ToldFestoCpx).validate_python(values | {"control_port": control_port})
+
+
+@contextmanager
+def emulate_rig(*overrides: str, rig: str = "festo_cpx") -> Iterator[tuple[TurnedEmulator, FestoCpx]]:
+    """Go by a clock that is turned, with an emulated device and the rig on it."""
+    pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
+    section = describe_rig(*overrides, rig=rig)
+    with emulate(describe_machine(section)) as emulator:
+        yield emulator, build_rig(section, emulator.port, emulator.control_port)

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self
 from unittest.mock import patch
 
 from stages.science.rig import clock
-from tests.cpx_e.emulation import Asked, Emulation
+from tests.cpx_e.emulator import Asked, Emulation
 from tests.turned import TurnedClock, turn_clock
 
 PATIENCE_S = 0.05
@@ -39,7 +39,7 @@ class TurnedEmulator(Asked):
         self._frozen = self._gone = False
         self.begun_s = clock.now_s()
         for act in (self.emulation.plant.tick, self.emulation.device.tend):
-            turned.at(clock.now_s(), partial(self._keep_doing, act))
+            turned.at(self.begun_s, partial(self._keep_doing, act))
 
     def __enter__(self) -> Self:
         self.serving.append(self)
@@ -50,7 +50,6 @@ class TurnedEmulator(Asked):
         self.serving.remove(self)
 
     def ask(self, do: str, **values: Any) -> dict[str, Any]:
-        """Do what a control request asks for and return its reply."""
         self.serve(0.0)
         return self.emulation.do({"do": do, **values}, clock.now_s())
 
@@ -66,7 +65,6 @@ class TurnedEmulator(Asked):
         self._frozen = frozen
 
     def kill(self) -> None:
-        """End it."""
         self._gone = True
         self.emulation.server.close()
 

@@ -1,6 +1,5 @@
 """A calibration whose points a person sets, against a device whose channels mean other than is configured."""
 
-import copy
 import json
 import multiprocessing
 import os
@@ -20,6 +19,7 @@ from stages.science.rig.contract import RigError
 from stages.science.rig.festo.known_points import PointRequested
 from tests.composing import compose_values
 from tests.conftest import Command
+from tests.cpx_e.machine import Channel
 from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
 from tests.cpx_e.turned import emulate
 from tests.studies import PickledContext, run_stage
@@ -40,22 +40,12 @@ REFUSED = {
 }
 
 
-@pytest.fixture(scope="module")
-def section():
-    return describe_rig()
-
-
-@pytest.fixture(scope="module")
-def machine(section):
-    """A machine whose channels differ from what the configuration says."""
-    told = copy.deepcopy(describe_machine(section))
-    for name, values in TRUE.items():
-        find_place(told, name).update(values)
-    return told
-
-
 @pytest.fixture
-def emulator(machine):
+def emulator():
+    """A machine whose channels differ from what the configuration says."""
+    machine = describe_machine(describe_rig())
+    for name, values in TRUE.items():
+        find_place(machine, name).update(values)
     with emulate(machine) as emulator:
         yield emulator
 
@@ -93,7 +83,7 @@ class Person:
         if told:
             with open(told[2], "a") as file:
                 file.write(f"{told[1]},{self.shown_kpa:.3f}\n")
-        self.emulator.mend()
+        self.emulator.ask("mend")
         for channel in asks.get("channels", []):
             owner, _, kind = channel.rpartition(".")
             if kind in ("force", "encoder"):
@@ -106,8 +96,7 @@ class Person:
     def load(self, channel, value, count=None):
         """Bring a true value about on a channel of the emulated machine, or a count whatever the value."""
         if count is None:
-            place = find_place(self.emulator.machine, channel)
-            count = round(place["sign"] * value / find_per_count(place) + place["zero_count"])
+            count = Channel.model_validate(find_place(self.emulator.machine, channel)).to_count(value)
         self.emulator.fault("sensor", channel=channel, mode="counts", counts=count)
 
     def carry_out(self):
@@ -115,10 +104,6 @@ class Person:
         while (code := self.type()) == 3:
             self.obey()
         return code
-
-    def read(self, table):
-        """Return one of the run's tables."""
-        return self.tables[f"calibration_{table}"]
 
 
 class PersonAtTheCommand(Person):
@@ -137,16 +122,9 @@ class PersonAtTheCommand(Person):
 
 
 def list_overrides(emulator):
-    return (
-        "workflow=calibration",
-        "rig=festo_cpx",
-        "rig.device.host=127.0.0.1",
-        f"rig.device.port={emulator.port}",
-        "figures=[png]",
-        "calibration.record_s=0.3",
-        "calibration.settle_s=0.5",
-        "calibration.ramp_s=0.2",
-    )
+    chosen = ("workflow=calibration", "rig=festo_cpx", "rig.device.host=127.0.0.1", "figures=[png]")
+    times = ("calibration.record_s=0.3", "calibration.settle_s=0.5", "calibration.ramp_s=0.2")
+    return (*chosen, *times, f"rig.device.port={emulator.port}")
 
 
 def choose(points):
@@ -157,18 +135,6 @@ def choose(points):
 def find_place(machine, channel):
     owner, _, kind = channel.rpartition(".")
     return machine["encoders"][owner] if kind == "encoder" else machine["channels"][owner][kind]
-
-
-def find_per_count(place):
-    (per_count,) = (each for key, each in place.items() if key.endswith("_per_count"))
-    return per_count
-
-
-def build(person):
-    """Return the rig that a calibration left, as another study loads it."""
-    overrides, _ = read_choices([f"rig={person.run / 'documents' / 'calibrated.yaml'}"], ["rig"])
-    study, _ = read_study(compose_values(*overrides))
-    return study.build("rig")
 
 
 def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configured(emulator, tmp_path):
@@ -186,17 +152,18 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configure
     assert person.carry_out() == 0
     assert [each["point"] for each in person.asked] == [*range(1, 15)]
     assert len(person.told) == 14
-    lines, changes = (person.read(each).set_index("channel") for each in ("lines", "changes"))
+    lines, changes = (person.tables[f"calibration_{each}"].set_index("channel") for each in ("lines", "changes"))
     assert lines["status"].to_dict() == dict.fromkeys(TRUE, "calibrated") | dict.fromkeys(REFUSED, "refused")
     for name, told in REFUSED.items():
         assert re.search(told, lines.loc[name, "told"])
-    for name, true in TRUE.items():
-        assert lines.loc[name, "per_count"] == pytest.approx(find_per_count(true), rel=0.005)
-        assert lines.loc[name, "zero_count"] == pytest.approx(true["zero_count"], abs=10.0)
-        assert lines.loc[name, "sign"] == true.get("sign", 1)
+    for name in TRUE:
+        true, line = Channel.model_validate(find_place(emulator.machine, name)), lines.loc[name]
+        assert line["sign"] * line["per_count"] == pytest.approx(true.per_count, rel=0.005)
+        assert line["zero_count"] == pytest.approx(true.zero_count, abs=10.0)
     assert "the sign is -1, configured 1" in lines.loc["pam1.force", "told"]
     assert list(changes.index[changes["plausible"]]) == ["pam1.pressure", "pam1.command"]
-    rig = build(person)
+    overrides, _ = read_choices([f"rig={tmp_path / 'documents' / 'calibrated.yaml'}"], ["rig"])
+    rig = read_study(compose_values(*overrides))[0].build("rig")
     assert rig.exoskeleton.sampling_rate_hz == 100.0
     assert rig.channels["pam2"].force.n_per_count == 0.025  # as configured
     person.load("pam1.force", 80.0)
@@ -213,8 +180,8 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configure
     assert emulator.state()["outputs_kpa"] == [0.0] * 4
 
 
-def test_pressure_is_there_only_while_its_point_is_recorded(emulator, section):
-    with build_rig(section, emulator.port) as rig:
+def test_pressure_is_there_only_while_its_point_is_recorded(emulator):
+    with build_rig(describe_rig(), emulator.port) as rig:
         begun_s, states = emulator.state()["now_s"], []
         emulator.clock.after(0.5, lambda: states.append(emulator.state()))
         recording = rig.hold("pam2", 300.0, 0.3, ramp_s=0.3, settle_s=0.2)
@@ -237,12 +204,12 @@ def test_pressure_is_there_only_while_its_point_is_recorded(emulator, section):
         rig.read_counts(0.1)
 
 
-def test_a_ceiling_or_a_sensor_at_its_end_lets_the_muscle_down(emulator, section):
-    with build_rig(section, emulator.port) as rig:
+def test_a_ceiling_or_a_sensor_at_its_end_lets_the_muscle_down(emulator):
+    with build_rig(describe_rig(), emulator.port) as rig:
         emulator.fault("sensor", channel="pam2.pressure", mode="counts", counts=25000, after_s=0.3)
         stopped = rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4).stopped
         assert stopped == "pam2.pressure at 781 kPa, ceiling 780.0 kPa"
-        emulator.mend()
+        emulator.ask("mend")
         emulator.fault("sensor", channel="pam2.pressure", mode="counts", counts=32767)
         recording = rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4)
         assert emulator.state()["outputs_kpa"][1] == 0.0
@@ -266,10 +233,10 @@ def test_a_point_of_no_use_is_asked_for_again_by_the_same_command(emulator, tmp_
         r"100 N: hang 100 N on the load cell of pam1 and let it come to rest .* when that is done, type: ",
         person.told[2],
     )
-    points = person.read("points")
+    points = person.tables["calibration_points"]
     assert list(points["attempt"]) == [1, 2, 1]
     assert list(points["problem"].eq("")) == [False, True, True]
-    assert list(person.read("lines")["status"]) == ["calibrated"]
+    assert list(person.tables["calibration_lines"]["status"]) == ["calibrated"]
     assert [each.name for each in (person.run / "figures").iterdir()] == ["lines_force.png"]
     assert (person.run / "documents" / "calibrated.yaml").exists()
 
@@ -293,7 +260,7 @@ def test_a_run_that_is_killed_goes_on_at_the_point_it_was_recording(emulator, tm
     process.join()
     assert process.exitcode == -signal.SIGKILL
     assert person.carry_out() == 0
-    points = person.read("points")
+    points = person.tables["calibration_points"]
     assert list(points["channel"]) == ["SFE.encoder"] * 2 + ["pam2.pressure"] * 2
     assert points["problem"].eq("").all()
 

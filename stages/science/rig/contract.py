@@ -7,7 +7,7 @@ lets go of its actuators whatever happens.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, ClassVar, Self
@@ -16,13 +16,15 @@ import numpy as np
 import pandas as pd
 import pandera.pandas as pa
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, PrivateAttr, model_validator
 
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.plant.participant import Participant
 from stages.science.rig.attendance import Attendance, TrialDeclined
 from stages.science.rig.trial import CLIPPED_BY, PER_SAMPLE, STATUS, Recording, Trial
 
 MOST_ROWS = 50_000_000
 """Rows of a table of measurements, beyond which its ten numbers a row take over 4 GB and its copies no longer fit."""
-
 
 Watch = Callable[[Mapping[str, NDArray[Any]]], None]
 """Is handed rows of samples, as of `tidy`, while a trial runs."""
@@ -43,62 +45,85 @@ class TrialStopped(RigError):
         self.noticed_at_s = noticed_at_s
 
 
-class Rig(ABC):
-    """Executes trials. A subclass says what it has, how it connects, runs one trial and lets go."""
+class Rig(BaseModel):
+    """Executes trials on the machine of the configuration; a subclass runs one trial, and says how it connects.
+
+    Beside the participants, ``experimenter`` moves freely and ``nobody`` is in passive trials.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     real: ClassVar[bool]
+
+    exoskeleton: Exoskeleton
+    participants: dict[str, Participant]
+    _connected: bool = PrivateAttr(default=False)
+    _attendance: Attendance | None = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _keep_reserved_names(self) -> Self:
+        taken = {"experimenter", "nobody"} & set(self.participants)
+        if taken:
+            raise ValueError(f"participants: the name '{taken.pop()}' is reserved; give the participant another one")
+        return self
+
+    @property
+    def muscles(self) -> Sequence[str]:
+        """Names of the muscles, in the order of the recordings' columns."""
+        return self.exoskeleton.muscle_names
+
+    @property
+    def joints(self) -> Sequence[str]:
+        """Names of the joints, in the order of the recordings' columns."""
+        return self.exoskeleton.joint_names
+
+    @property
+    def muscle_joints(self) -> Sequence[str]:
+        """Name of the joint that each muscle moves."""
+        return [muscle.joint for muscle in self.exoskeleton.muscles]
+
+    @property
+    def sampling_rate_hz(self) -> float:
+        """Samples per second."""
+        return self.exoskeleton.sampling_rate_hz
+
+    @property
+    def samples(self) -> int:
+        """Samples of one trial."""
+        return self.exoskeleton.samples
+
+    @property
+    def people(self) -> Sequence[str]:
+        """Who may be in the machine: the participants and the experimenter."""
+        return [*self.participants, "experimenter"]
+
+    @property
+    def pointed(self) -> bool:
+        """Whether a participant points at postures on a page."""
+        return False
 
     @property
     def attendance(self) -> Attendance | None:
         """Who sees its trials and decides on them, if somebody does."""
-        return None
+        return self._attendance
 
     def connect_interface(self, attendance: Attendance) -> None:
-        """Have somebody see its trials and decide on them; raise `RigError` where this rig asks nobody."""
-        raise RigError(f"{type(self).__name__} asks nobody: leave operator_ui= out, or choose another rig")
+        """Have somebody see its trials and decide on them."""
+        attendance.describe(self.exoskeleton, self.pointed)
+        self._attendance = attendance
 
     @property
-    @abstractmethod
-    def muscles(self) -> Sequence[str]:
-        """Names of the muscles, in the order of the recordings' columns."""
-
-    @property
-    @abstractmethod
-    def joints(self) -> Sequence[str]:
-        """Names of the joints, in the order of the recordings' columns."""
-
-    @property
-    @abstractmethod
-    def muscle_joints(self) -> Sequence[str]:
-        """Name of the joint that each muscle moves."""
-
-    @property
-    @abstractmethod
-    def sampling_rate_hz(self) -> float:
-        """Samples per second."""
-
-    @property
-    @abstractmethod
-    def samples(self) -> int:
-        """Samples of one trial."""
-
-    @property
-    @abstractmethod
-    def people(self) -> Sequence[str]:
-        """Who may be in the machine."""
-
-    @property
-    @abstractmethod
     def connected(self) -> bool:
-        """Whether trials can be executed now."""
+        """Whether trials can be executed now, inside the ``with`` block."""
+        return self._connected
 
-    @abstractmethod
     def connect(self) -> None:
         """Take hold of the hardware."""
+        self._connected = True
 
-    @abstractmethod
     def release(self) -> None:
         """Let go of every actuator, each being tried, then raise the first error met; harmless when not connected."""
+        self._connected = False
 
     @abstractmethod
     def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
@@ -127,34 +152,22 @@ class Rig(ABC):
         if trial.kind != "passive" and trial.participant not in self.people:
             raise ValueError(f"no participant '{trial.participant}'; this rig knows {', '.join(sorted(self.people))}")
 
-    def check_bank(self, samples: pd.DataFrame, by: str) -> None:  # noqa: B027 (a rig may have no such limits)
-        """Check movements that are to be replayed against the rig's limits, before anything moves.
+    def check_bank(self, samples: pd.DataFrame, by: str) -> None:
+        """Check movements that are to be replayed against the rig's limits, if it has any, before anything moves.
 
-        Parameters
-        ----------
-        samples : DataFrame
-            Rows of one muscle and time: muscle, time_s, pressure_command_kpa, joint_angle_rad of its joint.
-        by : str
-            Column that numbers the movements.
+        Rows are of one muscle and time: muscle, time_s, pressure_command_kpa, joint_angle_rad of its joint, and a
+        column that numbers the movements.
 
         Raises
         ------
         ValueError
-            Saying which movement passes which limit; a rig without limits on movements raises none.
+            Saying which movement passes which limit.
         """
 
     def execute(self, trial: Trial, generator: np.random.Generator, watch: Watch | None = None) -> Recording:
-        """Execute one trial.
+        """Execute one trial of this rig's shape; the generator is the only source of randomness.
 
-        Parameters
-        ----------
-        trial : Trial
-            Of this rig's shape.
-        generator : numpy.random.Generator
-            The only source of randomness.
-        watch : callable or None
-            Is handed rows of samples while the trial runs; a rig that knows its samples only at the end hands over
-            none.
+        Rows of samples are handed to `watch` while the trial runs, but by a rig that knows them only at the end.
 
         Raises
         ------
@@ -214,12 +227,9 @@ class Rig(ABC):
 
 
 def tidy(recording: Recording, rig: Rig) -> dict[str, NDArray[Any]]:
-    """Return a recording as long columns, one row per muscle and time: all of the first muscle, then the next.
+    """Return a recording as the columns of `RECORDING_COLUMNS` (M T,), in order, joint columns by the muscle's joint.
 
-    Returns
-    -------
-    dict of str to (M T,) ndarray
-        The columns of `RECORDING_COLUMNS`, in order; joint columns are those of the muscle's joint.
+    There is a row per muscle and time: all of the first muscle, then the next.
     """
     joint = [list(rig.joints).index(name) for name in rig.muscle_joints]
     samples = len(recording.time_s)

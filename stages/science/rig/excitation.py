@@ -107,23 +107,9 @@ class FreeMovements(Declared):
         number: int | None = None,
         proposal: Proposal | None = None,
     ) -> dict[str, NDArray[Any]]:
-        """Record one movement of the experimenter under pressures drawn for it.
+        """Record one movement of the experimenter under pressures drawn for it, by `Rig.execute` of a connected rig.
 
-        Parameters
-        ----------
-        trajectory : int
-            Number of the movement.
-        rig : Rig
-            Connected.
-        generator, watch
-            As of `Rig.execute`.
-        label, number, proposal
-            As of `Trial`.
-
-        Returns
-        -------
-        dict of str to (M T,) ndarray
-            The number, as ``trajectory``, and the columns of `RECORDING_COLUMNS`.
+        Returned are its number, as ``trajectory``, and the columns of `RECORDING_COLUMNS` (M T,).
         """
         command = self.pressure.draw(rig, generator)
         trial = Trial("free", "experimenter", command, label=label, number=number, proposal=proposal)

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from stages.science.rig.attendance import Moment
-from stages.science.rig.configured import ConfiguredRig
+from stages.science.rig.contract import Rig
 from stages.science.rig.limits import Limits
 from stages.science.signals.trajectories import Array
 
@@ -26,7 +26,7 @@ def fill(first_kpa: Array, samples: int, share: float) -> Array:
     return risen[:, None] * first_kpa
 
 
-class FillingRig(ConfiguredRig):
+class FillingRig(Rig):
     """A rig that applies commands within limits, and fills the muscles in a lead-in that is not recorded."""
 
     limits: Limits

@@ -24,8 +24,6 @@ CODES = list(CLIPPED_BY)
 PRESSURE, CO_CONTRACTION, RATE = (CODES.index(name) for name in ("pressure", "co_contraction", "rate"))
 ROUNDING_KPA = 1e-9
 """Difference of two commands that is no clipping, kPa."""
-
-
 SPEED_WINDOW_S = 0.03
 """Time over which a joint's speed is measured against its limit, s: above an encoder's counts, below a movement."""
 
@@ -137,21 +135,11 @@ def apply_limits(
     exoskeleton: Exoskeleton,
     co_contraction_kpa: Mapping[str, float] | None = None,
 ) -> tuple[Array, NDArray[Any]]:
-    """Return the nearest command within the limits, sample after sample.
+    """Return the nearest command within the limits, sample after sample, and what made it differ (T, M).
 
-    Parameters
-    ----------
-    command_kpa : (T, M) ndarray
-        What is asked, kPa gauge; the muscles are filled to the first sample beforehand.
-    limits, exoskeleton
-        By type of muscle; the machine.
-    co_contraction_kpa : mapping of str to float or None
-        By joint: as long as one side of it is commanded more than this, the other one is not; None for no ceiling.
-
-    Returns
-    -------
-    tuple of (T, M) ndarray
-        What is applied, kPa gauge, and what made it differ, keys of `CLIPPED_BY`.
+    Commands are in kPa gauge, the muscles being filled to the first sample beforehand; what made them differ is told by
+    keys of `CLIPPED_BY`. As long as one side of a joint is commanded more than its ceiling on co-contraction, the other
+    one is not; None for no ceiling.
     """
     rows = [limits[muscle.type] for muscle in exoskeleton.muscles]
     low, high, slew = np.array([(row.low_kpa, row.high_kpa, row.slew_kpa_per_s) for row in rows]).T.copy()
@@ -215,21 +203,9 @@ def _limit(
 def find_forbidden(
     samples: pd.DataFrame, trials: str, exoskeleton: Exoskeleton, guard: Guard, limits: Limits
 ) -> Iterator[str]:
-    """Say what a bank asks for that the limits forbid, before anything moves.
+    """Say what a bank asks for that a rig's limits forbid, before anything moves; arguments as of `Rig.check_bank`.
 
-    Parameters
-    ----------
-    samples : DataFrame
-        As of `Rig.check_bank`, each muscle's rows in the order of time.
-    trials : str
-        Column that numbers the movements.
-    exoskeleton, guard, limits
-        Of the rig.
-
-    Yields
-    ------
-    str
-        One line for each limit that is passed: where it is passed first, by how much, and in how many movements.
+    There is one line for each limit that is passed: where it is passed first, by how much, and in how many movements.
     """
     for muscle in exoskeleton.muscles:
         rows = samples[samples["muscle"] == muscle.name]

@@ -16,8 +16,7 @@ import numpy as np
 import pandas as pd
 from pydantic import field_validator
 
-from stages.science.rig.configured import ConfiguredRig
-from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, Watch
+from stages.science.rig.contract import MEASUREMENT_COLUMNS, Rig, RigError, Watch
 from stages.science.rig.rows import assume_conduct, check_values, gather
 from stages.science.rig.trial import Recording, Trial
 
@@ -32,7 +31,7 @@ class TrialRequested(Exception):
         self.asks = asks
 
 
-class ManualRig(ConfiguredRig):
+class ManualRig(Rig):
     """A rig behind a person, who puts recordings into a folder."""
 
     real: ClassVar[bool] = True

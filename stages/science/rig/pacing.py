@@ -77,14 +77,9 @@ class Pace:
 
 
 def measure_pace(recordings: pd.DataFrame, by: Sequence[str]) -> Pace:
-    """Return how a loop kept its rate over trials.
+    """Return how a loop kept its rate over trials, which columns tell apart, none for one trial.
 
-    Parameters
-    ----------
-    recordings : DataFrame
-        At least one trial: muscle, time_s, late_s and status.
-    by : sequence of str
-        Columns that tell trials apart; none for one trial.
+    Of the recordings count muscle, time_s, late_s and status.
     """
     rows = recordings[recordings["muscle"] == recordings["muscle"].iloc[0]]
     trials = [rows] if not by else [its for _, its in rows.groupby(list(by), sort=False)]

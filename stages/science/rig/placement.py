@@ -23,16 +23,9 @@ A_GAP = 1.5
 
 
 def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float) -> pd.DataFrame:
-    """Return the rows of a trial that is sampled as the machine is, on its clock.
+    """Return the rows of a trial that is sampled as the machine is, on its clock; the jitter is as of `regularise`.
 
-    Parameters
-    ----------
-    rows : DataFrame
-        Adopted columns of one trial, in the order of time within each muscle; its index counts the rows of the file.
-    rate_hz, samples : float, int
-        Samples per second of the machine, and of a trial of it.
-    largest_jitter : float
-        As of `regularise`.
+    Rows are adopted columns, in the order of time within each muscle; their index counts the rows of the file.
 
     Raises
     ------
@@ -71,22 +64,15 @@ def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float
 
 
 def resample(rows: pd.DataFrame, rate_hz: float, samples: int, largest_gap_s: float) -> pd.DataFrame:
-    """Return the rows of a trial at the machine's samples.
+    """Return the rows of a trial, as of `keep`, at the machine's samples.
 
     Readings between two are interpolated. Commands, and how samples were taken, hold until the next one. What is
     missing holds the values before and is marked ``missed``.
 
-    Parameters
-    ----------
-    rows, rate_hz, samples
-        As of `keep`.
-    largest_gap_s : float
-        Longest stretch without samples that is bridged, s.
-
     Raises
     ------
     RecordingError
-        Where more is missing.
+        Where more is missing than the longest stretch without samples that is bridged, s.
     """
     start_s, grid = float(rows["time_s"].min()), np.arange(samples) / rate_hz
     muscles = rows.groupby("muscle", sort=False)

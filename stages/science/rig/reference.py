@@ -24,17 +24,8 @@ def tracked_trial(
 ) -> Trial:
     """Return the trial in which a participant tracks a recorded movement under its recorded pressures.
 
-    Parameters
-    ----------
-    samples, rig
-        As of `arrange`, with the columns pressure_command_kpa and joint_angle_rad (of the muscle's joint).
-    participant, label, number, proposal
-        As of `Trial`.
-
-    Raises
-    ------
-    ValueError
-        As `arrange`.
+    Rows and errors are as of `arrange`, with the columns pressure_command_kpa and joint_angle_rad (of the muscle's
+    joint).
     """
     command, angle = (arrange(samples, name, rig) for name in ("pressure_command_kpa", "joint_angle_rad"))
     first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
@@ -71,21 +62,9 @@ def track(
 ) -> pd.DataFrame:
     """Let a participant track a movement, and return what was measured, in the columns of `RECORDING_COLUMNS`.
 
-    Parameters
-    ----------
-    references, trajectory : DataFrame, int
-        Rows of all movements, with a column trajectory beside those that `tracked_trial` takes, and the movement.
-    rig, generator, watch
-        As of `Rig.execute`, with a rig that is connected.
-    participant, label, number, proposal
-        As of `Trial`.
-
-    Raises
-    ------
-    RigError, ValueError
-        As `Rig.execute` and `tracked_trial`.
+    References are rows of all movements, with a column trajectory beside those that `tracked_trial` takes. Errors are
+    as of it and of `Rig.execute`.
     """
     samples = references[references["trajectory"] == trajectory]
     trial = tracked_trial(samples, rig, participant, label, number, proposal)
-    recording = rig.execute(trial, generator, watch)
-    return pd.DataFrame(tidy(recording, rig))
+    return pd.DataFrame(tidy(rig.execute(trial, generator, watch), rig))

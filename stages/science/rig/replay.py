@@ -27,8 +27,7 @@ from stages.science.recording.files.bags import is_bag
 from stages.science.recording.files.readers import TABLE_SUFFIXES, FileError, read_header, read_samples
 from stages.science.recording.muscles import describe_muscles
 from stages.science.recording.plausibility import check_readings
-from stages.science.rig.configured import ConfiguredRig
-from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, Watch
+from stages.science.rig.contract import MEASUREMENT_COLUMNS, Rig, RigError, Watch
 from stages.science.rig.placement import READINGS, keep, resample
 from stages.science.rig.reference import arrange
 from stages.science.rig.rows import PUNCTUAL, assume_conduct, check_values, gather
@@ -82,7 +81,7 @@ class Recorded:
     """The reference, where it is told; else the angles that were reached."""
 
 
-class ReplayRig(ConfiguredRig):
+class ReplayRig(Rig):
     """A rig that returns what was recorded.
 
     It is real, as its numbers come from a machine: what was read is kept when code changes, controls are not executed

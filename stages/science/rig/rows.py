@@ -48,14 +48,9 @@ def check_values(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def gather(frame: pd.DataFrame, rig: Rig) -> Recording:
-    """Return the recording whose long rows these are; a joint's columns are those of its first muscle.
+    """Return the recording whose long rows these are, of every muscle at the same times, in any order.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        The columns of `RECORDING_COLUMNS`, for every muscle at the same times, in any order.
-    rig : Rig
-        Names the muscles and their joints.
+    A joint's columns are those of its first muscle.
     """
     place = frame["muscle"].map({name: index for index, name in enumerate(rig.muscles)}).to_numpy()
     times = frame["time_s"].to_numpy(dtype=float)

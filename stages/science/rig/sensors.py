@@ -21,18 +21,9 @@ def record(
     generator: np.random.Generator,
     start_s: float = 0.0,
 ) -> Recording:
-    """Return the recording of a motion; noise comes before the effects of a sensor, which may round or clip it.
+    """Return the recording of a motion under commands as applied (T, M), kPa gauge, of a trial begun in a session, s.
 
-    Parameters
-    ----------
-    motion, command_kpa : Motion, (T, M) ndarray
-        What happened, and what was applied, kPa gauge.
-    exoskeleton, plant
-        Geometry, load-cell site and velocity filter; sensor constants.
-    generator : numpy.random.Generator
-        The only source of randomness.
-    start_s : float
-        When the trial began in the session, s.
+    Noise comes before the effects of a sensor, which may round or clip it.
     """
     chain = Chain(exoskeleton, plant, start_s)
     models = [plant.model_of(muscle) for muscle in exoskeleton.muscles]
@@ -43,27 +34,35 @@ def record(
     noisy = pulled + _white(generator, pulled, [each.force_noise_n for each in models])
     shown = chain.sense_force(noisy, motion.pressure_kpa, motion.contraction, motion.velocity_per_s)
     angle = read_encoder(motion.joint_angle_rad, plant.encoder, generator)
-    rate, window = exoskeleton.sampling_rate_hz, exoskeleton.velocity_filter
-    velocity = differentiate(angle, rate, window.window_s, window.order)
-    contraction, contraction_velocity = contract(angle, velocity, exoskeleton)
     return Recording(
-        time_s=np.arange(len(angle)) / rate,
+        time_s=np.arange(len(angle)) / exoskeleton.sampling_rate_hz,
         pressure_command_kpa=command_kpa,
         pressure_kpa=pressure,
-        contraction=contraction,
-        contraction_velocity_per_s=contraction_velocity,
         force_n=np.maximum(shown, 0.0),
-        joint_angle_rad=angle,
-        joint_velocity_rad_per_s=velocity,
+        **derive_from_encoder(angle, exoskeleton),
     )
 
 
-def contract(angle_rad: Array, velocity_rad_per_s: Array, exoskeleton: Exoskeleton) -> tuple[Array, Array]:
+def derive_from_encoder(angle_rad: Array, exoskeleton: Exoskeleton) -> dict[str, Array]:
+    """Return joint angles (T, J) and what follows from them, filtered velocities too, as columns of a `Recording`."""
+    window = exoskeleton.velocity_filter
+    velocity = differentiate(angle_rad, exoskeleton.sampling_rate_hz, window.window_s, window.order)
+    return {
+        "joint_angle_rad": angle_rad,
+        "joint_velocity_rad_per_s": velocity,
+        **contract(angle_rad, velocity, exoskeleton),
+    }
+
+
+def contract(angle_rad: Array, velocity_rad_per_s: Array, exoskeleton: Exoskeleton) -> dict[str, Array]:
     """Return contractions (T, M) and their velocities, 1/s, by joint angles (T, J) and the nominal geometry."""
     at_zero = np.array([muscle.contraction_at_angle_0 for muscle in exoskeleton.muscles])
     per_rad = np.array([muscle.contraction_per_rad for muscle in exoskeleton.muscles])
     joint = exoskeleton.joint_of_muscle
-    return at_zero + per_rad * angle_rad[:, joint], per_rad * velocity_rad_per_s[:, joint]
+    return {
+        "contraction": at_zero + per_rad * angle_rad[:, joint],
+        "contraction_velocity_per_s": per_rad * velocity_rad_per_s[:, joint],
+    }
 
 
 def read_encoder(angle_rad: Array, encoder: Encoder, generator: np.random.Generator) -> Array:

@@ -6,7 +6,7 @@ Configuration and trials flow in, recordings flow out. Every random number comes
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import ClassVar, Self, TypeVar
 
@@ -15,7 +15,7 @@ from pydantic import model_validator
 
 from stages.science.plant.interaction import Motion, interact
 from stages.science.plant.joint import STABLE, quickest_rate
-from stages.science.plant.participant import Intention, Participant, embody, intend, nobody, rest
+from stages.science.plant.participant import Intention, Participant, Person, embody, intend, nobody, rest
 from stages.science.plant.plant import Plant
 from stages.science.plant.stepping import Steps
 from stages.science.rig import clock
@@ -101,13 +101,21 @@ class SimulatedRig(FillingRig):
 
     def _warm(self) -> None:
         """Compile what a step takes, before a person waits for it."""
-        angle = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in self.exoskeleton.joints])
-        still = Intention(*(np.repeat(each[None], 4, axis=0) for each in (angle, 0.0 * angle, 0.0 * angle)))
-        steps = Steps(self.exoskeleton, self.plant, still, embody(self.experimenter, self.exoskeleton), angle)
-        command = np.zeros(len(self.muscles))
-        steps.begin(command)
+        command = np.zeros((4, len(self.muscles)))
+        steps = self._begin(self._middle, embody(self.experimenter, self.exoskeleton), command)
         while not steps.over:
-            steps.step(command)
+            steps.step(command[0])
+
+    @property
+    def _middle(self) -> Array:
+        return np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in self.exoskeleton.joints])
+
+    def _begin(self, angle: Array, person: Sequence[Person], command: Array) -> Steps:
+        """Begin a trial of commands (T, M) at rest in a posture (J,), which is intended throughout."""
+        held = Intention(*(np.repeat(each[None], len(command), axis=0) for each in (angle, 0 * angle, 0 * angle)))
+        steps = Steps(self.exoskeleton, self.plant, held, person, angle)
+        steps.begin(command[0])
+        return steps
 
     @property
     def pointed(self) -> bool:
@@ -127,17 +135,16 @@ class SimulatedRig(FillingRig):
         whole = np.concatenate([fill(command[0], lead, self.filling_share), command])
         follows = trial.participant == self.pointer
         if follows:
-            moved, late_s = self._follow(trial, whole, lead)
+            moved, late_s = self._follow(trial, whole)
         else:
-            moved, late_s = self._move(trial, whole, lead, generator), np.zeros(len(whole))
+            moved, late_s = self._move(trial, whole, generator), np.zeros(len(whole))
         motion, late_s = _cut(moved, slice(lead, None)), late_s[lead:]
         done = len(motion.force_n)
         if done < min(self.samples, SHORTEST_S * self.sampling_rate_hz):
             raise self._stopped(done)
         recording = record(motion, command[:done], self.exoskeleton, self.plant, generator)
         late_s = late_s[:done]
-        late = np.where(late_s > LATE_S, "late", "ok")[:, None]
-        status = np.broadcast_to(late, command[:done].shape).copy()
+        status = np.repeat(np.where(late_s > LATE_S, "late", "ok")[:, None], len(self.muscles), axis=1)
         recording = replace(recording, clipped_by=clipped[:done], late_s=late_s, status=status)
         if self.realtime and not follows:
             done = self._play(trial, whole, _cut(moved, slice(lead)), recording)
@@ -158,29 +165,27 @@ class SimulatedRig(FillingRig):
             np.concatenate([getattr(part, name) for part in (filling, recording)])
             for name in ("joint_angle_rad", "pressure_kpa", "force_n")
         )
-        for index in self._keep_time(trial, lead, self.samples):
+        for index in self._keep_time(trial):
             time_s = (index - lead) / self.sampling_rate_hz
             self._show(time_s, angle[index], command[index], pressure[index], force[index])
             if self._why_stop():
                 return max(index - lead, 0)
         return self.samples
 
-    def _follow(self, trial: Trial, command: Array, lead: int) -> tuple[Motion, Array]:
+    def _follow(self, trial: Trial, command: Array) -> tuple[Motion, Array]:
         """Simulate a trial while a person points; return also how late each sample was, s. A stop ends it early."""
         attendance = self.attendance
         assert attendance is not None
         lower, upper = np.array([(joint.lower_rad, joint.upper_rad) for joint in self.exoskeleton.joints]).T
         pointed = attendance.ask_pointer()
         if pointed is None:
-            pointed = 0.5 * (lower + upper) if trial.reference_rad is None else trial.reference_rad[0]
+            pointed = self._middle if trial.reference_rad is None else trial.reference_rad[0]
         angle = np.clip(pointed, lower, upper)
         person = embody(self.participants[trial.participant], self.exoskeleton)
-        held = Intention(*(np.repeat(each[None], len(command), axis=0) for each in (angle, 0 * angle, 0 * angle)))
-        steps = Steps(self.exoskeleton, self.plant, held, person, angle)
-        steps.begin(command[0])
+        steps = self._begin(angle, person, command)
         share = 1.0 - math.exp(-1.0 / (self.sampling_rate_hz * POINTER_S))
         begun_s, late_s = clock.now_s(), np.zeros(len(command))
-        for index in self._keep_time(trial, lead, self.samples):
+        for index in self._keep_time(trial):
             newest = attendance.ask_pointer()
             aim = angle if newest is None else np.clip(newest, lower, upper)
             while steps.at < index:
@@ -190,32 +195,31 @@ class SimulatedRig(FillingRig):
                 steps.step(command[steps.at])
                 late_s[steps.at] = max(clock.now_s() - begun_s - steps.at / self.sampling_rate_hz, 0.0)
             at = steps.at
-            time_s = (at - lead) / self.sampling_rate_hz
+            time_s = (at - self._lead_samples) / self.sampling_rate_hz
             self._show(time_s, steps.angle[at], command[at], steps.pressure[at], steps.force[at])
             if attendance.why_stop():
                 break
         return steps.collect(), late_s
 
-    def _keep_time(self, trial: Trial, lead: int, samples: int) -> Iterator[int]:
+    def _keep_time(self, trial: Trial) -> Iterator[int]:
         """Yield the sample that is due, lead-in included, at most `SHOWN_HZ` times a second, and the last one."""
         every = max(round(self.sampling_rate_hz / SHOWN_HZ), 1)
-        last = lead + samples - 1
+        last = self._lead_samples + self.samples - 1
         with undisturbed():
             for tick in pace(-(-last // every) + 1, every / self.sampling_rate_hz):
                 if tick.index == 0 and self.attendance is not None:
-                    self.attendance.begin(trial, tick.due_s + lead / self.sampling_rate_hz)
+                    self.attendance.begin(trial, tick.due_s + self._lead_samples / self.sampling_rate_hz)
                 yield min(tick.index * every, last)
 
-    def _move(self, trial: Trial, command: Array, lead: int, generator: np.random.Generator) -> Motion:
+    def _move(self, trial: Trial, command: Array, generator: np.random.Generator) -> Motion:
         if trial.kind == "passive":
-            start = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in self.exoskeleton.joints])
-            intention = rest(self.exoskeleton, len(command))
-            return interact(self.exoskeleton, self.plant, command, intention, nobody(self.exoskeleton), start)
+            intention, person = rest(self.exoskeleton, len(command)), nobody(self.exoskeleton)
+            return interact(self.exoskeleton, self.plant, command, intention, person, self._middle)
         who = self.experimenter if trial.participant == "experimenter" else self.participants[trial.participant]
         shown = trial.reference_rad
         if shown is None:
             shown = move_freely(self.movement, self.exoskeleton, self.samples, generator)
-        held = np.concatenate([np.repeat(shown[:1], lead, axis=0), shown])
+        held = np.concatenate([np.repeat(shown[:1], self._lead_samples, axis=0), shown])
         intention = intend(who, self.exoskeleton, held, generator)
         person = embody(who, self.exoskeleton)
         return interact(self.exoskeleton, self.plant, command, intention, person, intention.angle_rad[0])

@@ -38,30 +38,21 @@ PER_SAMPLE = ("time_s", "late_s", "reference_shown_s", "measured_shown_s")
 
 @dataclass(frozen=True)
 class Proposal:
-    """Why a trial is proposed, for whoever decides on it.
-
-    Parameters
-    ----------
-    position, total, reason : int, int, str
-        Which of how many trials it is, from 1, and why, in words.
-    trajectory : int or None
-        Movement of the bank, where it is one.
-    utilities : dict of int to float
-        By movement of the bank: how much each one tells, where that was asked.
-    errors : tuple of float
-        Of the trials learned from so far: error rate of the models' prediction before.
-    can_skip, can_reject : bool
-        Whether another movement can take its place now, and whether enough are left without it.
-    """
+    """Why a trial is proposed, for whoever decides on it: which of how many it is, from 1, and the reason in words."""
 
     position: int
     total: int
     reason: str = ""
     trajectory: int | None = None
+    """Movement of the bank, where it is one."""
     utilities: Mapping[int, float] = field(default_factory=dict)
+    """By movement of the bank: how much each one tells, where that was asked."""
     errors: tuple[float, ...] = ()
+    """Of the trials learned from so far: error rate of the models' prediction before."""
     can_skip: bool = False
+    """Whether another movement can take its place now."""
     can_reject: bool = False
+    """Whether enough are left without it."""
 
 
 @dataclass(frozen=True, eq=False)

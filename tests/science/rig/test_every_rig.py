@@ -11,33 +11,29 @@ import pytest
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import RECORDING_COLUMNS, RigError, tidy
 from stages.science.rig.trial import CLIPPED_BY, STATUS, Trial
-from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
-from tests.cpx_e.turned import emulate
+from tests.cpx_e.rig import describe_rig, emulate_rig
 from tests.science.plant.machines import other_rig
 from tests.science.rig.test_replay import replay
+from tests.science.rig.watching import execute
 
 ARMS = {"elbow": "festo_cpx", "arm": "festo_cpx_arm"}
 """Option of exoskeleton, and of rig that goes with it: one joint and four; each rig's own tests have two."""
-RATE_HZ, TRIAL_S = 100.0, 1.0
+RATE_HZ, TRIAL_S, LEAD_IN_S = 100.0, 1.0, 0.6
 MOST = {"MAS-40": (250.0, 4000.0), "MAS-10": (700.0, 10000.0)}
 """What may be commanded, by type of muscle, kPa, and how fast that may change, kPa/s."""
 
 
-def describe_arm(arm):
-    return describe_rig(f"exoskeleton={arm}", f"rig={ARMS[arm]}", f"exoskeleton.trial_s={TRIAL_S}", "rig.lead_in_s=0.6")
-
-
 @contextmanager
 def run_simulated(arm):
-    yield other_rig(Exoskeleton.model_validate(describe_arm(arm)["exoskeleton"]))
+    section = describe_rig(f"exoskeleton={arm}", f"exoskeleton.trial_s={TRIAL_S}", rig=ARMS[arm])
+    yield other_rig(Exoskeleton.model_validate(section["exoskeleton"])).model_copy(update={"lead_in_s": LEAD_IN_S})
 
 
 @contextmanager
 def run_emulated(arm):
-    pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
-    section = describe_arm(arm)
-    with emulate(describe_machine(section)) as emulator:
-        yield build_rig(section, emulator.port, emulator.control_port)
+    chosen = f"exoskeleton={arm}", f"exoskeleton.trial_s={TRIAL_S}", f"rig.lead_in_s={LEAD_IN_S}"
+    with emulate_rig(*chosen, rig=ARMS[arm]) as (_, rig):
+        yield rig
 
 
 @contextmanager
@@ -77,6 +73,19 @@ def trials(rig):
         Trial("tracked", "p1", command(rig), reference(rig), label="a reference"),
         Trial("passive", "nobody", command(rig), label="nobody"),
     ]
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_an_emulated_machine_moves_as_a_simulated_one(arm):
+    with run_emulated(arm) as emulated, run_simulated(arm) as simulated:
+        asked = np.full((emulated.samples, len(emulated.muscles)), 100.0)
+        asked[30:70] += np.resize([20.0, 60.0, 10.0, 30.0], len(emulated.muscles))
+        found, expected = (execute(rig, Trial("passive", "nobody", asked)) for rig in (emulated, simulated))
+    off = np.abs(found.pressure_kpa - expected.pressure_kpa)
+    assert 1.4826 * np.median(off, axis=0) == pytest.approx(0.4 * 2**0.5, rel=0.45)
+    assert off.max() < 3.0
+    assert np.abs(found.joint_angle_rad - expected.joint_angle_rad).max() < 0.005
+    assert np.sqrt(((found.force_n - expected.force_n) ** 2).mean(axis=0)).max() < 4.5
 
 
 def test_shapes_are_known_before_connecting(rig):

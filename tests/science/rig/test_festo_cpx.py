@@ -15,8 +15,7 @@ from stages.science.rig.contract import RECORDING_COLUMNS, RigError, TrialStoppe
 from stages.science.rig.festo import festo_cpx
 from stages.science.rig.festo.supervision import Supervisor
 from stages.science.rig.trial import Trial
-from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
-from tests.cpx_e.turned import emulate
+from tests.cpx_e.rig import build_rig, describe_rig, emulate_rig
 from tests.science.rig.watching import Watching, execute, wave
 
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
@@ -32,20 +31,33 @@ RETRIED_S = 0.15 + 0.01
 """Time for which a device that does not answer is tried."""
 
 
-@pytest.fixture(scope="module")
-def section():
-    return describe_rig(*SHORT)
+@pytest.fixture
+def device():
+    with emulate_rig(*SHORT) as device:
+        yield device
 
 
 @pytest.fixture
-def emulator(section):
-    with emulate(describe_machine(section)) as emulator:
-        yield emulator
+def emulator(device):
+    return device[0]
 
 
 @pytest.fixture
-def rig(emulator, section):
-    return build_rig(section, emulator.port, emulator.control_port)
+def rig(device):
+    return device[1]
+
+
+@pytest.fixture
+def change(emulator):
+    """Return the rig on the emulated device with changes to sections of it."""
+
+    def change(port=emulator.port, **sections):
+        section = describe_rig(*SHORT)
+        for name, its in sections.items():
+            section[name] = section[name] | its if isinstance(its, dict) else its
+        return build_rig(section, port, emulator.control_port)
+
+    return change
 
 
 def stop(rig, emulator, folder, fault):
@@ -247,9 +259,8 @@ LONGER_S = {"garbage": 0.15, "slow": 0.1}
 
 
 @pytest.mark.parametrize(("fault", "status", "message"), FAULTS, ids=range(len(FAULTS)))
-def test_a_failing_device_machine_or_sensor_ends_the_trial(section, emulator, tmp_path, fault, status, message):
-    alert = section | {"guard": section["guard"] | {"frozen_encoder_s": 0.5}}
-    rig = build_rig(alert, emulator.port, emulator.control_port)
+def test_a_failing_device_machine_or_sensor_ends_the_trial(change, emulator, tmp_path, fault, status, message):
+    rig = change(guard={"frozen_encoder_s": 0.5})
     error, rows, state = stop(rig, emulator, tmp_path, lambda: emulator.fault(**fault))
     assert re.search(message, str(error))
     assert state["outputs_kpa"] == [0.0] * 4
@@ -274,38 +285,34 @@ def test_a_device_that_is_frozen_vents_on_thawing(rig, emulator, tmp_path):
     assert state["watchdog_count"] >= 1 or state["vented_at_s"] is not None
 
 
-def test_muscles_that_stay_up_are_told(emulator, section, tmp_path):
+def test_muscles_that_stay_up_are_told(change, emulator, tmp_path):
     """The device confirms commands that it does not carry out."""
-    hasty = section | {"guard": section["guard"] | {"vented_within_s": 0.4}}
-    rig = build_rig(hasty, emulator.port, emulator.control_port)
-    error, _, _ = stop(rig, emulator, tmp_path, lambda: emulator.fault("deaf"))
+    error, _, _ = stop(change(guard={"vented_within_s": 0.4}), emulator, tmp_path, lambda: emulator.fault("deaf"))
     assert re.search(r"pam\d at \d+ kPa 0.4 s after all were commanded 0: close the air", str(error))
 
 
-def test_the_device_is_taken_by_one_process_alone(rig, emulator, section):
+def test_the_device_is_taken_by_one_process_alone(rig, change):
     with rig, pytest.raises(RigError, match=r"is driven by another process .*n_jobs=1"):
-        build_rig(section, emulator.port).connect()
-    with build_rig(section, emulator.port) as other:
+        change().connect()
+    with change() as other:
         assert other.connected
 
 
-def test_other_modules_and_nobody_there_are_told(emulator, section):
-    fewer = section | {"device": section["device"] | {"modules": ["EP", "4AO", "4AI", "4AI", "1CI", "1CI", "1CI"]}}
+def test_other_modules_and_nobody_there_are_told(change):
     with pytest.raises(RigError, match=r"expected the 6 modules that 127.0.0.1:.* tells of, got 7"):
-        build_rig(fewer, emulator.port).connect()
+        change(device={"modules": ["EP", "4AO", "4AI", "4AI", "1CI", "1CI", "1CI"]}).connect()
     with pytest.raises(RigError, match=r"expected a CPX-E that answers Modbus .*check its power"):
-        build_rig(section, 1).connect()
+        change(port=1).connect()
 
 
-def test_the_range_of_every_analogue_channel_is_set_where_it_is_stated(emulator, section):
-    ranged = section | {"device": section["device"] | {"signal_range": "B_10V"}}
-    with build_rig(ranged, emulator.port):
+def test_the_range_of_every_analogue_channel_is_set_where_it_is_stated(emulator, change):
+    with change(device={"signal_range": "B_10V"}):
         pass
     numbers = [4828 + 64 * module + each for module in (1, 2, 3) for each in ((11, 12) if module == 1 else (13, 14))]
     assert emulator.emulation.device.parameters == dict.fromkeys(numbers, 0x22)  # of two channels each
 
 
-def test_a_command_after_missed_samples_is_no_larger_a_step(emulator, section, monkeypatch):
+def test_a_command_after_missed_samples_is_no_larger_a_step(change, monkeypatch):
     pace = festo_cpx.pace
 
     def pace_sleepily(count, period_s):
@@ -314,9 +321,8 @@ def test_a_command_after_missed_samples_is_no_larger_a_step(emulator, section, m
                 clock.sleep(0.055)
             yield tick
 
-    limits = {name: its | {"slew_kpa_per_s": 800.0} for name, its in section["limits"].items()}
-    rig = build_rig(section | {"limits": limits, "lead_in_s": 2.0}, emulator.port, emulator.control_port)
-    watching = Watching()
+    limits = {name: its | {"slew_kpa_per_s": 800.0} for name, its in describe_rig()["limits"].items()}
+    rig, watching = change(limits=limits, lead_in_s=2.0), Watching()
     rig.connect_interface(watching)
     monkeypatch.setattr(festo_cpx, "pace", pace_sleepily)
     command = np.full((rig.samples, 4), 100.0)

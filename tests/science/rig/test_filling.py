@@ -9,8 +9,7 @@ from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.filling import fill
 from stages.science.rig.sim import SimulatedRig
 from stages.science.rig.trial import Trial
-from tests.cpx_e.rig import build_rig, describe_machine, describe_rig
-from tests.cpx_e.turned import emulate
+from tests.cpx_e.rig import emulate_rig
 from tests.science.plant.machines import configured
 from tests.science.rig.watching import Watching, execute
 
@@ -42,10 +41,8 @@ def attend(rig, given, watching):
 
 @pytest.fixture
 def emulator():
-    pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
-    section = describe_rig("exoskeleton.trial_s=1.2")
-    with emulate(describe_machine(section)) as emulator:
-        emulator.rig = build_rig(section, emulator.port, emulator.control_port)
+    with emulate_rig("exoskeleton.trial_s=1.2") as (emulator, rig):
+        emulator.rig = rig
         yield emulator
 
 

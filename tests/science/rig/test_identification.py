@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.cpx_e.rig import describe_machine, describe_rig
-from tests.cpx_e.turned import emulate
+from tests.cpx_e.rig import emulate_rig
 from tests.studies import PickledContext, read_stages, run_stage
 
-pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
 pytestmark = pytest.mark.slow
 
 STAGES = ["bank", "subsampling", "hyperprior", "hardware", "active_loop", "comparison"]
@@ -28,7 +26,7 @@ def identify(folder, *chosen):
 
 
 def test_the_error_rate_is_that_of_the_simulated_rig_within_its_spread(tmp_path):
-    with emulate(describe_machine(describe_rig("exoskeleton.trial_s=2.0"))) as emulator:
+    with emulate_rig("exoskeleton.trial_s=2.0") as (emulator, _):
         before, after = identify(
             tmp_path / "emulated",
             "rig=festo_cpx",

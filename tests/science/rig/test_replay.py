@@ -6,18 +6,24 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
+from pipeline.plan import gather
 from stages.science.rig.contract import RigError, tidy
 from stages.science.rig.replay import ReplayRig
 from stages.science.rig.trial import Trial
 from tests.bags import write_bag, write_mcap
 from tests.science.plant.machines import CONF, configured, other_machine, other_rig
 from tests.science.rig.watching import execute
+from tests.studies import read_stages, run_stage
 
 DEFAULTS = {
     name: value
     for name, value in yaml.safe_load((CONF / "rig" / "replay.yaml").read_text()).items()
     if name not in ("_target_", "exoskeleton", "participants", "recordings")
 }
+STAGES = ["bank", "subsampling", "hardware", "protocol"]
+ORDER = ["bank", "subsampling", "protocol", "hardware"]
+SMALL = ["+protocol=default", "protocol.experiments=2", "bank.trajectories=3", "exoskeleton.trial_s=1"]
+TABLES = {"free": "bank", "tracked": "hardware_recordings", "passive": "protocol_recordings"}
 DERIVED = ["contraction", "contraction_velocity_per_s", "joint_velocity_rad_per_s"]
 
 
@@ -46,17 +52,12 @@ def replay(rig, paths, kind="tracked", columns=(), units=(), **changed):
     return ReplayRig.model_validate(DEFAULTS | same | its | changed)
 
 
-def same(found, told, but=()):
+def same(found, told, rounded=()):
     for name in vars(told):
-        if name not in but:
+        if name in rounded:
+            np.testing.assert_allclose(getattr(found, name), getattr(told, name), atol=1e-9, err_msg=name)
+        else:
             np.testing.assert_array_equal(getattr(found, name), getattr(told, name), err_msg=name)
-
-
-def same_but_derived(found, told):
-    """Compare recordings; what follows from the encoder agrees as far as rounding goes."""
-    same(found, told, DERIVED)
-    for name in DERIVED:
-        np.testing.assert_allclose(getattr(found, name), getattr(told, name), atol=1e-9, err_msg=name)
 
 
 def refusal(rig, trial):
@@ -185,7 +186,7 @@ def test_a_folder_holds_a_trial_in_each_file_by_name(tmp_path, told):
 def test_what_follows_from_the_encoder_may_be_missing(play, told):
     rig, recordings, rows = told
     player = play(rows.drop(columns=[*DERIVED, "status", "clipped_by", "late_s"]))
-    same_but_derived(execute(player, make_trial(rig)), recordings[0])
+    same(execute(player, make_trial(rig)), recordings[0], DERIVED)
 
 
 def test_units_and_names_are_those_of_the_file(play, told):
@@ -279,18 +280,6 @@ def test_resampling_changes_rate_and_length(tmp_path):
     assert "nothing for 0.5 s, first from 2 s" in message
 
 
-def make_topics(rig, recording):
-    """Return a recording as messages of muscles and of joints."""
-    times = np.round(recording.time_s * 1e9).astype(int)
-    muscles = {
-        "position": recording.pressure_kpa,
-        "velocity": recording.pressure_command_kpa,
-        "effort": recording.force_n,
-    }
-    joints = {"position": recording.joint_angle_rad}
-    return {"/muscles": (list(rig.muscles), times, muscles), "/joints": (list(rig.joints), times, joints)}
-
-
 BAG_COLUMNS = {
     "pressure_kpa": "/muscles.position[{muscle}]",
     "pressure_command_kpa": "/muscles.velocity[{muscle}]",
@@ -304,7 +293,11 @@ BAG_COLUMNS = {
 def test_bags_are_replayed(tmp_path, machine, storage):
     rig = MACHINES[machine]()
     (recording,), _ = record(rig, make_trial(rig))
-    topics = make_topics(rig, recording)
+    times = np.round(recording.time_s * 1e9).astype(int)
+    fields = {"position": "pressure_kpa", "velocity": "pressure_command_kpa", "effort": "force_n"}
+    muscles = {name: getattr(recording, each) for name, each in fields.items()}
+    joints = {"position": recording.joint_angle_rad}
+    topics = {"/muscles": (list(rig.muscles), times, muscles), "/joints": (list(rig.joints), times, joints)}
     if storage == "json":
         messages = {
             topic: [
@@ -317,7 +310,7 @@ def test_bags_are_replayed(tmp_path, machine, storage):
     else:
         path = write_bag(tmp_path / "one", topics, storage)
     found = execute(replay(rig, path, columns=BAG_COLUMNS), make_trial(rig))
-    same_but_derived(found, recording)
+    same(found, recording, DERIVED)
 
 
 def test_some_recordings_are_needed_and_names_are_known(tmp_path, told):
@@ -329,3 +322,51 @@ def test_some_recordings_are_needed_and_names_are_known(tmp_path, told):
         replay(rig, tmp_path / "gone.parquet")
     with pytest.raises(ValidationError, match="columns: no column 'force'; "):
         replay(rig, tmp_path / "a.parquet", columns={"force": "F"})
+
+
+def run_study(folder, *overrides):
+    study, stages = read_stages(STAGES, *SMALL, *overrides)
+    tables = {}
+    for name in ORDER:
+        tables.update(run_stage(study, stages[name], folder, tables))
+    return tables
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Tables of a simulated study, and the overrides that replay it."""
+    folder = tmp_path_factory.mktemp("recorded")
+    tables = run_study(folder)
+    paths = {kind: folder / f"{name}.parquet" for kind, name in TABLES.items()}
+    for kind, path in paths.items():
+        tables[TABLES[kind]].to_parquet(path)
+    return tables, ["rig=replay", *(f"rig.recordings.{kind}={path}" for kind, path in paths.items())]
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        ["rig.match=command"],
+        ["rig.match={free: order, tracked: order, passive: order}", "bank.seed=99"],  # so that other ones are asked for
+    ],
+)
+def test_a_study_is_replayed_from_its_own_tables(recorded, tmp_path, chosen):
+    told, overrides = recorded
+    found = run_study(tmp_path, *overrides, *chosen)
+    for name in TABLES.values():
+        pd.testing.assert_frame_equal(found[name], told[name])
+    executed_by = told["executed_by"].assign(rig="ReplayRig", real=True)
+    pd.testing.assert_frame_equal(found["executed_by"], executed_by)
+
+
+def test_the_bytes_of_recordings_count_in_freshness(recorded, tmp_path):
+    told, overrides = recorded
+    path = tmp_path / "movements.parquet"
+    told["bank"].to_parquet(path)
+    study, stages = read_stages(STAGES, *SMALL, *overrides, f"rig.recordings.free=[{path}]")
+    before = gather(study, stages["bank"], {})
+    told["bank"].iloc[:-1].to_parquet(path)
+    after = gather(study, stages["bank"], {})
+    key = "rig.recordings.free.0/movements.parquet"
+    assert before.inputs[key] != after.inputs[key]
+    assert before.measured

@@ -15,8 +15,6 @@ from tests.cpx_e.rig import build_rig, describe_rig
 
 RIG = build_rig(describe_rig(), 502)
 CHANNELS = RIG.map_channels()
-
-
 USUAL = (100.0, 300.0, 100.0, 300.0)
 
 
@@ -111,9 +109,8 @@ def test_encoders_stand_still_where_nobody_moves(generator, moved, words):
 
 
 def test_the_last_value_is_held_where_there_is_none(generator):
-    supervisor = make_supervisor()
+    supervisor, given = make_supervisor(), counts(generator)
     look(supervisor, counts(generator))
-    given = counts(generator)
     given[5] = -32768.0
     sample = look(supervisor, given)
     assert sample.force_n[1] == pytest.approx(100.0, abs=0.9)
@@ -201,22 +198,20 @@ def test_the_pace_is_measured_on_samples_that_were_taken():
 
 def test_a_signal_waits_until_the_muscles_are_down():
     seen = []
-    before = signal.signal(signal.SIGTERM, lambda number, _: seen.append(number))
+    before = [signal.signal(each, lambda number, _: seen.append(number)) for each in (signal.SIGTERM, signal.SIGINT)]
     try:
         with hold_signals() as held:
             signal.raise_signal(signal.SIGTERM)
             assert held.name == "SIGTERM"
             assert seen == []
         assert seen == [signal.SIGTERM]
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
-    try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         with pytest.raises(KeyboardInterrupt):  # noqa: SIM117 (raised on leaving the inner block)
             with hold_signals():
                 signal.raise_signal(signal.SIGINT)
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGTERM, before[0])
+        signal.signal(signal.SIGINT, before[1])
 
 
 @pytest.mark.parametrize(
@@ -271,7 +266,7 @@ def test_the_speed_is_that_of_the_real_time_between_samples(generator):
 
 def test_a_sample_that_is_late_by_more_than_a_period_says_so_unless_a_sensor_is_amiss():
     command = np.full((60, 4), 100.0)
-    logbook = Logbook(RIG.exoskeleton, 0, command, np.full(command.shape, ""), None)
+    logbook = Logbook(RIG, 0, command, np.full(command.shape, ""), None)
     sample = Sample(np.ones(4), np.ones(4), np.zeros(2), np.zeros(2), np.array(["ok", "ok", "ok", "held"]), "")
     late_s = 0.01 * np.array([0.5, 1.5, *[0.0] * 58])
     for index, late in enumerate(late_s):

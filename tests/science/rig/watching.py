@@ -41,16 +41,13 @@ class Watching:
     def tell(self, problem): ...
 
     def collect(self):
-        """Return times, commands and pressures."""
-        return (np.array([getattr(each, name) for each in self.moments]) for name in SHOWN)
+        names = ("time_s", "command_kpa", "pressure_kpa")
+        return (np.array([getattr(each, name) for each in self.moments]) for name in names)
 
 
 def execute(rig, trial, seed=0, watch=None):
     with rig:
         return rig.execute(trial, np.random.default_rng(seed), watch)
-
-
-SHOWN = ("time_s", "command_kpa", "pressure_kpa")
 
 
 def wave(rig, kind="free", level=120.0):

@@ -91,12 +91,7 @@ class CountRange(Declared):
 class ChannelMap:
     """All channels of a machine: ``places`` by name, as ``pam1.force``, ``names`` and ``inputs`` but for regulators.
 
-    Parameters
-    ----------
-    exoskeleton, modules : Exoskeleton, list of str
-        The machine, and the kinds of modules as they stand.
-    channels, encoders : mapping of str to MuscleChannels and EncoderPlace
-        By muscle and by joint; those that the machine does not have are left alone.
+    Channels of muscles and encoders of joints that the machine does not have are left alone.
 
     Raises
     ------

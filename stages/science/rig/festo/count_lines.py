@@ -37,21 +37,7 @@ class Judged:
 def judge_point(
     counts: Array, kind: str, place: Place, valid: CountRange, settings: CalibrationSettings, stopped: str = ""
 ) -> Judged:
-    """Judge what a channel counted at one point.
-
-    Parameters
-    ----------
-    counts : (T,) ndarray
-        Of the channel.
-    kind, place : str, Place
-        Of the channel, as configured.
-    valid : CountRange
-        Which counts of an analogue input are values.
-    settings : CalibrationSettings
-        How still it has to be.
-    stopped : str
-        Why the record ended early.
-    """
+    """Judge what a channel counted at one point (T,), by its configured place; `stopped` is why it ended early."""
     lost = saturated = np.zeros(len(counts), dtype=bool)
     if kind in ("pressure", "force"):
         lost = np.isin(counts, valid.none)
@@ -117,20 +103,10 @@ def fit_line(
     settings: CalibrationSettings,
     followers: Sequence[str] = (),
 ) -> Line:
-    """Fit the line of one channel, or refuse to.
+    """Fit the line of one channel through points (P,), or refuse to.
 
-    Parameters
-    ----------
-    channel : str
-        Its name.
-    known, count, spread_count : (P,) ndarray
-        Known values, in the channel's unit, and mean and spread of the counts at them.
-    problems : sequence of str
-        What makes a point useless; empty where it is of use.
-    place, valid, settings
-        As of `judge_point`.
-    followers : sequence of str
-        Channels of the same kind that follow these points, as of `find_followers`.
+    Known values are in the channel's unit; beside them stand mean and spread of the counts at them, and what makes a
+    point useless, empty where it is of use. Followers are as of `find_followers`.
     """
     unit, tolerance = UNITS[split_name(channel)[1]], settings.residual.of(split_name(channel)[1])
     used = np.array([not each for each in problems], dtype=bool)
@@ -180,20 +156,9 @@ def fit_line(
 def find_followers(
     channel: str, values: Array, means: Mapping[str, Array], noise: Mapping[str, float], settings: CalibrationSettings
 ) -> list[str]:
-    """Return the channels of the same kind that follow the points of another one.
+    """Return the channels of the same kind that follow the points of another one; of a regulator, pressure sensors.
 
-    Parameters
-    ----------
-    channel : str
-        Whose points they are; of a regulator, pressure sensors are looked at.
-    values : (P,) ndarray
-        What was set.
-    means : mapping of str to (P,) ndarray
-        Mean counts of every input at these points.
-    noise : mapping of str to float
-        Spread of each input within a record, counts.
-    settings : CalibrationSettings
-        How many spreads the counts have to differ by.
+    Values (P,) were set at the points; of every input are known the mean counts there (P,) and their spread.
     """
     owner, kind = split_name(channel)
     kind, own = ("pressure", f"{owner}.pressure") if kind == "command" else (kind, channel)

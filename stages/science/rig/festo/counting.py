@@ -41,11 +41,9 @@ def record_counts(link: CpxLink, rate_hz: float, record_s: float) -> CountRecord
     RigError
         When the device does not answer.
     """
-    ticks = max(round(record_s * rate_hz), 2)
-    taken: list[tuple[float, Array]] = []
+    ticks = pace(max(round(record_s * rate_hz), 2), 1.0 / rate_hz)
     try:
-        for tick in pace(ticks, 1.0 / rate_hz):
-            taken.append((tick.index / rate_hz, link.read()))
+        taken = [(tick.index / rate_hz, link.read()) for tick in ticks]
     except LinkLost as error:
         raise RigError(f"the device at {link.place} does not answer ({error}); check its power and its cable") from None
     return _collect(link, taken)
@@ -63,24 +61,10 @@ def record_held(
     settle_s: float,
     ramp_down_s: float,
 ) -> CountRecording:
-    """Fill one muscle, record the counts of all inputs at its command, and let it down.
+    """Fill one muscle, given by its position, record the counts of all inputs at its command, and let it down.
 
-    Parameters
-    ----------
-    link : CpxLink
-        Open.
-    rate_hz, record_s : float
-        Samples per second, and for how long, s.
-    muscle : int
-        Its position among the muscles.
-    command_kpa : float
-        What is commanded, kPa gauge.
-    ceilings : sequence of Ceiling
-        By muscle: what lets it down at once, as far as channels that are not calibrated yet can tell.
-    ramp_s, settle_s : float
-        Time to fill it and to let it down, and at the command before the record begins, s.
-    ramp_down_s : float
-        Longest time to let it down where it is let down early, s.
+    What passes a muscle's ceiling lets it down at once, in `ramp_down_s` at most, as far as channels that are not
+    calibrated yet can tell; else it is filled and let down in `ramp_s`. The record begins `settle_s` after the filling.
 
     Raises
     ------
@@ -116,11 +100,8 @@ def record_held(
             down_s = min(ramp_s * share, ramp_down_s if reason else np.inf)
             unreached = depressurise(link, share * target, max(down_s, period_s), period_s, lambda *_: None, lost)
     if lost or unreached:
-        how = (
-            f"its watchdog lets the muscle down, {watchdog_s} s after the last request"
-            if unreached
-            else "it was let down"
-        )
+        late = f"its watchdog lets the muscle down, {watchdog_s} s after the last request"
+        how = late if unreached else "it was let down"
         raise RigError(
             f"the device at {link.place} does not answer ({lost or unreached}); {how}; see that the muscles are "
             "without air before anybody goes on"

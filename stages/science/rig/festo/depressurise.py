@@ -24,25 +24,11 @@ Look = Callable[[Array, Array], None]
 
 
 def depressurise(link: CpxLink, last_kpa: Array, ramp_s: float, period_s: float, look: Look, problem: str = "") -> str:
-    """Let all muscles down and disarm the watchdog.
+    """Let all muscles down from their last commands (M,), kPa gauge, step by step, and disarm the watchdog.
 
-    Parameters
-    ----------
-    link : CpxLink
-        Armed.
-    last_kpa : (M,) ndarray
-        What was commanded last, kPa gauge.
-    ramp_s, period_s : float
-        Time to let them down, and from one step to the next, s.
-    look : callable
-        Is handed what is read on the way.
-    problem : str
-        What is wrong with the link already: then zero is commanded at once, on a connection of its own.
-
-    Returns
-    -------
-    str
-        Why the device could not be told; empty where it confirmed commands of zero. The link is closed otherwise.
+    What is read on the way is looked at. Where the link has a problem already, zero is commanded at once, on a
+    connection of its own. Returned is why the device could not be told, the link being closed then; empty where it
+    confirmed commands of zero.
     """
     begun, steps = clock.now_s(), max(round(ramp_s / period_s), 1)
     if problem:

@@ -138,14 +138,13 @@ class FestoCpx(FillingRig):
         TrialStopped
             When a limit, a sensor, the link or the loop's pace ended it.
         """
-        assert self._link is not None
         applied, clipped = apply_limits(
             trial.pressure_command_kpa, self.limits, self.exoskeleton, self.co_contraction_kpa
         )
         filling = fill(applied[0], self._lead_samples, self.filling_share)
         command = np.concatenate([filling, applied])
         clipped = np.concatenate([np.full(filling.shape, "ramp", dtype=clipped.dtype), clipped])
-        book = Logbook(self.exoskeleton, len(filling), command, clipped, watch)
+        book = Logbook(self, len(filling), command, clipped, watch)
         with hold_signals() as signals, undisturbed():
             reason = self._conduct(trial, command, book, signals)
         if reason:
@@ -181,21 +180,11 @@ class FestoCpx(FillingRig):
     def hold(
         self, muscle: str, command_kpa: float, record_s: float, *, ramp_s: float, settle_s: float
     ) -> CountRecording:
-        """Hold one muscle at a command, all others vented, and record the raw counts of all inputs.
+        """Hold one muscle at a command, kPa gauge, all others vented, and record the raw counts of all inputs.
 
-        Parameters
-        ----------
-        muscle, command_kpa : str, float
-            Its name, and a command within its limits, kPa gauge.
-        record_s, settle_s : float
-            How long, s, at the sampling rate, and the time at the command before, s.
-        ramp_s : float
-            Time to fill it and to let it down, s; longer where its limit on the rate asks for it.
-
-        Returns
-        -------
-        CountRecording
-            Which says so where a ceiling, a sensor at its end or a late loop had the muscle let down early.
+        It is filled and let down in `ramp_s`, longer where its limit on the rate asks for it, and recorded for a time,
+        s, from `settle_s` after the filling on. The recording says where a ceiling, a sensor at its end or a late loop
+        had the muscle let down early.
 
         Raises
         ------
@@ -236,8 +225,7 @@ class FestoCpx(FillingRig):
 
     def _conduct(self, trial: Trial, command: Array, book: Logbook, signals: Held) -> str:
         """Run the loop, let the muscles down, and return why it ended early; empty where it did not."""
-        link = self._link
-        assert link is not None
+        link = self._linked()
         supervisor = Supervisor(link.channels, self.device.counts, self.guard, moved=trial.kind != "passive")
         step = np.array([self.limits[each.type].slew_kpa_per_s for each in self.exoskeleton.muscles])
         step = step / self.sampling_rate_hz

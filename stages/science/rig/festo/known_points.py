@@ -84,24 +84,15 @@ class CalibrationSettings(Declared):
 
 @dataclass(frozen=True)
 class Turn:
-    """One stop of the loop.
-
-    Parameters
-    ----------
-    point : int
-        Its number, from 1.
-    channels : tuple of str
-        Whose counts it tells: one, or a muscle's pressure sensor and regulator, which one gauge tells of.
-    value : float
-        What the person sets, or the run commands, in the unit of the channels.
-    held : str
-        The muscle that is under pressure meanwhile; empty where nothing is.
-    """
+    """One stop of the loop, numbered from 1."""
 
     point: int
     channels: tuple[str, ...]
+    """Whose counts it tells: one, or a muscle's pressure sensor and regulator, which one gauge tells of."""
     value: float
+    """What the person sets, or the run commands, in the unit of the channels."""
     held: str = ""
+    """The muscle that is under pressure meanwhile; empty where nothing is."""
 
     @property
     def unit(self) -> str:

@@ -5,20 +5,19 @@ Samples flow in as they are taken; rows flow out to whoever watches, and in the 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig import clock
-from stages.science.rig.contract import Watch
+from stages.science.rig.contract import Rig, Watch, tidy
 from stages.science.rig.festo.supervision import Sample
 from stages.science.rig.limits import ROUNDING_KPA
 from stages.science.rig.pacing import Tick
-from stages.science.rig.sensors import contract
+from stages.science.rig.sensors import contract, derive_from_encoder
 from stages.science.rig.trial import Recording
-from stages.science.signals.filtering import differentiate
 from stages.science.signals.trajectories import Array
 
 HANDED_OVER = 10
@@ -26,29 +25,13 @@ HANDED_OVER = 10
 
 
 class Logbook:
-    """The samples of one trial.
+    """The samples of one trial on a rig's machine, under commands (L + T, M), kPa gauge, clipped by what is told.
 
-    Parameters
-    ----------
-    exoskeleton : Exoskeleton
-        The machine.
-    lead : int
-        Samples of the lead-in, which have times below 0 and are no part of what is collected.
-    command_kpa, clipped_by : (L + T, M) ndarray
-        What is commanded, kPa gauge, and what made it differ from what was asked.
-    watch : callable or None
-        Is handed rows as of `tidy`.
+    The samples L of the lead-in have times below 0 and are no part of what is collected.
     """
 
-    def __init__(
-        self,
-        exoskeleton: Exoskeleton,
-        lead: int,
-        command_kpa: Array,
-        clipped_by: NDArray[Any],
-        watch: Watch | None,
-    ):
-        self.exoskeleton, self.lead, self.watch = exoskeleton, lead, watch
+    def __init__(self, rig: Rig, lead: int, command_kpa: Array, clipped_by: NDArray[Any], watch: Watch | None):
+        self.rig, self.lead, self.watch = rig, lead, watch
         self.command_kpa, self.clipped_by = command_kpa, clipped_by
         self.count = 0
         self.last_command: Array = np.zeros(command_kpa.shape[1])
@@ -61,7 +44,7 @@ class Logbook:
     @property
     def time_s(self) -> float:
         """Time of the last sample, s; below 0 in the lead-in."""
-        return (self.count - 1 - self.lead) / self.exoskeleton.sampling_rate_hz
+        return (self.count - 1 - self.lead) / self.rig.sampling_rate_hz
 
     def next_command(self, index: int, step_kpa: Array) -> tuple[Array, NDArray[Any]]:
         """Return the command of a sample, no further from the last one than a step, and what made it differ."""
@@ -72,14 +55,9 @@ class Logbook:
     def note(self, tick: Tick, late_s: float, sample: Sample, command: tuple[Array, NDArray[Any]] | None) -> None:
         """Note a sample, and before it those that were missed, with the values and the command that held meanwhile.
 
-        Parameters
-        ----------
-        tick, late_s, sample
-            When the sample was due, how late its values were there, s, and what was measured.
-        command : tuple or None
-            What was commanded and what made it differ from what was asked; None where the one before holds on.
+        The command is as of `next_command`; None where the one before holds on.
         """
-        self._begun_s = tick.due_s - tick.index / self.exoskeleton.sampling_rate_hz
+        self._begun_s = tick.due_s - tick.index / self.rig.sampling_rate_hz
         while self.count < tick.index:
             held = self._rows[-1] if self._rows else self._describe(sample, self.last_command, "")
             missed = np.full(len(self.last_command), "missed")
@@ -88,44 +66,45 @@ class Logbook:
         applied, clipped = command or (self.last_command, np.array("ramp"))
         self.last_command = applied
         status = sample.status
-        if late_s * self.exoskeleton.sampling_rate_hz > 1.0:
+        if late_s * self.rig.sampling_rate_hz > 1.0:
             status = np.where(status == "ok", "late", status)
         self._append({**self._describe(sample, applied, clipped), "status": status, "late_s": late_s})
 
     def note_ramp(self, sample: Sample, command_kpa: Array) -> None:
         """Note a sample on the way down, as late as it is on the trial's clock."""
         status = np.where(sample.status == "ok", "ramp", sample.status)
-        late_s = clock.now_s() - self._begun_s - self.count / self.exoskeleton.sampling_rate_hz
+        late_s = clock.now_s() - self._begun_s - self.count / self.rig.sampling_rate_hz
         row = self._describe(sample, command_kpa, np.array("ramp"))
         self._append({**row, "status": status, "late_s": max(late_s, 0.0)})
 
     def collect(self) -> Recording:
         """Return the trial without lead-in and without the way down, velocities as of every rig."""
-        its = self._stack(self._rows[self.lead : len(self.command_kpa)])
-        angle, rate, window = its["angle_rad"], self.exoskeleton.sampling_rate_hz, self.exoskeleton.velocity_filter
-        velocity = differentiate(angle, rate, window.window_s, window.order)
-        contraction, contraction_velocity = contract(angle, velocity, self.exoskeleton)
-        return Recording(
-            time_s=np.arange(len(angle)) / rate,
-            pressure_command_kpa=its["command_kpa"],
-            pressure_kpa=its["pressure_kpa"],
-            contraction=contraction,
-            contraction_velocity_per_s=contraction_velocity,
-            force_n=np.maximum(its["force_n"], 0.0),
-            joint_angle_rad=angle,
-            joint_velocity_rad_per_s=velocity,
-            status=its["status"],
-            clipped_by=its["clipped_by"],
-            late_s=its["late_s"],
-        )
+        measured = self._record(self.lead, len(self.command_kpa))
+        derived = derive_from_encoder(measured.joint_angle_rad, self.rig.exoskeleton)
+        return replace(measured, force_n=np.maximum(measured.force_n, 0.0), **derived)
+
+    def hand_over(self) -> None:
+        """Hand what was not yet handed over to who watches, sample after sample."""
+        if self.watch is None or self._handed_over == self.count:
+            return
+        columns = tidy(self._record(self._handed_over, self.count), self.rig)
+        order = np.arange(len(columns["time_s"])).reshape(len(self.rig.muscles), -1).T.ravel()
+        self.watch({name: values[order] for name, values in columns.items()})
+        self._handed_over = self.count
+
+    def _record(self, first: int, end: int) -> Recording:
+        rows = self._rows[first:end]
+        its = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        its |= contract(its["joint_angle_rad"], its["joint_velocity_rad_per_s"], self.rig.exoskeleton)
+        return Recording(time_s=(np.arange(first, first + len(rows)) - self.lead) / self.rig.sampling_rate_hz, **its)
 
     def _describe(self, sample: Sample, command_kpa: Array, clipped_by: Any) -> dict[str, Any]:
         return {
-            "command_kpa": command_kpa,
+            "pressure_command_kpa": command_kpa,
             "pressure_kpa": sample.pressure_kpa,
             "force_n": sample.force_n,
-            "angle_rad": sample.angle_rad,
-            "speed_rad_per_s": sample.speed_rad_per_s,
+            "joint_angle_rad": sample.angle_rad,
+            "joint_velocity_rad_per_s": sample.speed_rad_per_s,
             "status": sample.status,
             "clipped_by": np.broadcast_to(clipped_by, command_kpa.shape),
         }
@@ -135,37 +114,3 @@ class Logbook:
         self.count += 1
         if self.count - self._handed_over >= HANDED_OVER:
             self.hand_over()
-
-    def hand_over(self) -> None:
-        """Hand what was not yet handed over to who watches."""
-        rows = self._rows[self._handed_over :]
-        if self.watch is None or not rows:
-            return
-        muscles, joint = self.exoskeleton.muscles, self.exoskeleton.joint_of_muscle
-        samples = np.arange(self._handed_over, self.count) - self.lead
-        its = self._stack(rows)
-        contraction, contraction_velocity = contract(its["angle_rad"], its["speed_rad_per_s"], self.exoskeleton)
-        angle, speed = its["angle_rad"][:, joint], its["speed_rad_per_s"][:, joint]
-        self.watch(
-            {
-                "time_s": np.repeat(samples / self.exoskeleton.sampling_rate_hz, len(muscles)),
-                "muscle": np.tile(np.array(self.exoskeleton.muscle_names), len(rows)),
-                "pressure_command_kpa": its["command_kpa"].ravel(),
-                "pressure_kpa": its["pressure_kpa"].ravel(),
-                "contraction": contraction.ravel(),
-                "contraction_velocity_per_s": contraction_velocity.ravel(),
-                "force_n": its["force_n"].ravel(),
-                "joint_angle_rad": angle.ravel(),
-                "joint_velocity_rad_per_s": speed.ravel(),
-                "status": its["status"].astype(str).ravel(),
-                "clipped_by": its["clipped_by"].astype(str).ravel(),
-                "late_s": np.repeat(its["late_s"], len(muscles)),
-                "reference_shown_s": np.full(len(rows) * len(muscles), np.nan),
-                "measured_shown_s": np.full(len(rows) * len(muscles), np.nan),
-            }
-        )
-        self._handed_over = self.count
-
-    @staticmethod
-    def _stack(rows: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
-        return {name: np.array([row[name] for row in rows]) for name in rows[0]}

@@ -22,18 +22,10 @@ regulator and a slack muscle do stand still."""
 
 @dataclass(frozen=True)
 class Sample:
-    """One sample of all sensors.
+    """One sample of all sensors (M,) and (J,), with their last values where they told nothing.
 
-    Parameters
-    ----------
-    pressure_kpa, force_n : (M,) ndarray
-        As measured; where a sensor told nothing, its last value.
-    angle_rad, speed_rad_per_s : (J,) ndarray
-        The speed is the mean over the last `SPEED_WINDOW_S`.
-    status : (M,) ndarray of str
-        A key of `STATUS` for each muscle.
-    breach : str
-        Why the trial has to end; empty where it goes on.
+    Speeds are means over the last `SPEED_WINDOW_S`; the status (M,) is of keys of `STATUS`; the breach is why the trial
+    has to end, empty where it goes on.
     """
 
     pressure_kpa: Array
@@ -45,17 +37,7 @@ class Sample:
 
 
 class Supervisor:
-    """Looks at one sample after the other.
-
-    Parameters
-    ----------
-    channels, counts : ChannelMap, CountRange
-        What counts mean, and which of them are values.
-    guard : Guard
-        What ends a trial.
-    moved : bool
-        Whether somebody moves, so that encoders do not stand still.
-    """
+    """Looks at one sample after the other; where somebody moves, encoders do not stand still."""
 
     def __init__(self, channels: ChannelMap, counts: CountRange, guard: Guard, moved: bool):
         self.channels, self.counts, self.guard = channels, counts, guard
@@ -77,17 +59,7 @@ class Supervisor:
         )
 
     def look(self, counts: Array, command_kpa: Array, at_s: float) -> Sample:
-        """Judge one sample.
-
-        Parameters
-        ----------
-        counts : (2 M + J,) ndarray
-            Of all inputs, in the order of the channel map.
-        command_kpa : (M,) ndarray
-            What was commanded before it, kPa gauge.
-        at_s : float
-            When it was taken, by any clock, s.
-        """
+        """Judge the counts (2 M + J,) of all inputs under commands (M,), kPa gauge, at a time of any clock, s."""
         muscles = len(self.exoskeleton.muscles)
         analogue = counts[: 2 * muscles]
         none = np.isin(analogue, self.counts.none)
@@ -102,7 +74,10 @@ class Supervisor:
         speed = self._measure_speed()
         over = self._find_over(pressure, force, angle, speed)
         strays = self._find_stray(pressure, command_kpa)
-        status = self._label(none, ended, frozen, {*over, *strays})
+        still = _either(frozen[: 2 * muscles]) | frozen[2 * muscles :][list(self.exoskeleton.joint_of_muscle)]
+        beyond = np.isin(np.arange(muscles), [*over, *strays])
+        words = ["invalid", "saturated", "frozen", "over"]
+        status = np.select([_either(none), _either(ended), still, beyond], words, "ok")
         return Sample(pressure, force, angle, speed, status, self._find_breach(none, counts, frozen, over or strays))
 
     def _find_frozen(self, counts: Array, values: Array) -> NDArray[np.bool_]:
@@ -153,21 +128,6 @@ class Supervisor:
                 found[m] = words
         return found
 
-    def _label(
-        self, none: NDArray[np.bool_], ended: NDArray[np.bool_], frozen: NDArray[np.bool_], over: set[int]
-    ) -> NDArray[np.str_]:
-        muscles, words = len(self._ceilings), []
-        for m, joint in enumerate(self.exoskeleton.joint_of_muscle):
-            if none[[m, muscles + m]].any():
-                words.append("invalid")
-            elif ended[[m, muscles + m]].any():
-                words.append("saturated")
-            elif frozen[[m, muscles + m, 2 * muscles + joint]].any():
-                words.append("frozen")
-            else:
-                words.append("over" if m in over else "ok")
-        return np.array(words)
-
     def _find_breach(
         self, none: NDArray[np.bool_], counts: Array, frozen: NDArray[np.bool_], over: dict[int, str]
     ) -> str:
@@ -187,3 +147,9 @@ class Supervisor:
             name, count = self.channels.names[first], counts[first]
             return f"{name} has not changed for {lasted_s:.2f} s (count {count:.0f}; rig.guard.{key})"
         return ""
+
+
+def _either(amiss: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return at which muscles the pressure sensor or the load cell is amiss."""
+    pressure, force = np.split(amiss, 2)
+    return pressure | force
