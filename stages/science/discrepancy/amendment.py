@@ -22,18 +22,10 @@ def amend_plant(
 ) -> dict[str, Any]:
     """Return the configuration of a plant with fitted constants and added effects.
 
-    Effects that a plant had along its muscles' chains are left out: the constants were fitted without them.
-
-    Parameters
-    ----------
-    plant : Plant, or one of records
-        What was configured; what it left open is resolved from the data.
-    values : DataFrame
-        Columns ``muscle effect form parameter value``; an empty effect marks a nominal constant.
-    channels : DataFrame
-        Columns ``muscle channel white``: the white noise of each sensor.
-    muscles : DataFrame
-        Columns ``muscle type``; empty for a machine without muscles.
+    Effects that a plant had along its muscles' chains are left out: the constants were fitted without them. What the
+    plant left open is resolved from the data. The values have columns ``muscle effect form parameter value``, with an
+    empty effect for a nominal constant; channels ``muscle channel white``, the white noise of each sensor; muscles
+    ``muscle type``, and no rows for a machine without muscles.
     """
     constants, added = values[values["effect"] == ""], values[values["effect"] != ""]
     effects = [

@@ -114,20 +114,10 @@ def describe(
     level: float,
     generator: np.random.Generator,
 ) -> Description:
-    """Return on what a fitted model's residual depends.
+    """Return on what the residual of a model that is fitted to the trials that may be looked at depends.
 
-    Parameters
-    ----------
-    fitted : Fit
-        To the trials that may be looked at.
-    floor : float
-        Noise floor, in the channel's unit.
-    settings : DescriptionSettings
-        How many inputs, pseudo-inputs and terms, and how terms are chosen.
-    weights : (B, K) ndarray
-        Resampled trials, for intervals of the `level`.
-    generator : numpy.random.Generator
-        Draws pseudo-inputs.
+    The noise floor is in the channel's unit; the weights, (B, K), are of resampled trials, for intervals of the
+    `level`; the generator draws pseudo-inputs.
     """
     output, residual = fitted.model.output, fitted.residual
     found = find_dependence(output, residual, settings, generator)
@@ -173,11 +163,8 @@ def tabulate(described: Description) -> dict[str, Any]:
 def average_dependence(described: Sequence[Description]) -> pd.DataFrame:
     """Return confirmed residuals, and what the GP says of them, averaged along the first input.
 
-    Returns
-    -------
-    DataFrame
-        Columns ``channel muscle unit variable beside x mean error said deviation``: mean residual, its standard error
-        over trials, mean and standard deviation of the GP; ``beside`` tells the half of the second input, or is empty.
+    Columns are ``channel muscle unit variable beside x mean error said deviation``: mean residual, its standard error
+    over trials, mean and standard deviation of the GP; ``beside`` tells the half of the second input, or is empty.
     """
     columns = ["channel", "muscle", "unit", "variable", "beside", "x", "mean", "error", "said", "deviation"]
     frames = []

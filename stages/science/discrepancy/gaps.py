@@ -33,9 +33,7 @@ def locate(
     """
     from statsmodels.stats.multitest import multipletests
 
-    rows: list[dict[str, Any]] = []
-    for state in states:
-        rows += _locate_in(state, settings, generator)
+    rows = [row for state in states for row in _locate_in(state, settings, generator)]
     if rows:
         adjusted = multipletests([row["p_value"] for row in rows], method="fdr_by")[1]
         for row, p in zip(rows, adjusted, strict=True):

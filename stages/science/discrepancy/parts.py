@@ -57,17 +57,9 @@ def list_parts(trials: pd.DataFrame, parts: Parts, share: float) -> pd.DataFrame
 def assign_parts(given: Sequence[str], parts: Parts, share: float, records: Sequence[str] = ()) -> list[str]:
     """Return what each trial is for: ``fitted``, ``verification`` or ``other``.
 
-    Parameters
-    ----------
-    given : sequence of str
-        Part of each trial, as recorded.
-    parts : Parts
-        Which parts are fitted, and which hold the test trials.
-    share : float
-        Of the fitted parts' trials that become test trials, where no part is named for that. Of a part with at least
-        three records, whole records are.
-    records : sequence of str
-        Record that each trial is a block of; empty where trials are no blocks.
+    `given` is the part of each trial, as recorded, and `records` the record that it is a block of; empty where trials
+    are no blocks. Where no part is named for that, a share of the fitted parts' trials become test trials: of a part
+    with at least three records, whole records do.
 
     Raises
     ------

@@ -16,16 +16,10 @@ UNKNOWN = "unknown"
 
 
 def rank_first(found: Search, unknown: float, most_confounded: float) -> list[dict[str, Any]]:
-    """Return a row for each candidate of each round, the most probable first.
+    """Return a row for each candidate of each round of an ended search, the most probable first.
 
-    Parameters
-    ----------
-    found : Search
-        Ended.
-    unknown : float
-        Probability of something without a name; it takes its part of every round.
-    most_confounded : float
-        Share of an effect's change that the constants may imitate.
+    Something without a name has the probability `unknown`, which takes its part of every round; `most_confounded` is
+    the share of an effect's change that the constants may imitate.
     """
     rows = []
     for number, looked in enumerate(found.rounds, start=1):

@@ -26,21 +26,14 @@ DRAWS = 1000
 class Remainder(NamedTuple):
     """What a channel's named effects leave.
 
-    Parameters
-    ----------
-    share : float
-        Of the initial gap above the floor, what a flexible model, or the family, would still remove: a median.
-    unknown : float
-        Probability that it is more than the limit while the gap left is one that matters.
-    ambiguous : float
-        Probability that the named effects leave more than forms of one effect differ by, or that they are too many.
-    line_hz : float or None
-        Frequency of an oscillation in all trials of one of its elements, Hz.
-    family : str
-        That explains it: a static map, where the channel follows one more probably than not and it removes more than
-        half, a linear memory of the inputs, where it removes most in one of them; else empty.
-    doubt : float
-        Probability that names of the channel leave something that a static map does not explain either.
+    `share` is the part of the initial gap above the floor that a flexible model, or the family, would still remove: a
+    median; `line_hz` the frequency of an oscillation in all trials of one of its elements, Hz. The family explains it:
+    a static map, where the channel follows one more probably than not and it removes more than half, a memory, where a
+    linear one of the inputs removes most in one of them; else it is empty.
+
+    The others are probabilities: `unknown` that it is more than the limit while the gap left is one that matters,
+    `ambiguous` that the named effects leave more than forms of one effect differ by, or that they are too many, `doubt`
+    that names of the channel leave something that a static map does not explain either.
     """
 
     share: float

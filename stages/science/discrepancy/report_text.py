@@ -31,20 +31,10 @@ def describe_verdict(
     remarks: Sequence[str],
     settings: DiscrepancySettings,
 ) -> list[str]:
-    """Return the verdict as sentences.
+    """Return the verdict, as kept in verdict.json, as sentences.
 
-    Parameters
-    ----------
-    verdict : mapping
-        As kept in verdict.json.
-    places : sequence of mapping
-        Rows of the table `gap` that tell where, the largest gap first.
-    absorbed : sequence of str
-        Names that could act where the gap is, but cannot be told from the fitted constants.
-    remarks : sequence of str
-        Sentences that follow.
-    settings : DiscrepancySettings
-        From where on something is mentioned.
+    `places` are rows of the table `gap` that tell where, the largest gap first, `absorbed` names that could act where
+    the gap is but cannot be told from the fitted constants, and `remarks` sentences that follow.
     """
     if verdict["status"] == "no_discrepancy":
         sentences = _describe_no_discrepancy(verdict)
@@ -89,22 +79,19 @@ def _describe_suspected(verdict: Mapping[str, Any]) -> list[str]:
 
 def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, effects, left = verdict["gap"], verdict["effects"], verdict["remainder"]
+    family = FAMILIES.get(left["family"], "a flexible model")
     told = [_describe_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
     channels = [each["channel"] for each in effects]
     if max(channels.count(each) for each in channels) >= settings.search.most_effects:
         doubt = "So many names in one channel may stand in for one effect that the library does not hold."
-    elif left["share"] > settings.report.least_share:
-        doubt = (
-            f"What is left ({_percent(left['share'])} of the gap above the noise) is more than forms of one effect "
-            "usually differ by: the name may stand in for something that the library does not hold."
-        )
     else:
-        doubt = (
-            "The noise floor is so far above the sensor's noise that it may hide what is there: the name may stand in "
-            "for something that the library does not hold."
-        )
+        doubt = "The noise floor is so far above the sensor's noise that it may hide what is there"
+        if left["share"] > settings.report.least_share:
+            doubt = f"What is left ({_percent(left['share'])} of the gap above the noise) is more than forms of one "
+            doubt += "effect usually differ by"
+        doubt += ": the name may stand in for something that the library does not hold."
     remains = (
-        f"So much remains: {_name_family(left['family'])} would still take away {_percent(left['share'])} of what was "
+        f"So much remains: {family} would still take away {_percent(left['share'])} of what was "
         "above the noise; that has no name in the library."
     )
     return [
@@ -138,13 +125,14 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
     near = f" {_spell(nearest['name']).capitalize()} would be one, but is not enough." if nearest else ""
     line_hz, mapped = left["line_hz"], left["family"] == STATIC_MAP
+    family = FAMILIES.get(left["family"], "a flexible model")
     hum = f"an oscillation at {line_hz or 0.0:.3g} Hz runs through all trials, which the simulation lacks"
     if line_hz is not None and not mapped:
         reproducible = hum
     elif left["family"] is None and share < settings.report.least_share:
         reproducible = "no measured signal tells what it depends on"
     else:
-        reproducible = f"{_name_family(left['family'])} takes away {_percent(share)} of what is above the noise"
+        reproducible = f"{family} takes away {_percent(share)} of what is above the noise"
         reproducible += f"; beside it {hum}" if line_hz is not None else ""
     return [
         f"Something is missing (probability {_sure(verdict['missing_probability'])}) that no effect of the library "
@@ -153,10 +141,6 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
         on_test,
         *_describe_suspected(verdict),
     ]
-
-
-def _name_family(family: str | None) -> str:
-    return FAMILIES.get(family or "", "a flexible model")
 
 
 def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) -> str:

@@ -60,8 +60,7 @@ def average_loops(states: Sequence[FittedChannel]) -> pd.DataFrame:
 
 def list_signals(output: OutputChannel) -> dict[str, Array]:
     """Return an output's own drivers by name."""
-    own = [each for each in output.drivers() if each.own]
-    return dict(map(attrgetter("name", "values"), own))
+    return dict(map(attrgetter("name", "values"), [each for each in output.drivers() if each.own]))
 
 
 def average_by_direction(variable: Array, rate: Array | None, values: Array, output: OutputChannel) -> pd.DataFrame:

@@ -44,14 +44,7 @@ class Verified:
     def squares(self, simulated: Array) -> Array:
         """Return each trial's sum of squares over the range squared."""
         residual = np.where(self.output.present, self.output.measured - simulated, 0.0)
-        found: Array = (residual**2).sum(axis=0) / self.output.range**2
-        return found
-
-
-def select_judged(found: SearchTables, verified: Sequence[Verified]) -> list[Verified]:
-    """Return the outputs of the channels in which something was named, or all where nothing was."""
-    concerned = set(found.named_effects["channel"]) or set(found.channels["channel"])
-    return [each for each in verified if each.output.channel in concerned]
+        return np.asarray((residual**2).sum(axis=0) / self.output.range**2)
 
 
 def verify(outputs: Sequence[OutputChannel], fitted: Sequence[int], found: SearchTables) -> list[Verified]:
@@ -84,8 +77,7 @@ def find_test_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> 
     seen = np.flatnonzero(model.output.present.any(axis=0))
     still = fit(replace(model, output=model.output.take(seen.tolist())), noise, values, iterations=0)
     floor = np.zeros(model.output.trials)
-    least = find_floor(still, noise, learnt[seen])
-    floor[seen] = least.raw
+    floor[seen] = find_floor(still, noise, learnt[seen]).raw
     return floor
 
 
@@ -93,8 +85,7 @@ def _pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[
     """Return each trial's gap, RMSE over range, root mean square over outputs with data in it, (K,) ndarray."""
     counts = np.stack([each.output.present.sum(axis=0) for each in found])[:, list(trials)]
     mean = np.stack(squares)[:, list(trials)] / np.maximum(counts, 1)
-    gaps: Array = np.sqrt(np.where(counts > 0, mean, 0.0).sum(axis=0) / np.maximum((counts > 0).sum(axis=0), 1))
-    return gaps
+    return np.asarray(np.sqrt(np.where(counts > 0, mean, 0.0).sum(axis=0) / np.maximum((counts > 0).sum(axis=0), 1)))
 
 
 def compare_steps(
@@ -207,19 +198,9 @@ def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int) -> 
 
 
 def find_odd_trials(predictions: pd.DataFrame, least_ratio: float) -> pd.DataFrame:
-    """Return the trials whose error is many times the usual one, as after a loose cable.
+    """Return the trials of `list_predictions` whose error is many times the usual one, as after a loose cable.
 
-    Parameters
-    ----------
-    predictions : DataFrame
-        From `list_predictions`.
-    least_ratio : float
-        Error of a trial over the median of its channel's trials, above which it is odd.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``channel muscle trial ratio``: error over the median over the channel's trials; the worst first.
+    Columns are ``channel muscle trial ratio``: error over the median over the channel's trials; the worst first.
     """
     square = (predictions["measured"] - predictions["after"]) ** 2
     by_trial = square.groupby([predictions[name] for name in ("channel", "muscle", "trial")]).mean() ** 0.5
